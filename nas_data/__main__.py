@@ -1,0 +1,7 @@
+"""`python -m nas_data` is the program `nas`."""
+
+import sys
+
+from nas_data.cli import main
+
+sys.exit(main())

@@ -1,0 +1,132 @@
+"""The program `nas`: finds the command file that the words name, reads its options with tyro and runs it."""
+
+import ast
+import importlib
+import json
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from nas_data import __version__
+from nas_data.errors import NasError
+
+if TYPE_CHECKING:
+    from nas_data.commands.base import Command
+
+COMMANDS = Path(__file__).parent / "commands"
+NOT_COMMANDS = {"__init__", "base"}
+
+
+def command_files() -> dict[str, Path]:
+    """Return the file of every command by its words, for example 'policy train'."""
+    files = sorted(path for path in COMMANDS.glob("*.py") if path.stem not in NOT_COMMANDS)
+    return {path.stem.rstrip("_").replace("_", " "): path for path in files}
+
+
+def summary(path: Path) -> str:
+    """Return the first line of a command file's docstring without importing it."""
+    text = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+    return text.splitlines()[0] if text else ""
+
+
+def overview(prefix: str = "") -> str:
+    """Return the list of commands whose words start with a prefix."""
+    chosen = {name: path for name, path in command_files().items() if name.startswith(prefix)}
+    width = max((len(name) for name in chosen), default=0)
+    lines = [f"usage: nas {prefix + ' ' if prefix else ''}COMMAND [OPTIONS]", ""]
+    if not prefix:
+        lines += [f"nas_data {__version__}: record, pair, learn and name the gap between a simulator and a robot.", ""]
+    lines += [f"  {name:<{width}}  {summary(path)}" for name, path in chosen.items()]
+    lines += ["", "Every command explains itself, with an example: nas COMMAND --help"]
+    return "\n".join(lines)
+
+
+def split(arguments: Sequence[str]) -> tuple[str | None, list[str]]:
+    """Split arguments into the longest known command and the rest."""
+    files = command_files()
+    for count in range(min(3, len(arguments)), 0, -1):
+        name = " ".join(arguments[:count])
+        if name in files:
+            return name, list(arguments[count:])
+    return None, list(arguments)
+
+
+def command_class(name: str) -> "type[Command]":
+    """Import the one command class of a command's file."""
+    from nas_data.commands.base import Command
+
+    module = importlib.import_module(f"nas_data.commands.{command_files()[name].stem}")
+    for value in vars(module).values():
+        if isinstance(value, type) and issubclass(value, Command) and value.__module__ == module.__name__:
+            return value
+    raise TypeError(f"{module.__name__} holds no Command")
+
+
+def finite(value: object) -> object:
+    """Replace what JSON cannot say (NaN, infinity, arrays, paths) by what it can."""
+    if isinstance(value, Mapping):
+        return {str(key): finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    if isinstance(value, Path):
+        return str(value)
+    if hasattr(value, "tolist"):
+        return finite(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def fail(message: str, as_json: bool) -> int:
+    """Say one sentence on stderr (and in JSON where asked for) and return exit code 2."""
+    if as_json:
+        print(json.dumps({"error": message}))
+    print(f"nas: {message}", file=sys.stderr)
+    return 2
+
+
+def unknown(arguments: Sequence[str]) -> int:
+    """Answer words that are no command: the commands that start alike, or a sentence."""
+    word = arguments[0]
+    if any(name.startswith(word + " ") for name in command_files()) and set(arguments[1:]) <= {"-h", "--help"}:
+        print(overview(word))
+        return 0 if len(arguments) > 1 else 2
+    return fail(f"There is no command '{' '.join(arguments[:2])}'; see: nas --help", "--json" in arguments)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program and return its exit code: 0 success, 1 a negative answer, 2 bad input, 130 interrupted."""
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    if not arguments or arguments[0] in {"-h", "--help"}:
+        print(overview())
+        return 0 if arguments else 2
+    if arguments[0] == "--version":
+        print(f"nas_data {__version__}")
+        return 0
+    name, rest = split(arguments)
+    if name is None:
+        return unknown(arguments)
+    return run(name, rest)
+
+
+def run(name: str, rest: list[str]) -> int:
+    """Parse a command's options, run it and print its outcome."""
+    import tyro
+
+    kind = command_class(name)
+    command = tyro.cli(kind, args=rest, prog=f"nas {name}")
+    try:
+        outcome = command.run()
+    except NasError as error:
+        return fail(str(error), command.json)
+    except KeyboardInterrupt:
+        return fail("interrupted; what was finished is kept.", command.json) and 130
+    except BrokenPipeError:
+        return 0
+    if command.json:
+        print(json.dumps(finite(outcome.data), indent=2, allow_nan=False))
+    elif outcome.text:
+        print(outcome.text)
+    return 0 if outcome.ok else 1

@@ -1,0 +1,1 @@
+"""Datasets in LeRobot v3 format: features, reading, writing, versions, provenance."""

@@ -1,0 +1,128 @@
+"""A dataset in memory: one array per feature over all frames, and where each episode begins."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from nas_data.dataset.features import ACTION, EFFORT, NEXT_STATE, POSITION, SIM_STATE, STATE, Feature
+from nas_data.errors import DatasetInvalid, JointMismatch
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Recorded episodes, N frames in all.
+
+    Attributes:
+        features: Feature of each column.
+        columns: Array of each feature, shape (N, width).
+        lengths: Number of frames of each episode, shape (E,).
+        fps: Control rate [Hz].
+        robot_type: Robot's name as LeRobot stores it.
+        tasks: What each episode does, one sentence or word an episode.
+    """
+
+    features: Mapping[str, Feature]
+    columns: Mapping[str, np.ndarray]
+    lengths: np.ndarray
+    fps: float
+    robot_type: str = "unknown"
+    tasks: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        total = int(self.lengths.sum())
+        for key, feature in self.features.items():
+            shape = self.columns[key].shape
+            if shape != (total, feature.width):
+                raise DatasetInvalid(
+                    f"The column '{key}' has shape {shape}; {total} frames of {feature.width} are needed."
+                )
+        if not self.tasks:
+            object.__setattr__(self, "tasks", ("",) * len(self.lengths))
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames in all episodes."""
+        return int(self.lengths.sum())
+
+    @property
+    def n_episodes(self) -> int:
+        """Number of episodes."""
+        return len(self.lengths)
+
+    @cached_property
+    def starts(self) -> np.ndarray:
+        """First frame of each episode, shape (E,)."""
+        return np.concatenate([[0], np.cumsum(self.lengths)[:-1]]).astype(np.int64)
+
+    @cached_property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the measured joints, from the position components of `observation.state`."""
+        names = self._feature(STATE).names
+        return tuple(name.removesuffix(POSITION) for name in names if name.endswith(POSITION))
+
+    @property
+    def commands_effort(self) -> bool:
+        """Whether the action is a torque [N·m] rather than a position [rad]."""
+        return all(name.endswith(EFFORT) for name in self._feature(ACTION).names)
+
+    @property
+    def paired(self) -> bool:
+        """Whether the source's prediction for each transition is present."""
+        return SIM_STATE in self.features
+
+    @property
+    def states(self) -> np.ndarray:
+        """Measured positions [rad] then velocities [rad/s], shape (N, 2n)."""
+        return self._column(STATE)
+
+    @property
+    def commands(self) -> np.ndarray:
+        """Commanded positions [rad] or torques [N·m], shape (N, n)."""
+        return self._column(ACTION)
+
+    @property
+    def next_states(self) -> np.ndarray:
+        """Measured at the next control step, shape (N, 2n)."""
+        return self._column(NEXT_STATE)
+
+    @property
+    def sim_states(self) -> np.ndarray:
+        """What the source predicts for the next control step, shape (N, 2n)."""
+        return self._column(SIM_STATE)
+
+    def episode(self, index: int) -> slice:
+        """Return the frames of one episode."""
+        start = int(self.starts[index])
+        return slice(start, start + int(self.lengths[index]))
+
+    def episodes(self) -> Iterator[slice]:
+        """Iterate over the frames of each episode."""
+        return (self.episode(index) for index in range(self.n_episodes))
+
+    def select(self, episodes: Sequence[int]) -> "Dataset":
+        """Return a dataset of some episodes, in the order given."""
+        beyond = [index for index in episodes if not 0 <= index < self.n_episodes]
+        if beyond:
+            raise DatasetInvalid(f"There is no episode {beyond[0]}; the dataset has 0 to {self.n_episodes - 1}.")
+        rows = np.concatenate([np.arange(self.n_frames)[self.episode(index)] for index in episodes])
+        return replace(
+            self,
+            columns={key: column[rows] for key, column in self.columns.items()},
+            lengths=self.lengths[list(episodes)],
+            tasks=tuple(self.tasks[index] for index in episodes),
+        )
+
+    def with_column(self, key: str, feature: Feature, column: np.ndarray) -> "Dataset":
+        """Return the dataset with one more (or a replaced) column of shape (N, width)."""
+        return replace(self, features={**self.features, key: feature}, columns={**self.columns, key: column})
+
+    def _feature(self, key: str) -> Feature:
+        if key not in self.features:
+            raise JointMismatch(f"The dataset has no feature '{key}'; it has: {', '.join(self.features)}.")
+        return self.features[key]
+
+    def _column(self, key: str) -> np.ndarray:
+        self._feature(key)
+        return self.columns[key]

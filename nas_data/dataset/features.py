@@ -1,0 +1,88 @@
+"""The features of a dataset: keys, names and units as the contract fixes them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+STATE = "observation.state"
+ACTION = "action"
+NEXT_STATE = "next.observation.state"
+SIM_STATE = "next.observation.sim_state"
+TIME = "nas.time"
+
+POSITION = ".pos"
+VELOCITY = ".vel"
+EFFORT = ".effort"
+
+UNITS = {POSITION: "rad", VELOCITY: "rad/s", EFFORT: "N·m"}
+
+
+@dataclass(frozen=True)
+class Feature:
+    """One column of a dataset: a vector per frame.
+
+    Attributes:
+        names: What each component is, for example `m1.pos`; its length is the vector's.
+        units: Unit of each component; empty where unknown.
+        dtype: NumPy name of the stored type.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...] = ()
+    dtype: str = "float32"
+
+    @property
+    def width(self) -> int:
+        """Number of components."""
+        return len(self.names)
+
+    def to_info(self) -> dict[str, object]:
+        """Return LeRobot's description of this feature (`meta/info.json`), with the unit under `info`."""
+        info: dict[str, object] = {"dtype": self.dtype, "shape": [self.width], "names": list(self.names)}
+        if self.units:
+            info["info"] = {"unit": self.units[0] if len(set(self.units)) == 1 else list(self.units)}
+        return info
+
+    @classmethod
+    def from_info(cls, key: str, info: Mapping[str, object]) -> "Feature":
+        """Read LeRobot's description; names given as a dict of lists or missing are made a flat list."""
+        shape = info.get("shape") or [1]
+        width = int(np.prod(np.asarray(shape)))
+        names = info.get("names")
+        if isinstance(names, Mapping):
+            names = [name for group in names.values() for name in (group if isinstance(group, list) else [group])]
+        if not isinstance(names, Sequence) or isinstance(names, str) or len(names) != width:
+            names = [key] if width == 1 else [f"{key}.{i}" for i in range(width)]
+        extra = info.get("info")
+        unit = extra.get("unit") if isinstance(extra, Mapping) else None
+        if isinstance(unit, str):
+            unit = [unit] * width
+        units = tuple(str(item) for item in unit) if isinstance(unit, Sequence) and len(unit) == width else ()
+        return cls(names=tuple(str(name) for name in names), units=units, dtype=str(info["dtype"]))
+
+
+def unit_of(name: str) -> str:
+    """Return the contract's unit for a component's name (`m1.pos` → rad), or an empty string."""
+    return next((unit for suffix, unit in UNITS.items() if name.endswith(suffix)), "")
+
+
+def state_feature(joints: Sequence[str]) -> Feature:
+    """Positions [rad] then velocities [rad/s] of the joints."""
+    names = tuple(f"{joint}{suffix}" for suffix in (POSITION, VELOCITY) for joint in joints)
+    return Feature(names=names, units=tuple(unit_of(name) for name in names))
+
+
+def position_feature(joints: Sequence[str]) -> Feature:
+    """Commanded or measured positions [rad] of the joints."""
+    return Feature(names=tuple(joint + POSITION for joint in joints), units=("rad",) * len(joints))
+
+
+def effort_feature(joints: Sequence[str]) -> Feature:
+    """Commanded torques [N·m] of the joints."""
+    return Feature(names=tuple(joint + EFFORT for joint in joints), units=("N·m",) * len(joints))
+
+
+def time_feature() -> Feature:
+    """Seconds since the episode's start by the recorder's clock; float64, which holds microseconds for years."""
+    return Feature(names=("time",), units=("s",), dtype="float64")

@@ -1,0 +1,186 @@
+"""What an effect is: a named physical cause of a gap, with bounded parameters, that edits a model."""
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import ClassVar, Self
+
+import mujoco
+
+from nas_data import registry
+from nas_data.errors import JointMismatch, OptionError
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an effect.
+
+    Attributes:
+        name: Field of the effect.
+        unit: Its unit; empty for a ratio.
+        low: Smallest sensible value.
+        high: Largest sensible value.
+        neutral: Value at which the effect changes nothing.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    neutral: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effect:
+    """Base of the effects; the file `effects/a_b.py` holds the effect `a_b` as class `AB`.
+
+    Attributes:
+        joint: Joint it sits in; None where it belongs to the whole arm.
+    """
+
+    joint: str | None = None
+
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    whole_arm: ClassVar[bool] = False
+    equation: ClassVar[str] = ""
+    source: ClassVar[str] = ""
+    signature: ClassVar[str] = ""
+    confused_with: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        for parameter in self.parameters:
+            value = getattr(self, parameter.name)
+            if not min(parameter.low, parameter.neutral) <= value <= max(parameter.high, parameter.neutral):
+                raise OptionError(
+                    f"{self.name()}: {parameter.name} is {value}; "
+                    f"it must lie in {parameter.low} … {parameter.high} {parameter.unit}".rstrip()
+                    + "."
+                )
+
+    @classmethod
+    def name(cls) -> str:
+        """The effect's name, which is its file's."""
+        return cls.__module__.rsplit(".", 1)[-1]
+
+    @classmethod
+    def neutral(cls, joint: str | None = None) -> Self:
+        """Return the effect with parameters that change nothing."""
+        return cls(joint=joint, **{parameter.name: parameter.neutral for parameter in cls.parameters})
+
+    @property
+    def is_neutral(self) -> bool:
+        """Whether every parameter has its neutral value."""
+        return all(getattr(self, parameter.name) == parameter.neutral for parameter in self.parameters)
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Add the effect to a model; never called with neutral parameters."""
+        raise NotImplementedError(f"{type(self).__name__} has no edit()")
+
+    def to_json(self) -> dict[str, object]:
+        """Return the effect as `effects.json` holds it."""
+        values = {p.name: {"value": getattr(self, p.name), "unit": p.unit} for p in self.parameters}
+        return {"effect": self.name(), "joint": self.joint, "parameters": values}
+
+
+def find_effect(name: str) -> type[Effect]:
+    """Return the class of an effect by its name.
+
+    Raises:
+        UnknownName: there is no such effect; lists those there are.
+    """
+    module = registry.module("effects", name, "effect")
+    return next(
+        value
+        for value in vars(module).values()
+        if isinstance(value, type) and issubclass(value, Effect) and value.__module__ == module.__name__
+    )
+
+
+def make_effect(name: str, joint: str | None, values: Mapping[str, float]) -> Effect:
+    """Build an effect from its name and parameter values.
+
+    Raises:
+        UnknownName: there is no such effect.
+        OptionError: a parameter is unknown, missing or out of its range.
+    """
+    kind = find_effect(name)
+    known = {field.name for field in fields(kind)} - {"joint"}
+    wrong = sorted(set(values) ^ known)
+    if wrong:
+        raise OptionError(
+            f"{name} takes the parameters {', '.join(sorted(known))}; given: {', '.join(sorted(values))}."
+        )
+    if joint is None and not kind.whole_arm:
+        raise OptionError(f"{name} sits in a joint; say which (joint=NAME).")
+    return kind(joint=joint, **{key: float(value) for key, value in values.items()})
+
+
+def from_json(entry: Mapping[str, object]) -> Effect:
+    """Read one entry of `effects.json`; parameters are numbers or objects with a `value`."""
+    parameters = entry.get("parameters", {})
+    if not isinstance(parameters, Mapping):
+        raise OptionError(f"The parameters of {entry.get('effect')} must be an object of numbers.")
+    values = {key: item["value"] if isinstance(item, Mapping) else item for key, item in parameters.items()}
+    joint = entry.get("joint")
+    return make_effect(str(entry.get("effect")), None if joint is None else str(joint), values)
+
+
+def parse(text: str) -> Effect:
+    """Read an effect as a person types it: `backlash:joint=m3,half_width=0.02`.
+
+    Raises:
+        OptionError: the text has another form.
+    """
+    name, _, rest = text.partition(":")
+    pairs = [part.partition("=") for part in rest.split(",") if part]
+    if any(not equals for _, equals, _ in pairs):
+        raise OptionError(f"'{text}' is not an effect; write NAME:joint=JOINT,PARAMETER=NUMBER.")
+    values = {key.strip(): value.strip() for key, _, value in pairs}
+    joint = values.pop("joint", None)
+    try:
+        return make_effect(name, joint, {key: float(value) for key, value in values.items()})
+    except ValueError as error:
+        if isinstance(error, OptionError):
+            raise
+        raise OptionError(f"'{text}' has a parameter that is no number.") from None
+
+
+def read_effects(path: Path) -> tuple[Effect, ...]:
+    """Read an `effects.json`: a list of effects, or an object with such a list under `effects`.
+
+    Raises:
+        OptionError: the file is missing or has another form.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        entries = content["effects"] if isinstance(content, dict) else content
+        return tuple(from_json(entry) for entry in entries)
+    except (OSError, json.JSONDecodeError, KeyError, TypeError, AttributeError) as error:
+        raise OptionError(f"{path} is not a list of effects ({error}); see the effects.json of a gap report.") from None
+
+
+def add_effects(spec: mujoco.MjSpec, effects: Iterable[Effect]) -> None:
+    """Add effects to a model; neutral ones leave it untouched.
+
+    Raises:
+        JointMismatch: an effect names a joint that the model lacks.
+    """
+    for effect in effects:
+        if effect.joint is not None and spec.joint(effect.joint) is None:
+            names = ", ".join(joint.name for joint in spec.joints)
+            raise JointMismatch(f"{effect.name()} names the joint '{effect.joint}'; the model has: {names}.")
+        if not effect.is_neutral:
+            effect.edit(spec)
+
+
+def joint_actuator(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsActuator:
+    """Return the actuator that drives a joint.
+
+    Raises:
+        JointMismatch: no actuator does.
+    """
+    for actuator in spec.actuators:
+        if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT and actuator.target == joint:
+            return actuator
+    raise JointMismatch(f"No actuator of the model drives the joint '{joint}'.")

@@ -1,0 +1,1 @@
+"""Gymnasium environments, plain and augmented, single and batched."""

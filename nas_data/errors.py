@@ -1,0 +1,58 @@
+"""The one family of errors: each says what was wrong, with the value, and what would be right."""
+
+from collections.abc import Iterable
+
+
+class NasError(Exception):
+    """Base of every error a user can cause; the program prints its sentence and exits with code 2."""
+
+    def __str__(self) -> str:
+        """Return the sentence as it was given (KeyError would quote it)."""
+        return " ".join(str(argument) for argument in self.args)
+
+
+class DatasetNotFound(NasError, FileNotFoundError):
+    """There is no dataset at the path."""
+
+
+class DatasetInvalid(NasError, ValueError):
+    """A dataset is half-written, damaged or breaks the contract."""
+
+
+class JointMismatch(NasError, ValueError):
+    """Two things that must share joints (dataset, model, checkpoint, command file) do not."""
+
+
+class ModelFileError(NasError, ValueError):
+    """A file given as a robot model cannot be used as one."""
+
+
+class MapError(NasError, ValueError):
+    """A mapping file is malformed or names something that the log lacks."""
+
+
+class LogError(NasError, ValueError):
+    """A recorded log cannot be imported as it is."""
+
+
+class CheckpointError(NasError, ValueError):
+    """A checkpoint is missing, damaged or does not fit."""
+
+
+class OutputExists(NasError, FileExistsError):
+    """A result would overwrite something that exists."""
+
+
+class OptionError(NasError, ValueError):
+    """A value given by the user is out of its range."""
+
+
+class MissingPackage(NasError, ImportError):
+    """An optional package that this command needs is not installed."""
+
+
+class UnknownName(NasError, LookupError):
+    """A name (robot, effect, excitation, dynamics …) that is not in its registry."""
+
+    def __init__(self, kind: str, name: str, choices: Iterable[str]) -> None:
+        super().__init__(f"There is no {kind} '{name}'; choose one of: {', '.join(sorted(choices))}.")

@@ -1,0 +1,1 @@
+"""Learned models φ and ψ, their trivial baselines, training and checkpoints."""

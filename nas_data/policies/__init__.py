@@ -1,0 +1,1 @@
+"""Policies: PPO training, evaluation on a target, comparison of methods."""

@@ -1,0 +1,30 @@
+"""The folder is the registry: each file of a plug-in folder defines one thing under the file's name."""
+
+import importlib
+from pathlib import Path
+from types import ModuleType
+
+from nas_data.errors import UnknownName
+
+ROOT = Path(__file__).parent
+
+
+def names(folder: str) -> tuple[str, ...]:
+    """Return the names that a plug-in folder holds, for example every effect of `effects/`."""
+    return tuple(sorted(path.stem for path in (ROOT / folder).glob("*.py") if path.stem not in {"__init__", "base"}))
+
+
+def module(folder: str, name: str, kind: str) -> ModuleType:
+    """Import a plug-in by its name.
+
+    Args:
+        folder: Plug-in folder, for example `effects`.
+        name: File's name without `.py`.
+        kind: What such a thing is called in an error, for example `effect`.
+
+    Raises:
+        UnknownName: the folder has no such file; lists those it has.
+    """
+    if name not in names(folder):
+        raise UnknownName(kind, name, names(folder))
+    return importlib.import_module(f"nas_data.{folder}.{name}")

@@ -1,0 +1,1 @@
+"""Robots: one file each, MJCF written by us with cited constants."""

@@ -1,0 +1,91 @@
+"""What a robot is: an MJCF with named joints, and the constants that recording and control need."""
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+
+from nas_data import registry
+from nas_data.errors import ModelFileError
+
+FOLDER = Path(__file__).parent
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A robot model.
+
+    Attributes:
+        name: Its name; LeRobot's `robot_type`.
+        mjcf: File with the model; its SHA-256 identifies the source in provenance.
+        joints: Commanded joints in the order of state and action.
+        rate: Usual control rate [Hz].
+        rest: Rest positions [rad], one a joint; empty for zero.
+        position_quantum: Resolution of the position reading [rad]; 0 for none.
+        velocity_quantum: Resolution of the velocity reading [rad/s]; 0 for none.
+        tip: Name of the site at the end effector, or None.
+        edit: Completes the model (a tool, a table); applied after the file is read.
+    """
+
+    name: str
+    mjcf: Path
+    joints: tuple[str, ...]
+    rate: float = 50.0
+    rest: tuple[float, ...] = ()
+    position_quantum: float = 0.0
+    velocity_quantum: float = 0.0
+    tip: str | None = None
+    edit: Callable[[mujoco.MjSpec], None] | None = None
+
+    def spec(self) -> mujoco.MjSpec:
+        """Return a fresh, editable model."""
+        spec = read_spec(self.mjcf)
+        if self.edit:
+            self.edit(spec)
+        return spec
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of the model file."""
+        return hashlib.sha256(self.mjcf.read_bytes()).hexdigest()
+
+
+def read_spec(path: Path) -> mujoco.MjSpec:
+    """Read an MJCF or URDF file.
+
+    Raises:
+        ModelFileError: there is no such file, or MuJoCo cannot use it as a model.
+    """
+    if not path.is_file():
+        raise ModelFileError(f"There is no model file {path}; give an MJCF or URDF file, or a robot's name.")
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        reason = str(error).strip().splitlines()[0]
+        raise ModelFileError(f"{path} cannot be used as a robot model: {reason}; give an MJCF or URDF file.") from None
+    return spec
+
+
+def actuated_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
+    """Return the names of the joints that actuators drive, in the order of the actuators."""
+    return tuple(actuator.target for actuator in spec.actuators if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT)
+
+
+def find_robot(name_or_path: str | Path) -> Robot:
+    """Return a robot of ours by name, or any user's model by its file.
+
+    Raises:
+        UnknownName: neither a robot's name nor a path.
+        ModelFileError: the file cannot be used as a model.
+    """
+    path = Path(name_or_path)
+    if path.suffix or path.exists():
+        spec = read_spec(path)
+        joints = actuated_joints(spec)
+        if not joints:
+            raise ModelFileError(f"{path} has no actuator that drives a joint; add <position joint=…> actuators.")
+        return Robot(name=path.stem, mjcf=path, joints=joints)
+    return registry.module("robots", str(name_or_path), "robot").ROBOT
