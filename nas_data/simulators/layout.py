@@ -1,0 +1,214 @@
+"""Where the measured joints live in a compiled MuJoCo model, and the state of the model at rest in any posture."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from nas_data.dataset.features import POSITION
+from nas_data.errors import JointMismatch, ModelFileError
+
+FULLPHYSICS = int(mujoco.mjtState.mjSTATE_FULLPHYSICS)
+INTEGRATION = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Indices and linear maps of n measured joints in a model with nq positions, nv speeds and nu controls.
+
+    Attributes:
+        joints: Names of the measured joints.
+        qpos: Index of each joint in `qpos`, shape (n,).
+        dof: Index of each joint in `qvel`, shape (n,).
+        control: Index of each joint's actuator in `ctrl`, shape (n,).
+        position_map: Measured positions = position_map @ qpos, shape (n, nq); more than one entry a row where
+            play or compliance adds to the servo's angle.
+        velocity_map: Measured velocities = velocity_map @ qvel, shape (n, nv).
+        reference: Controls that hold the model at its reference posture, shape (nu,).
+        commands_effort: Whether the actuators take torques [N·m] rather than positions [rad].
+    """
+
+    joints: tuple[str, ...]
+    qpos: np.ndarray
+    dof: np.ndarray
+    control: np.ndarray
+    position_map: np.ndarray
+    velocity_map: np.ndarray
+    reference: np.ndarray
+    commands_effort: bool
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, joints: Sequence[str], name: str) -> "Layout":
+        """Find joints and their actuators by name.
+
+        Args:
+            model: Compiled model.
+            joints: Measured joints.
+            name: What to call the model in an error.
+
+        Raises:
+            JointMismatch: the model lacks a joint, or nothing drives it.
+            ModelFileError: some actuators take positions and others torques.
+        """
+        indices = np.array([joint_index(model, joint, name) for joint in joints], dtype=int)
+        actuators = np.array([actuator_index(model, index, name) for index in indices], dtype=int)
+        efforts = {takes_effort(model, int(actuator)) for actuator in actuators}
+        if len(efforts) > 1:
+            raise ModelFileError(f"{name} drives some joints by position and others by torque; use one kind for all.")
+        positions, velocities = readout(model, joints, indices)
+        return cls(
+            joints=tuple(joints),
+            qpos=model.jnt_qposadr[indices].astype(int),
+            dof=model.jnt_dofadr[indices].astype(int),
+            control=model.actuator_ctrladr[actuators].astype(int),
+            position_map=positions,
+            velocity_map=velocities,
+            reference=reference_controls(model),
+            commands_effort=efforts == {True},
+        )
+
+    def measure(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
+        """Return positions [rad] then velocities [rad/s], shape (…, 2n), from qpos (…, nq) and qvel (…, nv)."""
+        return np.concatenate([qpos @ self.position_map.T, qvel @ self.velocity_map.T], axis=-1)
+
+    def controls(self, commands: np.ndarray) -> np.ndarray:
+        """Return controls (…, nu) for commands (…, n); actuators of other joints hold their reference."""
+        controls = np.empty((*commands.shape[:-1], len(self.reference)))
+        controls[...] = self.reference
+        controls[..., self.control] = commands
+        return controls
+
+
+def joint_index(model: mujoco.MjModel, joint: str, name: str) -> int:
+    """Return the index of a hinge or slide joint by its name."""
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint)
+    if index < 0:
+        names = ", ".join(model.joint(i).name for i in range(model.njnt))
+        raise JointMismatch(f"{name} has no joint '{joint}'; it has: {names}. Joints are matched by name.")
+    if mujoco.mjtJoint(model.jnt_type[index]) not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+        raise JointMismatch(f"The joint '{joint}' of {name} is neither hinge nor slide; only those are measured.")
+    return index
+
+
+def actuator_index(model: mujoco.MjModel, joint: int, name: str) -> int:
+    """Return the index of the actuator that drives a joint and has a control input."""
+    drives = (model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)) & (model.actuator_trnid[:, 0] == joint)
+    found = np.flatnonzero(drives & (model.actuator_ctrlnum > 0))
+    if not len(found):
+        raise JointMismatch(
+            f"No actuator of {name} drives the joint '{model.joint(joint).name}'; "
+            'add one, for example <position joint="…" kp="…"/>.'
+        )
+    return int(found[0])
+
+
+def takes_effort(model: mujoco.MjModel, actuator: int) -> bool:
+    """Whether an actuator's control is a torque: a fixed gain and no position feedback."""
+    fixed = model.actuator_gaintype[actuator] == int(mujoco.mjtGain.mjGAIN_FIXED)
+    return bool(fixed and model.actuator_biasprm[actuator, 1] == 0)
+
+
+def readout(model: mujoco.MjModel, joints: Sequence[str], indices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the maps from qpos and qvel to what is measured, shapes (n, nq) and (n, nv).
+
+    A sensor named `<joint>.pos` says what is measured: a joint's position or a fixed tendon's length (servo angle
+    plus play). Without one, the joint itself is.
+    """
+    positions = np.zeros((len(joints), model.nq))
+    velocities = np.zeros((len(joints), model.nv))
+    for row, (joint, index) in enumerate(zip(joints, indices, strict=True)):
+        for member, share in measured_joints(model, joint, int(index)):
+            positions[row, model.jnt_qposadr[member]] += share
+            velocities[row, model.jnt_dofadr[member]] += share
+    return positions, velocities
+
+
+def measured_joints(model: mujoco.MjModel, joint: str, index: int) -> list[tuple[int, float]]:
+    """Return the joints, with their shares, whose sum is measured under a joint's name."""
+    sensor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, joint + POSITION)
+    if sensor < 0:
+        return [(index, 1.0)]
+    kind, target = mujoco.mjtSensor(model.sensor_type[sensor]), int(model.sensor_objid[sensor])
+    if kind == mujoco.mjtSensor.mjSENS_JOINTPOS:
+        return [(target, 1.0)]
+    if kind == mujoco.mjtSensor.mjSENS_TENDONPOS:
+        wraps = range(model.tendon_adr[target], model.tendon_adr[target] + model.tendon_num[target])
+        if all(model.wrap_type[wrap] == int(mujoco.mjtWrap.mjWRAP_JOINT) for wrap in wraps):
+            return [(int(model.wrap_objid[wrap]), float(model.wrap_prm[wrap])) for wrap in wraps]
+    raise ModelFileError(f"The sensor '{joint}{POSITION}' must be the position of a joint or of a fixed tendon.")
+
+
+def reference_controls(model: mujoco.MjModel) -> np.ndarray:
+    """Return controls (nu,) at which position actuators rest at the model's reference posture; others are zero."""
+    controls = np.zeros(model.nu)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    for actuator in range(len(model.actuator_trntype)):
+        if model.actuator_ctrlnum[actuator] and not takes_effort(model, actuator):
+            controls[model.actuator_ctrladr[actuator]] = data.actuator_length[actuator]
+    return controls
+
+
+class RestStates:
+    """The full state of a model that has been at rest in a posture: setpoints, delays and all.
+
+    Everything in it is linear in the measured positions, so it is built once by the engine and then scaled.
+    """
+
+    def __init__(self, model: mujoco.MjModel, layout: Layout, spec: int) -> None:
+        """Prepare the states.
+
+        Args:
+            model: Compiled model.
+            layout: Its measured joints.
+            spec: Which part of the state (an `mjtState`); warm start and applied forces are zero.
+        """
+        self.layout = layout
+        self.base = rest_state(model, layout, np.zeros(len(layout.joints)), spec)
+        unit = np.eye(len(layout.joints))
+        self.slopes = np.stack([rest_state(model, layout, row, spec) - self.base for row in unit])
+        self.velocity = slice_of_velocity(model, spec)
+
+    def __call__(self, states: np.ndarray) -> np.ndarray:
+        """Return full states (B, size) for positions [rad] then velocities [rad/s] (B, 2n)."""
+        n = len(self.layout.joints)
+        full = self.base + states[:, :n] @ self.slopes
+        full[:, self.velocity.start + self.layout.dof] = states[:, n:]
+        return full
+
+
+def slice_of_velocity(model: mujoco.MjModel, spec: int) -> slice:
+    """Return where `qvel` lies in a state vector that also holds time and `qpos`."""
+    before = spec & int(mujoco.mjtState.mjSTATE_TIME | mujoco.mjtState.mjSTATE_QPOS)
+    start = mujoco.mj_stateSize(model, before)
+    return slice(start, start + model.nv)
+
+
+def rest_state(model: mujoco.MjModel, layout: Layout, positions: np.ndarray, spec: int) -> np.ndarray:
+    """Return the state of a model that has long been commanded to the measured positions [rad], shape (size,)."""
+    data = mujoco.MjData(model)
+    data.qpos[layout.qpos] = positions
+    data.ctrl[:] = layout.controls(np.zeros_like(positions) if layout.commands_effort else positions)
+    for actuator in range(len(model.actuator_trntype)):
+        settle_actuator(model, data, actuator)
+    state = np.empty(mujoco.mj_stateSize(model, spec))
+    mujoco.mj_getState(model, data, state, spec)
+    return state
+
+
+def settle_actuator(model: mujoco.MjModel, data: mujoco.MjData, actuator: int) -> None:
+    """Fill an actuator's memories (delay line, setpoint that slews, filter) as a long held control leaves them."""
+    inputs = model.actuator_ctrlnum[actuator]
+    if not inputs:
+        return
+    first = model.actuator_ctrladr[actuator]
+    control = data.ctrl[first : first + inputs].copy()
+    samples = int(model.actuator_history[actuator, 0])
+    if samples:
+        mujoco.mj_initCtrlHistory(model, data, actuator, None, np.tile(control, (samples, 1)))
+    kind = mujoco.mjtDyn(model.actuator_dyntype[actuator])
+    slews = kind == mujoco.mjtDyn.mjDYN_PID and model.actuator_dynprm[actuator, 1] > 0
+    filters = kind in (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
+    if slews or filters:
+        data.act[model.actuator_actadr[actuator]] = control[0]

@@ -1,0 +1,215 @@
+"""MuJoCo as a simulator: batched one-step predictions, open-loop rollouts and closed loops of one model."""
+
+import math
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import mujoco
+import mujoco.batch
+import mujoco.rollout
+import numpy as np
+
+from nas_data.effects.base import Effect, add_effects
+from nas_data.errors import JointMismatch, ModelFileError
+from nas_data.robots.base import Robot, find_robot
+from nas_data.simulators.layout import FULLPHYSICS, INTEGRATION, Layout, RestStates
+
+CHUNK_STATES = 2_000_000  # numbers of simulated state held at once, 16 MB: fits the cache better than one big array
+
+
+class MujocoSimulator:
+    """A robot model with effects, stepped at a control period by MuJoCo.
+
+    Attributes:
+        joints: Measured and commanded joints.
+        period: Control period [s].
+        substeps: Physics steps per control period.
+        model: Compiled model.
+        layout: Where the joints are in it.
+    """
+
+    engine = "mujoco"
+
+    def __init__(
+        self,
+        robot: Robot,
+        period: float,
+        joints: Sequence[str] | None = None,
+        effects: Iterable[Effect] = (),
+        threads: int | None = None,
+    ) -> None:
+        """Compile the model.
+
+        The physics timestep is the model's own, shortened where needed so that a whole number of steps makes one
+        control period.
+
+        Args:
+            robot: Model, joints and constants.
+            period: Control period [s].
+            joints: Joints to measure and command, by name; the robot's where None.
+            effects: Effects to add to the model.
+            threads: Threads for batched work; all cores where None.
+
+        Raises:
+            JointMismatch: a joint is not in the model or nothing drives it.
+            ModelFileError: the model with its effects does not compile.
+        """
+        self.robot = robot
+        self.period = period
+        self.effects = tuple(effects)
+        spec = robot.spec()
+        self.substeps = max(1, math.ceil(period / spec.option.timestep - 1e-6))
+        spec.option.timestep = period / self.substeps
+        add_effects(spec, self.effects)
+        try:
+            self.model = spec.compile()
+        except ValueError as error:
+            raise ModelFileError(f"{robot.mjcf} does not compile with its effects: {error}") from None
+        self.layout = Layout.of(self.model, joints or robot.joints, str(robot.mjcf))
+        self.joints = self.layout.joints
+        self.commands_effort = self.layout.commands_effort
+        self.threads = len(os.sched_getaffinity(0)) if threads is None else threads
+        self.rest = RestStates(self.model, self.layout, FULLPHYSICS)
+        pooled = self.threads if self.threads > 1 else 0
+        self._pool = mujoco.rollout.Rollout(nthread=pooled)
+        self._data = [mujoco.MjData(self.model) for _ in range(max(1, pooled))]
+
+    @classmethod
+    def load(
+        cls,
+        model: str | Path,
+        period: float,
+        joints: Sequence[str] | None = None,
+        effects: Iterable[Effect] = (),
+        threads: int | None = None,
+    ) -> "MujocoSimulator":
+        """Build the simulator from a robot's name or a model file; see `__init__`."""
+        return cls(find_robot(model), period, joints, effects, threads)
+
+    def predict(self, states: np.ndarray, commands: np.ndarray) -> np.ndarray:
+        """Simulate independent transitions; see `Simulator.predict`."""
+        self._check(states, commands)
+        per_row = self.substeps * len(self.rest.base)
+        chunk = max(1, CHUNK_STATES // per_row)
+        result = np.empty((len(states), states.shape[1]))
+        for start in range(0, len(states), chunk):
+            rows = slice(start, start + chunk)
+            full = self._roll(np.asarray(states[rows], float), np.asarray(commands[rows], float)[:, None])
+            result[rows] = full[:, 0]
+        return result
+
+    def rollout(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
+        """Simulate whole episodes in open loop; see `Simulator.rollout`."""
+        self._check(initial, commands[:, 0] if commands.shape[1] else commands.reshape(len(commands), -1))
+        per_row = commands.shape[1] * self.substeps * len(self.rest.base)
+        chunk = max(1, CHUNK_STATES // max(1, per_row))
+        parts = [
+            self._roll(np.asarray(initial[start : start + chunk], float), np.asarray(commands[start : start + chunk]))
+            for start in range(0, len(initial), chunk)
+        ]
+        return np.concatenate(parts) if parts else np.empty((0, commands.shape[1], initial.shape[1]))
+
+    def stepper(self, size: int) -> "MujocoStepper":
+        """Return a batch of simulations for closed loops, on one thread (more pays off only beyond 64)."""
+        return MujocoStepper(self, size)
+
+    def describe(self) -> dict[str, object]:
+        """Return the source for provenance."""
+        return {
+            "name": self.robot.name,
+            "sha256": self.robot.sha256,
+            "engine": self.engine,
+            "engine_version": mujoco.__version__,
+            "timestep": self.model.opt.timestep,
+            "substeps": self.substeps,
+            "effects": [effect.to_json() for effect in self.effects],
+        }
+
+    def _roll(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
+        """Roll out from rest states (B, 2n) under commands (B, T, n); return states (B, T, 2n)."""
+        count, steps = commands.shape[:2]
+        controls = np.repeat(self.layout.controls(commands), self.substeps, axis=1)
+        full, _ = self._pool.rollout(self.model, self._data, self.rest(initial), controls, nstep=steps * self.substeps)
+        ends = full[:, self.substeps - 1 :: self.substeps]
+        self._check_time(ends)
+        nq, nv = self.model.nq, self.model.nv
+        return self.layout.measure(ends[..., 1 : 1 + nq], ends[..., 1 + nq : 1 + nq + nv]).reshape(count, steps, -1)
+
+    def _check_time(self, ends: np.ndarray) -> None:
+        """Refuse rollouts that the engine gave up: their clock stands still."""
+        expected = self.period * (1 + np.arange(ends.shape[1]))
+        stopped = np.abs(ends[..., 0] - expected) > 0.1 * self.model.opt.timestep * (1 + np.arange(ends.shape[1]))
+        stopped |= ~np.isfinite(ends).all(axis=-1)
+        if stopped.any():
+            row, step = np.argwhere(stopped)[0]
+            raise ModelFileError(
+                f"{self.robot.mjcf} diverges in MuJoCo (simulation {row}, {expected[step]:.3f} s after its start); "
+                "shorten its timestep, soften its gains or check its inertias."
+            )
+
+    def _check(self, states: np.ndarray, commands: np.ndarray) -> None:
+        n = len(self.joints)
+        if states.shape[-1] != 2 * n or commands.shape[-1] != n:
+            raise JointMismatch(
+                f"States of {states.shape[-1]} and commands of {commands.shape[-1]} components do not fit "
+                f"{n} joints ({', '.join(self.joints)}): {2 * n} and {n} are needed."
+            )
+
+
+class MujocoStepper:
+    """A batch of simulations of one model in a closed loop; implements `Stepper`."""
+
+    def __init__(self, simulator: MujocoSimulator, size: int) -> None:
+        """Create the batch, every simulation at rest at zero."""
+        self.simulator = simulator
+        self.layout = simulator.layout
+        self.joints = simulator.joints
+        self.size = size
+        self._batch = mujoco.batch.Batch(simulator.model, nsim=size, nthread=1)
+        self._rest = RestStates(simulator.model, self.layout, INTEGRATION)
+        self._qpos = self._batch.bind("qpos")
+        self._qvel = self._batch.bind("qvel")
+        self._ctrl = self._batch.bind("ctrl")
+        self._sites = self._batch.bind("site_xpos") if simulator.model.nsite else None
+        self._moved = True
+        self.reset(np.zeros((size, 2 * len(self.joints))))
+
+    @property
+    def states(self) -> np.ndarray:
+        """Measured positions [rad] then velocities [rad/s], shape (B, 2n)."""
+        return self.layout.measure(self._qpos, self._qvel)
+
+    def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
+        """Start simulations anew; see `Stepper.reset`."""
+        self._batch.state[slice(None) if rows is None else rows] = self._rest(np.asarray(states, float))
+        self._moved = True
+
+    def step(self, commands: np.ndarray) -> np.ndarray:
+        """Hold the commands for one control period; see `Stepper.step`."""
+        self._ctrl[:, self.layout.control] = commands
+        self._batch.step(nstep=self.simulator.substeps)
+        self._moved = True
+        return self.states
+
+    def set_states(self, states: np.ndarray) -> None:
+        """Move the servos so that the measured state becomes `states`; play and other hidden joints keep theirs."""
+        change = states - self.states
+        n = len(self.joints)
+        self._qpos[:, self.layout.qpos] += change[:, :n]
+        self._qvel[:, self.layout.dof] += change[:, n:]
+        self._moved = True
+
+    def site_positions(self, name: str) -> np.ndarray:
+        """Return where a site is in the world [m], shape (B, 3).
+
+        Raises:
+            ModelFileError: the model has no such site.
+        """
+        site = mujoco.mj_name2id(self.simulator.model, mujoco.mjtObj.mjOBJ_SITE, name)
+        if site < 0 or self._sites is None:
+            raise ModelFileError(f"{self.simulator.robot.mjcf} has no site '{name}'; add <site name='{name}'/>.")
+        if self._moved:
+            self._batch.forward(stage=mujoco.mjtStage.mjSTAGE_POS.value)
+            self._moved = False
+        return self._sites[:, site].copy()
