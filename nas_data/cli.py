@@ -16,12 +16,11 @@ if TYPE_CHECKING:
     from nas_data.commands.base import Command
 
 COMMANDS = Path(__file__).parent / "commands"
-NOT_COMMANDS = {"__init__", "base"}
 
 
 def command_files() -> dict[str, Path]:
     """Return the file of every command by its words, for example 'policy train'."""
-    files = sorted(path for path in COMMANDS.glob("*.py") if path.stem not in NOT_COMMANDS)
+    files = sorted(path for path in COMMANDS.glob("*.py") if path.stem != "base" and path.stem[0] != "_")
     return {path.stem.rstrip("_").replace("_", " "): path for path in files}
 
 
@@ -116,7 +115,7 @@ def run(name: str, rest: list[str]) -> int:
     import tyro
 
     kind = command_class(name)
-    command = tyro.cli(kind, args=rest, prog=f"nas {name}")
+    command = tyro.cli(kind, args=rest, prog=f"nas {name}", config=(tyro.conf.FlagCreatePairsOff,))
     try:
         outcome = command.run()
     except NasError as error:

@@ -51,6 +51,10 @@ class MissingPackage(NasError, ImportError):
     """An optional package that this command needs is not installed."""
 
 
+class SimulationDiverged(NasError, ArithmeticError):
+    """A simulation, plain or learned, left all bounds."""
+
+
 class UnknownName(NasError, LookupError):
     """A name (robot, effect, excitation, dynamics …) that is not in its registry."""
 

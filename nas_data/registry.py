@@ -11,7 +11,8 @@ ROOT = Path(__file__).parent
 
 def names(folder: str) -> tuple[str, ...]:
     """Return the names that a plug-in folder holds, for example every effect of `effects/`."""
-    return tuple(sorted(path.stem for path in (ROOT / folder).glob("*.py") if path.stem not in {"__init__", "base"}))
+    files = ROOT.joinpath(*folder.split(".")).glob("*.py")
+    return tuple(sorted(path.stem for path in files if path.stem not in {"__init__", "base"}))
 
 
 def module(folder: str, name: str, kind: str) -> ModuleType:

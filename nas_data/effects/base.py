@@ -37,18 +37,23 @@ class Effect:
 
     Attributes:
         joint: Joint it sits in; None where it belongs to the whole arm.
+        whole_arm: Whether it may go without a joint.
+        per_joint: Whether it may name a joint.
     """
 
     joint: str | None = None
 
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     whole_arm: ClassVar[bool] = False
+    per_joint: ClassVar[bool] = True
     equation: ClassVar[str] = ""
     source: ClassVar[str] = ""
     signature: ClassVar[str] = ""
     confused_with: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
+        if self.joint is not None and not self.per_joint:
+            raise OptionError(f"{self.name()} belongs to the whole arm; leave out joint={self.joint}.")
         for parameter in self.parameters:
             value = getattr(self, parameter.name)
             if not min(parameter.low, parameter.neutral) <= value <= max(parameter.high, parameter.neutral):

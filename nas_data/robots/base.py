@@ -9,6 +9,7 @@ import mujoco
 
 from nas_data import registry
 from nas_data.errors import ModelFileError
+from nas_data.servos import add_position_servos
 
 FOLDER = Path(__file__).parent
 
@@ -74,16 +75,24 @@ def actuated_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
     return tuple(actuator.target for actuator in spec.actuators if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT)
 
 
+def movable_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
+    """Return the names of the hinges and slides."""
+    moving = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+    return tuple(joint.name for joint in spec.joints if joint.type in moving)
+
+
 def find_robot(name_or_path: str | Path) -> Robot:
-    """Return a robot of ours by name, or any user's model by its file.
+    """Return a robot of ours by name, or any user's model by its file; a URDF is given position servos.
 
     Raises:
         UnknownName: neither a robot's name nor a path.
         ModelFileError: the file cannot be used as a model.
     """
     path = Path(name_or_path)
-    if path.suffix or path.exists():
+    if path.suffix or path.is_file():
         spec = read_spec(path)
+        if path.suffix == ".urdf" and movable_joints(spec):
+            return Robot(name=path.stem, mjcf=path, joints=movable_joints(spec), edit=add_position_servos)
         joints = actuated_joints(spec)
         if not joints:
             raise ModelFileError(f"{path} has no actuator that drives a joint; add <position joint=…> actuators.")

@@ -1,0 +1,117 @@
+"""What `nas train delta` and `nas train forward` share: options, data, source, training, evaluation."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+import tyro
+
+from nas_data.commands.base import Command, Outcome
+
+if TYPE_CHECKING:
+    from nas_data.dataset.dataset import Dataset
+    from nas_data.models.presets import TrainingOptions
+
+
+@dataclass(frozen=True, kw_only=True)
+class Train(Command):
+    """Options of a training; None leaves the preset's value."""
+
+    kind: ClassVar[Literal["delta", "forward"]]
+
+    dataset: tyro.conf.Positional[Path]
+    """Dataset: a version's folder, or datasets/NAME for its newest version."""
+    out: Path | None = None
+    """Folder for checkpoint, history and TensorBoard files; runs/KIND-NAME-seedN otherwise."""
+    model: str | None = None
+    """Source that the dataset was paired with, a model file or robot; needed only where the dataset keeps none."""
+    engine: str = "mujoco"
+    """Engine of the source: mujoco or bullet."""
+    preset: str = "fast"
+    """fast, or paper (its published recipe: teacher forcing, batch 1, learning rate 0.01, 250 epochs)."""
+    hidden: int | None = None
+    """Units of each LSTM layer (128, 256 or 100 in the paper)."""
+    epochs: int | None = None
+    """Passes over the data with teacher forcing."""
+    updates: int | None = None
+    """Updates in free running."""
+    horizon: int | None = None
+    """Longest free-running window [frames]."""
+    validation: float | None = None
+    """Share of the episodes held out for early stopping."""
+    episodes: Annotated[tuple[int, ...], tyro.conf.arg(metavar="N…")] = ()
+    """Use only these episodes; all by default."""
+    seed: int = 0
+    """Seed of weights, split, order and windows."""
+    device: str | None = None
+    """torch device; a GPU where there is one by default."""
+
+    def run(self) -> Outcome:
+        """Train, evaluate on the held-out episodes beside the baselines, and say where the checkpoint lies."""
+        from nas_data.dataset import versions
+        from nas_data.dataset.read import read
+        from nas_data.dataset.transitions import as_transitions
+        from nas_data.models.presets import preset
+
+        options = preset(
+            self.preset,
+            hidden=self.hidden,
+            epochs=self.epochs,
+            updates=self.updates,
+            horizon=self.horizon,
+            validation=self.validation,
+            seed=self.seed,
+        )
+        root = versions.resolve(self.dataset)
+        full = read(root)
+        dataset, derived = as_transitions(full.select(self.episodes) if self.episodes else full)
+        for key, how in derived.items():
+            print(f"derived {key}: {how}", file=sys.stderr)
+        parent = versions.parent_of(root, full)
+        provenance = {
+            "dataset": {"name": parent.name, "content_hash": parent.content_hash, "episodes": list(self.episodes)}
+        }
+        folder = self.out or Path("runs") / f"{self.kind}-{parent.name.split('/')[0]}-seed{self.seed}"
+        return self._train(root, dataset, options, provenance, folder)
+
+    def _train(
+        self, root: Path, dataset: "Dataset", options: "TrainingOptions", provenance: dict[str, object], folder: Path
+    ) -> Outcome:
+        from nas_data.errors import ModelFileError
+        from nas_data.models.evaluation import evaluate
+        from nas_data.models.run import CHECKPOINT, TrainingRun
+        from nas_data.models.training import Training
+        from nas_data.sources import find_source, kept_files
+
+        try:
+            simulator = find_source(self.model, (), dataset, [root], self.engine)
+        except ModelFileError as error:
+            if self.model is not None:
+                raise
+            simulator = None
+            report(f"{error} Without it, training is by teacher forcing alone, and open-loop errors cannot be told.")
+        if simulator is not None:
+            provenance = {**provenance, "source": simulator.describe()}
+        training = Training(self.kind, dataset, options, simulator, provenance, self.device)
+        count = (len(training.train_indices), len(training.held_indices))
+        report(f"{count[0]} episodes train, {count[1]} validate ({training.criterion}): {training.held_indices}")
+        model = TrainingRun(training, folder, report, kept_files(root)).run()
+        held = dataset.select(training.held_indices)
+        evaluation = evaluate(held, simulator, model) if simulator or self.kind == "forward" else None
+        text = f"{evaluation.text()}\n\n" if evaluation else ""
+        title = f"Held-out episodes {training.held_indices}:\n\n" if evaluation else ""
+        return Outcome(
+            f"{title}{text}checkpoint → {folder / CHECKPOINT}",
+            {
+                "checkpoint": folder / CHECKPOINT,
+                "validation_episodes": training.held_indices,
+                "history": folder / "history.json",
+                "errors": evaluation.to_json() if evaluation else None,
+            },
+        )
+
+
+def report(line: str) -> None:
+    """Show progress on stderr."""
+    print(line, file=sys.stderr, flush=True)

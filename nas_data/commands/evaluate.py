@@ -1,0 +1,64 @@
+"""Compare φ or ψ with hold, source and command on any dataset."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from nas_data.commands.base import Command, Outcome
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluate(Command):
+    """Print one-step and open-loop errors of a checkpoint on a dataset, beside the trivial baselines.
+
+    Example: nas evaluate runs/phi/checkpoint datasets/arm_test --model arm.xml
+    """
+
+    checkpoint: tyro.conf.Positional[Path]
+    """Folder written by `nas train` (its `checkpoint`, or the training's folder)."""
+    dataset: tyro.conf.Positional[Path]
+    """Dataset to evaluate on; need not be paired."""
+    model: str | None = None
+    """Source that φ corrects: a model file or robot; the one kept with the checkpoint or dataset otherwise."""
+    engine: str = "mujoco"
+    """Engine of the source: mujoco or bullet."""
+    episodes: tuple[int, ...] = ()
+    """Use only these episodes; all by default."""
+
+    def run(self) -> Outcome:
+        """Evaluate and return the tables."""
+        from nas_data.dataset import versions
+        from nas_data.dataset.read import read
+        from nas_data.dataset.transitions import as_transitions
+        from nas_data.errors import ModelFileError
+        from nas_data.models import checkpoint
+        from nas_data.models.evaluation import evaluate
+        from nas_data.sources import find_source
+
+        folder = checkpoint.find(self.checkpoint)
+        model = checkpoint.load_frozen(folder)
+        root = versions.resolve(self.dataset)
+        dataset = read(root)
+        dataset, derived = as_transitions(dataset.select(self.episodes) if self.episodes else dataset)
+        checkpoint.check_fits(model, dataset, folder)
+        try:
+            simulator = find_source(self.model, (), dataset, [folder, root], self.engine)
+        except ModelFileError:
+            if self.model is not None or model.kind == "delta":
+                raise
+            simulator = None
+        evaluation = evaluate(dataset, simulator, model, progress)
+        seen = model.provenance.get("dataset")
+        name = seen.get("name") if isinstance(seen, dict) else "unknown"
+        head = [f"{folder} (trained on {name}) on {root}: {dataset.n_episodes} episodes, {dataset.n_frames} frames"]
+        head += [f"derived {key}: {how}" for key, how in derived.items()]
+        data = {"checkpoint": folder, "dataset": root, "trained_on": seen, "derived": derived, **evaluation.to_json()}
+        return Outcome("\n".join([*head, "", evaluation.text(), "", evaluation.episodes_text()]), data)
+
+
+def progress(done: int, total: int) -> None:
+    """Show how far the rollouts are."""
+    if sys.stderr.isatty():
+        print(f"\rrolling out {done}/{total} ", end="", file=sys.stderr, flush=True)

@@ -1,0 +1,114 @@
+"""Turn recorded logs of any robot into a dataset."""
+
+import sys
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from nas_data.commands.base import Command, Outcome
+from nas_data.errors import OptionError, OutputExists
+
+if TYPE_CHECKING:
+    from nas_data.importing.finding import Finding
+    from nas_data.recorders.logs import Import
+
+PATIENCE = 2.0  # [s] after which progress is shown
+SHOWN = 3  # findings of one kind that are printed in full
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportLogs(Command):
+    """Turn recorded logs (CSV, Parquet, NPZ, JSON) of any robot into one dataset, one episode a log.
+
+    Example: nas import recordings/*.npz --map so101_npz --name so101
+
+    The map says where in a log each quantity stands and what its numbers mean; so101_npz, so101_csv and xl330_json
+    come with the program and are examples for your own. Logs are audited first: errors refuse, warnings are kept.
+    """
+
+    logs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG…")]
+    """Logs, or folders of logs."""
+    map: str
+    """Mapping file (TOML), or the name of a shipped one: so101_npz, so101_csv, xl330_json."""
+    name: str | None = None
+    """Dataset's name; the result is the next version below datasets/NAME. The map's robot where left out."""
+    out: Path | None = None
+    """Exactly this folder instead; must not exist."""
+
+    def run(self) -> Outcome:
+        """Read, audit, convert and write."""
+        from nas_data.dataset import versions
+        from nas_data.importing.map_file import load_map
+        from nas_data.recorders.logs import import_logs
+
+        if not self.logs:
+            raise OptionError("No log is given; say: nas import LOG… --map MAP.toml")
+        if self.out is not None and self.out.exists():
+            raise OutputExists(f"{self.out} exists already; give a folder that does not.")
+        mapping = load_map(self.map)
+        result = import_logs(self.logs, mapping, _Progress())
+        root = versions.save(
+            result.dataset,
+            result.provenance,
+            out=self.out,
+            name=self.name or mapping.robot,
+            attachments=result.attachments,
+        )
+        return Outcome(_text(result, root), _data(result, root))
+
+
+class _Progress:
+    """Says on stderr which log is read, once reading takes long."""
+
+    def __init__(self) -> None:
+        self.start = time.monotonic()
+
+    def __call__(self, what: str) -> None:
+        if time.monotonic() - self.start > PATIENCE:
+            print(f"reading {what}", file=sys.stderr)
+
+
+def _text(result: "Import", root: Path) -> str:
+    """Say what was imported and what the audits noticed."""
+    dataset = result.dataset
+    minutes = dataset.n_frames / dataset.fps / 60
+    lines = [
+        f"{dataset.robot_type}: {dataset.n_episodes} episodes, {dataset.n_frames} transitions at {dataset.fps:g} Hz "
+        f"({minutes:.1f} min), joints {', '.join(dataset.joints)}.",
+        *(_findings_text(result.findings) or ["The audits found nothing."]),
+        f"The dataset lies in {root}",
+    ]
+    return "\n".join(lines)
+
+
+def _findings_text(findings: "Iterable[Finding]") -> list[str]:
+    """List findings by their kind, a few of each."""
+    kinds: dict[str, list[Finding]] = {}
+    for finding in findings:
+        kinds.setdefault(finding.check, []).append(finding)
+    lines = []
+    for check, members in kinds.items():
+        lines.append(f"Warning {check}:")
+        lines += [f"  {Path(finding.file).name}: {finding.message}" for finding in members[:SHOWN]]
+        if len(members) > SHOWN:
+            lines.append(f"  … and {len(members) - SHOWN} more (--json lists all)")
+    return lines
+
+
+def _data(result: "Import", root: Path) -> dict[str, object]:
+    """Say the same for machines."""
+    dataset = result.dataset
+    return {
+        "dataset": str(root),
+        "robot": dataset.robot_type,
+        "joints": list(dataset.joints),
+        "fps": dataset.fps,
+        "episodes": dataset.n_episodes,
+        "frames": dataset.n_frames,
+        "tasks": list(dataset.tasks),
+        "audit": [finding.to_json() for finding in result.findings],
+    }

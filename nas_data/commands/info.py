@@ -1,0 +1,83 @@
+"""Show what a dataset holds: joints, ranges, rate, episodes, pairing, provenance."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import tyro
+
+from nas_data.commands.base import Command, Outcome
+
+if TYPE_CHECKING:
+    from nas_data.dataset.summary import Summary
+
+
+@dataclass(frozen=True, kw_only=True)
+class Info(Command):
+    """Show what a dataset holds and what would have to be derived to use it.
+
+    Example: nas info datasets/ergojr_sample
+    """
+
+    dataset: tyro.conf.Positional[Path]
+    """The dataset's folder, or datasets/NAME for its newest version; any LeRobot v3 dataset will do."""
+
+    def run(self) -> Outcome:
+        """Read the dataset and describe it."""
+        from nas_data.dataset.summary import summarize
+
+        summary = summarize(self.dataset)
+        lines = [*overview(summary), *feature_lines(summary), *provenance_lines(summary)]
+        return Outcome("\n".join(lines), summary.to_json())
+
+
+def overview(summary: "Summary") -> Iterator[str]:
+    """Say what was recorded."""
+    frames = sum(summary.lengths)
+    tasks = [f"{task or 'unnamed'} ({count})" for task, count in summary.tasks.items()]
+    yield f"{summary.name}  ({summary.dataset})"
+    yield f"  robot         {summary.robot}"
+    yield f"  joints        {', '.join(summary.joints) or 'unknown'}"
+    yield f"  commands      {summary.commands or 'unknown'}"
+    yield f"  rate          {summary.rate:g} Hz"
+    yield f"  episodes      {len(summary.lengths)} of {min(summary.lengths)} to {max(summary.lengths)} frames"
+    yield f"  frames        {frames}, {frames / summary.rate:.1f} s"
+    yield f"  tasks         {', '.join(tasks)}"
+    yield f"  paired        {pairing(summary)}"
+    yield f"  content hash  {summary.content_hash}"
+
+
+def feature_lines(summary: "Summary") -> Iterator[str]:
+    """Name the features and the range of each component of state and command."""
+    yield "features"
+    for key, feature in summary.features.items():
+        units = ", ".join(dict.fromkeys(feature.units)) or "no unit stored"
+        yield f"  {key}: {feature.width} × {feature.dtype} [{units}]"
+    for key, kind in summary.left_out.items():
+        yield f"  {key}: {kind}, left out"
+    yield "ranges"
+    for key, ranges in summary.ranges.items():
+        for name, (low, high) in ranges.items():
+            yield f"  {key} {name}: {low:.4g} … {high:.4g}"
+
+
+def provenance_lines(summary: "Summary") -> Iterator[str]:
+    """Say what has to be derived and where the dataset comes from."""
+    if summary.unusable:
+        yield f"not usable as it is: {summary.unusable}"
+    for key, how in summary.derived.items():
+        yield f"derived when used: {key}: {how}"
+    if not summary.provenance:
+        yield "provenance: none (recorded or edited by LeRobot's own tools)"
+    for name, provenance in summary.provenance:
+        parents = ", ".join(parent.name for parent in provenance.parents)
+        yield f"provenance: {name}: {provenance.how}, {provenance.when}" + (f", from {parents}" if parents else "")
+
+
+def pairing(summary: "Summary") -> str:
+    """Say whether a source's predictions are present, and which source's."""
+    if not summary.paired:
+        return "no (nas pair adds what a source model predicts)"
+    words = [f"{key} {value}" for key, value in (summary.source or {}).items() if isinstance(value, str)]
+    return f"yes, with {', '.join(words) or 'an unknown source'}"

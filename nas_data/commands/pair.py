@@ -1,0 +1,86 @@
+"""Add what a source simulator predicts for every transition, as a new version."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from nas_data.commands.base import Command, Outcome
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pair(Command):
+    """Reset a source to every measured state, hold the command for one control step, store what it predicts.
+
+    Example: nas pair datasets/arm --model arm.xml
+    """
+
+    dataset: tyro.conf.Positional[Path]
+    """Dataset: a version's folder, or datasets/NAME for its newest version."""
+    model: str
+    """Source: an MJCF or URDF file whose joints carry the dataset's names, or a robot's name."""
+    engine: str = "mujoco"
+    """mujoco or bullet."""
+    effect: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    """Effect to add to the source, NAME:joint=JOINT,PARAMETER=NUMBER; may be given several times."""
+    effects: Path | None = None
+    """File with effects to add to the source (the effects.json of a gap report)."""
+    out: Path | None = None
+    """Exact folder of the new version; beside the dataset where it lies in datasets/NAME/ otherwise."""
+
+    def run(self) -> Outcome:
+        """Pair the dataset and write the new version."""
+        import time
+
+        from nas_data.dataset import versions
+        from nas_data.dataset.provenance import Provenance, read_provenance
+        from nas_data.dataset.read import read
+        from nas_data.dataset.staging import refuse_existing
+        from nas_data.dataset.transitions import as_transitions
+        from nas_data.effects.base import parse, read_effects
+        from nas_data.pairing import pair
+        from nas_data.robots.base import find_robot
+        from nas_data.simulators.engines import load_simulator
+        from nas_data.sources import source_files
+
+        if self.out is not None:
+            refuse_existing(self.out)
+        root = versions.resolve(self.dataset)
+        dataset, derived = as_transitions(read(root))
+        effects = (*map(parse, self.effect), *(read_effects(self.effects) if self.effects else ()))
+        simulator = load_simulator(self.model, 1 / dataset.fps, dataset.joints, effects, self.engine)
+        started = time.perf_counter()
+        paired = pair(dataset, simulator)
+        seconds = time.perf_counter() - started
+        before = read_provenance(root) or Provenance(how="lerobot", robot=dataset.robot_type)
+        provenance = replace(
+            Provenance(how="paired"),
+            robot=before.robot,
+            source=simulator.describe(),
+            target=before.target,
+            signal=before.signal,
+            seeds=before.seeds,
+            parents=(versions.parent_of(root, read(root)),),
+            derived={**before.derived, **derived},
+            contiguous=before.contiguous,
+            notes=before.notes,
+        )
+        files = source_files(find_robot(self.model), effects)
+        kept = {f"meta/{name}": content for name, content in files.items()}
+        folder = versions.save(paired, provenance, out=self.out, parent=root, attachments=kept)
+        notes = [f"  derived {key}: {how}" for key, how in derived.items()]
+        if not files:
+            notes.append("  the source needs other files (meshes): keep it at hand, later commands need --model again")
+        text = f"{paired.n_frames} transitions of {paired.n_episodes} episodes paired in {seconds:.1f} s → {folder}"
+        return Outcome(
+            "\n".join([text, *notes]),
+            {
+                "dataset": folder,
+                "content_hash": read_provenance(folder).content_hash,  # type: ignore[union-attr]  # just written
+                "transitions": paired.n_frames,
+                "seconds": seconds,
+                "derived": derived,
+                "source": simulator.describe(),
+            },
+        )

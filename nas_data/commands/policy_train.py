@@ -1,0 +1,95 @@
+"""Train policies with PPO in the source, on the target, or in a learned environment."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from nas_data.commands.base import Command, Outcome
+from nas_data.errors import OptionError
+
+if TYPE_CHECKING:
+    from nas_data.policies.ppo import Training
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolicyTrain(Command):
+    """Train one policy a seed with PPO; the same command goes on where it was interrupted.
+
+    Example: nas policy train --env ErgoReacher --on augmented --checkpoint runs/delta --frames 400000 --seed 0 1 2
+    """
+
+    env: str = "ErgoReacher"
+    """Environment."""
+    on: Literal["source", "target", "augmented", "forward"] = "source"
+    """Where to learn: the plain model, the target itself (the expert), the model corrected by φ, or ψ alone."""
+    checkpoint: Path | None = None
+    """Folder of the learned model φ or ψ, for `augmented` and `forward`."""
+    dynamics: str = "backlash"
+    """What the target is, for `target`: one of the environment's dynamics."""
+    frames: int = 2_000_000
+    """Control steps to learn from, rounded up to whole rollouts of 8192; 2 million as in the paper."""
+    seed: tuple[int, ...] = (0,)
+    """Seeds; each is one policy, and the same seed gives the same bits."""
+    out: Path | None = None
+    """Folder of the policies, one a seed inside it; runs/policy/ENV-ON where not given."""
+    workers: int = 1
+    """Seeds trained side by side, each in a process of one thread."""
+
+    def run(self) -> Outcome:
+        """Train every seed."""
+        trainings = self._trainings()
+        from nas_data.policies.parallel import run_jobs
+        from nas_data.policies.policy import load_policy, read_progress
+        from nas_data.policies.ppo import train_job
+        from nas_data.policies.tables import aligned
+
+        folder = self.out or Path("runs/policy") / f"{self.env.removeprefix('nas/')}-{self.on}"
+        jobs = [(training, folder / f"seed{training.seed}") for training in trainings]
+        rows, results = {}, {}
+        for number, path in run_jobs(train_job, jobs, self.workers):
+            policy, curve = load_policy(path), read_progress(path)
+            last = {key: float(values[-1]) for key, values in curve.items()}
+            rate = last["frames"] / last["seconds"]
+            results[number] = {"seed": policy.seed, "policy": path, **last, "frames": policy.frames}
+            rows[number] = (
+                str(policy.seed),
+                f"{policy.frames:,}",
+                f"{last['mean_return']:.2f}",
+                f"{last['success_rate']:.0%}",
+                f"{rate:,.0f}",
+                str(path),
+            )
+        headers = ("seed", "frames", "return", "success", "frames/s", "policy")
+        text = [
+            f"Trained in {self.env}, {self.on}; return and success while exploring, in the last rollout:",
+            aligned(headers, [rows[number] for number in sorted(rows)]),
+            f"Next: nas policy evaluate {folder}",
+        ]
+        return Outcome("\n".join(text), {"out": folder, "policies": [results[number] for number in sorted(results)]})
+
+    def _trainings(self) -> "list[Training]":
+        """Check the options and return what to train."""
+        learned = self.on in {"augmented", "forward"}
+        if learned != (self.checkpoint is not None):
+            needed = "needs --checkpoint FOLDER" if learned else "takes no --checkpoint"
+            raise OptionError(f"Training on '{self.on}' {needed}; see: nas policy train --help.")
+        if self.frames < 1 or self.workers < 1:
+            raise OptionError(f"--frames {self.frames} and --workers {self.workers} must be 1 or more.")
+        if not self.seed or len(set(self.seed)) < len(self.seed) or min(self.seed) < 0:
+            raise OptionError(f"--seed {' '.join(map(str, self.seed))}: give different numbers, 0 or more.")
+        from nas_data.envs.base import SOURCE
+        from nas_data.envs.loop.plant import Plant
+        from nas_data.policies.ppo import Training
+
+        plant = Plant(
+            environment=self.env,
+            dynamics=self.dynamics if self.on == "target" else SOURCE,
+            checkpoint=None if self.checkpoint is None else str(self.checkpoint),
+        )
+        if self.checkpoint is not None:
+            from nas_data.models.augmented import require_kind
+            from nas_data.models.checkpoint import load_frozen
+
+            require_kind(load_frozen(self.checkpoint), "delta" if self.on == "augmented" else "forward")
+        plant.describe()  # says what is wrong before anything is written
+        return [Training(plant=plant, seed=seed, frames=self.frames) for seed in self.seed]

@@ -1,0 +1,143 @@
+"""Record episodes from a simulated target: a robot with any effects, noise and quantisation."""
+
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from nas_data.commands.base import Command, Outcome
+from nas_data.errors import OptionError
+
+if TYPE_CHECKING:
+    from nas_data.recorders.simulated import Protocol, Target
+
+FASTEST = 100_000.0  # [Hz] beyond any robot's control rate
+LONGEST = 86_400.0  # [s] an episode of a day
+PATIENCE = 2.0  # [s] of silence between two reports
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordSim(Command):
+    """Record episodes from a simulated target into a new dataset version.
+
+    Example: nas record sim --robot ergojr --effect backlash:joint=m3,half_width=0.02 --episodes 200 --seconds 3
+    """
+
+    robot: str = "ergojr"
+    """A robot's name, or any MJCF or URDF file."""
+    engine: Literal["mujoco", "bullet"] = "mujoco"
+    """Physics engine of the target."""
+    effect: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    """An effect that the target has, NAME:joint=JOINT,PARAMETER=NUMBER; may be given several times."""
+    effects: Path | None = None
+    """A file of effects, such as the effects.json of a gap report."""
+    excitation: str = "steps"
+    """Command signal, NAME or NAME:PARAMETER=NUMBER,…: steps, babbling, sine, multisine, triangle or chirp."""
+    commands: Path | None = None
+    """Play a CSV file instead: columns <joint>.pos [rad], one row a control step, optional column 'episode'."""
+    episodes: int = 200
+    """Number of episodes."""
+    seconds: float = 3.0
+    """Length of an episode [s]."""
+    rate: float | None = None
+    """Control rate [Hz]; the robot's own where not given."""
+    start: Literal["rest", "random"] = "rest"
+    """First pose: the robot's rest, or random within a fifth of each range as in the paper's resets."""
+    noise: float = 0.0
+    """Standard deviation of the measured positions [rad]."""
+    quantum: float | None = None
+    """Resolution of the measured positions [rad]; 0 for exact readings, the robot's own where not given."""
+    velocity_noise: float = 0.0
+    """Standard deviation of the measured velocities [rad/s]."""
+    seed: int = 0
+    """Seed of commands, poses and noise."""
+    blind: bool = False
+    """Keep the effects out of the dataset's provenance, for tests in which they are to be found."""
+    name: str | None = None
+    """Name of the dataset: the next version of datasets/NAME; ROBOT_EXCITATION where not given."""
+    out: Path | None = None
+    """Write to exactly this folder instead."""
+
+    def run(self) -> Outcome:
+        """Record and write the dataset."""
+        from nas_data.dataset.content import content_hash
+        from nas_data.dataset.versions import save
+        from nas_data.recorders.simulated import Session, record, to_dataset
+
+        began = time.monotonic()
+        session = Session.draw(self._target(), self._protocol())
+        dataset = to_dataset(session, record(session, Progress(len(session.commands))))
+        name = self.name or f"{session.target.robot.name}_{session.task}"
+        path = save(dataset, session.provenance(self.blind), out=self.out, name=name)
+        took = time.monotonic() - began
+        text = (
+            f"Recorded {dataset.n_episodes} episodes of {dataset.robot_type}, {dataset.n_frames} frames at "
+            f"{dataset.fps:g} Hz ({dataset.n_frames / dataset.fps:.0f} s of motion), in {took:.1f} s.\n{path}"
+        )
+        data = {
+            "dataset": str(path),
+            "episodes": dataset.n_episodes,
+            "frames": dataset.n_frames,
+            "fps": dataset.fps,
+            "seconds": took,
+            "content_hash": content_hash(dataset),
+        }
+        return Outcome(text, data)
+
+    def _target(self) -> "Target":
+        """Build the target and its sensors."""
+        from nas_data.effects.base import parse, read_effects
+        from nas_data.recorders.simulated import Readings, Target
+        from nas_data.robots.base import find_robot
+        from nas_data.simulators.engines import load_simulator
+
+        robot = find_robot(self.robot)
+        rate = robot.rate if self.rate is None else self.rate
+        if not 0 < rate <= FASTEST:
+            raise OptionError(f"--rate is {rate}; it must lie above 0 and up to {FASTEST:g} Hz.")
+        effects = [*(read_effects(self.effects) if self.effects else ()), *(parse(text) for text in self.effect)]
+        readings = Readings(
+            noise=self.noise,
+            quantum=robot.position_quantum if self.quantum is None else self.quantum,
+            velocity_noise=self.velocity_noise,
+            # whoever asks for exact positions does not want a coarse velocity register either
+            velocity_quantum=0.0 if self.quantum == 0 else robot.velocity_quantum,
+        )
+        simulator = load_simulator(self.robot, 1 / rate, effects=effects, engine=self.engine)
+        return Target(robot, simulator, readings, rate)
+
+    def _protocol(self) -> "Protocol":
+        """Say what is to be played."""
+        from nas_data.excitations.base import parse
+        from nas_data.recorders.simulated import Protocol
+
+        if self.episodes < 1 or not 0 < self.seconds <= LONGEST:
+            raise OptionError(
+                f"{self.episodes} episodes of {self.seconds} s cannot be recorded; "
+                f"at least one is needed, of up to {LONGEST:g} s."
+            )
+        return Protocol(
+            excitation=parse(self.excitation),
+            file=self.commands,
+            episodes=self.episodes,
+            seconds=self.seconds,
+            start=self.start,
+            seed=self.seed,
+        )
+
+
+class Progress:
+    """Says on stderr how many episodes are recorded, once recording takes long."""
+
+    def __init__(self, episodes: int) -> None:
+        self.episodes = episodes
+        self.said = time.monotonic()
+
+    def __call__(self, done: int) -> None:
+        """Report, at most every two seconds."""
+        if time.monotonic() - self.said > PATIENCE:
+            self.said = time.monotonic()
+            print(f"recorded {done} of {self.episodes} episodes", file=sys.stderr)

@@ -1,0 +1,16 @@
+"""Train φ: what was measured next minus what the source predicts."""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from nas_data.commands._training import Train
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainDelta(Train):
+    """Train the delta model φ on a paired dataset.
+
+    Example: nas train delta datasets/arm --out runs/phi
+    """
+
+    kind: ClassVar[Literal["delta", "forward"]] = "delta"

@@ -1,0 +1,39 @@
+"""Check a dataset: files, rows, values, clock, provenance."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from nas_data.commands.base import Command, Outcome
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verify(Command):
+    """Check a dataset and say in one sentence each what is wrong.
+
+    Returns 0 where the dataset is sound, 1 where it is not, 2 where there is none.
+
+    Example: nas verify datasets/ergojr_sample
+    """
+
+    dataset: tyro.conf.Positional[Path]
+    """The dataset's folder, or datasets/NAME for its newest version."""
+
+    def run(self) -> Outcome:
+        """Run every check."""
+        from nas_data.dataset.verify import examine
+        from nas_data.dataset.versions import resolve
+
+        root = resolve(self.dataset)
+        findings = examine(root)
+        verdict = "is sound" if not findings.problems else f"has {len(findings.problems)} problem(s)"
+        lines = [
+            f"{root} {verdict}.",
+            *(f"  problem: {problem}" for problem in findings.problems),
+            *(f"  note: {note}" for note in findings.notes),
+        ]
+        data = {"dataset": root, "sound": not findings.problems}
+        return Outcome(
+            "\n".join(lines), data | {"problems": findings.problems, "notes": findings.notes}, not findings.problems
+        )

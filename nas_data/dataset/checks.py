@@ -1,0 +1,69 @@
+"""What a dataset must satisfy to be stored or used: sound keys, whole episodes, finite values."""
+
+import numpy as np
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.layout import AUTOMATIC, NUMERIC
+from nas_data.errors import DatasetInvalid
+
+LARGEST = 1e150  # beyond it the squares in the statistics overflow float64
+
+
+def check_finite(dataset: Dataset, where: str) -> None:
+    """Refuse NaN, infinity, and what is infinite in the type that it is stored in.
+
+    Args:
+        dataset: What was read or is to be written.
+        where: What the error names, a path or "the dataset".
+
+    Raises:
+        DatasetInvalid: names the feature, the component, the episode and the frame of the first such value.
+    """
+    for key, column in dataset.columns.items():
+        if key not in dataset.features or column.dtype.kind != "f":
+            continue
+        sound = np.abs(column) <= _largest(column.dtype, np.dtype(dataset.features[key].dtype))
+        if sound.all():
+            continue
+        row, component = (int(index) for index in np.argwhere(~sound)[0])
+        episode = int(np.searchsorted(dataset.starts, row, side="right")) - 1
+        raise DatasetInvalid(
+            f"{where}: the feature '{key}' ({dataset.features[key].names[component]}) is {column[row, component]} "
+            f"in episode {episode}, frame {row - int(dataset.starts[episode])}; drop that episode or repair its source."
+        )
+
+
+def _largest(*types: np.dtype) -> float:
+    """Return the largest value that all of some types hold."""
+    return min([LARGEST] + [float(np.finfo(dtype).max) for dtype in types if dtype.kind == "f"])
+
+
+def check_storable(dataset: Dataset, where: str) -> None:
+    """Refuse what LeRobot's tools could not read back, append to or merge.
+
+    Raises:
+        DatasetInvalid: says which feature, episode or rate, and what would be right.
+    """
+    if not dataset.n_episodes or not (np.asarray(dataset.lengths) > 0).all():
+        raise DatasetInvalid(f"{where} holds no episode or an empty one; each needs at least one frame.")
+    if len(dataset.tasks) != dataset.n_episodes:
+        raise DatasetInvalid(f"{where} names {len(dataset.tasks)} tasks for {dataset.n_episodes} episodes.")
+    if not (np.isfinite(dataset.fps) and dataset.fps > 0):
+        raise DatasetInvalid(f"{where} has a rate of {dataset.fps} Hz; a positive number is needed.")
+    for key, feature in dataset.features.items():
+        reason = _unsound(key, feature.dtype, feature.width)
+        if reason:
+            raise DatasetInvalid(f"{where}: the feature '{key}' cannot be stored: {reason}.")
+    check_finite(dataset, where)
+
+
+def _unsound(key: str, dtype: str, width: int) -> str | None:
+    if key in AUTOMATIC:
+        return "LeRobot fills this column by itself; choose another key"
+    if not key or "/" in key:
+        return "LeRobot's keys are words without '/'"
+    if "image" in key:
+        return "LeRobot takes keys with 'image' for pictures; choose another key"
+    if dtype not in NUMERIC:
+        return f"its dtype is '{dtype}'; numbers and bool are stored"
+    return None if width else "it has no components"

@@ -1,0 +1,124 @@
+"""Where LeRobot v3.0 keeps what: paths, automatic columns and `meta/info.json`."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from nas_data.dataset.features import Feature
+from nas_data.errors import DatasetInvalid, DatasetNotFound
+
+CODEBASE_VERSION = "v3.0"
+INFO = "meta/info.json"
+STATS = "meta/stats.json"
+TASKS = "meta/tasks.parquet"
+PROVENANCE = "meta/nas.json"
+CARD = "README.md"
+DATA_TEMPLATE = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+EPISODES_TEMPLATE = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+FILES_PER_CHUNK = 1000
+FILE_MEGABYTES = 100
+VIDEO_FILE_MEGABYTES = 200  # LeRobot wants the entry although we store no video.
+
+AUTOMATIC = {
+    "timestamp": "float32",
+    "frame_index": "int64",
+    "episode_index": "int64",
+    "index": "int64",
+    "task_index": "int64",
+}
+NUMERIC = {"bool", "float16", "float32", "float64"} | {
+    f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
+}
+
+
+def numbered(template: str, number: int) -> str:
+    """Return the path of the file with a running number, 1000 files a chunk."""
+    return template.format(chunk_index=number // FILES_PER_CHUNK, file_index=number % FILES_PER_CHUNK)
+
+
+def data_files(root: Path) -> list[Path]:
+    """Return the data files in the order of their rows, which is LeRobot's: by path."""
+    return sorted((root / "data").glob("*/*.parquet"))
+
+
+def episode_files(root: Path) -> list[Path]:
+    """Return the files of the episode table in order."""
+    return sorted((root / "meta" / "episodes").glob("*/*.parquet"))
+
+
+def read_json(path: Path) -> dict[str, object]:
+    """Read a JSON object.
+
+    Raises:
+        DatasetInvalid: the file is no JSON object.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise DatasetInvalid(f"{path} cannot be read as JSON ({error}); restore it from a copy.") from None
+    if not isinstance(content, dict):
+        raise DatasetInvalid(f"{path} holds no JSON object; restore it from a copy.")
+    return content
+
+
+def read_info(root: Path) -> dict[str, object]:
+    """Read `meta/info.json`.
+
+    Raises:
+        DatasetNotFound: there is no dataset at the path.
+        DatasetInvalid: the file is damaged or of another format version.
+    """
+    if not (root / INFO).is_file():
+        what = "there is no such folder" if not root.exists() else f"it has no {INFO}"
+        raise DatasetNotFound(f"There is no dataset at {root}: {what}; give a folder that LeRobot or nas wrote.")
+    info = read_json(root / INFO)
+    version = str(info.get("codebase_version"))
+    if not version.startswith("v3."):
+        raise DatasetInvalid(
+            f"{root / INFO} says codebase_version {version}; v3.0 is needed: convert it with LeRobot's "
+            "convert_dataset_v21_to_v30 script (v2.0 first with the script for v2.1)."
+        )
+    if not isinstance(info.get("features"), dict) or not _is_rate(info.get("fps")):
+        raise DatasetInvalid(f"{root / INFO} lacks features or a positive fps; restore it from a copy.")
+    return info
+
+
+def _is_rate(value: object) -> bool:
+    return isinstance(value, int | float) and value > 0
+
+
+def described(info: Mapping[str, object]) -> dict[str, Mapping[str, object]]:
+    """Return LeRobot's description of each feature."""
+    features = info["features"]
+    assert isinstance(features, Mapping)
+    return {str(key): value for key, value in features.items() if isinstance(value, Mapping)}
+
+
+def vector_features(info: Mapping[str, object]) -> dict[str, Feature]:
+    """Return the features that a dataset in memory holds: numeric vectors that are not automatic columns."""
+    return {
+        key: Feature.from_info(key, entry)
+        for key, entry in described(info).items()
+        if key not in AUTOMATIC and _is_vector(entry)
+    }
+
+
+def left_out(info: Mapping[str, object]) -> dict[str, str]:
+    """Return the features that are not vectors of numbers (images, videos, strings, matrices) with their type."""
+    kept = vector_features(info)
+    return {
+        key: f"{entry.get('dtype')} of shape {entry.get('shape')}"
+        for key, entry in described(info).items()
+        if key not in AUTOMATIC and key not in kept
+    }
+
+
+def _is_vector(entry: Mapping[str, object]) -> bool:
+    shape = entry.get("shape")
+    return str(entry.get("dtype")) in NUMERIC and isinstance(shape, list) and len(shape) <= 1
+
+
+def total(info: Mapping[str, object], key: str) -> int:
+    """Return one of the totals of `meta/info.json`, -1 where it is missing."""
+    value = info.get(key)
+    return value if isinstance(value, int) else -1

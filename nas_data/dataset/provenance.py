@@ -1,0 +1,139 @@
+"""Where a dataset comes from: `meta/nas.json`, which LeRobot's tools do not carry along and ours do."""
+
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from datetime import UTC, datetime
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+
+from nas_data.dataset.layout import PROVENANCE, read_json
+from nas_data.errors import DatasetInvalid
+
+SCHEMA = 1
+PACKAGES = ("nas_data", "lerobot", "mujoco", "pybullet", "numpy", "pyarrow", "scipy", "torch")
+
+
+@cache
+def package_versions() -> dict[str, str]:
+    """Return the versions of Python and of the packages that shape a dataset, as far as they are installed."""
+    versions = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            versions[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return versions
+
+
+def now() -> str:
+    """Return the present time, UTC, ISO 8601."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+@dataclass(frozen=True)
+class Parent:
+    """A dataset that another was made from.
+
+    Attributes:
+        name: Its name and version, `ergojr_steps/v2-1a2b3c4d`, or its folder's name; never a path.
+        content_hash: Its content hash.
+    """
+
+    name: str
+    content_hash: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Provenance:
+    """What `meta/nas.json` holds.
+
+    Attributes:
+        how: One of simulated, hardware, imported, paired, edited.
+        robot: Robot's name.
+        when: When it was recorded or made, UTC, ISO 8601.
+        source: Source model: name, sha256, engine, engine version, effects with their parameters.
+        target: What was recorded: a simulated target's description, or the hardware's.
+        signal: Command signal: excitation and its parameters.
+        seeds: Seeds of every random draw.
+        packages: Version of each package at that time.
+        parents: Datasets it was made from.
+        derived: What was derived rather than recorded: feature → how.
+        contiguous: Whether each next state is the state of the following frame, as a recorder makes it.
+        notes: Anything else, for people.
+        content_hash: The dataset's own; filled in by the writer.
+        files: SHA-256 of each file but the card and this one; filled in by the writer.
+        schema: Version of this form.
+    """
+
+    how: str
+    robot: str = "unknown"
+    when: str = field(default_factory=now)
+    source: Mapping[str, object] | None = None
+    target: Mapping[str, object] | None = None
+    signal: Mapping[str, object] | None = None
+    seeds: tuple[int, ...] = ()
+    packages: Mapping[str, str] = field(default_factory=lambda: dict(package_versions()))
+    parents: tuple[Parent, ...] = ()
+    derived: Mapping[str, str] = field(default_factory=dict)
+    contiguous: bool = False
+    notes: str = ""
+    content_hash: str = ""
+    files: Mapping[str, str] = field(default_factory=dict)
+    schema: int = SCHEMA
+
+    def to_json(self) -> dict[str, object]:
+        """Return the form in which `meta/nas.json` stores it."""
+        values: dict[str, object] = {item.name: getattr(self, item.name) for item in fields(self)}
+        values["seeds"] = list(self.seeds)
+        values["parents"] = [{"name": parent.name, "content_hash": parent.content_hash} for parent in self.parents]
+        values |= {key: dict(value) for key, value in values.items() if isinstance(value, Mapping)}
+        return {"schema": values.pop("schema"), **values}
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, object], where: str = "The provenance") -> "Provenance":
+        """Read the stored form; keys that this version does not know are ignored.
+
+        Raises:
+            DatasetInvalid: a newer schema, or not this form.
+        """
+        schema = content.get("schema")
+        if not isinstance(schema, int) or schema > SCHEMA:
+            raise DatasetInvalid(f"{where} has schema {schema}; this nas_data reads up to {SCHEMA}: update nas_data.")
+        known = {item.name for item in fields(cls)}
+        values = {key: value for key, value in content.items() if key in known}
+        try:
+            values["seeds"] = tuple(int(seed) for seed in _items(values.get("seeds")))
+            values["parents"] = tuple(
+                Parent(str(entry["name"]), str(entry["content_hash"])) for entry in _items(values.get("parents"))
+            )
+            return cls(**values)  # type: ignore[arg-type]  # JSON has no types; `how` and mappings are checked below.
+        except (TypeError, KeyError, ValueError) as error:
+            raise DatasetInvalid(f"{where} is no provenance of nas_data ({error!r}); restore it from a copy.") from None
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if item.name in {"packages", "derived", "files"} and not isinstance(value, Mapping):
+                raise TypeError(f"{item.name} must be a mapping")
+        if not isinstance(self.how, str) or not self.how:
+            raise TypeError("how must be a word")
+
+
+def _items(value: object) -> list:
+    if value is None:
+        return []
+    if not isinstance(value, list | tuple):
+        raise TypeError(f"a list is needed, given {value!r}")
+    return list(value)
+
+
+def read_provenance(root: Path) -> Provenance | None:
+    """Read a dataset's provenance; None where it has none (LeRobot's own, or made by LeRobot's tools).
+
+    Raises:
+        DatasetInvalid: the file is damaged or newer than this package.
+    """
+    path = root / PROVENANCE
+    return Provenance.from_json(read_json(path), str(path)) if path.is_file() else None

@@ -1,0 +1,191 @@
+"""The bulk reader of LeRobot v3.0 datasets: whole columns through pyarrow, without LeRobot."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from nas_data.dataset import layout
+from nas_data.dataset.checks import check_finite
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import Feature
+from nas_data.dataset.versions import resolve
+from nas_data.errors import DatasetInvalid
+
+INDEX = Feature(names=("index",), dtype="int64")
+
+
+def read(path: Path) -> Dataset:
+    """Read a dataset, whoever wrote it: nas, LeRobot's API of any 0.4 to 0.6 version, `lerobot-record`.
+
+    Images, videos, strings and matrices are left out (`nas info` names them), and so are LeRobot's automatic
+    columns.
+
+    Args:
+        path: The dataset's folder, or `datasets/<name>` for its newest version.
+
+    Raises:
+        DatasetNotFound: there is no dataset at the path.
+        DatasetInvalid: half-written, incomplete, of another format version, or with NaN.
+    """
+    root = resolve(path)
+    info = layout.read_info(root)
+    features = layout.vector_features(info)
+    rows = Rows.read(root, {**features, "episode_index": INDEX, "task_index": INDEX})
+    lengths = rows.sort(root)
+    _check_totals(root, info, len(rows.columns["episode_index"]), len(lengths))
+    dataset = Dataset(
+        features=features,
+        columns={key: rows.columns[key] for key in features},
+        lengths=lengths,
+        fps=float(str(info["fps"])),
+        robot_type=str(info.get("robot_type") or "unknown"),
+        tasks=_episode_tasks(root, rows.columns["task_index"][:, 0], lengths),
+    )
+    check_finite(dataset, str(root))
+    return dataset
+
+
+def open_parquet(path: Path) -> pq.ParquetFile:
+    """Open a Parquet file without copying it into memory.
+
+    Raises:
+        DatasetInvalid: it was never finished, or is none.
+    """
+    try:
+        return pq.ParquetFile(path, memory_map=True)
+    except (pa.ArrowInvalid, OSError):
+        raise DatasetInvalid(
+            f"{path} is only half-written (it has no Parquet footer: its writer was killed); "
+            "rescue the other episodes with 'nas recover', or restore the file from a copy."
+        ) from None
+
+
+@dataclass
+class Rows:
+    """The rows of all data files, in the order of the files.
+
+    Attributes:
+        columns: Array of each feature, shape (N, width).
+    """
+
+    columns: dict[str, np.ndarray]
+
+    @classmethod
+    def read(cls, root: Path, features: Mapping[str, Feature]) -> "Rows":
+        """Read columns of all data files.
+
+        Raises:
+            DatasetInvalid: a file is missing, half-written, or lacks a column.
+        """
+        paths = layout.data_files(root)
+        if not paths:
+            raise DatasetInvalid(f"{root} has no data files (data/*/*.parquet); restore them from a copy.")
+        files = [(path, open_parquet(path)) for path in paths]
+        count = sum(file.metadata.num_rows for _, file in files)
+        columns = {key: np.empty((count, feature.width), feature.dtype) for key, feature in features.items()}
+        start = 0
+        for path, file in files:
+            try:
+                table = file.read(columns=list(features))
+            except (pa.ArrowException, OSError) as error:
+                raise DatasetInvalid(f"{path} is damaged ({error}); restore it from a copy.") from None
+            for key, column in columns.items():
+                if key not in table.column_names:
+                    raise DatasetInvalid(f"{path} has no column '{key}', which {root / layout.INFO} promises.")
+                _copy(table[key], column[start : start + len(table)], f"{path}, column '{key}'")
+            start += len(table)
+        return cls(columns)
+
+    def sort(self, root: Path) -> np.ndarray:
+        """Bring the rows into the order of the episodes and return each one's length, shape (E,).
+
+        Raises:
+            DatasetInvalid: an episode is missing.
+        """
+        episode = self.columns["episode_index"][:, 0]
+        if (np.diff(episode) < 0).any():
+            order = np.argsort(episode, kind="stable")
+            self.columns = {key: column[order] for key, column in self.columns.items()}
+            episode = episode[order]
+        found, lengths = np.unique(episode, return_counts=True)
+        if not np.array_equal(found, np.arange(len(found))):
+            missing = int(np.flatnonzero(found != np.arange(len(found)))[0])
+            raise DatasetInvalid(f"{root} has no rows of episode {missing}; restore its data files from a copy.")
+        return lengths.astype(np.int64)
+
+
+def _copy(column: pa.ChunkedArray, out: np.ndarray, where: str) -> None:
+    """Copy an Arrow column of scalars or lists into an array of shape (N, width)."""
+    row = 0
+    for chunk in filter(len, column.chunks):
+        values = chunk if not _is_list(chunk.type) else chunk.flatten()
+        if not _is_number(values.type):
+            raise DatasetInvalid(f"{where} holds {column.type}, not the numbers that {layout.INFO} promises.")
+        if chunk.null_count or values.null_count or len(values) != len(chunk) * out.shape[1]:
+            raise DatasetInvalid(f"{where} holds missing values, or lists of another length than {out.shape[1]}.")
+        out[row : row + len(chunk)] = _view(values).reshape(len(chunk), out.shape[1])
+        row += len(chunk)
+
+
+def _view(values: pa.Array) -> np.ndarray:
+    """Return numbers without nulls as an array; Arrow's own `to_numpy` would import pandas, which takes longer."""
+    if pa.types.is_boolean(values.type):
+        values = values.cast(pa.uint8())
+    dtype = np.dtype(values.type.to_pandas_dtype())
+    return np.frombuffer(values.buffers()[1], dtype, count=len(values), offset=values.offset * dtype.itemsize)
+
+
+def _is_number(kind: pa.DataType) -> bool:
+    return pa.types.is_boolean(kind) or pa.types.is_integer(kind) or pa.types.is_floating(kind)
+
+
+def _is_list(kind: pa.DataType) -> bool:
+    return pa.types.is_fixed_size_list(kind) or pa.types.is_list(kind) or pa.types.is_large_list(kind)
+
+
+def _check_totals(root: Path, info: Mapping[str, object], frames: int, episodes: int) -> None:
+    """Refuse a dataset whose files hold other rows than its metadata promise."""
+    for key, held in (("total_frames", frames), ("total_episodes", episodes)):
+        promised = layout.total(info, key)
+        if promised != held:
+            what = key.removeprefix("total_")
+            raise DatasetInvalid(
+                f"{root} is incomplete: {layout.INFO} promises {promised} {what}, the data files hold {held}; "
+                "rescue what is whole with 'nas recover', or restore the dataset from a copy."
+            )
+
+
+def read_tasks(root: Path) -> dict[int, str]:
+    """Read the sentence of each task; LeRobot 0.4 calls the column `__index_level_0__`, 0.6 `task`.
+
+    Raises:
+        DatasetInvalid: the file is damaged.
+    """
+    path = root / layout.TASKS
+    if not path.is_file():
+        return {}
+    table = open_parquet(path).read()
+    texts = [name for name in table.column_names if name != "task_index"]
+    if "task_index" not in table.column_names or not texts:
+        raise DatasetInvalid(f"{path} has no tasks; restore it from a copy.")
+    text = next((name for name in ("task", "__index_level_0__") if name in texts), texts[0])
+    return {
+        int(number): str(task)
+        for number, task in zip(table["task_index"].to_pylist(), table[text].to_pylist(), strict=True)
+    }
+
+
+def _episode_tasks(root: Path, task_index: np.ndarray, lengths: np.ndarray) -> tuple[str, ...]:
+    """Return the task of each episode; several in one episode are joined in alphabetical order."""
+    tasks = read_tasks(root)
+    starts = np.cumsum(lengths) - lengths
+    first = task_index[starts]
+    if np.array_equal(np.repeat(first, lengths), task_index):
+        members: Sequence[Sequence[int]] = first[:, None].tolist()
+    else:
+        members = [np.unique(part).tolist() for part in np.split(task_index, starts[1:])]
+    return tuple("; ".join(sorted(tasks.get(number, "") for number in numbers)) for numbers in members)

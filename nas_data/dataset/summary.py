@@ -1,0 +1,143 @@
+"""What a dataset holds, in the words and numbers that `nas info` shows."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.dataset import layout
+from nas_data.dataset.content import content_hash
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import ACTION, STATE, Feature
+from nas_data.dataset.provenance import Provenance, read_provenance
+from nas_data.dataset.read import read
+from nas_data.dataset.transitions import as_transitions
+from nas_data.dataset.versions import identity, resolve
+from nas_data.errors import DatasetInvalid, JointMismatch
+
+LONGEST_CHAIN = 100  # generations; a chain that names itself must end
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a dataset holds.
+
+    Attributes:
+        dataset: Its folder.
+        name: Its name and version.
+        robot: Robot's name.
+        joints: Joints with a measured position; empty where the dataset is not usable.
+        commands: `position` or `torque`; empty where the dataset is not usable.
+        rate: Control rate [Hz].
+        lengths: Frames of each episode.
+        tasks: Task → number of episodes.
+        features: Features that are read.
+        left_out: Features that are not read (images, strings …) → what they are.
+        ranges: State and action: component → smallest and largest value, in the feature's unit.
+        derived: What has to be derived for use: feature → how.
+        unusable: Why no transitions can be made of it; None where they can.
+        paired: Whether the source's predictions are present.
+        source: The source model, where provenance names one.
+        content_hash: SHA-256 of the content.
+        provenance: Its own provenance, then its parent's, and so on, as far as the versions are at hand.
+    """
+
+    dataset: Path
+    name: str
+    robot: str
+    joints: tuple[str, ...]
+    commands: str
+    rate: float
+    lengths: tuple[int, ...]
+    tasks: Mapping[str, int]
+    features: Mapping[str, Feature]
+    left_out: Mapping[str, str]
+    ranges: Mapping[str, Mapping[str, tuple[float, float]]]
+    derived: Mapping[str, str]
+    unusable: str | None
+    paired: bool
+    source: Mapping[str, object] | None
+    content_hash: str
+    provenance: tuple[tuple[str, Provenance], ...]
+
+    def to_json(self) -> dict[str, object]:
+        """Return the summary for machines; sizes in frames, duration in seconds."""
+        features = {
+            key: {"names": item.names, "units": item.units, "dtype": item.dtype} for key, item in self.features.items()
+        }
+        chain = [{"name": name, **provenance.to_json()} for name, provenance in self.provenance]
+        sizes = {
+            "episodes": len(self.lengths),
+            "frames": sum(self.lengths),
+            "duration": sum(self.lengths) / self.rate,
+        }
+        return {**vars(self), **sizes, "features": features, "provenance": chain}
+
+
+def summarize(path: Path) -> Summary:
+    """Read a dataset and describe it.
+
+    Raises:
+        DatasetNotFound: there is no dataset at the path.
+        DatasetInvalid: it cannot be read.
+    """
+    root = resolve(path)
+    dataset = read(root)
+    chain = provenance_chain(root)
+    usable, derived, reason = _transitions(dataset)
+    shown = usable or dataset
+    return Summary(
+        dataset=root,
+        name=identity(root),
+        robot=dataset.robot_type,
+        joints=usable.joints if usable else (),
+        commands="" if usable is None else "torque" if usable.commands_effort else "position",
+        rate=dataset.fps,
+        lengths=tuple(dataset.lengths.tolist()),
+        tasks={task: dataset.tasks.count(task) for task in dict.fromkeys(dataset.tasks)},
+        features=dataset.features,
+        left_out=layout.left_out(layout.read_info(root)),
+        ranges={key: _ranges(shown, key) for key in (STATE, ACTION) if key in shown.features},
+        derived=derived,
+        unusable=reason,
+        paired=dataset.paired,
+        source=chain[0][1].source if chain else None,
+        content_hash=content_hash(dataset),
+        provenance=chain,
+    )
+
+
+def provenance_chain(root: Path) -> tuple[tuple[str, Provenance], ...]:
+    """Return the provenance of a dataset, of its first parent, and so on, each with its name.
+
+    Parents are found where versions lie: below the same `datasets/` folder.
+    """
+    chain: list[tuple[str, Provenance]] = []
+    name, here = identity(root), root.resolve()
+    provenance = read_provenance(here)
+    while provenance is not None and len(chain) < LONGEST_CHAIN:
+        chain.append((name, provenance))
+        if not provenance.parents:
+            break
+        parent = provenance.parents[0]
+        name, here = parent.name, here.parent.parent / parent.name
+        provenance = read_provenance(here)
+        if provenance is not None and provenance.content_hash != parent.content_hash:
+            break  # another dataset of the same name
+    return tuple(chain)
+
+
+def _transitions(dataset: Dataset) -> tuple[Dataset | None, dict[str, str], str | None]:
+    """Return the dataset as commands use it and what has to be derived, or why it cannot be used."""
+    try:
+        usable, derived = as_transitions(dataset)
+    except (DatasetInvalid, JointMismatch) as error:
+        return None, {}, str(error)
+    return usable, derived, None
+
+
+def _ranges(dataset: Dataset, key: str) -> dict[str, tuple[float, float]]:
+    """Return the smallest and largest value of each component."""
+    low, high = np.min(dataset.columns[key], axis=0).tolist(), np.max(dataset.columns[key], axis=0).tolist()
+    return dict(zip(dataset.features[key].names, zip(low, high, strict=True), strict=True))

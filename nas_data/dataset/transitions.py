@@ -1,0 +1,169 @@
+"""Transitions out of recordings that hold only LeRobot's keys: velocities and next states are derived.
+
+Velocity estimator: the derivative of a quadratic fitted by least squares to five samples around each frame
+(Savitzky and Golay, Analytical Chemistry 36, 1964; `scipy.signal.savgol_filter`), per episode; the first and last
+two frames use the quadratic of the nearest whole window. Being centred it has no delay, but the velocity at a frame
+knows the two positions that follow it: one-step errors on such recordings are flattered, open-loop errors are not.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import (
+    ACTION,
+    NEXT_STATE,
+    SIM_STATE,
+    STATE,
+    Feature,
+    effort_feature,
+    position_feature,
+    state_feature,
+)
+from nas_data.dataset.joints import Components, check_radians, matching_joints
+from nas_data.errors import DatasetInvalid, JointMismatch
+
+WINDOW = 5  # samples
+ENVIRONMENT = "observation.environment_state"
+VELOCITIES_DERIVED = (
+    "velocities: centred quadratic over 5 samples (savgol_filter, deriv=1; fewer in shorter episodes), per episode"
+)
+NEXT_DERIVED = "state of the following frame; the last frame of each episode is dropped"
+
+
+def as_transitions(dataset: Dataset) -> tuple[Dataset, dict[str, str]]:
+    """Bring a dataset into the contract's form: 2n-state, n commands, next state.
+
+    Args:
+        dataset: As read; the state may lack velocities, the names their suffix, the joints of the action the
+            state's order, and `next.observation.state` may be missing.
+
+    Returns:
+        The dataset, and what was derived (feature → how), empty where nothing was; it belongs into provenance.
+
+    Raises:
+        JointMismatch: state and action name different joints, or none.
+        DatasetInvalid: angles are not in radians, or no episode has two frames.
+    """
+    needed = {key: _feature(dataset, key) for key in (STATE, ACTION)}
+    optional = {key: dataset.features[key] for key in (NEXT_STATE, SIM_STATE) if key in dataset.features}
+    parts = {key: Components.of(key, feature) for key, feature in (needed | optional).items()}
+    joints = matching_joints(parts[STATE], parts[ACTION])
+    derived: dict[str, str] = {}
+    for key, components in parts.items():
+        known = check_radians(dataset, key, components)
+        notes = [] if known else ["no unit was stored: taken as radians and SI"]
+        notes += [f"left out: {', '.join(components.others)}"] if components.others else []
+        if notes:
+            derived[key] = "; ".join(notes)
+        dataset = _arrange(dataset, key, components, joints)
+    dataset, made = _complete(dataset, len(joints))
+    derived |= {key: "; ".join(filter(None, [how, derived.get(key)])) for key, how in made.items()}
+    return dataset, derived
+
+
+def estimate_velocities(positions: np.ndarray, fps: float) -> np.ndarray:
+    """Estimate velocities with the estimator of this module.
+
+    Args:
+        positions: Positions of one episode at even times [rad], shape (T, n).
+        fps: Rate [Hz].
+
+    Returns:
+        Velocities [rad/s], float64, shape (T, n); zero where T is 1.
+    """
+    exact = positions.astype(np.float64)
+    if len(exact) < 3:  # too short for a quadratic
+        return np.repeat(np.diff(exact, axis=0) * fps, 2, axis=0) if len(exact) == 2 else np.zeros_like(exact)
+    window = min(WINDOW, len(exact) - 1 + len(exact) % 2)
+    return savgol_filter(exact, window, polyorder=2, deriv=1, delta=1 / fps, axis=0, mode="interp")
+
+
+def _feature(dataset: Dataset, key: str) -> Feature:
+    if key not in dataset.features:
+        raise JointMismatch(f"The dataset has no feature '{key}'; it has: {', '.join(dataset.features)}.")
+    return dataset.features[key]
+
+
+def _arrange(dataset: Dataset, key: str, components: Components, joints: tuple[str, ...]) -> Dataset:
+    """Give a feature the contract's names and order; a state without velocities keeps its positions only."""
+    if key == ACTION and components.efforts:
+        feature, groups = effort_feature(joints), [components.efforts]
+    elif key == ACTION or not components.velocities:
+        feature, groups = position_feature(joints), [components.positions]
+    else:
+        feature, groups = state_feature(joints), [components.positions, components.velocities]
+    feature = replace(feature, dtype=dataset.features[key].dtype)
+    if feature == dataset.features[key]:
+        return dataset
+    if any(set(group) != set(joints) for group in groups):
+        raise JointMismatch(f"'{key}' names the joints {', '.join(groups[0])}; '{STATE}' names {', '.join(joints)}.")
+    places = [group[joint] for group in groups for joint in joints]
+    return dataset.with_column(key, feature, dataset.columns[key][:, places])
+
+
+def _complete(dataset: Dataset, n: int) -> tuple[Dataset, dict[str, str]]:
+    """Add the velocities and the next state that are missing."""
+    widths = {key: dataset.features[key].width for key in (STATE, NEXT_STATE, SIM_STATE) if key in dataset.features}
+    if set(widths.values()) == {2 * n} and NEXT_STATE in widths:
+        return dataset, {}
+    if SIM_STATE in widths or len(set(widths.values())) > 1:
+        raise DatasetInvalid(
+            f"Some of {', '.join(widths)} have velocities or predictions that the others lack; "
+            "record the state and its next twin alike, and pair afterwards."
+        )
+    made: dict[str, str] = {}
+    if widths[STATE] == n:
+        dataset = _with_velocities(dataset, NEXT_STATE in widths)
+        made[STATE] = VELOCITIES_DERIVED
+    if NEXT_STATE in widths:
+        made[NEXT_STATE] = VELOCITIES_DERIVED
+    else:
+        dataset = _with_next(dataset)
+        made[NEXT_STATE] = NEXT_DERIVED
+    return dataset, made
+
+
+def _with_velocities(dataset: Dataset, has_next: bool) -> Dataset:
+    """Add velocities to positions; a recorded next position is the one more sample at the end of its episode."""
+    joints = dataset.joints
+    now, after = [], []
+    for frames in dataset.episodes():
+        positions = dataset.states[frames]
+        if has_next:
+            following = dataset.next_states[frames]
+            if not np.array_equal(positions[1:], following[:-1]):
+                raise DatasetInvalid(
+                    f"'{NEXT_STATE}' is not the following frame's state and has no velocities, so they cannot be "
+                    "estimated; record them, or leave the feature out."
+                )
+            positions = np.concatenate([positions, following[-1:]])
+        states = np.concatenate([positions, estimate_velocities(positions, dataset.fps)], axis=1)
+        now.append(states[:-1] if has_next else states)
+        after.append(states[1:])
+    feature = replace(state_feature(joints), dtype=dataset.features[STATE].dtype)
+    dataset = dataset.with_column(STATE, feature, np.concatenate(now).astype(feature.dtype))
+    if has_next:
+        dataset = dataset.with_column(NEXT_STATE, feature, np.concatenate(after).astype(feature.dtype))
+    return dataset
+
+
+def _with_next(dataset: Dataset) -> Dataset:
+    """Take the following frame's state for the next state; the last frame of each episode goes."""
+    kept = np.ones(dataset.n_frames, bool)
+    kept[dataset.starts + dataset.lengths - 1] = False
+    if not kept.any():
+        raise DatasetInvalid("Every episode has a single frame, which makes no transition; record longer episodes.")
+    rows = np.flatnonzero(kept)
+    whole = dataset.lengths > 1
+    columns = {key: column[rows] for key, column in dataset.columns.items()}
+    moving = [key for key in (STATE, ENVIRONMENT) if key in columns and f"next.{key}" not in columns]
+    return replace(
+        dataset,
+        features=dict(dataset.features) | {f"next.{key}": dataset.features[key] for key in moving},
+        columns=columns | {f"next.{key}": dataset.columns[key][rows + 1] for key in moving},
+        lengths=dataset.lengths[whole] - 1,
+        tasks=tuple(task for task, long in zip(dataset.tasks, whole, strict=True) if long),
+    )

@@ -1,0 +1,255 @@
+"""What is wrong with a dataset on disk: files, rows, values, clock and provenance, each in one sentence."""
+
+import hashlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from nas_data.dataset import layout
+from nas_data.dataset.content import content_hash
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import NEXT_STATE, STATE, TIME, Feature
+from nas_data.dataset.provenance import Provenance, read_provenance
+from nas_data.dataset.read import Rows, open_parquet, read
+from nas_data.dataset.staging import leftovers
+from nas_data.dataset.versions import VERSION, resolve
+from nas_data.errors import DatasetInvalid
+
+LATE = 1.5  # control periods between two rows from which the second counts as late
+RATE_TOLERANCE = 0.02  # share by which the measured rate may differ from the promised one
+STAMP_TOLERANCE = 1e-4  # [s] LeRobot's own tolerance for timestamps
+STATISTICS_TOLERANCE = 1e-5  # share; LeRobot's statistics pass through float32
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What a check found.
+
+    Attributes:
+        problems: What makes the dataset unsound.
+        notes: What a user should know although the dataset is sound.
+    """
+
+    problems: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the checks look at.
+
+    Attributes:
+        root: The dataset's folder.
+        dataset: Its content.
+        rows: LeRobot's automatic columns in the order of the episodes.
+        provenance: Where it comes from, if it says so.
+    """
+
+    root: Path
+    dataset: Dataset
+    rows: Rows
+    provenance: Provenance | None
+
+
+def verify(root: Path) -> list[str]:
+    """Return what is wrong with a dataset, one sentence each; empty where it is sound.
+
+    Raises:
+        DatasetNotFound: there is no dataset at the path.
+        DatasetInvalid: its `meta/info.json` is damaged or of another format version.
+    """
+    return list(examine(root).problems)
+
+
+def examine(path: Path) -> Findings:
+    """Return what is wrong with a dataset and what is worth a note; raises as `verify` does."""
+    root = resolve(path)
+    layout.read_info(root)
+    problems = list(_leftovers(root))
+    provenance = None
+    try:
+        provenance = read_provenance(root)
+        problems += _files(root, provenance)
+        automatic = {key: Feature((key,), dtype=dtype) for key, dtype in layout.AUTOMATIC.items()}
+        rows = Rows.read(root, automatic)
+        rows.sort(root)
+        evidence = Evidence(root, read(root), rows, provenance)
+        for check in PROBLEMS:
+            problems += check(evidence)
+    except DatasetInvalid as error:
+        return Findings((*problems, str(error)), ())
+    return Findings(tuple(problems), tuple(note for check in NOTES for note in check(evidence)))
+
+
+def _leftovers(root: Path) -> Iterator[str]:
+    """Look for hidden folders that a killed writer left where this dataset was written."""
+    home = root.resolve()
+    for path in leftovers(home.parent, "*" if VERSION.fullmatch(home.name) else home.name):
+        yield f"{path} is a half-written dataset that a killed process left; it was never part of this one: delete it."
+
+
+def _files(root: Path, provenance: Provenance | None) -> Iterator[str]:
+    """Compare every file with its SHA-256 in the provenance."""
+    if provenance is None:
+        yield (
+            f"{root / layout.PROVENANCE} is missing: LeRobot wrote this dataset, or its merge, split, delete or "
+            "feature tools made it, which do not carry provenance along; any nas command that makes a dataset of it "
+            "(pair, merge, split) starts a new one."
+        )
+        return
+    for name, digest in sorted(provenance.files.items()):
+        if not (root / name).is_file():
+            yield f"{root / name} is missing; restore it from a copy."
+        elif hashlib.sha256((root / name).read_bytes()).hexdigest() != digest:
+            yield f"{root / name} was changed after nas wrote it (its SHA-256 differs)."
+    present = [*layout.data_files(root), *layout.episode_files(root)]
+    for path in present:
+        if path.relative_to(root).as_posix() not in provenance.files:
+            yield f"{path} was added after nas wrote the dataset (LeRobot appended episodes?)."
+
+
+def _content(evidence: Evidence) -> Iterator[str]:
+    """Compare the content hash with the provenance and the version's name."""
+    digest = content_hash(evidence.dataset)
+    recorded = evidence.provenance.content_hash if evidence.provenance else digest
+    if recorded != digest:
+        yield (
+            f"The content hash is {digest[:12]}…, provenance says {recorded[:12]}…: rows or features were changed in "
+            "place; a changed dataset should be a new version (nas merge, nas pair)."
+        )
+    version = VERSION.fullmatch(evidence.root.resolve().name)
+    if version and not digest.startswith(version.group(2)):
+        yield f"The folder is named {version.group(0)}, the content hash begins with {digest[:8]}."
+
+
+def _indices(evidence: Evidence) -> Iterator[str]:
+    """Check LeRobot's automatic columns against the episodes."""
+    dataset, columns = evidence.dataset, evidence.rows.columns
+    frame = np.arange(dataset.n_frames) - np.repeat(dataset.starts, dataset.lengths)
+    for key, expected in (("frame_index", frame), ("index", np.arange(dataset.n_frames))):
+        wrong = np.flatnonzero(columns[key][:, 0] != expected)
+        if len(wrong):
+            found = int(columns[key][wrong[0], 0])
+            yield f"{key} is {found} where {int(expected[wrong[0]])} is due ({_place(dataset, wrong[0])})."
+    late = np.flatnonzero(np.abs(columns["timestamp"][:, 0] - frame / dataset.fps) > STAMP_TOLERANCE)
+    if len(late):
+        yield f"timestamp is not frame_index / fps ({_place(dataset, late[0])}); LeRobot's loaders rely on it."
+
+
+def _episodes(evidence: Evidence) -> Iterator[str]:
+    """Check the episode table against the rows."""
+    dataset = evidence.dataset
+    wanted = ["episode_index", "length", "dataset_from_index", "dataset_to_index"]
+    tables = [open_parquet(path).read(columns=wanted) for path in layout.episode_files(evidence.root)]
+    if not tables or any(key not in table.column_names for table in tables for key in wanted):
+        yield f"{evidence.root / 'meta/episodes'} holds no complete episode table; restore it from a copy."
+        return
+    table = pa.concat_tables(tables, promote_options="permissive")
+    expected = {
+        "episode_index": np.arange(dataset.n_episodes),
+        "length": dataset.lengths,
+        "dataset_from_index": dataset.starts,
+        "dataset_to_index": dataset.starts + dataset.lengths,
+    }
+    for key, values in expected.items():
+        found = table[key].to_numpy()
+        if len(found) != len(values):
+            yield f"meta/episodes lists {len(found)} episodes, the data files hold {len(values)}."
+            return
+        wrong = np.flatnonzero(found != values)
+        if len(wrong):
+            yield f"meta/episodes says {key} {found[wrong[0]]} for episode {wrong[0]}, the rows say {values[wrong[0]]}."
+
+
+def _statistics(evidence: Evidence) -> Iterator[str]:
+    """Compare `meta/stats.json`, by which policies normalise, with the values."""
+    path = evidence.root / layout.STATS
+    stats = layout.read_json(path)
+    for key, column in evidence.dataset.columns.items():
+        entry = stats.get(key)
+        exact = {"min": column.min(axis=0), "max": column.max(axis=0)}
+        for name, values in exact.items():
+            stored = np.asarray(entry.get(name), np.float64).reshape(-1) if isinstance(entry, dict) else np.empty(0)
+            allowed = STATISTICS_TOLERANCE * np.maximum(1.0, np.abs(values.astype(np.float64)))
+            if stored.shape != values.shape or (np.abs(stored - values.astype(np.float64)) > allowed).any():
+                yield f"{path} has another {name} of '{key}' than the data; policies would be normalised wrongly."
+
+
+def _clock(evidence: Evidence) -> Iterator[str]:
+    """Check that the recorder's clock runs forward, at the promised rate."""
+    steps, rows = _clock_steps(evidence.dataset)
+    backward = np.flatnonzero(steps <= 0)
+    if len(backward):
+        place = _place(evidence.dataset, rows[backward[0]])
+        yield f"'{TIME}' does not grow in {len(backward)} rows (first: {place}); a reading was stored twice."
+    elif len(steps):
+        rate = 1 / float(steps.mean())
+        if abs(rate / evidence.dataset.fps - 1) > RATE_TOLERANCE:
+            yield f"The rows come at {rate:.4g} Hz by '{TIME}', the dataset promises {evidence.dataset.fps:g} Hz."
+
+
+def _late(evidence: Evidence) -> Iterator[str]:
+    """Count rows that came late."""
+    steps, rows = _clock_steps(evidence.dataset)
+    late = np.flatnonzero(steps > LATE / evidence.dataset.fps)
+    if len(late):
+        place = _place(evidence.dataset, rows[late[np.argmax(steps[late])]])
+        yield f"{len(late)} of {len(steps)} rows came late, the worst by {1e3 * steps.max():.1f} ms ({place})."
+
+
+def _clock_steps(dataset: Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Return the time [s] between the rows of each episode, and the later row of each pair."""
+    if TIME not in dataset.features:
+        return np.empty(0), np.empty(0, np.int64)
+    first = np.zeros(dataset.n_frames, bool)
+    first[dataset.starts] = True
+    rows = np.flatnonzero(~first)
+    time = dataset.columns[TIME][:, 0].astype(np.float64)
+    return time[rows] - time[rows - 1], rows
+
+
+def _gaps(evidence: Evidence) -> np.ndarray:
+    """Return the frames whose next state is not the following frame's state."""
+    dataset = evidence.dataset
+    if NEXT_STATE not in dataset.features or STATE not in dataset.features:
+        return np.empty(0, np.int64)
+    inner = np.ones(dataset.n_frames, bool)
+    inner[dataset.starts + dataset.lengths - 1] = False
+    rows = np.flatnonzero(inner)
+    if dataset.next_states.shape != dataset.states.shape:
+        return np.empty(0, np.int64)
+    return rows[(dataset.next_states[rows] != dataset.states[rows + 1]).any(axis=1)]
+
+
+def _continuity(evidence: Evidence) -> Iterator[str]:
+    """Report torn transitions where the recorder promised a chain."""
+    gaps = _gaps(evidence)
+    if len(gaps) and evidence.provenance is not None and evidence.provenance.contiguous:
+        place = _place(evidence.dataset, gaps[0])
+        yield f"In {len(gaps)} frames the next state is not the following frame's state (first: {place})."
+
+
+def _loose(evidence: Evidence) -> Iterator[str]:
+    """Note torn transitions where nothing was promised."""
+    gaps = _gaps(evidence)
+    if len(gaps) and not (evidence.provenance is not None and evidence.provenance.contiguous):
+        yield f"In {len(gaps)} frames the next state is not the following frame's state: open loops need care."
+
+
+def _place(dataset: Dataset, row: np.integer) -> str:
+    episode = int(np.searchsorted(dataset.starts, row, side="right")) - 1
+    return f"episode {episode}, frame {int(row) - int(dataset.starts[episode])}"
+
+
+PROBLEMS: tuple[Callable[[Evidence], Iterator[str]], ...] = (
+    _content,
+    _indices,
+    _episodes,
+    _statistics,
+    _clock,
+    _continuity,
+)
+NOTES: tuple[Callable[[Evidence], Iterator[str]], ...] = (_late, _loose)

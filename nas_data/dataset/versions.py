@@ -1,0 +1,166 @@
+"""Where datasets live: `datasets/<name>/v<N>-<first 8 digits of the content hash>/`, each written once."""
+
+import fcntl
+import os
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from nas_data.dataset.checks import check_storable
+from nas_data.dataset.content import content_hash
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.layout import INFO
+from nas_data.dataset.provenance import Parent, Provenance, read_provenance
+from nas_data.dataset.staging import publish, staged
+from nas_data.dataset.write import fill, write
+from nas_data.errors import DatasetNotFound, OptionError
+
+FOLDER = Path("datasets")
+VERSION = re.compile(r"v(\d+)-([0-9a-f]{8})")
+
+
+def resolve(path: Path) -> Path:
+    """Return the folder of a dataset: the path itself, or the newest version below `datasets/<name>`.
+
+    Raises:
+        DatasetNotFound: neither a dataset nor a folder of versions.
+    """
+    if (path / INFO).is_file():
+        return path
+    found = list_versions(path)
+    if found:
+        return found[-1]
+    reason = f"it has no {INFO} and no versions" if path.is_dir() else "there is no such folder"
+    raise DatasetNotFound(f"There is no dataset at {path}: {reason}; give a dataset's folder or datasets/NAME.")
+
+
+def list_versions(folder: Path) -> list[Path]:
+    """Return the versions in a folder, oldest first."""
+    if not folder.is_dir():
+        return []
+    found = [path for path in folder.iterdir() if VERSION.fullmatch(path.name) and (path / INFO).is_file()]
+    return sorted(found, key=lambda path: (_number(path), path.name))
+
+
+def identity(path: Path) -> str:
+    """Return how provenance names a dataset: `name/version` in the layout, else its folder's name."""
+    root = resolve(path).resolve()
+    return f"{root.parent.name}/{root.name}" if VERSION.fullmatch(root.name) else root.name
+
+
+def parent_of(path: Path, dataset: Dataset) -> Parent:
+    """Return what the provenance of a derived dataset says of the one it was made from.
+
+    Args:
+        path: Where the parent lies.
+        dataset: The parent as it was read, before anything was derived.
+    """
+    return Parent(name=identity(path), content_hash=content_hash(dataset))
+
+
+def new_version(
+    dataset: Dataset,
+    name: str,
+    provenance: Provenance,
+    folder: Path = FOLDER,
+    attachments: Mapping[str, bytes] | None = None,
+) -> Path:
+    """Write a dataset as the next version of its name; one of the same content is returned as it is.
+
+    Raises:
+        OptionError: the name is no folder's name.
+        DatasetInvalid: LeRobot's tools could not read this dataset.
+    """
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]*", name):
+        raise OptionError(f"'{name}' is no name for a dataset; use letters, digits, '.', '_' and '-'.")
+    check_storable(dataset, "The dataset to be written")
+    digest = content_hash(dataset)
+    home = folder / name
+    existing = _same_content(home, digest)
+    if existing:
+        return existing
+    with staged(home / "version") as hidden:
+        fill(hidden, dataset, replace(provenance, content_hash=digest), attachments or {})
+        with _locked(home):
+            existing = _same_content(home, digest)
+            if existing:
+                return existing
+            number = max((_number(path) for path in home.iterdir() if VERSION.fullmatch(path.name)), default=0) + 1
+            root = home / f"v{number}-{digest[:8]}"
+            publish(hidden, root)
+    return root
+
+
+def next_to(
+    parent: Path, dataset: Dataset, provenance: Provenance, attachments: Mapping[str, bytes] | None = None
+) -> Path:
+    """Write a dataset that was made from another: beside it where it is a version, else below `datasets/`."""
+    root = resolve(parent)
+    home = root.resolve()
+    if not VERSION.fullmatch(home.name):
+        return new_version(dataset, _folder_name(home), provenance, FOLDER, attachments)
+    # The path stays as the user gave it, so that what is printed is as short.
+    shown = root.parent if root.parent.resolve() == home.parent and root.parent.name else home.parent
+    return new_version(dataset, shown.name, provenance, shown.parent, attachments)
+
+
+def save(
+    dataset: Dataset,
+    provenance: Provenance,
+    *,
+    out: Path | None = None,
+    name: str = "dataset",
+    parent: Path | None = None,
+    attachments: Mapping[str, bytes] | None = None,
+) -> Path:
+    """Write a dataset where a command's options say.
+
+    Args:
+        dataset: What to write.
+        provenance: Where it comes from.
+        out: Exactly this folder.
+        name: Without `out` and `parent`: the next version of `datasets/<name>`.
+        parent: Without `out`: beside the dataset it was made from.
+        attachments: Further files by their path in the dataset.
+
+    Returns:
+        The dataset's folder.
+    """
+    if out is not None:
+        return write(dataset, out, provenance, attachments)
+    if parent is not None:
+        return next_to(parent, dataset, provenance, attachments)
+    return new_version(dataset, name, provenance, FOLDER, attachments)
+
+
+def _folder_name(root: Path) -> str:
+    """Return a folder's name as a dataset's name."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "_", root.name).lstrip("._-") or "dataset"
+
+
+def _number(path: Path) -> int:
+    match = VERSION.fullmatch(path.name)
+    return int(match.group(1)) if match else 0
+
+
+def _same_content(home: Path, digest: str) -> Path | None:
+    """Return the newest version with a content hash."""
+    for path in reversed(list_versions(home)):
+        if path.name.endswith(digest[:8]):
+            provenance = read_provenance(path)
+            if provenance is not None and provenance.content_hash == digest:
+                return path
+    return None
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Let one process at a time choose a version's number; the lock dies with its process."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,40 @@
+"""Free play between servo and link."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import mujoco
+
+from nas_data.effects.base import Effect, Parameter
+from nas_data.effects.edits.series import add_series_joint, angle
+
+HARD_STOP = (0.99, 0.999, 0.001, 0.5, 2.0)  # impedance: under the servo's torque the stop gives way by under 1e-4 rad
+
+
+@dataclass(frozen=True, kw_only=True)
+class Backlash(Effect):
+    """The link lags behind the servo by up to `half_width` and changes sides when the load on it reverses.
+
+    A second hinge `<joint>_play` with hard stops; the servo feels its own side, the link's side is measured.
+    """
+
+    half_width: float
+
+    parameters: ClassVar = (Parameter("half_width", "rad", 0.0, 0.2, 0.0),)
+    equation: ClassVar = "q = q_servo + p, |p| ≤ half_width"
+    source: ClassVar = "MuJoCo documentation, Modeling, Backlash: two hinges on one axis"
+    signature: ClassVar = (
+        "A dead width after every reversal, the same in degrees at every speed; closed where gravity preloads one side."
+    )
+    confused_with: ClassVar = ("coulomb_friction", "joint_compliance", "deadband")
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Add the play to the model; play that is there already becomes wider."""
+        assert self.joint is not None
+        play = add_series_joint(spec, self.joint, "play")
+        play.limited = mujoco.mjtLimited.mjLIMITED_TRUE
+        width = float(play.range[1]) + angle(spec, self.half_width)
+        play.range = [-width, width]
+        # a stop stiffer than this overshoots between two physics steps
+        play.solref_limit = [2 * spec.option.timestep, 1.0]
+        play.solimp_limit = HARD_STOP

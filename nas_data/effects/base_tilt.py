@@ -1,0 +1,42 @@
+"""A base that does not stand level."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+
+from nas_data.effects.base import Effect, Parameter
+
+
+@dataclass(frozen=True, kw_only=True)
+class BaseTilt(Effect):
+    """Gravity leans relative to the base, which was rolled about its x axis and then pitched about the world's y."""
+
+    roll: float
+    pitch: float
+
+    parameters: ClassVar = (
+        Parameter("roll", "rad", -0.5, 0.5, 0.0),
+        Parameter("pitch", "rad", -0.5, 0.5, 0.0),
+    )
+    whole_arm: ClassVar = True
+    per_joint: ClassVar = False
+    equation: ClassVar = "g_base = (R_y(pitch) · R_x(roll))ᵀ · g"
+    source: ClassVar = "Rigid-body mechanics"
+    signature: ClassVar = "Static errors in all joints that share one direction in space, at every speed."
+    confused_with: ClassVar = ("payload", "joint_offset")
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Turn the model's gravity the other way; the base itself stays where it is."""
+        spec.option.gravity = rotation(self.roll, self.pitch).T @ spec.option.gravity
+
+
+def rotation(roll: float, pitch: float) -> np.ndarray:
+    """Return the base's rotation matrix: roll about x, then pitch about the fixed y, angles in rad."""
+    sin_roll, cos_roll = math.sin(roll), math.cos(roll)
+    sin_pitch, cos_pitch = math.sin(pitch), math.cos(pitch)
+    about_x = np.array([[1, 0, 0], [0, cos_roll, -sin_roll], [0, sin_roll, cos_roll]])
+    about_y = np.array([[cos_pitch, 0, sin_pitch], [0, 1, 0], [-sin_pitch, 0, cos_pitch]])
+    return np.asarray(about_y @ about_x)

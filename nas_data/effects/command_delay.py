@@ -1,0 +1,37 @@
+"""Dead time between a command and its effect."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import mujoco
+
+from nas_data.effects.base import Effect, Parameter
+from nas_data.effects.edits.servo import actuators_of
+
+LINEAR = 1  # interpolation between samples, so that a delay need not be a multiple of the timestep
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandDelay(Effect):
+    """Commands arrive late, at one joint or, where none is named, at all of them.
+
+    The engine cannot delay by less than one physics timestep: a shorter delay acts like one timestep.
+    """
+
+    delay: float
+
+    parameters: ClassVar = (Parameter("delay", "s", 0.0, 0.5, 0.0),)
+    whole_arm: ClassVar = True
+    equation: ClassVar = "torque(t) = servo(command(t − delay) − q(t))"
+    source: ClassVar = "MuJoCo documentation, Modeling, Delays"
+    signature: ClassVar = "Every move starts late by the same time, whatever its size, speed or load."
+    confused_with: ClassVar = ("rotor_inertia", "viscous_friction", "speed_limit")
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Give the actuators a delay line; a bus's and a joint's delay add up."""
+        for actuator in actuators_of(spec, self.joint):
+            actuator.delay += self.delay
+            # one sample more than needed: the oldest is always at least as old as the delay
+            actuator.nsample = math.ceil(actuator.delay / spec.option.timestep) + 1
+            actuator.interp = LINEAR

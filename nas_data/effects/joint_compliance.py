@@ -1,0 +1,39 @@
+"""An elastic transmission between servo and link, without free play."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import mujoco
+
+from nas_data.effects.base import Effect, Parameter
+from nas_data.effects.edits.series import SMALLEST_ARMATURE, add_series_joint
+
+LOSS_TIME = 1e-3  # [s] damping over stiffness: a tenth of critical at 100 rad/s, typical of plastic gears
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointCompliance(Effect):
+    """The link is carried by a spring on the servo: a second hinge `<joint>_flex`; the link's side is measured."""
+
+    stiffness: float
+
+    parameters: ClassVar = (Parameter("stiffness", "N·m/rad", 0.05, 100.0, math.inf),)
+    equation: ClassVar = "q = q_servo + s, torque = stiffness · s + 1 ms · stiffness · ds/dt"
+    source: ClassVar = "Flexible-joint model, Spong 1987 (doi:10.1115/1.3143860)"
+    signature: ClassVar = (
+        "Deflection proportional to load (gravity, acceleration) at any amplitude; a resonance that the servo "
+        "cannot damp."
+    )
+    confused_with: ClassVar = ("backlash", "servo_stiffness", "payload")
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Add the spring to the model; a second one in the same joint is in series with the first."""
+        assert self.joint is not None
+        flex = add_series_joint(spec, self.joint, "flex")
+        present = float(flex.stiffness[0])
+        total = self.stiffness * present / (self.stiffness + present) if present else self.stiffness
+        flex.stiffness = [total, 0.0, 0.0]
+        flex.damping = [total * LOSS_TIME, 0.0, 0.0]
+        # keeps the spring's own frequency below what the timestep resolves; invisible where the spring is stiff
+        flex.armature = max(SMALLEST_ARMATURE, total * spec.option.timestep**2)

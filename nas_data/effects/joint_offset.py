@@ -1,0 +1,27 @@
+"""A constant angle between the commanded and the reached position."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import mujoco
+
+from nas_data.effects.base import Effect, Parameter
+from nas_data.effects.edits.servo import position_servo, shift_rest
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointOffset(Effect):
+    """The servo's zero is off: unloaded, it reaches the command plus the offset."""
+
+    offset: float
+
+    parameters: ClassVar = (Parameter("offset", "rad", -0.5, 0.5, 0.0),)
+    equation: ClassVar = "torque = servo(command + offset − q)"
+    source: ClassVar = "Rhoban/bam, q_offset; horn and encoder zero errors of 0.5 to 4°"
+    signature: ClassVar = "A constant static error, the same in every posture, direction and load."
+    confused_with: ClassVar = ("base_tilt", "payload", "deadband")
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Add the torque that moves the servo's rest by the offset."""
+        assert self.joint is not None
+        shift_rest(position_servo(spec, self.joint, self.name()), self.offset)

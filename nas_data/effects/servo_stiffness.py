@@ -1,0 +1,27 @@
+"""A position gain other than the model's."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import mujoco
+
+from nas_data.effects.base import Effect, Parameter
+from nas_data.effects.edits.servo import position_servo, scale_stiffness
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServoStiffness(Effect):
+    """The servo's P register, or a supply voltage, differs from what the model was written for."""
+
+    factor: float
+
+    parameters: ClassVar = (Parameter("factor", "", 0.1, 10.0, 1.0),)
+    equation: ClassVar = "torque = factor · kp · (command − q) − kv · dq/dt"
+    source: ClassVar = "XL-320 e-manual, P gain (register 29)"
+    signature: ClassVar = "Droop under load and bandwidth change together, in proportion, in every posture."
+    confused_with: ClassVar = ("payload", "coulomb_friction", "joint_compliance")
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Multiply the position gain of the joint's servo; damping and limits stay."""
+        assert self.joint is not None
+        scale_stiffness(position_servo(spec, self.joint, self.name()), self.factor)

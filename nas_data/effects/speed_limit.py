@@ -1,0 +1,48 @@
+"""The servo's internal goal follows the command at a bounded rate."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import mujoco
+
+from nas_data.effects.base import Effect, Parameter
+from nas_data.effects.edits.servo import position_servo, stiffness
+from nas_data.errors import ModelFileError
+
+POSITION_INPUT = 1  # the first input of a <pid>, its position setpoint, and no other
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedLimit(Effect):
+    """Big steps become ramps of one slope; what is slower than the limit is untouched."""
+
+    speed: float
+
+    parameters: ClassVar = (Parameter("speed", "rad/s", 0.1, 30.0, math.inf),)
+    equation: ClassVar = "|d goal/dt| ≤ speed, torque = servo(goal − q)"
+    source: ClassVar = "MuJoCo 4.0 <pid slewmax>; XL-320 e-manual, Moving Speed (register 32)"
+    signature: ClassVar = "Straight ramps of the same slope after every big step, nothing on slow moves, at any load."
+    confused_with: ClassVar = ("torque_limit", "viscous_friction", "command_delay")
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Turn the position servo into one of the same gains whose setpoint slews; the lower of two limits holds."""
+        assert self.joint is not None
+        servo = position_servo(spec, self.joint, self.name())
+        if servo.dyntype == mujoco.mjtDyn.mjDYN_PID:
+            self._limit_pid(servo)
+            return
+        if servo.dyntype != mujoco.mjtDyn.mjDYN_NONE:
+            raise ModelFileError(
+                f"speed_limit cannot be added to the actuator '{servo.name}', which filters its command already."
+            )
+        bias = servo.biasprm.copy()
+        servo.set_to_pid(kp=stiffness(servo), kv=-float(bias[2]), slewmax=self.speed, ctrlspec=POSITION_INPUT)
+        servo.biasprm = bias  # set_to_pid forgets a constant bias
+
+    def _limit_pid(self, servo: mujoco.MjsActuator) -> None:
+        """Lower the limit of a servo that has one, or give one to a servo with an integral term."""
+        parameters = servo.dynprm.copy()
+        present = float(parameters[1])
+        parameters[1] = min(self.speed, present) if present > 0 else self.speed
+        servo.dynprm = parameters

@@ -1,0 +1,29 @@
+"""A torque at which the servo saturates."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import mujoco
+
+from nas_data.effects.base import Effect, Parameter, joint_actuator
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueLimit(Effect):
+    """The servo gives no more than this torque, whatever the model's own limit says."""
+
+    torque: float
+
+    parameters: ClassVar = (Parameter("torque", "N·m", 0.005, 50.0, math.inf),)
+    equation: ClassVar = "|torque of the servo| ≤ torque"
+    source: ClassVar = "XL-320 e-manual, Torque Limit (register 35); MuJoCo actuator forcerange"
+    signature: ClassVar = "Only in big steps and heavy postures: constant acceleration, droop that ignores the error."
+    confused_with: ClassVar = ("speed_limit", "payload", "servo_stiffness")
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Set the force range of the joint's actuator."""
+        assert self.joint is not None
+        actuator = joint_actuator(spec, self.joint)
+        actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+        actuator.forcerange = [-self.torque, self.torque]

@@ -1,0 +1,28 @@
+"""Friction proportional to speed, beyond the model's own damping."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import mujoco
+
+from nas_data.effects.base import Effect, Parameter
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViscousFriction(Effect):
+    """A torque against motion that grows with speed; below saturation it is the same as servo damping."""
+
+    coefficient: float
+
+    parameters: ClassVar = (Parameter("coefficient", "N·m·s/rad", 0.0, 1.0, 0.0),)
+    equation: ClassVar = "friction = coefficient · dq/dt"
+    source: ClassVar = "Rhoban/bam, friction model M1"
+    signature: ClassVar = "An error proportional to speed, none at rest; constant-speed moves lag by a constant angle."
+    confused_with: ClassVar = ("speed_limit", "command_delay", "servo_stiffness")
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Add the coefficient to the joint's damping."""
+        joint = spec.joint(self.joint)
+        damping = joint.damping.copy()
+        damping[0] += self.coefficient
+        joint.damping = damping

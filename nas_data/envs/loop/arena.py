@@ -1,0 +1,84 @@
+"""A task on a batch of simulations, or on a robot: who is where in which episode."""
+
+from collections.abc import Sequence
+
+import gymnasium
+import numpy as np
+
+from nas_data.envs.base import Task, Verdict
+from nas_data.errors import JointMismatch, SimulationDiverged
+from nas_data.simulators.base import Stepper
+
+
+class Arena:
+    """A task on B simulations: who is where in which episode.
+
+    Each row has its own random generator, so its episodes depend neither on B nor on what happens in other rows.
+    """
+
+    def __init__(self, task: Task, stepper: Stepper) -> None:
+        """Bring a task and simulations together.
+
+        Raises:
+            JointMismatch: the simulations have other joints than the task.
+        """
+        if tuple(stepper.joints) != task.joints:
+            raise JointMismatch(
+                f"The task moves the joints {', '.join(task.joints)}; the simulation has {', '.join(stepper.joints)}."
+            )
+        self.task = task
+        self.stepper = stepper
+        self.size = stepper.size
+        self.elapsed = np.zeros(self.size, dtype=int)
+        self._goals: np.ndarray | None = None
+
+    @property
+    def goals(self) -> np.ndarray:
+        """The episodes' goals, shape (B, k)."""
+        if self._goals is None:
+            raise gymnasium.error.ResetNeeded("Call reset() before step().")
+        return self._goals
+
+    def start(self, rngs: Sequence[np.random.Generator], rows: np.ndarray | None = None) -> None:
+        """Begin new episodes.
+
+        Args:
+            rngs: One generator per row that starts.
+            rows: Which rows start, shape (rows,); all where None.
+        """
+        starts = [self.task.start(rng) for rng in rngs]
+        goals = np.stack([start.goal for start in starts])
+        if self._goals is None:
+            self._goals = np.zeros((self.size, goals.shape[1]))
+        chosen = slice(None) if rows is None else rows
+        self._goals[chosen] = goals
+        self.elapsed[chosen] = 0
+        self.stepper.reset(np.stack([start.state for start in starts]), rows)
+
+    def observe(self) -> np.ndarray:
+        """Return the observations (B, o), float32."""
+        return self.task.observe(self.stepper, self.goals)
+
+    def step(self, actions: np.ndarray) -> tuple[Verdict, np.ndarray]:
+        """Act for one control period.
+
+        Args:
+            actions: Shape (B, a); clipped to the action space.
+
+        Returns:
+            The task's verdict, and which episodes reached the horizon without being terminated, shape (B,).
+
+        Raises:
+            SimulationDiverged: a state is no longer finite.
+        """
+        goals = self.goals
+        actions = np.clip(actions, self.task.action_space.low, self.task.action_space.high)
+        states = self.stepper.step(self.task.command(actions))
+        if not np.isfinite(states).all():
+            raise SimulationDiverged(
+                f"The simulation of {self.task.robot} left all bounds after {int(self.elapsed.max()) + 1} steps; "
+                "its model or checkpoint is not stable for these commands."
+            )
+        self.elapsed += 1
+        verdict = self.task.judge(self.stepper, goals, actions)
+        return verdict, (self.elapsed >= self.task.horizon) & ~verdict.terminated

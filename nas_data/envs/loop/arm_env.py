@@ -1,0 +1,66 @@
+"""A task as a Gymnasium environment of one arm."""
+
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+
+from nas_data.envs.base import SOURCE
+from nas_data.envs.loop.arena import Arena
+from nas_data.envs.loop.plant import Plant
+from nas_data.simulators.base import Stepper
+
+
+class ArmEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+    """A task as a Gymnasium environment; the same logic as `ArmVecEnv`, for one arm.
+
+    Example:
+        >>> import gymnasium, nas_data.envs
+        >>> env = gymnasium.make("nas/ErgoReacher-v0", dynamics="backlash")
+        >>> observation, info = env.reset(seed=0)
+        >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012 (not a ClassVar: Gymnasium's base class declares it as it is)
+
+    def __init__(
+        self,
+        task: str,
+        dynamics: str = SOURCE,
+        checkpoint: str | Path | None = None,
+        stepper: Stepper | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        """Build the environment.
+
+        Args:
+            task: Name of the task.
+            dynamics: Which of the task's dynamics; `source` is the plain model.
+            checkpoint: Learned model that corrects (φ) or replaces (ψ) the physics.
+            stepper: What moves the arm, instead of a simulation of the task's robot: a batch of one.
+            render_mode: None; there is no rendering.
+
+        Raises:
+            UnknownName: there is no such task or dynamics; lists the choices.
+        """
+        plant = Plant(task, dynamics, None if checkpoint is None else str(checkpoint))
+        self.task = plant.task
+        self.arena = Arena(self.task, stepper or plant.stepper(1))
+        self.observation_space = self.task.observation_space
+        self.action_space = self.task.action_space
+        self.render_mode = render_mode
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, object] | None = None
+    ) -> tuple[np.ndarray, dict[str, object]]:
+        """Begin an episode; returns its first observation."""
+        super().reset(seed=seed)
+        self.arena.start([self.np_random])
+        return self.arena.observe()[0], {}
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, object]]:
+        """Act for one control period; `info["is_success"]` says whether the goal is reached."""
+        verdict, truncated = self.arena.step(np.asarray(action)[None])
+        info: dict[str, object] = {"is_success": bool(verdict.success[0])}
+        observation = self.arena.observe()[0]
+        return observation, float(verdict.reward[0]), bool(verdict.terminated[0]), bool(truncated[0]), info

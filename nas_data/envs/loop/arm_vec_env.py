@@ -1,0 +1,114 @@
+"""A task on a batch of simulations as stable-baselines3 wants it."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import gymnasium
+import numpy as np
+from stable_baselines3.common.vec_env import VecEnv
+
+from nas_data.envs.base import Task
+from nas_data.envs.loop.arena import Arena
+from nas_data.simulators.base import Stepper
+
+Indices = None | int | Iterable[int]
+
+
+@dataclass(frozen=True)
+class Episode:
+    """How an episode went: the sum of its rewards, its control steps, and whether it reached the goal."""
+
+    total: float
+    length: int
+    success: bool
+
+
+class ArmVecEnv(VecEnv):
+    """B arms stepped by one call; a finished episode is followed by the next one at once.
+
+    Row i after `seed(s)` lives through the same episodes as `ArmEnv` after `reset(seed=s + i)`. A finished row's info
+    holds `terminal_observation`, `TimeLimit.truncated`, `is_success` and the `episode`'s return `r` and length `l`;
+    `take_episodes` returns the same without the need to look at every step.
+    """
+
+    def __init__(self, task: Task, stepper: Stepper) -> None:
+        """Bring a task and B simulations together.
+
+        Raises:
+            JointMismatch: the simulations have other joints than the task.
+        """
+        self.arena = Arena(task, stepper)
+        self._rngs = [np.random.default_rng() for _ in range(stepper.size)]
+        self._returns = np.zeros(stepper.size)
+        self._ended: list[Episode] = []
+        self._actions = np.zeros((stepper.size, *task.action_space.shape))
+        super().__init__(stepper.size, task.observation_space, task.action_space)
+
+    def reset(self) -> np.ndarray:
+        """Begin an episode in every row, with the seeds given since the last reset."""
+        for row, seed in enumerate(self._seeds):
+            if seed is not None:
+                self._rngs[row] = np.random.default_rng(seed)
+        self._reset_seeds()
+        self._reset_options()
+        self._returns[:] = 0.0
+        self.arena.start(self._rngs)
+        return self.arena.observe()
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Take the actions (B, a)."""
+        self._actions = actions
+
+    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, object]]]:
+        """Act for one control period; rows that end begin anew, and their observation is the new episode's."""
+        verdict, truncated = self.arena.step(self._actions)
+        self._returns += verdict.reward
+        observations = self.arena.observe()
+        infos: list[dict[str, object]] = [{} for _ in range(self.num_envs)]
+        done = verdict.terminated | truncated
+        rows = np.flatnonzero(done)
+        if len(rows):
+            for row in rows:
+                total, length = float(self._returns[row]), int(self.arena.elapsed[row])
+                infos[row] = {
+                    "terminal_observation": observations[row].copy(),
+                    "TimeLimit.truncated": bool(truncated[row]),
+                    "is_success": bool(verdict.success[row]),
+                    "episode": {"r": total, "l": length},
+                }
+                self._ended.append(Episode(total=total, length=length, success=bool(verdict.success[row])))
+            self._returns[rows] = 0.0
+            self.arena.start([self._rngs[row] for row in rows], rows)
+            observations[rows] = self.arena.observe()[rows]
+        return observations, verdict.reward.astype(np.float32), done, infos
+
+    def take_episodes(self) -> list[Episode]:
+        """Return the episodes that ended since the last call, unfinished ones excluded."""
+        ended, self._ended = self._ended, []
+        return ended
+
+    def close(self) -> None:
+        """Nothing to close: the simulations are plain memory."""
+
+    def get_attr(self, attr_name: str, indices: Indices = None) -> list[object]:
+        """Return an attribute once for each row; all rows share it."""
+        value = None if attr_name == "render_mode" else getattr(self.arena.task, attr_name)
+        return [value for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: object, indices: Indices = None) -> None:
+        """Refuse: a task is a value."""
+        raise AttributeError(f"'{attr_name}' cannot be set; a task does not change. Build another environment.")
+
+    def env_method(
+        self, method_name: str, *method_args: object, indices: Indices = None, **method_kwargs: object
+    ) -> list[object]:
+        """Refuse: there are no single environments to call."""
+        raise AttributeError(f"The rows of ArmVecEnv have no method '{method_name}'.")
+
+    def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Indices = None) -> list[bool]:
+        """Return False once for each row."""
+        return [False for _ in self._get_indices(indices)]
+
+    def get_images(self) -> Sequence[np.ndarray | None]:
+        """Return nothing to see, once for each row."""
+        return [None] * self.num_envs

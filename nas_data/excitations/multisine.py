@@ -1,0 +1,34 @@
+"""A sum of sines with random phases per joint: a whole band of frequencies at once."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nas_data.excitations.base import Excitation
+
+
+@dataclass(frozen=True, kw_only=True)
+class Multisine(Excitation):
+    """Logarithmically spaced sines whose amplitudes fall with frequency, so that each adds the same speed.
+
+    Attributes:
+        slowest: Lowest frequency [Hz].
+        fastest: Highest frequency [Hz].
+        count: Number of sines.
+    """
+
+    slowest: float = 0.1
+    fastest: float = 2.0
+    count: int = 8
+    share: float = 0.8
+
+    def shape(self, rng: np.random.Generator, episodes: int, steps: int, period: float, span: np.ndarray) -> np.ndarray:
+        """Draw the phases and sum; the largest excursion of each joint and episode is its whole share."""
+        frequencies = np.geomspace(self.slowest, self.fastest, self.count)
+        phases = rng.uniform(0, 2 * np.pi, (episodes, len(span), self.count))
+        time = period * np.arange(steps)
+        total = np.zeros((episodes, steps, len(span)))
+        for index, frequency in enumerate(frequencies):
+            turns = 2 * np.pi * frequency * time[None, :, None] + phases[:, None, :, index]
+            total += np.sin(turns) / frequency
+        return total / np.abs(total).max(axis=1, keepdims=True)

@@ -1,0 +1,39 @@
+"""Commands against positions: a joint that follows its command must do so in the same unit and sign."""
+
+import numpy as np
+
+from nas_data.importing.finding import Finding
+from nas_data.importing.map import Map
+from nas_data.importing.recording import Recording
+
+ALIKE = 0.7  # correlation from which the position follows the command
+DEGREES = 180 / np.pi
+WITHIN = 2.0  # a servo that lags or sags follows with another amplitude, but not by this factor
+
+
+def check(recording: Recording, mapping: Map) -> list[Finding]:
+    """Refuse commands whose amplitude is about 57 times the position's or the inverse; report opposite signs."""
+    if mapping.commands_effort:
+        return []
+    found = []
+    for index, joint in enumerate(recording.joints):
+        command, position = recording.commands[:, index], recording.positions[:, index]
+        spread = float(np.std(command)), float(np.std(position))
+        if min(spread) < 1e-9:
+            continue
+        likeness = float(np.corrcoef(command, position)[0, 1])
+        factor = spread[0] / spread[1]
+        slip = any(1 / WITHIN < factor / wanted < WITHIN for wanted in (DEGREES, 1 / DEGREES))
+        if slip and abs(likeness) >= ALIKE:
+            message = (
+                f"the command of {joint} moves {factor:.3g} times as far as the position that follows it, about the "
+                "factor between degrees and radians; correct the unit in [read.command] or [read.position]."
+            )
+            found.append(Finding("command_scale", recording.place, message, error=True))
+        elif likeness <= -ALIKE:
+            message = (
+                f"the position of {joint} moves against its command (correlation {likeness:.2f}); "
+                "check 'sign' in [read.command] and [read.position]."
+            )
+            found.append(Finding("command_sign", recording.place, message))
+    return found

@@ -1,0 +1,144 @@
+"""Conversion of what a log holds (degrees, ticks, normalised, raw counts) to SI, one straight line a joint."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from nas_data.importing.section import Section
+
+Kind = Literal["position", "velocity", "effort", "signal"]
+
+DEGREE = np.pi / 180  # [rad]
+TURN = 2 * np.pi  # [rad]
+FACTORS: Mapping[Kind, Mapping[str, float]] = {
+    "position": {"rad": 1.0, "deg": DEGREE, "turn": TURN, "ticks": 1.0},
+    "velocity": {"rad/s": 1.0, "deg/s": DEGREE, "turn/s": TURN, "rpm": TURN / 60, "ticks": 1.0},
+    "effort": {"N·m": 1.0, "N*m": 1.0, "Nm": 1.0},
+    "signal": {},
+}
+SI: Mapping[Kind, str] = {"position": "rad", "velocity": "rad/s", "effort": "N·m"}
+NORMALISED = "normalised"
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "datetime": 1e-9}  # [s]
+
+KEYS = ("unit", "scale", "zero", "range", "low", "high", "sign", "offset")
+UNIT_KEYS = frozenset({"unit", "scale", "zero", "range", "low", "high"})
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """value = gain · raw + bias, one line per component.
+
+    Attributes:
+        gain: SI unit per raw unit.
+        bias: SI value of raw zero.
+        units: Unit of the raw values, one a component.
+    """
+
+    gain: tuple[float, ...]
+    bias: tuple[float, ...]
+    units: tuple[str, ...]
+
+    def apply(self, raw: np.ndarray) -> np.ndarray:
+        """Convert raw values of shape (N, n) to SI."""
+        return raw * np.array(self.gain) + np.array(self.bias)
+
+    def raw(self, value: np.ndarray) -> np.ndarray:
+        """Return what the log held, shape (N, n)."""
+        return (value - np.array(self.bias)) / np.array(self.gain)
+
+
+def parse_conversion(section: Section, kind: Kind, joints: Sequence[str]) -> Conversion:
+    """Take the conversion keys out of a quantity's table, with its `joints` sub-tables that override them.
+
+    Raises:
+        MapError: an unknown unit, a missing key, a list of another length than the joints, an unknown joint.
+    """
+    overrides = section.table("joints")
+    per_joint = [_values_of(section, index, len(joints)) for index in range(len(joints))]
+    lines = []
+    for joint, values in zip(joints, per_joint, strict=True):
+        override = overrides.table(joint)
+        kept = {key: value for key, value in values.items() if not (override.has("unit") and key in UNIT_KEYS)}
+        one = Section({**kept, **override.values}, section.file, f"{section.name}.joints.{joint}")
+        lines.append(_parse_line(one, kind))
+        one.finish()
+    overrides.finish()
+    gain, bias, units = zip(*lines, strict=True)
+    return Conversion(gain, bias, units)
+
+
+def _values_of(section: Section, index: int, count: int) -> dict[str, object]:
+    """Return the conversion keys for one joint; a list gives one number a joint (`range` is a pair itself)."""
+    values: dict[str, object] = {}
+    for key in KEYS:
+        if key == "unit" and section.has(key):
+            values[key] = section.text(key)
+        elif key == "range" and section.has(key):
+            values[key] = list(section.numbers(key, 2))
+        elif section.has(key):
+            values[key] = section.numbers(key, count)[index]
+    return values
+
+
+def _parse_line(section: Section, kind: Kind) -> tuple[float, float, str]:
+    """Return gain, bias and raw unit of one component."""
+    units = (*FACTORS[kind], NORMALISED) if kind in ("position", "velocity") else tuple(FACTORS[kind])
+    unit = section.text("unit", choices=units)
+    sign = section.number("sign", 1.0)
+    if abs(sign) != 1:
+        raise section.error(f"'sign' is {sign:g}; it must be 1 or -1.")
+    offset = section.number("offset", 0.0) if kind == "position" else 0.0
+    if unit == NORMALISED:
+        gain, bias = _normalised(section, kind)
+    else:
+        gain, bias = _scaled(section, FACTORS[kind].get(unit, 1.0), unit, kind)
+    return sign * gain, sign * bias + offset, unit
+
+
+def _scaled(section: Section, factor: float, unit: str, kind: Kind) -> tuple[float, float]:
+    """Read `scale` and `zero`: value = factor · scale · (raw − zero); ticks mean nothing without them."""
+    scale = section.number("scale", None if unit == "ticks" else 1.0)
+    if scale == 0:
+        raise section.error("'scale' is 0; it must be another number.")
+    zero = section.number("zero", None if unit == "ticks" and kind == "position" else 0.0)
+    return factor * scale, -factor * scale * zero
+
+
+def _normalised(section: Section, kind: Kind) -> tuple[float, float]:
+    """Read `range` (what the log holds) and `low`, `high` [rad] (what its ends mean)."""
+    first, last = section.numbers("range", 2)
+    low, high = section.number("low"), section.number("high")
+    if first == last or low == high:
+        raise section.error(f"'range' is {first:g} … {last:g} and low, high are {low:g}, {high:g}; ends must differ.")
+    gain = (high - low) / (last - first)
+    return gain, (low - gain * first if kind == "position" else 0.0)
+
+
+def check_encoding(section: Section) -> str:
+    """Take the key `encoding`: how a raw register holds its sign; empty where it needs no decoding."""
+    encoding = section.text("encoding", "")
+    if encoding and not re.fullmatch(r"int(8|16|32)|sign_magnitude_([1-9]|[12]\d|30)", encoding):
+        raise section.error(
+            f"'encoding' is '{encoding}'; choose int8, int16, int32 (two's complement read as unsigned) "
+            "or sign_magnitude_B (bit B holds the sign, for example 10 for the XL-320)."
+        )
+    return encoding
+
+
+def decode(raw: np.ndarray, encoding: str) -> np.ndarray:
+    """Decode a register's sign.
+
+    Args:
+        raw: Unsigned counts, any shape.
+        encoding: `int16` and the like for two's complement, `sign_magnitude_10` for a sign in bit 10, or empty.
+    """
+    if not encoding:
+        return raw
+    if encoding.startswith("int"):
+        bits = int(encoding.removeprefix("int"))
+        return np.where(raw >= 2 ** (bits - 1), raw - 2.0**bits, raw)
+    bit = int(encoding.removeprefix("sign_magnitude_"))
+    return np.where(raw >= 2**bit, 2.0**bit - raw, raw)

@@ -1,0 +1,47 @@
+"""JSON: a list of rows under one key, or one list a column; what stands beside it are constants."""
+
+import json
+from pathlib import Path
+
+import pyarrow as pa
+
+from nas_data.errors import LogError, MapError
+from nas_data.importing.layout import Layout
+from nas_data.importing.table import Table
+
+SUFFIXES = (".json",)
+
+
+def read(path: Path, layout: Layout) -> Table:
+    """Read a file."""
+    content = json.loads(path.read_text(encoding="utf-8"))
+    if isinstance(content, list):
+        return Table(path, _from_rows(path, content))
+    if not isinstance(content, dict):
+        raise LogError(f"{path} holds a {type(content).__name__}; an object or a list of rows is needed.")
+    if layout.entries and layout.entries not in content:
+        raise MapError(
+            f"{path} has no key '{layout.entries}', under which the map expects the rows; it has: {', '.join(content)}."
+        )
+    if layout.entries:
+        columns = _from_rows(path, content[layout.entries])
+        return Table(path, columns, {key: value for key, value in content.items() if key != layout.entries})
+    lists = {key: value for key, value in content.items() if isinstance(value, list)}
+    columns = {key: _column(path, key, value) for key, value in lists.items()}
+    return Table(path, columns, {key: value for key, value in content.items() if key not in lists})
+
+
+def _from_rows(path: Path, rows: object) -> dict[str, pa.Array]:
+    """Turn a list of objects into columns; a key that a row lacks is empty there."""
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise LogError(f'{path} holds no list of objects as rows; each row must be an object like {{"time": 0.0}}.')
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    return {name: _column(path, name, [row.get(name) for row in rows]) for name in names}
+
+
+def _column(path: Path, name: str, values: list[object]) -> pa.Array:
+    """Return a column; what is no column of one kind becomes text, and is complained about only if it is needed."""
+    try:
+        return pa.array(values)
+    except (pa.ArrowInvalid, pa.ArrowTypeError):
+        return pa.array([None if value is None else str(value) for value in values])

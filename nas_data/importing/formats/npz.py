@@ -1,0 +1,31 @@
+"""NPZ: one NumPy array a quantity, rows first; arrays without dimensions are constants."""
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.errors import LogError
+from nas_data.importing.layout import Layout
+from nas_data.importing.table import Table
+
+SUFFIXES = (".npz",)
+
+
+def read(path: Path, layout: Layout) -> Table:
+    """Read a file without unpickling anything: arrays of objects are left out."""
+    if not zipfile.is_zipfile(path):
+        raise LogError(f"{path} is not an NPZ archive; write it with numpy.savez.")
+    with np.load(path, allow_pickle=False) as archive:
+        arrays = {name: _array(archive, name) for name in archive.files}
+    found = {name: array for name, array in arrays.items() if array is not None}
+    columns = {name: array for name, array in found.items() if array.ndim}
+    return Table(path, columns, {name: array.item() for name, array in found.items() if not array.ndim})
+
+
+def _array(archive: np.lib.npyio.NpzFile, name: str) -> np.ndarray | None:
+    """Return an array; None where it would have to be unpickled."""
+    try:
+        return archive[name]
+    except ValueError:
+        return None

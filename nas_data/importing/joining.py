@@ -1,0 +1,60 @@
+"""Joining the rows of two tables on time."""
+
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.errors import LogError
+from nas_data.importing.rows import rows_text
+
+
+def match_rows(wanted: np.ndarray, given: np.ndarray, method: str, tolerance: float) -> np.ndarray:
+    """Find for each wanted time the row of another table.
+
+    Args:
+        wanted: Times [s], shape (N,).
+        given: Times of the other table in ascending order [s], shape (M,).
+        method: `nearest` row, or the `previous` one (the last at or before the wanted time).
+        tolerance: Largest difference [s].
+
+    Returns:
+        Rows of the other table, shape (N,); -1 where none is near enough.
+    """
+    before = np.searchsorted(given, wanted, side="right") - 1
+    rows = np.clip(before, 0, len(given) - 1)
+    if method == "nearest":
+        after = np.clip(before + 1, 0, len(given) - 1)
+        rows = np.where(np.abs(given[after] - wanted) < np.abs(given[rows] - wanted), after, rows)
+    distance = np.abs(given[rows] - wanted)
+    found = (distance <= tolerance) & ((method == "nearest") | (before >= 0))
+    return np.where(found, rows, -1)
+
+
+def common_rows(matches: dict[Path, np.ndarray], log: Path, tolerance: float) -> slice:
+    """Return the rows for which every table has a partner: all but some at the ends.
+
+    Args:
+        matches: For each further file, the row it has for each row of the log, -1 for none.
+        log: The log, for the error.
+        tolerance: Largest difference of joined times [s], for the error.
+
+    Raises:
+        LogError: a file has no partner for rows in the middle, or for any.
+    """
+    missing = np.any([rows < 0 for rows in matches.values()], axis=0)
+    found = np.flatnonzero(~missing)
+    if not found.size:
+        names = ", ".join(path.name for path in matches)
+        raise LogError(
+            f"{log}: no row of {names} lies within {tolerance:g} s of a measured state; "
+            "check the unit of [read.time] and the tolerance of [join]."
+        )
+    whole = slice(int(found[0]), int(found[-1]) + 1)
+    holes = np.flatnonzero(missing[whole]) + whole.start
+    if holes.size:
+        path = next(path for path, rows in matches.items() if rows[holes[0]] < 0)
+        raise LogError(
+            f"{log}: {path.name} has nothing within {tolerance:g} s of {rows_text(holes)}; "
+            "raise the tolerance of [join], or join with the previous row."
+        )
+    return whole

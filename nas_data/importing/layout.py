@@ -1,0 +1,55 @@
+"""How a log lies on disk: which files, in which format, and how several tables belong together."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from nas_data.importing.section import Section
+
+JOINS = ("nearest", "previous")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a log lies on disk.
+
+    Attributes:
+        format: File format, a file of `importing/formats/`.
+        pattern: Which files of a folder are logs.
+        files: File name of each table where a log is a folder of several files; empty where a log is one file.
+        join: How rows of several tables are joined on time: with the nearest row, or the last one before.
+        tolerance: Largest difference of two joined times [s].
+        entries: JSON key that holds a list of rows; empty where a file holds one list a column.
+        delimiter: What separates the cells of a CSV file.
+    """
+
+    format: str
+    pattern: str = "*"
+    files: Mapping[str, str] | None = None
+    join: str = "nearest"
+    tolerance: float = 1e-3
+    entries: str = ""
+    delimiter: str = ","
+
+
+def parse_layout(top: Section, formats: tuple[str, ...]) -> Layout:
+    """Take the keys that say how a log lies on disk.
+
+    Raises:
+        MapError: a key is missing, unknown or out of its range.
+    """
+    name = top.text("format", choices=formats)
+    files = top.table("files")
+    tables = {key: files.text(key) for key in files.values}
+    several = len(tables) > 1
+    join = top.table("join") if several else Section({}, top.file)
+    layout = Layout(
+        format=name,
+        pattern=top.text("pattern", "*"),
+        files=tables or None,
+        join=join.text("method", None if several else JOINS[0], choices=JOINS),
+        tolerance=join.positive("tolerance", None if several else 1.0),
+        entries=top.text("entries", "") if name == "json" else "",
+        delimiter=top.text("delimiter", ",") if name == "csv" else ",",
+    )
+    join.finish()
+    return layout

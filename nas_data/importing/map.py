@@ -1,0 +1,148 @@
+"""The map: where in a log each quantity stands and what its numbers mean."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from nas_data.importing.conversion import Conversion, Kind
+from nas_data.importing.layout import Layout
+
+ALIGNMENTS = ("action_follows_state", "state_follows_action")
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where in a log some numbers stand.
+
+    Attributes:
+        columns: One column (array, key) that holds a vector, or one column a joint.
+        table: Which of the log's files, by its key in `[files]`; empty where a log is one file.
+        components: Which components of a vector column, in joint order; empty for all.
+        constant: The log holds them once, not in every row.
+    """
+
+    columns: tuple[str, ...]
+    table: str = ""
+    components: tuple[int, ...] = ()
+    constant: bool = False
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A quantity of the log.
+
+    Attributes:
+        name: What it is called: position, velocity, command or the signal's name.
+        kind: What its units may be.
+        unit: Unit after conversion.
+        source: Where it stands.
+        conversion: How it becomes SI, one line a joint.
+        encoding: How a raw register holds its sign; empty for plain numbers.
+    """
+
+    name: str
+    kind: Kind
+    unit: str
+    source: Source
+    conversion: Conversion
+    encoding: str = ""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Column and unit of the time.
+
+    Attributes:
+        column: Empty where the log has no time: its rows are said to be one period apart.
+        unit: A key of `conversion.TIME_UNITS`.
+    """
+
+    column: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """What the audits compare with.
+
+    Attributes:
+        max_speed: Speed that no joint can have [rad/s].
+        jitter: Largest deviation of a time step, as a share of the period.
+        allow: Checks whose errors become warnings, because the user knows better.
+    """
+
+    max_speed: float = 50.0
+    jitter: float = 0.2
+    allow: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Resample:
+    """Even spacing in time.
+
+    Attributes:
+        rate: Rows a second afterwards [Hz].
+        method: How positions and velocities between two rows are found: `linear` or `previous`.
+    """
+
+    rate: float
+    method: str
+
+
+@dataclass(frozen=True)
+class Map:
+    """Everything that turns a log into episodes.
+
+    Attributes:
+        name: Map's name, for reports.
+        text: The file as it was read; it is kept with the dataset.
+        layout: How a log lies on disk.
+        robot: Robot's name.
+        joints: Joint names in the order of the log's vectors.
+        rate: Control rate of the log [Hz].
+        alignment: `action_follows_state`: a row's command acts after its state was measured;
+            `state_follows_action`: a row's state is the answer to its command.
+        derive_velocity: Whether velocities are derived from positions rather than read.
+        clock: Where the time stands.
+        position: Measured positions [rad].
+        velocity: Measured velocities [rad/s]; None where the log has none.
+        command: Commanded positions [rad] or torques [N·m].
+        signals: What else is kept, as `nas.<name>`.
+        episode: Column that tells the episodes of one log apart; None where a log is one episode.
+        limits: Limits [rad] by joint; joints without limits are absent.
+        thresholds: What the audits compare with.
+        resample: Even spacing in time; None where rows stay as recorded.
+        constants: Keys of the log that go to provenance.
+        task: What an episode does; `{log}` and the constants are filled in.
+        joint_names: Array of the log that holds its joint names, to be compared with `joints`; may be empty.
+    """
+
+    name: str
+    text: str
+    layout: Layout
+    robot: str
+    joints: tuple[str, ...]
+    rate: float
+    alignment: str
+    derive_velocity: bool
+    clock: Clock
+    position: Quantity
+    velocity: Quantity | None
+    command: Quantity
+    signals: Mapping[str, Quantity]
+    episode: Source | None
+    limits: Mapping[str, tuple[float, float]]
+    thresholds: Thresholds
+    resample: Resample | None
+    constants: tuple[str, ...]
+    task: str
+    joint_names: str
+
+    @property
+    def commands_effort(self) -> bool:
+        """Whether commands are torques [N·m] rather than positions [rad]."""
+        return self.command.kind == "effort"
+
+    @property
+    def fps(self) -> float:
+        """Control rate of the dataset [Hz]."""
+        return self.resample.rate if self.resample else self.rate

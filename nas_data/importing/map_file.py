@@ -1,0 +1,212 @@
+"""Reading a map from its TOML file: everything is checked, and what is wrong is said in one sentence."""
+
+import string
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+
+from nas_data.errors import MapError, UnknownName
+from nas_data.importing.conversion import FACTORS, SI, TIME_UNITS, Kind, check_encoding, parse_conversion
+from nas_data.importing.formats import FORMATS
+from nas_data.importing.layout import Layout, parse_layout
+from nas_data.importing.map import ALIGNMENTS, Clock, Map, Quantity, Resample, Source, Thresholds
+from nas_data.importing.section import Section
+
+MAPS = Path(__file__).parent / "maps"
+VELOCITIES = ("measured", "derive")
+METHODS = ("linear", "previous")
+ALLOWABLE = ("command_scale", "rate", "unit_slip", "velocity_scale")
+
+
+def load_map(name_or_path: str | Path) -> Map:
+    """Read a map by its path, or a shipped one by its name.
+
+    Raises:
+        MapError: no such file, no TOML, or something in it that is missing, unknown or of the wrong kind.
+        UnknownName: a word that is neither a file nor a shipped map.
+    """
+    path = Path(name_or_path)
+    shipped = {file.stem: file for file in MAPS.glob("*.toml")}
+    if not path.is_file() and not path.suffix and len(path.parts) == 1:
+        if str(name_or_path) not in shipped:
+            raise UnknownName("map", str(name_or_path), [*shipped, "or the path of a TOML file"])
+        path = shipped[str(name_or_path)]
+    try:
+        text = path.read_text(encoding="utf-8")
+        values = tomllib.loads(text)
+    except FileNotFoundError:
+        raise MapError(f"There is no map {path}; give a TOML file or one of: {', '.join(sorted(shipped))}.") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise MapError(f"{path} cannot be read as a map ({type(error).__name__}); give a TOML file.") from None
+    except tomllib.TOMLDecodeError as error:
+        raise MapError(f"{path} is not valid TOML: {error}.") from None
+    return parse_map(Section(values, str(path)), path.stem, text)
+
+
+def parse_map(top: Section, name: str, text: str) -> Map:
+    """Read the whole map."""
+    joints = top.texts("joints")
+    if not joints or len(set(joints)) < len(joints):
+        raise top.error(f"'joints' is {list(joints)}; it must name each joint once.")
+    layout = parse_layout(top, FORMATS)
+    quantities = _Quantities(joints, layout)
+    read = top.table("read")
+    derive = top.text("velocity", choices=VELOCITIES) == "derive"
+    if not derive and not read.has("velocity"):
+        raise top.error("'velocity' is 'measured' but there is no [read.velocity]; add it, or say 'derive'.")
+    constants = top.texts("constants", ())
+    parsed = Map(
+        name=name,
+        text=text,
+        layout=layout,
+        robot=top.text("robot"),
+        joints=joints,
+        rate=top.positive("rate"),
+        alignment=top.text("alignment", choices=ALIGNMENTS),
+        derive_velocity=derive,
+        clock=_parse_clock(read.table("time")),
+        position=quantities.parse(read.table("position"), "position", "position"),
+        velocity=quantities.parse(read.table("velocity"), "velocity", "velocity") if read.has("velocity") else None,
+        command=_parse_command(read.table("command"), quantities),
+        signals={key: quantities.parse(table, key, "signal") for key, table in top.table("signals").tables().items()},
+        episode=_parse_episode(read.table("episode"), layout) if read.has("episode") else None,
+        limits=_parse_limits(top.table("limits"), joints),
+        thresholds=_parse_thresholds(top.table("audit")),
+        resample=_parse_resample(top.table("resample")) if top.has("resample") else None,
+        constants=constants,
+        task=_parse_task(top, constants),
+        joint_names=top.text("joint_names", ""),
+    )
+    read.finish()
+    top.finish()
+    return parsed
+
+
+class _Quantities:
+    """Reads the tables of quantities that share joints and layout."""
+
+    def __init__(self, joints: Sequence[str], layout: Layout) -> None:
+        self.joints = joints
+        self.layout = layout
+
+    def parse(self, section: Section, name: str, kind: Kind) -> Quantity:
+        """Read where a quantity stands, how it becomes SI and how its register holds the sign."""
+        self._check_signal_name(section, name, kind)
+        scalar = kind == "signal" and section.flag("whole_robot")
+        joints = ("robot",) if scalar else self.joints
+        source = _parse_source(section, self.layout, len(joints), kind == "signal")
+        encoding = check_encoding(section)
+        conversion = parse_conversion(section, kind, joints)
+        section.finish()
+        unit = SI.get(kind) or conversion.units[0]
+        return Quantity(name, kind, unit, source, conversion, encoding)
+
+    def _check_signal_name(self, section: Section, name: str, kind: Kind) -> None:
+        if kind == "signal" and (name == "time" or not name.replace("_", "").isalnum() or "image" in name):
+            raise section.error(
+                f"'{name}' cannot name a signal; use letters, digits and _, neither 'time' nor 'image'."
+            )
+
+
+def _parse_command(section: Section, quantities: _Quantities) -> Quantity:
+    """Read the commands: positions, or torques where their unit is one of torque."""
+    effort = section.values.get("unit") in FACTORS["effort"]
+    return quantities.parse(section, "command", "effort" if effort else "position")
+
+
+def _parse_source(section: Section, layout: Layout, width: int, may_be_constant: bool) -> Source:
+    """Read where a quantity stands: `column`, `columns` or, for signals, `constant`; and in which file."""
+    keys = ["column", "columns", "constant"] if may_be_constant else ["column", "columns"]
+    given = [key for key in keys if section.has(key)]
+    if len(given) != 1:
+        raise section.error(f"exactly one of {' or '.join(repr(key) for key in keys)} is needed.")
+    columns = section.texts("columns") if given == ["columns"] else (section.text(given[0]),)
+    if given == ["columns"] and len(columns) != width:
+        raise section.error(f"'columns' names {len(columns)} columns; {width} are needed, one a joint.")
+    components = section.integers("components") if section.has("components") else ()
+    if components and (given != ["column"] or len(components) != width):
+        raise section.error(f"'components' picks {width} components out of one 'column', one a joint.")
+    return Source(columns, _parse_table_name(section, layout), components, constant=given == ["constant"])
+
+
+def _parse_table_name(section: Section, layout: Layout) -> str:
+    """Read which of the log's files is meant."""
+    if not layout.files:
+        return ""
+    if len(layout.files) == 1:
+        return section.text("file", next(iter(layout.files)), choices=tuple(layout.files))
+    return section.text("file", choices=tuple(layout.files))
+
+
+def _parse_episode(section: Section, layout: Layout) -> Source:
+    """Read which column tells episodes apart."""
+    source = Source((section.text("column"),), _parse_table_name(section, layout))
+    section.finish()
+    return source
+
+
+def _parse_clock(section: Section) -> Clock:
+    """Read where the time stands; that rows are even without a clock must be said."""
+    if section.flag("uniform"):
+        clock = Clock("", "s")
+    elif section.has("column"):
+        clock = Clock(section.text("column"), section.text("unit", choices=tuple(TIME_UNITS)))
+    else:
+        raise section.error("'column' is missing; name the time column, or say uniform = true where the log has none.")
+    section.finish()
+    return clock
+
+
+def _parse_limits(section: Section, joints: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Read joint limits [rad]."""
+    limits = {}
+    for joint in joints:
+        if section.has(joint):
+            low, high = section.numbers(joint, 2)
+            if low >= high:
+                raise section.error(f"'{joint}' is {low:g} … {high:g}; the first must be below the second.")
+            limits[joint] = (low, high)
+    unknown = [joint for joint in section.values if joint not in joints]
+    if unknown:
+        raise section.error(f"there is no joint '{unknown[0]}'; the joints are: {', '.join(joints)}.")
+    return limits
+
+
+def _parse_thresholds(section: Section) -> Thresholds:
+    """Read what the audits compare with."""
+    standard = Thresholds()
+    thresholds = Thresholds(
+        max_speed=section.positive("max_speed", standard.max_speed),
+        jitter=section.positive("jitter", standard.jitter),
+        allow=section.texts("allow", ()),
+    )
+    unknown = [name for name in thresholds.allow if name not in ALLOWABLE]
+    if unknown:
+        raise section.error(f"'allow' names '{unknown[0]}'; only these can be allowed: {', '.join(ALLOWABLE)}.")
+    section.finish()
+    return thresholds
+
+
+def _parse_resample(section: Section) -> Resample:
+    """Read how rows are spaced evenly."""
+    resample = Resample(section.positive("rate"), section.text("method", choices=METHODS))
+    section.finish()
+    return resample
+
+
+def _parse_task(top: Section, constants: Sequence[str]) -> str:
+    """Read what an episode does; braces may hold `log` and the constants only."""
+    task = top.text("task", "{log}")
+    try:
+        fields = [
+            f"{field}{':' if spec else ''}{spec}{'!' if conversion else ''}{conversion or ''}"
+            for _, field, spec, conversion in string.Formatter().parse(task)
+            if field is not None
+        ]
+    except ValueError:
+        raise top.error(f"'task' is '{task}'; its braces do not match.") from None
+    unknown = [field for field in fields if field not in {"log", *constants}]
+    if unknown:
+        choices = ", ".join(["log", *constants])
+        raise top.error(f"'task' is '{task}'; braces may hold: {choices}, not '{unknown[0]}'.")
+    return task

@@ -1,0 +1,212 @@
+"""Reading one log by its map: files to tables, tables to quantities in SI, quantities to recordings."""
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from nas_data.errors import LogError, MapError
+from nas_data.importing.conversion import TIME_UNITS, decode
+from nas_data.importing.formats import read_table
+from nas_data.importing.joining import common_rows, match_rows
+from nas_data.importing.map import Map, Quantity, Source
+from nas_data.importing.recording import Recording
+from nas_data.importing.rows import rows_text
+from nas_data.importing.table import Table
+
+ENOUGH = 3  # rows; two transitions
+
+
+def read_log(log: Path, mapping: Map) -> list[Recording]:
+    """Read the episodes of a log.
+
+    Args:
+        log: A file, or a folder where the map names several files.
+        mapping: Where things stand.
+
+    Returns:
+        Recordings as recorded: commands in their own rows, nothing resampled.
+
+    Raises:
+        LogError: a file that cannot be read, is empty or too short, or whose columns do not fit together.
+        MapError: the map names something that the log lacks.
+    """
+    tables = _read_tables(log, mapping)
+    reference = tables[mapping.position.source.table]
+    _check_joint_names(reference, mapping)
+    times = _read_times(tables, mapping)
+    time = times[mapping.position.source.table]
+    if not len(time):
+        raise LogError(f"{reference.path} holds no rows; give a log with recorded rows.")
+    partners = {
+        key: _join(time, times[key], tables[key], mapping) for key in tables if key != mapping.position.source.table
+    }
+    shared = slice(None)
+    if partners:
+        shared = common_rows({tables[key].path: rows for key, rows in partners.items()}, log, mapping.layout.tolerance)
+
+    def read(quantity: Quantity) -> np.ndarray:
+        values = _read_quantity(tables[quantity.source.table], quantity, len(times[quantity.source.table]))
+        rows = partners.get(quantity.source.table)
+        return (values if rows is None else values[rows])[shared]
+
+    whole = Recording(
+        file=str(log),
+        episode="",
+        joints=mapping.joints,
+        time=time[shared] - time[shared][0],
+        positions=read(mapping.position),
+        velocities=read(mapping.velocity) if mapping.velocity else None,
+        commands=read(mapping.command),
+        signals={name: read(signal) for name, signal in mapping.signals.items()},
+        rows=np.arange(len(time))[shared],
+        constants={name: _constant(tables, name, mapping) for name in mapping.constants},
+    )
+    recordings = _split(whole, tables, mapping) if mapping.episode else [whole]
+    for recording in recordings:
+        if len(recording) < ENOUGH:
+            raise LogError(f"{recording.place} has {len(recording)} rows; at least {ENOUGH} are needed.")
+    return recordings
+
+
+def _read_tables(log: Path, mapping: Map) -> dict[str, Table]:
+    """Read the log's files, by the keys of `[files]`."""
+    files = mapping.layout.files
+    if files is None:
+        if log.is_dir():
+            raise LogError(f"{log} is a folder, but the map reads single {mapping.layout.format} files.")
+        return {"": read_table(log, mapping.layout)}
+    if not log.is_dir():
+        raise LogError(f"{log} is no folder, but the map reads {', '.join(files.values())} out of one.")
+    return {key: read_table(log / name, mapping.layout) for key, name in files.items()}
+
+
+def _read_times(tables: dict[str, Table], mapping: Map) -> dict[str, np.ndarray]:
+    """Read the times of each table [s], all from the first row of the table with the positions."""
+    reference = mapping.position.source.table
+    if not mapping.clock.column:
+        counts = {key: len(table.numbers(_any_column(mapping, key))) for key, table in tables.items()}
+        if len(set(counts.values())) > 1:
+            raise MapError(f"{tables[reference].path.parent}: files without a time column need equally many rows.")
+        return {key: np.arange(count) / mapping.rate for key, count in counts.items()}
+    ticks = {key: table.ticks(mapping.clock.column, mapping.clock.unit) for key, table in tables.items()}
+    finite = ticks[reference][np.isfinite(ticks[reference])]
+    origin = finite[0] if len(finite) else 0
+    return {key: (values - origin) * TIME_UNITS[mapping.clock.unit] for key, values in ticks.items()}
+
+
+def _join(time: np.ndarray, given: np.ndarray, table: Table, mapping: Map) -> np.ndarray:
+    """Find a table's row for each row of the log; its times must ascend."""
+    if not len(given):
+        raise LogError(f"{table.path} holds no rows; give a log with recorded rows.")
+    bad = np.flatnonzero(~(np.diff(given) >= 0)) + 1
+    if bad.size:
+        raise LogError(
+            f"{table.path}: the time goes back or is no number in {rows_text(bad)}; sort or repair the file."
+        )
+    return match_rows(time, given, mapping.layout.join, mapping.layout.tolerance)
+
+
+def _any_column(mapping: Map, table: str) -> str:
+    """Return a column that the map reads from a table."""
+    read = [mapping.position, mapping.command, *mapping.signals.values()]
+    return next(quantity.source.columns[0] for quantity in read if quantity.source.table == table)
+
+
+def _read_quantity(table: Table, quantity: Quantity, count: int) -> np.ndarray:
+    """Read a quantity in SI, shape (N, n)."""
+    width = len(quantity.conversion.gain)
+    raw = _read_source(table, quantity.source, width, count)
+    if len(raw) != count:
+        raise LogError(
+            f"{table.path}: '{quantity.source.columns[0]}' has {len(raw)} rows, but its times are {count}; "
+            "they must be equally many."
+        )
+    if quantity.encoding:
+        _check_register(table, quantity, raw)
+    return quantity.conversion.apply(decode(raw, quantity.encoding))
+
+
+def _read_source(table: Table, source: Source, width: int, count: int) -> np.ndarray:
+    """Read raw numbers, shape (N, n)."""
+    if source.constant:
+        value = table.constant(source.columns[0])
+        if isinstance(value, str) or not np.isscalar(value):
+            raise LogError(f"{table.path}: the constant '{source.columns[0]}' is {value!r}, no number.")
+        return np.full((count, width), float(str(value)))
+    parts = [table.numbers(name) for name in source.columns]
+    if len(parts) > 1:
+        vectors = [name for name, part in zip(source.columns, parts, strict=True) if part.shape[1] != 1]
+        if vectors or len({len(part) for part in parts}) > 1:
+            name = vectors[0] if vectors else source.columns[-1]
+            raise LogError(f"{table.path}: '{name}' is not one number a row like the other columns named beside it.")
+        return np.hstack(parts)
+    raw = parts[0]
+    if source.components:
+        if max(source.components) >= raw.shape[1]:
+            raise MapError(
+                f"{table.path}: '{source.columns[0]}' has {raw.shape[1]} components, "
+                f"but the map picks number {max(source.components)} (they count from 0)."
+            )
+        return raw[:, list(source.components)]
+    if raw.shape[1] != width:
+        raise LogError(
+            f"{table.path}: '{source.columns[0]}' has {raw.shape[1]} numbers a row, but the map has {width} joints; "
+            "correct 'joints', or pick with 'components'."
+        )
+    return raw
+
+
+def _check_register(table: Table, quantity: Quantity, raw: np.ndarray) -> None:
+    """Refuse counts that no register of this width can hold."""
+    wide = quantity.encoding.startswith("int")
+    bits = int(quantity.encoding.removeprefix("int").removeprefix("sign_magnitude_")) + (0 if wide else 1)
+    bad = np.flatnonzero(((raw < 0) | (raw >= 2**bits)).any(axis=1))
+    if bad.size:
+        raise LogError(
+            f"{table.path}: '{quantity.source.columns[0]}' in {rows_text(bad)} is not within 0 … {2**bits - 1}, "
+            f"so it is no {quantity.encoding} register read as unsigned; take 'encoding' out of the map."
+        )
+
+
+def _constant(tables: dict[str, Table], name: str, mapping: Map) -> object:
+    """Return what the log holds once, from whichever of its files has it."""
+    for table in tables.values():
+        if name in table.constants or name in table.columns:
+            return table.constant(name)
+    return tables[mapping.position.source.table].constant(name)
+
+
+def _check_joint_names(table: Table, mapping: Map) -> None:
+    """Compare the log's own joint names with the map's."""
+    if not mapping.joint_names:
+        return
+    column = table.constants.get(mapping.joint_names)
+    if column is None:
+        column = table.column(mapping.joint_names)
+    names = np.asarray(column.to_pylist() if isinstance(column, pa.Array) else column).ravel()
+    found = tuple(str(name) for name in names)
+    if found != mapping.joints:
+        raise MapError(f"{table.path} has the joints {', '.join(found)}, but the map {', '.join(mapping.joints)}.")
+
+
+def _split(whole: Recording, tables: dict[str, Table], mapping: Map) -> list[Recording]:
+    """Divide a log where its episode column changes."""
+    assert mapping.episode is not None
+    table = tables[mapping.episode.table]
+    column = table.column(mapping.episode.columns[0])
+    values: np.ndarray = np.asarray(column if isinstance(column, np.ndarray) else column.to_pylist())
+    if mapping.episode.table != mapping.position.source.table or values.ndim != 1:
+        raise MapError(f"{table.path}: the episode column must stand in the file with the positions, one value a row.")
+    values = values[whole.rows]
+    breaks = [0, *(np.flatnonzero(values[1:] != values[:-1]) + 1).tolist(), len(values)]
+    firsts = [values[start] for start in breaks[:-1]]
+    if len(set(firsts)) < len(firsts):
+        raise LogError(
+            f"{table.path}: the episode '{next(v for v in firsts if firsts.count(v) > 1)}' comes back after another "
+            "one; sort the rows, or give each episode its own number."
+        )
+    parts = (whole.take(slice(start, stop)) for start, stop in pairwise(breaks))
+    return [replace(part, episode=str(value)) for part, value in zip(parts, firsts, strict=True)]

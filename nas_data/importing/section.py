@@ -1,0 +1,120 @@
+"""Strict reading of one table of a TOML file: every key has its type, and a key that nobody asked for is an error."""
+
+from collections.abc import Mapping, Sequence
+
+from nas_data.errors import MapError
+
+
+class Section:
+    """One table of a mapping file; keys are taken out until none may be left.
+
+    Args:
+        values: The table's content.
+        file: File it comes from, as named in errors.
+        name: Table's name, for example `read.position`; empty for the top of the file.
+    """
+
+    def __init__(self, values: Mapping[str, object], file: str, name: str = "") -> None:
+        self.values = values
+        self.file = file
+        self.name = name
+        self._taken: set[str] = set()
+
+    def error(self, sentence: str) -> MapError:
+        """Return an error that names the file and the table."""
+        place = f"{self.file}, [{self.name}]" if self.name else self.file
+        return MapError(f"{place}: {sentence}")
+
+    def has(self, key: str) -> bool:
+        """Return whether the key is given."""
+        return key in self.values
+
+    def text(self, key: str, default: str | None = None, choices: Sequence[str] = ()) -> str:
+        """Take a string."""
+        value = self._take(key, default)
+        if not isinstance(value, str):
+            raise self.error(f"'{key}' is {value!r}; it must be a text in quotes.")
+        if choices and value not in choices:
+            raise self.error(f"'{key}' is '{value}'; choose one of: {', '.join(choices)}.")
+        return value
+
+    def number(self, key: str, default: float | None = None) -> float:
+        """Take a finite number."""
+        value = self._take(key, default)
+        if not _is_number(value):
+            raise self.error(f"'{key}' is {value!r}; it must be a number.")
+        return float(str(value))
+
+    def positive(self, key: str, default: float | None = None) -> float:
+        """Take a number above zero."""
+        value = self.number(key, default)
+        if value <= 0:
+            raise self.error(f"'{key}' is {value:g}; it must be above 0.")
+        return value
+
+    def flag(self, key: str, default: bool = False) -> bool:
+        """Take true or false."""
+        value = self._take(key, default)
+        if not isinstance(value, bool):
+            raise self.error(f"'{key}' is {value!r}; it must be true or false.")
+        return value
+
+    def texts(self, key: str, default: tuple[str, ...] | None = None) -> tuple[str, ...]:
+        """Take a list of strings."""
+        value = self._take(key, default)
+        if not isinstance(value, list | tuple) or not all(isinstance(item, str) for item in value):
+            raise self.error(f"'{key}' is {value!r}; it must be a list of texts in quotes.")
+        return tuple(value)
+
+    def numbers(self, key: str, count: int, default: float | None = None) -> tuple[float, ...]:
+        """Take one number for all, or a list of exactly `count` numbers."""
+        value = self._take(key, default)
+        if _is_number(value):
+            return (float(str(value)),) * count
+        if not isinstance(value, list) or not all(_is_number(item) for item in value):
+            raise self.error(f"'{key}' is {value!r}; it must be a number or a list of numbers.")
+        if len(value) != count:
+            raise self.error(f"'{key}' has {len(value)} numbers; {count} are needed.")
+        return tuple(float(item) for item in value)
+
+    def integers(self, key: str) -> tuple[int, ...]:
+        """Take a list of whole numbers from 0 on."""
+        value = self._take(key, None)
+        if not isinstance(value, list) or not all(type(item) is int and item >= 0 for item in value):
+            raise self.error(f"'{key}' is {value!r}; it must be a list of whole numbers from 0 on.")
+        return tuple(value)
+
+    def table(self, key: str) -> "Section":
+        """Take a table inside this one; empty where it is not given."""
+        value = self._take(key, {})
+        name = f"{self.name}.{key}" if self.name else key
+        if not isinstance(value, Mapping):
+            raise self.error(f"'{key}' is {value!r}; it must be a table: [{name}].")
+        return Section(value, self.file, name)
+
+    def tables(self) -> dict[str, "Section"]:
+        """Take everything that is left as tables, by their keys."""
+        return {key: self.table(key) for key in self.values if key not in self._taken}
+
+    def finish(self) -> None:
+        """Complain about keys that nobody took: a misspelt key must not be silently without effect.
+
+        Raises:
+            MapError: names the key and those that this table may have.
+        """
+        unknown = [key for key in self.values if key not in self._taken]
+        if unknown:
+            known = ", ".join(sorted(self._taken)) or "none"
+            raise self.error(f"there is no key '{unknown[0]}' here; the keys are: {known}.")
+
+    def _take(self, key: str, default: object) -> object:
+        self._taken.add(key)
+        value = self.values.get(key, default)
+        if value is None:
+            raise self.error(f"the key '{key}' is missing.")
+        return value
+
+
+def _is_number(value: object) -> bool:
+    """Return whether TOML gave a finite number; true and false are none."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < float("inf")

@@ -1,0 +1,225 @@
+"""One file of a log as named columns, each turned into numbers when it is asked for."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from nas_data.errors import LogError, MapError
+from nas_data.importing.rows import rows_text
+
+Column: TypeAlias = pa.Array | pa.ChunkedArray | np.ndarray
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of one file.
+
+    Attributes:
+        path: The file.
+        columns: Columns by name, as the format holds them.
+        constants: What the file holds once, not per row.
+    """
+
+    path: Path
+    columns: Mapping[str, Column]
+    constants: Mapping[str, object] = field(default_factory=dict)
+
+    def column(self, name: str) -> Column:
+        """Return a column as it is.
+
+        Raises:
+            MapError: there is none of that name; names those there are.
+        """
+        if name not in self.columns:
+            there = ", ".join(self.columns) or "none"
+            raise MapError(f"{self.path} has no column '{name}', which the map names; it has: {there}.")
+        return self.columns[name]
+
+    def numbers(self, name: str) -> np.ndarray:
+        """Return a column as numbers.
+
+        Returns:
+            Shape (N, k); k is 1 for a plain column. Empty cells are NaN.
+
+        Raises:
+            MapError: there is no such column.
+            LogError: cells that are no numbers, or vectors of different lengths; names the rows.
+        """
+        column = self.column(name)
+        if isinstance(column, np.ndarray):
+            return self._from_numpy(name, column)
+        kind = column.type
+        if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+            return self._from_text(name, column)
+        if pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind):
+            return self._from_lists(name, column)
+        if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind)):
+            if pa.types.is_null(kind):
+                return np.full((len(column), 1), np.nan)
+            raise LogError(f"{self.path}: the column '{name}' holds {kind}, not numbers; name another column.")
+        return _plain(column.cast(pa.float64()))[:, None]
+
+    def ticks(self, name: str, unit: str) -> np.ndarray:
+        """Return a time column in its own unit, shape (N,).
+
+        Whole numbers and dates (in ns) stay int64: nanoseconds since 1970 need more than the 53 bits of a float.
+
+        Raises:
+            MapError: there is no such column.
+            LogError: cells that are no times in this unit.
+        """
+        column = self.column(name)
+        whole = self._numpy_ticks(name, column, unit) if isinstance(column, np.ndarray) else None
+        if not isinstance(column, np.ndarray):
+            whole = self._arrow_ticks(name, column, unit)
+        if whole is not None:
+            return whole
+        numbers = self.numbers(name)
+        if numbers.shape[1] != 1:
+            raise LogError(f"{self.path}: the time column '{name}' holds vectors of {numbers.shape[1]}; one is due.")
+        return numbers[:, 0]
+
+    def constant(self, name: str) -> object:
+        """Return what the file holds once, or a column that is the same in every row.
+
+        Raises:
+            MapError: there is neither.
+            LogError: a column that changes.
+        """
+        if name in self.constants:
+            return self.constants[name]
+        if name not in self.columns:
+            there = ", ".join([*self.constants, *self.columns]) or "nothing"
+            raise MapError(f"{self.path} has no constant '{name}', which the map names; it holds: {there}.")
+        column = self.columns[name]
+        values = column.tolist() if isinstance(column, np.ndarray) else column.to_pylist()
+        if any(value != values[0] for value in values):
+            raise LogError(f"{self.path}: '{name}' changes within the log, so it is no constant; give it as 'column'.")
+        return number_or_text(values[0]) if values else None
+
+    def _numpy_ticks(self, name: str, column: np.ndarray, unit: str) -> np.ndarray | None:
+        """Return whole numbers where an array holds such or dates, shape (N,)."""
+        is_date = np.issubdtype(column.dtype, np.datetime64)
+        self._check_date(name, is_date, unit)
+        if is_date:
+            return column.astype("datetime64[ns]").astype(np.int64)
+        return column.astype(np.int64) if column.ndim == 1 and column.dtype.kind == "i" else None
+
+    def _arrow_ticks(self, name: str, column: pa.Array, unit: str) -> np.ndarray | None:
+        """Return whole numbers where a column holds such, or dates, also as text; None for fractions, shape (N,)."""
+        if pa.types.is_string(column.type):
+            kinds = [pa.timestamp("ns"), pa.timestamp("ns", "UTC")] if unit == "datetime" else [pa.int64()]
+            for kind in kinds:
+                try:
+                    return None if column.null_count else _plain(column.cast(kind).cast(pa.int64()))
+                except pa.ArrowInvalid:
+                    continue
+        is_date = pa.types.is_timestamp(column.type)
+        self._check_date(name, is_date, unit)
+        if is_date:
+            column = column.cast(pa.timestamp("ns", column.type.tz)).cast(pa.int64())
+        return _plain(column) if pa.types.is_integer(column.type) and not column.null_count else None
+
+    def _check_date(self, name: str, is_date: bool, unit: str) -> None:
+        if is_date != (unit == "datetime"):
+            held = "dates" if is_date else "no dates"
+            raise LogError(f"{self.path}: the time column '{name}' holds {held}, but the map says unit = '{unit}'.")
+
+    def _from_numpy(self, name: str, column: np.ndarray) -> np.ndarray:
+        if column.dtype.kind not in "biuf" or column.ndim not in (1, 2):
+            raise LogError(
+                f"{self.path}: the array '{name}' has {column.ndim} dimensions of {column.dtype}; "
+                "numbers in one or two dimensions are needed."
+            )
+        return (column if column.ndim == 2 else column[:, None]).astype(np.float64)
+
+    def _from_text(self, name: str, column: pa.Array) -> np.ndarray:
+        """Parse text cells: numbers, or JSON lists of numbers."""
+        first = next((cell for cell in column.drop_null()[:1].to_pylist()), "")
+        if first.lstrip().startswith("["):
+            self._refuse_nulls(name, column)
+            return self._from_json_cells(name, column.to_pylist())
+        try:
+            return _plain(column.cast(pa.float64()))[:, None]
+        except pa.ArrowInvalid:
+            cells = column.to_pylist()
+            row = next(row for row, cell in enumerate(cells) if cell is not None and not _is_number(cell))
+            raise LogError(f"{self.path}: the column '{name}' holds {cells[row]!r} in row {row}, no number.") from None
+
+    def _from_json_cells(self, name: str, cells: list[str]) -> np.ndarray:
+        try:
+            return _matrix(json.loads(f"[{','.join(cells)}]"))
+        except (ValueError, TypeError):
+            width = len(_list_of(cells[0]))
+            row = next((row for row, cell in enumerate(cells) if len(_list_of(cell)) != width or not width), 0)
+            raise LogError(
+                f"{self.path}: the column '{name}' holds {cells[row][:60]!r} in row {row}; "
+                f"a JSON list of {width} numbers is needed in every row."
+            ) from None
+
+    def _from_lists(self, name: str, column: pa.ChunkedArray) -> np.ndarray:
+        self._refuse_nulls(name, column)
+        lengths = pc.list_value_length(column).to_numpy(zero_copy_only=False) if len(column) else np.zeros(0)
+        if len(set(lengths.tolist())) > 1:
+            row = int(np.flatnonzero(lengths != lengths[0])[0])
+            raise LogError(
+                f"{self.path}: the column '{name}' holds {lengths[0]} numbers in row 0 and {lengths[row]} in row {row}."
+            )
+        try:
+            flat = _plain(pc.list_flatten(column).cast(pa.float64()))
+        except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
+            raise LogError(f"{self.path}: the column '{name}' holds {column.type}, not numbers.") from None
+        return flat.reshape(len(column), -1) if len(column) else np.zeros((0, 1))
+
+    def _refuse_nulls(self, name: str, column: pa.ChunkedArray) -> None:
+        if column.null_count:
+            rows = np.flatnonzero(column.is_null().to_numpy(zero_copy_only=False))
+            raise LogError(f"{self.path}: the column '{name}' is empty in {rows_text(rows)}; take these rows out.")
+
+
+def number_or_text(value: object) -> object:
+    """Return text that is a number as this number: CSV cells and Parquet metadata know only text."""
+    if not isinstance(value, str) or not _is_number(value):
+        return value
+    return int(value) if value.strip().lstrip("+-").isdecimal() else float(value)
+
+
+def _plain(column: pa.Array | pa.ChunkedArray) -> np.ndarray:
+    """Return an Arrow column as a NumPy array; nulls become NaN."""
+    if isinstance(column, pa.ChunkedArray):
+        return column.to_numpy()
+    return column.to_numpy(zero_copy_only=False)
+
+
+def _matrix(rows: list[list[float]]) -> np.ndarray:
+    """Return equal lists of numbers as an array.
+
+    Raises:
+        ValueError: lists of different lengths, or something else than numbers in them.
+    """
+    matrix = np.array(rows, dtype=np.float64)
+    if matrix.ndim != 2:
+        raise ValueError("no list of numbers in every row")
+    return matrix
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _list_of(cell: str) -> list[float]:
+    """Return a cell's list of numbers; empty where it is none."""
+    try:
+        return list(_matrix([json.loads(cell)])[0])
+    except (ValueError, TypeError):
+        return []

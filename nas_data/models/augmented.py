@@ -1,0 +1,107 @@
+"""Closed loops with a learned model: the source corrected by φ, and ψ alone."""
+
+import numpy as np
+import torch
+
+from nas_data.errors import CheckpointError, JointMismatch
+from nas_data.models.lstm import DynamicsModel
+from nas_data.simulators.base import Stepper
+
+
+class LearnedStepper:
+    """A batch of simulations whose next joint state a learned model decides; implements `Stepper`.
+
+    φ: the source takes one step from the corrected state, φ corrects the result, and the source is set to it, so
+    that bodies, sites and contacts agree with the corrected state (algorithm 2 of the paper). ψ: the source is
+    not stepped, only set, and serves for the places of bodies and sites.
+    """
+
+    def __init__(self, source: Stepper, model: DynamicsModel) -> None:
+        """Wrap a source.
+
+        Args:
+            source: Batch of B simulations with the model's joints.
+            model: Frozen φ or ψ.
+
+        Raises:
+            JointMismatch: the model was trained for other joints.
+        """
+        if source.joints != model.joints:
+            raise JointMismatch(
+                f"The model was trained for the joints {', '.join(model.joints)}; "
+                f"the source has {', '.join(source.joints)}."
+            )
+        self.source = source
+        self.model = model
+        self.joints = source.joints
+        self.size = source.size
+        self._states = source.states
+        self._memory = model.no_memory(self.size)
+
+    @property
+    def states(self) -> np.ndarray:
+        """Corrected positions [rad] then velocities [rad/s], shape (B, 2n)."""
+        return self._states
+
+    def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
+        """Start simulations anew, the model's memory zeroed; see `Stepper.reset`."""
+        self.source.reset(states, rows)
+        chosen = slice(None) if rows is None else rows
+        for memory in self._memory:
+            memory[:, chosen] = 0
+        self._states = self.source.states
+
+    def step(self, commands: np.ndarray) -> np.ndarray:
+        """Hold the commands for one control period; see `Stepper.step`."""
+        predicted = self.source.step(commands) if self.model.kind == "delta" else self._states
+        with torch.no_grad():
+            corrected, self._memory = self.model.next_states(
+                as_input(self._states), as_input(commands), as_input(predicted), self._memory
+            )
+        self._states = corrected[:, 0].numpy().astype(np.float64)
+        self.source.set_states(self._states)
+        return self._states
+
+    def set_states(self, states: np.ndarray) -> None:
+        """Set the joints' state (B, 2n) without clearing memories."""
+        self.source.set_states(states)
+        self._states = np.array(states, dtype=np.float64)
+
+    def site_positions(self, name: str) -> np.ndarray:
+        """Return where a site is in the world [m] for the corrected state, shape (B, 3)."""
+        return self.source.site_positions(name)
+
+
+class AugmentedStepper(LearnedStepper):
+    """Source + φ."""
+
+    def __init__(self, source: Stepper, model: DynamicsModel) -> None:
+        """Wrap a source with φ; see `LearnedStepper`."""
+        require_kind(model, "delta")
+        super().__init__(source, model)
+
+
+class ForwardStepper(LearnedStepper):
+    """ψ alone, with a source for the places of bodies and sites."""
+
+    def __init__(self, source: Stepper, model: DynamicsModel) -> None:
+        """Wrap a source with ψ; see `LearnedStepper`."""
+        require_kind(model, "forward")
+        super().__init__(source, model)
+
+
+def require_kind(model: DynamicsModel, kind: str) -> None:
+    """Refuse φ where ψ is due and the other way round.
+
+    Raises:
+        CheckpointError: the model is of the other kind.
+    """
+    if model.kind != kind:
+        raise CheckpointError(
+            f"The checkpoint is a {model.kind} model; a {kind} model is needed here: train one with `nas train {kind}`."
+        )
+
+
+def as_input(array: np.ndarray) -> torch.Tensor:
+    """Return a batch of one time step, shape (B, 1, d), float32."""
+    return torch.from_numpy(np.asarray(array, dtype=np.float32))[:, None]

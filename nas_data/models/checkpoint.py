@@ -1,0 +1,84 @@
+"""Checkpoints: a folder with `config.json` and `model.safetensors`, loaded frozen and without pickle."""
+
+import json
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.errors import CheckpointError, JointMismatch
+from nas_data.models.lstm import DynamicsModel
+
+CONFIG = "config.json"
+WEIGHTS = "model.safetensors"
+
+
+def save(model: DynamicsModel, folder: Path, attachments: Mapping[str, bytes] | None = None) -> Path:
+    """Write a checkpoint; the folder appears whole or not at all.
+
+    Args:
+        model: Trained model.
+        folder: New folder; an older checkpoint in it is replaced.
+        attachments: Further files by name: the source that φ corrects.
+    """
+    staging = folder.with_name(f".{folder.name}.partial")
+    shutil.rmtree(staging, ignore_errors=True)
+    model.save_pretrained(staging)
+    for name, content in (attachments or {}).items():
+        (staging / name).write_bytes(content)
+    shutil.rmtree(folder, ignore_errors=True)
+    staging.rename(folder)
+    return folder
+
+
+def load_frozen(folder: Path | str) -> DynamicsModel:
+    """Load a checkpoint for use: evaluation mode, no gradients.
+
+    Raises:
+        CheckpointError: missing, half-written, or not one of ours.
+    """
+    folder = Path(folder)
+    missing = [name for name in (CONFIG, WEIGHTS) if not (folder / name).is_file()]
+    if missing:
+        raise CheckpointError(f"{folder} holds no {' and no '.join(missing)}; give a folder written by `nas train`.")
+    try:
+        config = json.loads((folder / CONFIG).read_text(encoding="utf-8"))
+        model = DynamicsModel(**config)
+        model.load_state_dict(load_weights(folder / WEIGHTS))
+    except (OSError, ValueError, TypeError, RuntimeError, SafetensorError) as error:
+        reason = str(error).splitlines()[0]
+        raise CheckpointError(f"{folder} is no checkpoint of `nas train` ({reason}); train it again.") from None
+    return model.eval().requires_grad_(False)
+
+
+def load_weights(path: Path) -> dict[str, torch.Tensor]:
+    """Read a safetensors file."""
+    from safetensors.torch import load_file
+
+    return load_file(path)
+
+
+def find(folder: Path) -> Path:
+    """Return the checkpoint's folder, given it or the training's folder around it."""
+    inside = folder / "checkpoint"
+    return inside if (inside / CONFIG).is_file() else folder
+
+
+def check_fits(model: DynamicsModel, dataset: Dataset, folder: Path) -> None:
+    """Refuse a checkpoint for another robot, rate or kind of command.
+
+    Raises:
+        JointMismatch: says which, with both values.
+    """
+    if model.joints != dataset.joints:
+        raise JointMismatch(
+            f"The checkpoint {folder} was trained for the joints {', '.join(model.joints)}; "
+            f"the dataset has {', '.join(dataset.joints)}."
+        )
+    if abs(model.fps / dataset.fps - 1) > 1e-3:
+        raise JointMismatch(f"The checkpoint {folder} steps at {model.fps:g} Hz, the dataset at {dataset.fps:g} Hz.")
+    if model.commands_effort != dataset.commands_effort:
+        raise JointMismatch(f"The checkpoint {folder} and the dataset take different commands: position and torque.")

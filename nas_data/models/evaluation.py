@@ -1,0 +1,208 @@
+"""One-step and open-loop errors of a learned model, beside hold, source and command."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.metrics import Errors, table
+from nas_data.models.augmented import LearnedStepper
+from nas_data.models.episodes import pad, read_episodes
+from nas_data.models.lstm import DynamicsModel
+from nas_data.pairing import check_fits, pair
+from nas_data.simulators.base import Simulator, Stepper
+
+MODEL = {"delta": "source + φ", "forward": "ψ"}
+ROLLOUT_BATCH = 64
+EPISODES_SHOWN = 50
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Errors of every predictor on the same episodes.
+
+    Attributes:
+        one_step: From the measured state, by predictor.
+        open_loop: From the first measured state of the episode on, by predictor.
+        rollouts: Open-loop states of each episode, shape (T, 2n), by predictor; for pictures.
+    """
+
+    one_step: dict[str, Errors]
+    open_loop: dict[str, Errors]
+    rollouts: dict[str, list[np.ndarray]]
+
+    def text(self) -> str:
+        """Return both tables."""
+        steps = table(self.one_step, "One step: RMSE of the next position")
+        loop = table(self.open_loop, "Open loop: RMSE of positions, started once per episode")
+        return f"{steps}\n\n{loop}"
+
+    def episodes_text(self) -> str:
+        """Return the open-loop errors of each episode [deg], a column per predictor."""
+        names = list(self.open_loop)
+        rows = zip(*(np.degrees(self.open_loop[name].per_episode) for name in names), strict=True)
+        lines = ["Open loop, each episode [deg]", "  episode" + "".join(f"{name:>13}" for name in names)]
+        lines += [f"  {i:7d}" + "".join(f"{value:13.3f}" for value in row) for i, row in enumerate(rows)]
+        return "\n".join(lines[: 2 + EPISODES_SHOWN] + (["  …"] if len(lines) > 2 + EPISODES_SHOWN else []))
+
+    def to_json(self) -> dict[str, object]:
+        """Return the errors [rad]."""
+        return {
+            "unit": "rad",
+            "one_step": {name: errors.to_json() for name, errors in self.one_step.items()},
+            "open_loop": {name: errors.to_json() for name, errors in self.open_loop.items()},
+        }
+
+
+def evaluate(
+    dataset: Dataset,
+    simulator: Simulator | None,
+    model: DynamicsModel | None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Evaluation:
+    """Compare predictors with what was measured.
+
+    Args:
+        dataset: Transitions; need not be paired.
+        simulator: Source; may be None for ψ and the trivial baselines.
+        model: Frozen φ (needs the simulator) or ψ; None for the baselines alone.
+        progress: Called with control steps done and to do.
+
+    Raises:
+        JointMismatch: dataset, simulator and model do not fit together.
+    """
+    measured = [dataset.next_states[rows] for rows in dataset.episodes()]
+    if simulator is not None:
+        dataset = pair(dataset, simulator)
+    one_step, rollouts = baselines(dataset, simulator)
+    if model is not None:
+        name = MODEL[model.kind]
+        one_step = {name: one_step_model(dataset, model)} | one_step
+        rollouts = {name: open_loop_model(dataset, simulator, model, progress)} | rollouts
+    joints = dataset.joints
+    return Evaluation(
+        {name: Errors.of(joints, predicted, measured) for name, predicted in one_step.items()},
+        {name: Errors.of(joints, predicted, measured) for name, predicted in rollouts.items()},
+        rollouts,
+    )
+
+
+def baselines(
+    dataset: Dataset, simulator: Simulator | None
+) -> tuple[dict[str, list[np.ndarray]], dict[str, list[np.ndarray]]]:
+    """Return one-step and open-loop predictions of source, hold and command, a list of episodes each."""
+    rows = list(dataset.episodes())
+    one_step: dict[str, list[np.ndarray]] = {}
+    rollouts: dict[str, list[np.ndarray]] = {}
+    if simulator is not None:
+        one_step["source"] = [dataset.sim_states[row] for row in rows]
+        rollouts["source"] = open_loop_source(dataset, simulator)
+    one_step["hold"] = [dataset.states[row] for row in rows]
+    rollouts["hold"] = [np.repeat(dataset.states[row.start][None], row.stop - row.start, axis=0) for row in rows]
+    if not dataset.commands_effort:
+        one_step["command"] = rollouts["command"] = [dataset.commands[row] for row in rows]
+    return one_step, rollouts
+
+
+def open_loop_source(dataset: Dataset, simulator: Simulator) -> list[np.ndarray]:
+    """Roll the source out over every episode, started at its first measured state; a list of (T, 2n)."""
+    check_fits(dataset, simulator)
+    result: list[np.ndarray] = [np.empty(0)] * dataset.n_episodes
+    for batch in batches(dataset.lengths):
+        commands, initial = padded_commands(dataset, batch), dataset.states[dataset.starts[batch]]
+        states = simulator.rollout(initial, commands)
+        for row, episode in enumerate(batch):
+            result[episode] = states[row, : dataset.lengths[episode]]
+    return result
+
+
+def one_step_model(dataset: Dataset, model: DynamicsModel) -> list[np.ndarray]:
+    """Predict each next state from the measured one, the memory running through the episode; a list of (T, 2n)."""
+    result: list[np.ndarray] = []
+    for batch in batches(dataset.lengths, ordered=False):
+        episodes = read_episodes(dataset, batch)
+        padded, _ = pad(episodes)
+        with torch.no_grad():
+            states, _ = model.next_states(padded.states, padded.commands, padded.predicted)
+        result += [states[row, : len(episode)].numpy() for row, episode in enumerate(episodes)]
+    return result
+
+
+def open_loop_model(
+    dataset: Dataset,
+    simulator: Simulator | None,
+    model: DynamicsModel,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> list[np.ndarray]:
+    """Roll the model out over every episode on its own states; a list of (T, 2n).
+
+    Raises:
+        JointMismatch: φ without a simulator, or joints that differ.
+    """
+    plan = batches(dataset.lengths)
+    total, done = sum(int(dataset.lengths[batch].max()) for batch in plan), 0
+    result: list[np.ndarray] = [np.empty(0)] * dataset.n_episodes
+    for batch in plan:
+        source = simulator.stepper(len(batch)) if simulator is not None else StillStepper(dataset.joints, len(batch))
+        stepper = LearnedStepper(source, model)
+        stepper.reset(dataset.states[dataset.starts[batch]].astype(float))
+        commands = padded_commands(dataset, batch)
+        states = np.empty((len(batch), commands.shape[1], dataset.states.shape[1]))
+        for step in range(commands.shape[1]):
+            states[:, step] = stepper.step(commands[:, step])
+            done += 1
+            if step % 100 == 0:
+                progress(done, total)
+        for row, episode in enumerate(batch):
+            result[episode] = states[row, : dataset.lengths[episode]]
+    return result
+
+
+def batches(lengths: np.ndarray, ordered: bool = True) -> list[list[int]]:
+    """Group episodes for batched rollouts, those of like length together where `ordered`."""
+    order = np.argsort(-lengths, kind="stable") if ordered else np.arange(len(lengths))
+    return [order[start : start + ROLLOUT_BATCH].tolist() for start in range(0, len(order), ROLLOUT_BATCH)]
+
+
+def padded_commands(dataset: Dataset, episodes: Sequence[int]) -> np.ndarray:
+    """Return the commands of episodes, shorter ones padded by their last, shape (B, T, n), float64."""
+    longest = int(dataset.lengths[list(episodes)].max())
+    rows = [dataset.commands[dataset.episode(episode)] for episode in episodes]
+    return np.stack([np.pad(row, ((0, longest - len(row)), (0, 0)), mode="edge") for row in rows]).astype(float)
+
+
+class StillStepper(Stepper):
+    """Joints that only stay where they are set: all that ψ needs of a source."""
+
+    def __init__(self, joints: tuple[str, ...], size: int) -> None:
+        """Create B simulations at zero."""
+        self.joints = joints
+        self.size = size
+        self._states: np.ndarray = np.zeros((size, 2 * len(joints)))
+
+    @property
+    def states(self) -> np.ndarray:
+        """Positions [rad] then velocities [rad/s], shape (B, 2n)."""
+        return self._states
+
+    def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
+        """Set the states of some simulations."""
+        self._states[slice(None) if rows is None else rows] = states
+
+    def step(self, commands: np.ndarray) -> np.ndarray:
+        """Stay."""
+        return self._states
+
+    def set_states(self, states: np.ndarray) -> None:
+        """Set all states."""
+        self._states = np.array(states, dtype=float)
+
+    def site_positions(self, name: str) -> np.ndarray:
+        """There are no bodies here.
+
+        Raises:
+            LookupError: always.
+        """
+        raise LookupError(f"joints without a model have no site '{name}'")

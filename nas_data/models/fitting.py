@@ -1,0 +1,49 @@
+"""What is known before any gradient: normalisation from the training episodes and the best linear shortcut."""
+
+import torch
+from torch import Tensor
+
+from nas_data.models.episodes import Episode
+from nas_data.models.lstm import DynamicsModel
+
+RIDGE = 1e-3  # relative to unit variance; keeps joints that never moved from growing large weights
+
+
+def prepare(model: DynamicsModel, transitions: Episode) -> None:
+    """Set the normalisation, and the shortcut where the model has one, from training transitions.
+
+    Args:
+        model: Untrained model; changed in place.
+        transitions: All transitions of the training episodes, shape (N, …).
+    """
+    inputs = model.raw_inputs(transitions.states, transitions.commands, transitions.predicted)
+    base = transitions.predicted if model.kind == "delta" else transitions.states
+    outputs = transitions.targets - base
+    for name, values in (("input", inputs), ("output", outputs)):
+        model.get_buffer(f"{name}_mean").copy_(values.mean(0))
+        model.get_buffer(f"{name}_std").copy_(spread(values))
+    if model.shortcut is not None:
+        weight, bias = ridge(model.inputs.normalise(inputs), model.outputs.normalise(outputs))
+        with torch.no_grad():
+            model.shortcut.weight.copy_(weight)
+            model.shortcut.bias.copy_(bias)
+            model.outer.weight.mul_(0.1)  # start near the linear solution, and let the LSTM grow from there
+            model.outer.bias.zero_()
+
+
+def spread(values: Tensor) -> Tensor:
+    """Return standard deviations, those of constant components replaced so that they divide harmlessly."""
+    deviation = values.std(0, correction=0)
+    return torch.where(deviation > 1e-6, deviation, torch.ones_like(deviation))
+
+
+def ridge(inputs: Tensor, outputs: Tensor) -> tuple[Tensor, Tensor]:
+    """Fit outputs ≈ inputs @ weight.T + bias by ridge regression in float64.
+
+    Returns:
+        Weight (outputs, inputs) and bias (outputs,), float32.
+    """
+    design = torch.cat([inputs, torch.ones(len(inputs), 1)], dim=1).double()
+    gram = design.T @ design + RIDGE * len(inputs) * torch.eye(design.shape[1], dtype=torch.float64)
+    solution = torch.linalg.solve(gram, design.T @ outputs.double()).float()
+    return solution[:-1].T, solution[-1]

@@ -1,0 +1,93 @@
+"""Training options, and the presets that fill them."""
+
+from dataclasses import dataclass, replace
+
+from nas_data.errors import OptionError, UnknownName
+
+
+@dataclass(frozen=True)
+class TrainingOptions:
+    """Everything that decides a training beside the data.
+
+    Attributes:
+        preset: Preset that these options started from.
+        hidden: Units of each LSTM layer.
+        layers: LSTM layers.
+        relative: Feed differences instead of absolute commands and predictions.
+        shortcut: Linear map from inputs to outputs, fitted in closed form before training.
+        epochs: Passes over the training episodes with teacher forcing (inputs are measured states).
+        batch: Segments per teacher-forced update.
+        segment: Longest segment [frames]; longer episodes are cut; 0 keeps whole episodes.
+        rate: Learning rate of teacher forcing.
+        updates: Updates in free running (inputs are the model's own states, through the source).
+        frames: Frames per free-running update.
+        horizon: Longest free-running window [frames]; windows start at 20 and grow to it.
+        free_rate: Learning rate of free running.
+        cosine: Learning rate falls along half a cosine in each phase; else it stays.
+        clip: Largest norm of a gradient; 0 for none.
+        weight_decay: AdamW's decoupled weight decay.
+        bf16: Teacher forcing in bfloat16 where the processor has it.
+        validation: Share of the episodes held out for early stopping, at least one.
+        patience: Validations without improvement before a phase ends.
+        seed: Seed of weights, order and windows.
+    """
+
+    preset: str = "fast"
+    hidden: int = 128
+    layers: int = 3
+    relative: bool = True
+    shortcut: bool = True
+    epochs: int = 10
+    batch: int = 16
+    segment: int = 300
+    rate: float = 2e-3
+    updates: int = 400
+    frames: int = 3200
+    horizon: int = 150
+    free_rate: float = 2e-3
+    cosine: bool = True
+    clip: float = 0.5
+    weight_decay: float = 1e-3
+    bf16: bool = True
+    validation: float = 0.1
+    patience: int = 1000
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.validation < 1:
+            raise OptionError(f"The validation share is {self.validation}; it must lie between 0 and 1.")
+        if min(self.hidden, self.layers, self.batch, self.frames) < 1 or self.horizon < 2:
+            raise OptionError("Hidden units, layers, batch and frames must be at least 1, the horizon at least 2.")
+
+
+PRESETS = {
+    "fast": TrainingOptions(),
+    # Appendix A.1: Adam, 250 epochs, batch size 1, learning rate 0.01; teacher forcing on whole trajectories.
+    "paper": TrainingOptions(
+        preset="paper",
+        relative=False,
+        shortcut=False,
+        epochs=250,
+        batch=1,
+        segment=0,
+        rate=0.01,
+        updates=0,
+        cosine=False,
+        clip=0.0,
+        weight_decay=0.0,
+        bf16=False,
+    ),
+}
+
+
+def preset(name: str, **changes: int | float | bool | None) -> TrainingOptions:
+    """Return a preset with some options changed; None leaves an option as it is.
+
+    Raises:
+        UnknownName: there is no such preset.
+        OptionError: a value is out of its range.
+    """
+    if name not in PRESETS:
+        raise UnknownName("preset", name, PRESETS)
+    given = {key: value for key, value in changes.items() if value is not None}
+    return replace(PRESETS[name], **given)  # type: ignore[arg-type]  # dataclasses.replace is not generic over fields

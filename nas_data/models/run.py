@@ -1,0 +1,181 @@
+"""Running a training: updates, early stopping, checkpoints, TensorBoard, and going on after an interruption."""
+
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import torch
+from torch.utils.tensorboard import SummaryWriter
+
+from nas_data.errors import OutputExists
+from nas_data.models import checkpoint
+from nas_data.models.lstm import DynamicsModel
+from nas_data.models.phases import Phase
+from nas_data.models.training import Training
+
+CHECKPOINT = "checkpoint"
+HISTORY = "history.json"
+STATE = "training_state.pt"
+
+
+@dataclass
+class Progress:
+    """Where a training stands.
+
+    Attributes:
+        phase: Number of the phase that runs.
+        update: Next update in it.
+        best: Best validation error so far.
+        stale: Validations since then.
+        seconds: Time spent.
+        history: One row a validation: phase, update, loss, validation error, seconds.
+    """
+
+    phase: int = 0
+    update: int = 0
+    best: float = float("inf")
+    stale: int = 0
+    seconds: float = 0.0
+    history: list[dict[str, float | int | str]] = field(default_factory=list)
+
+
+class TrainingRun:
+    """A training in a folder, which can be interrupted and continued; the result is bit for bit the same."""
+
+    def __init__(
+        self,
+        training: Training,
+        folder: Path,
+        report: Callable[[str], None],
+        attachments: Mapping[str, bytes] | None = None,
+    ) -> None:
+        """Open the folder.
+
+        Args:
+            training: What to train.
+            folder: Where the checkpoint, history and TensorBoard files go.
+            report: Receives a line per validation.
+            attachments: Files kept in the checkpoint: the source.
+
+        Raises:
+            OutputExists: the folder holds a finished training, or one of other options.
+        """
+        self.training = training
+        self.folder = folder
+        self.report = report
+        self.attachments = attachments
+        self.progress = Progress()
+        self.optimiser = torch.optim.AdamW(
+            training.model.parameters(), lr=1e-3, weight_decay=training.options.weight_decay
+        )
+        self._restore()
+
+    def run(self) -> DynamicsModel:
+        """Train to the end and return the frozen model of the best validation."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self.writer = SummaryWriter(str(self.folder / "tensorboard"))
+        self._clock = time.monotonic() - self.progress.seconds
+        with one_thread():
+            if not self.progress.history:
+                self._validate("start", float("nan"))
+            for number in range(self.progress.phase, len(self.training.phases)):
+                self._run_phase(number)
+        self.writer.close()
+        (self.folder / HISTORY).write_text(json.dumps(self.progress.history, indent=1), encoding="utf-8")
+        (self.folder / STATE).unlink(missing_ok=True)
+        return checkpoint.load_frozen(self.folder / CHECKPOINT)
+
+    def _run_phase(self, number: int) -> None:
+        phase = self.training.phases[number]
+        if number != self.progress.phase:
+            self.progress.phase, self.progress.update, self.progress.stale = number, 0, 0
+        losses: list[float] = []
+        while self.progress.update < phase.updates and self.progress.stale <= self.training.options.patience:
+            losses.append(self._update(phase))
+            self.progress.update += 1
+            if self.progress.update % phase.per_validation == 0 or self.progress.update == phase.updates:
+                self._validate(phase.name, sum(losses) / len(losses))
+                losses.clear()
+
+    def _update(self, phase: Phase) -> float:
+        """Take one step of the optimiser and return the loss; a step that is not finite is left out."""
+        options, update = self.training.options, self.progress.update
+        share = update / phase.updates
+        warm = min(1.0, (update + 1) / 20)
+        rate = phase.rate * warm * (0.5 + 0.5 * float(torch.cos(torch.tensor(share * torch.pi)))) + 1e-5
+        for group in self.optimiser.param_groups:
+            group["lr"] = rate if options.cosine else phase.rate
+        loss = phase.loss(update)
+        self.optimiser.zero_grad()
+        loss.backward()
+        limit = options.clip or float("inf")
+        norm = torch.nn.utils.clip_grad_norm_(self.training.model.parameters(), limit)
+        if torch.isfinite(norm):
+            self.optimiser.step()
+        return float(loss.detach())
+
+    def _validate(self, phase: str, loss: float) -> None:
+        """Measure the validation error, keep the best model, store where the training stands."""
+        error = self.training.validation_error()
+        progress = self.progress
+        progress.stale += 1
+        progress.seconds = time.monotonic() - self._clock
+        if error < progress.best or not progress.history:
+            progress.best, progress.stale = error, 0
+            checkpoint.save(self.training.model, self.folder / CHECKPOINT, self.attachments)
+        row: dict[str, float | int | str] = {"phase": phase, "update": progress.update, "validation": error}
+        row |= {"loss": loss, "seconds": round(progress.seconds, 1)}
+        progress.history.append(row)
+        step = len(progress.history)
+        self.writer.add_scalar("validation", error, step)
+        self.writer.add_scalar("loss", loss, step)
+        mark = " *" if progress.stale == 0 else ""
+        self.report(
+            f"{phase:>15} {progress.update:5d}  loss {loss:9.5f}  "
+            f"validation {error:9.5f}{mark}  {progress.seconds:6.1f} s"
+        )
+        self._store()
+
+    def _identity(self) -> dict[str, object]:
+        """Return what must be equal for a training to go on."""
+        dataset = self.training.model.provenance.get("dataset")
+        return {"options": asdict(self.training.options), "kind": self.training.model.kind, "dataset": dataset}
+
+    def _store(self) -> None:
+        content = {
+            "identity": json.dumps(self._identity(), sort_keys=True, default=str),
+            "progress": asdict(self.progress),
+            "model": self.training.model.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+        }
+        partial = self.folder / f".{STATE}"
+        torch.save(content, partial)
+        partial.replace(self.folder / STATE)
+
+    def _restore(self) -> None:
+        path = self.folder / STATE
+        if not path.is_file():
+            if self.folder.exists() and any(self.folder.iterdir()):
+                raise OutputExists(f"{self.folder} is not empty; choose another --out or remove it.")
+            return
+        content = torch.load(path, weights_only=True, map_location=self.training.device)
+        if content["identity"] != json.dumps(self._identity(), sort_keys=True, default=str):
+            raise OutputExists(f"{self.folder} holds an unfinished training of other options or data; remove it.")
+        self.training.model.load_state_dict(content["model"])
+        self.optimiser.load_state_dict(content["optimiser"])
+        self.progress = Progress(**content["progress"])
+        self.report(f"going on at update {self.progress.update} of {self.folder}")
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Run torch on one thread: networks this small lose more than they win on two."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

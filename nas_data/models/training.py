@@ -1,0 +1,129 @@
+"""What a training of φ or ψ consists of: split, model with its statistics, phases, validation error."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+
+import numpy as np
+import torch
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.errors import DatasetInvalid, JointMismatch
+from nas_data.metrics import Errors
+from nas_data.models.episodes import cut, join, pad, read_episodes, split
+from nas_data.models.evaluation import open_loop_model
+from nas_data.models.fitting import prepare
+from nas_data.models.lstm import DynamicsModel, Kind
+from nas_data.models.phases import FreeRunning, Phase, TeacherForcing, one_step_loss
+from nas_data.models.presets import TrainingOptions
+from nas_data.simulators.base import Simulator
+
+SEGMENT = 1000  # frames of a validation rollout: long enough for errors to compound, short enough to run often
+SEGMENTS = 32  # validation rollouts at most
+
+
+class Training:
+    """One training of φ or ψ on a dataset.
+
+    Attributes:
+        model: The network, with normalisation from the training episodes.
+        phases: What is run, one after the other.
+        train_indices: Episodes that train.
+        held_indices: Episodes held out for early stopping.
+    """
+
+    def __init__(
+        self,
+        kind: Kind,
+        dataset: Dataset,
+        options: TrainingOptions,
+        simulator: Simulator | None = None,
+        provenance: Mapping[str, object] | None = None,
+        device: str | None = None,
+    ) -> None:
+        """Split the episodes, build the model and its normalisation, plan the phases.
+
+        Args:
+            kind: `delta` for φ, `forward` for ψ.
+            dataset: Transitions; paired for φ.
+            options: See `TrainingOptions`.
+            simulator: Source, for free running and validation of φ; None trains it by teacher forcing alone.
+            provenance: Dataset and source, stored in the checkpoint.
+            device: torch device; a GPU where there is one when None.
+
+        Raises:
+            DatasetInvalid: φ without `next.observation.sim_state`.
+            JointMismatch: simulator and dataset have different joints.
+        """
+        if kind == "delta" and not dataset.paired:
+            raise DatasetInvalid("A delta model needs the source's predictions: run `nas pair` on the dataset first.")
+        if simulator is not None and simulator.joints != dataset.joints:
+            raise JointMismatch("The simulator and the dataset have different joints.")
+        self.options = options
+        self.simulator = simulator
+        self.device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
+        self.train_indices, self.held_indices = split(dataset.n_episodes, options.validation, options.seed)
+        self.model = self._build(kind, dataset, provenance or {})
+        episodes = read_episodes(dataset, self.train_indices)
+        prepare(self.model, join(episodes))
+        self.model.to(self.device)
+        self.free = options.updates > 0 and (kind == "forward" or simulator is not None)
+        phases: list[Phase] = [TeacherForcing(self.model, episodes, options, self.device)]
+        if self.free:
+            phases.append(FreeRunning(self.model, episodes, simulator, options, self.device))
+        self.phases = [phase for phase in phases if phase.updates]
+        self.held = validation_segments(dataset, self.held_indices)
+
+    def _build(self, kind: Kind, dataset: Dataset, provenance: Mapping[str, object]) -> DynamicsModel:
+        torch.manual_seed(self.options.seed)
+        options = self.options
+        return DynamicsModel(
+            kind=kind,
+            joints=list(dataset.joints),
+            hidden=options.hidden,
+            layers=options.layers,
+            relative=options.relative,
+            shortcut=options.shortcut,
+            commands_effort=dataset.commands_effort,
+            fps=float(dataset.fps),
+            provenance={**provenance, "training": asdict(options), "validation_episodes": self.held_indices},
+        )
+
+    @property
+    def criterion(self) -> str:
+        """What early stopping looks at, with its unit."""
+        return "open-loop position RMSE [rad]" if self.free else "one-step normalised MSE"
+
+    def validation_error(self) -> float:
+        """Return the model's error on the held-out episodes."""
+        self.model.eval()
+        with torch.no_grad():
+            error = self._open_loop_error() if self.free else self._one_step_error()
+        self.model.train()
+        return error
+
+    def _open_loop_error(self) -> float:
+        model = self.model.to("cpu")
+        rollouts = open_loop_model(self.held, self.simulator, model)
+        measured = [self.held.next_states[rows] for rows in self.held.episodes()]
+        self.model.to(self.device)
+        error = Errors.of(self.held.joints, rollouts, measured).overall
+        return error if np.isfinite(error) else float("inf")
+
+    def _one_step_error(self) -> float:
+        episodes = read_episodes(self.held, range(self.held.n_episodes))
+        batch, mask = pad(cut(episodes, self.options.segment))
+        return float(one_step_loss(self.model, batch, mask, self.device))
+
+
+def validation_segments(dataset: Dataset, episodes: list[int]) -> Dataset:
+    """Return held-out episodes cut into rollouts of bounded length, each started at a measured state."""
+    starts, lengths = [], []
+    for episode in episodes:
+        rows = dataset.episode(episode)
+        cuts = list(range(rows.start, rows.stop, SEGMENT))
+        starts += cuts
+        lengths += [min(SEGMENT, rows.stop - start) for start in cuts]
+    order = np.linspace(0, len(starts) - 1, min(SEGMENTS, len(starts))).round().astype(int)
+    frames = np.concatenate([np.arange(starts[i], starts[i] + lengths[i]) for i in order])
+    columns = {key: column[frames] for key, column in dataset.columns.items()}
+    return Dataset(dataset.features, columns, np.array([lengths[i] for i in order]), dataset.fps)

@@ -1,0 +1,49 @@
+"""Pairing: what the source predicts for every measured transition, in batched rollouts."""
+
+import numpy as np
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import SIM_STATE, state_feature
+from nas_data.errors import JointMismatch
+from nas_data.simulators.base import Simulator
+
+
+def pair(dataset: Dataset, simulator: Simulator) -> Dataset:
+    """Add `next.observation.sim_state` to a dataset of transitions.
+
+    The source is reset to each measured state with its warm start zeroed, the command is held for one control
+    period, and the joints are read. The result equals a plain loop over `mj_step` bit for bit.
+
+    Args:
+        dataset: Transitions with 2n-states (see `as_transitions`).
+        simulator: Source with the dataset's joints and rate.
+
+    Returns:
+        The dataset with the predictions as float32, shape (N, 2n).
+
+    Raises:
+        JointMismatch: joints, rate or kind of command differ.
+    """
+    check_fits(dataset, simulator)
+    predicted = simulator.predict(dataset.states, dataset.commands)
+    return dataset.with_column(SIM_STATE, state_feature(dataset.joints), predicted.astype(np.float32))
+
+
+def check_fits(dataset: Dataset, simulator: Simulator) -> None:
+    """Refuse a simulator of another robot, rate or kind of command.
+
+    Raises:
+        JointMismatch: says which, with both values.
+    """
+    if simulator.joints != dataset.joints:
+        raise JointMismatch(
+            f"The simulator has the joints {', '.join(simulator.joints)}; the dataset {', '.join(dataset.joints)}."
+        )
+    if abs(simulator.period * dataset.fps - 1) > 1e-6:
+        raise JointMismatch(f"The simulator steps at {1 / simulator.period:g} Hz, the dataset at {dataset.fps:g} Hz.")
+    if simulator.commands_effort != dataset.commands_effort:
+        kinds = {True: "torques", False: "positions"}
+        raise JointMismatch(
+            f"The dataset commands {kinds[dataset.commands_effort]}, the model's actuators take "
+            f"{kinds[simulator.commands_effort]}; give a model with the other kind of actuator."
+        )

@@ -1,0 +1,217 @@
+"""Methods against each other on one target: every method and seed is one run, one JSON file, never done twice."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.envs.loop.plant import Plant
+from nas_data.errors import OptionError
+from nas_data.policies.evaluate import score_policy, spread
+from nas_data.policies.folder import write
+from nas_data.policies.parallel import run_jobs
+from nas_data.policies.policy import load_policy, read_progress
+from nas_data.policies.ppo import Hyperparameters, Report, Training, to_stderr, train
+from nas_data.policies.share import Share, share
+from nas_data.policies.tables import aligned
+
+RESULT = "result.json"
+SOURCE_METHOD, EXPERT_METHOD = "source", "expert"  # the two ends of the distance that a method closes a share of
+
+Record = dict[str, object]
+
+
+@dataclass(frozen=True)
+class Study:
+    """What is compared.
+
+    Attributes:
+        target: Plant that every policy is judged on.
+        methods: Plant that each method learns on.
+        seeds: Seeds of every method.
+        frames: Control steps of each training.
+        episodes: Episodes of each evaluation; the same for all.
+        hyperparameters: PPO's.
+    """
+
+    target: Plant
+    methods: Mapping[str, Plant]
+    seeds: Sequence[int] = (0, 1, 2, 3, 4)
+    frames: int = 2_000_000
+    episodes: int = 100
+    hyperparameters: Hyperparameters = field(default_factory=Hyperparameters)
+
+
+@dataclass(frozen=True)
+class Run:
+    """One method with one seed: all that its result depends on, and the folder that it lies in."""
+
+    method: str
+    training: Training
+    target: Plant
+    episodes: int
+    folder: Path
+    quiet: bool = False
+
+
+def do_run(run: Run) -> Record:
+    """Train and judge one policy, or read what an earlier run of the same found.
+
+    Raises:
+        OutputExists: the folder holds another training.
+        CheckpointError: the plant's checkpoint cannot be used.
+    """
+    question = {
+        "method": run.method,
+        "training": {**run.training.identity(), "frames": run.training.rollouts * run.training.hyperparameters.rollout},
+        "target": run.target.describe(),
+        "episodes": run.episodes,
+    }
+    known = read_result(run.folder)
+    if known is not None and known.get("question") == question:
+        return known
+    train(run.training, run.folder, report=silence if run.quiet else None)
+    score = score_policy(load_policy(run.folder), run.target, run.episodes)
+    curve = read_progress(run.folder)
+    record: Record = {
+        "question": question,
+        "circumstances": run.training.circumstances(),
+        "score": score.describe(),
+        "returns": score.returns.tolist(),
+        "wall_seconds": float(curve["seconds"][-1]),
+        "cpu_seconds": float(curve["cpu_seconds"][-1]),
+    }
+    write(run.folder / RESULT, (json.dumps(record, indent=1) + "\n").encode())
+    return record
+
+
+def silence(_: str) -> None:
+    """Report nothing: several workers would talk at once."""
+
+
+def read_result(folder: Path) -> Record | None:
+    """Return a finished run's record, None where there is none to trust."""
+    try:
+        record = json.loads((folder / RESULT).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return record if isinstance(record, dict) else None
+
+
+def compare(study: Study, folder: Path, workers: int = 1, report: Report = to_stderr) -> "Comparison":
+    """Train and judge every method with every seed; goes on where it was interrupted.
+
+    Args:
+        study: What is compared.
+        folder: Results: `<method>/seed<seed>/` hold policy, learning curve and `result.json`.
+        workers: Processes side by side.
+        report: Told of each finished run in a sentence.
+
+    Raises:
+        OptionError: there is no method or no seed.
+        UnknownName: an environment or a dynamics does not exist.
+        OutputExists: the folder holds a run of another study under the same name.
+    """
+    if not study.methods or not study.seeds:
+        raise OptionError("A comparison needs at least one method and one seed.")
+    for plant in (study.target, *study.methods.values()):
+        plant.describe()  # says what is wrong before hours are spent
+    runs = [
+        Run(
+            method=method,
+            training=Training(plant, seed, study.frames, study.hyperparameters),
+            target=study.target,
+            episodes=study.episodes,
+            folder=folder / method / f"seed{seed}",
+            quiet=workers > 1,
+        )
+        for seed in study.seeds
+        for method, plant in study.methods.items()
+    ]
+    records: dict[tuple[str, int], Record] = {}
+    for number, record in run_jobs(do_run, runs, workers):
+        run = runs[number]
+        records[run.method, run.training.seed] = record
+        report(f"{len(records)} of {len(runs)}: {run.method}, seed {run.training.seed}: {tell(record)}")
+    return Comparison(study=study, folder=folder, records=records)
+
+
+def tell(record: Record) -> str:
+    """Say what a run found."""
+    return f"return {number(record, 'return'):.2f}, success {number(record, 'success_rate'):.0%}"
+
+
+def number(record: Record, key: str) -> float:
+    """Return a number of a run's score."""
+    score = record["score"]
+    assert isinstance(score, dict)
+    return float(score[key])
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What a study found.
+
+    Attributes:
+        study: What was compared.
+        folder: Where policies, learning curves and results lie.
+        records: Of each method and seed.
+    """
+
+    study: Study
+    folder: Path
+    records: Mapping[tuple[str, int], Record]
+
+    def values(self, method: str, key: str = "return") -> np.ndarray:
+        """Return a score of each seed of a method on the target, shape (seeds,)."""
+        return np.array([number(self.records[method, seed], key) for seed in self.study.seeds])
+
+    def policy_folder(self, method: str, seed: int) -> Path:
+        """Return where a policy lies."""
+        return self.folder / method / f"seed{seed}"
+
+    def share_closed(self, method: str) -> Share | None:
+        """Return how much of the distance from source to expert a method closes; None for these two."""
+        ends = {SOURCE_METHOD, EXPERT_METHOD}
+        if method in ends or not ends <= set(self.study.methods):
+            return None
+        return share(self.values(method), self.values(SOURCE_METHOD), self.values(EXPERT_METHOD))
+
+    def describe(self) -> dict[str, object]:
+        """Return the comparison for JSON."""
+        return {
+            "target": self.study.target.describe(),
+            "frames": self.study.frames,
+            "episodes": self.study.episodes,
+            "seeds": list(self.study.seeds),
+            "methods": {method: self._describe_method(method) for method in self.study.methods},
+        }
+
+    def _describe_method(self, method: str) -> dict[str, object]:
+        closed = self.share_closed(method)
+        return {
+            "returns": self.values(method).tolist(),
+            "success_rates": self.values(method, "success_rate").tolist(),
+            "return": spread(self.values(method)),
+            "success_rate": spread(self.values(method, "success_rate")),
+            "share_closed": None if closed is None else closed.describe(),
+        }
+
+    def table(self) -> str:
+        """Return the comparison as text."""
+        headers = ("method", "seeds", "return: median", "min … max", "success: median", "distance closed")
+        return aligned(headers, [self._row(method) for method in self.study.methods])
+
+    def _row(self, method: str) -> tuple[str, ...]:
+        returns, success = spread(self.values(method)), spread(self.values(method, "success_rate"))
+        closed = self.share_closed(method)
+        return (
+            method,
+            str(len(self.study.seeds)),
+            f"{returns['median']:.2f}",
+            f"{returns['min']:.2f} … {returns['max']:.2f}",
+            f"{success['median']:.0%}",
+            "" if closed is None else str(closed),
+        )

@@ -1,0 +1,195 @@
+"""How well a policy does on a plant: return and success over the same episodes for every policy."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.envs.base import Task, find_task_file
+from nas_data.envs.loop.arena import Arena
+from nas_data.envs.loop.plant import Plant
+from nas_data.errors import CheckpointError, OptionError
+from nas_data.policies.policy import Policy, find_policies, load_policy
+from nas_data.simulators.base import Stepper
+
+SEED = 20180629  # of the evaluation's starts and goals; training seeds are hashed, so its episodes are others
+
+Controller = Callable[[np.ndarray], np.ndarray]
+"""From observations (B, o) to actions (B, a)."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """How E episodes went.
+
+    Attributes:
+        returns: Sum of rewards of each episode, shape (E,).
+        successes: Whether each reached its goal, shape (E,).
+        lengths: Control steps of each, shape (E,).
+    """
+
+    returns: np.ndarray
+    successes: np.ndarray
+    lengths: np.ndarray
+
+    @property
+    def mean_return(self) -> float:
+        """Mean return over episodes."""
+        return float(self.returns.mean())
+
+    @property
+    def success_rate(self) -> float:
+        """Share of episodes that reached the goal."""
+        return float(self.successes.mean())
+
+    @property
+    def mean_length(self) -> float:
+        """Mean number of control steps."""
+        return float(self.lengths.mean())
+
+    def describe(self) -> dict[str, object]:
+        """Return the score for JSON."""
+        return {
+            "return": self.mean_return,
+            "return_median": float(np.median(self.returns)),
+            "success_rate": self.success_rate,
+            "mean_length": self.mean_length,
+            "episodes": len(self.returns),
+        }
+
+
+def roll_out(task: Task, stepper: Stepper, begin: Callable[[Arena], Controller], seed: int = SEED) -> Score:
+    """Run one episode in each of B simulations.
+
+    Args:
+        task: What is to be done.
+        stepper: B simulations; episode i starts from a generator seeded with `seed + i`, whoever acts.
+        begin: Called once the episodes have begun; returns what acts.
+        seed: Of starts and goals.
+    """
+    arena = Arena(task, stepper)
+    arena.start([np.random.default_rng(seed + row) for row in range(arena.size)])
+    act = begin(arena)
+    returns, lengths = np.zeros(arena.size), np.zeros(arena.size, dtype=int)
+    successes, running = np.zeros(arena.size, dtype=bool), np.ones(arena.size, dtype=bool)
+    while running.any():
+        verdict, truncated = arena.step(act(arena.observe()))
+        returns += running * verdict.reward
+        lengths += running
+        successes |= running & verdict.success
+        running &= ~(verdict.terminated | truncated)
+    return Score(returns=returns, successes=successes, lengths=lengths)
+
+
+def zero_action(arena: Arena) -> Controller:
+    """Act with zeros: the middle of every range."""
+    actions = np.zeros((arena.size, *arena.task.action_space.shape))
+    return lambda _: actions
+
+
+def hold_start(arena: Arena) -> Controller:
+    """Command the arm to stay where the episode began."""
+    actions = arena.task.hold(arena.stepper)
+    return lambda _: actions
+
+
+def random_actions(arena: Arena) -> Controller:
+    """Draw every action anew, uniformly."""
+    rng = np.random.default_rng(SEED)
+    shape = (arena.size, *arena.task.action_space.shape)
+    return lambda _: rng.uniform(-1.0, 1.0, shape)
+
+
+BASELINES: Mapping[str, Callable[[Arena], Controller]] = {
+    "zero action": zero_action,
+    "hold the start": hold_start,
+    "random actions": random_actions,
+}
+
+
+def score_policy(policy: Policy, plant: Plant, episodes: int, stepper: Stepper | None = None) -> Score:
+    """Roll out a policy's mean actions on a plant, the observation statistics frozen.
+
+    Args:
+        policy: Trained policy.
+        plant: What it is judged on.
+        episodes: Number of episodes.
+        stepper: As many simulations, instead of the plant's own.
+
+    Raises:
+        CheckpointError: the policy was trained for another environment.
+        OptionError: no episodes are asked for.
+    """
+    if episodes < 1:
+        raise OptionError(f"{episodes} episodes cannot be judged; give --episodes 1 or more.")
+    if find_task_file(policy.environment) != find_task_file(plant.environment):
+        raise CheckpointError(
+            f"The policy was trained for {policy.environment}; it cannot be judged on {plant.environment}."
+        )
+    return roll_out(plant.task, stepper or plant.stepper(episodes), lambda _: policy.act)
+
+
+def score_baselines(plant: Plant, episodes: int, stepper: Stepper | None = None) -> dict[str, Score]:
+    """Score what anyone can do without learning, so that the returns of policies have a scale."""
+    stepper = stepper or plant.stepper(episodes)
+    return {name: roll_out(plant.task, stepper, begin) for name, begin in BASELINES.items()}
+
+
+@dataclass(frozen=True)
+class Group:
+    """Policies that differ only in their seed, and their scores on one plant.
+
+    Attributes:
+        name: What they are called in tables.
+        folders: Where they lie.
+        policies: The policies.
+        scores: One a policy.
+    """
+
+    name: str
+    folders: Sequence[Path]
+    policies: Sequence[Policy]
+    scores: Sequence[Score]
+
+    @property
+    def returns(self) -> np.ndarray:
+        """Mean return of each policy, shape (seeds,)."""
+        return np.array([score.mean_return for score in self.scores])
+
+    @property
+    def success_rates(self) -> np.ndarray:
+        """Success rate of each policy, shape (seeds,)."""
+        return np.array([score.success_rate for score in self.scores])
+
+    def describe(self) -> dict[str, object]:
+        """Return the group for JSON: each seed, and the spread over seeds."""
+        seeds = [
+            {"policy": str(folder), "seed": policy.seed, "frames": policy.frames, **score.describe()}
+            for folder, policy, score in zip(self.folders, self.policies, self.scores, strict=True)
+        ]
+        return {
+            "name": self.name,
+            "seeds": seeds,
+            "return": spread(self.returns),
+            "success_rate": spread(self.success_rates),
+        }
+
+
+def score_group(path: Path, plant: Plant, episodes: int, stepper: Stepper) -> Group:
+    """Score the policy or policies at a path."""
+    folders = find_policies(path)
+    policies = [load_policy(folder) for folder in folders]
+    scores = [score_policy(policy, plant, episodes, stepper) for policy in policies]
+    return Group(name=str(path), folders=folders, policies=policies, scores=scores)
+
+
+def spread(values: np.ndarray) -> dict[str, float]:
+    """Return median, extremes, mean and sample standard deviation (0 for one value) of values over seeds."""
+    return {
+        "median": float(np.median(values)),
+        "min": float(values.min()),
+        "max": float(values.max()),
+        "mean": float(values.mean()),
+        "sd": float(values.std(ddof=1)) if len(values) > 1 else 0.0,
+    }

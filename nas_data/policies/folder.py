@@ -1,0 +1,136 @@
+"""What a training leaves on disk: the policy, its learning curve, and the state to go on from; plain numbers only."""
+
+import csv
+import io
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save
+from stable_baselines3 import PPO
+from stable_baselines3.common.running_mean_std import RunningMeanStd
+from stable_baselines3.common.vec_env import VecNormalize
+
+from nas_data.errors import CheckpointError
+from nas_data.policies.policy import CONFIG, MEAN, PROGRESS, VARIANCE, WEIGHTS
+
+STATE = "training.safetensors"
+STATISTICS = ("observation", "return")
+WEIGHT_PREFIX, OPTIMISER_PREFIX = "policy.", "optimiser."
+
+
+@dataclass(frozen=True)
+class Row:
+    """One rollout of a training, one row of `progress.csv`.
+
+    Attributes:
+        frames: Control steps so far.
+        seconds: Wall time so far [s], interruptions left out.
+        cpu_seconds: Processor time so far [s].
+        episodes: Episodes that ended in this rollout.
+        mean_return: Their mean return.
+        success_rate: Share of them that reached the goal.
+        mean_length: Their mean length in control steps.
+        action_std: Standard deviation of the exploring actions.
+        divergence: Mean approximate Kullback-Leibler divergence of the update.
+        value_loss: Mean squared error of the critic, in normalised returns.
+    """
+
+    frames: int
+    seconds: float
+    cpu_seconds: float
+    episodes: int
+    mean_return: float
+    success_rate: float
+    mean_length: float
+    action_std: float
+    divergence: float
+    value_loss: float
+
+
+def statistics(normalised: VecNormalize) -> tuple[RunningMeanStd, RunningMeanStd]:
+    """Return the running statistics of observations and of discounted returns."""
+    assert isinstance(normalised.obs_rms, RunningMeanStd)  # a dict only where observations are dicts
+    return normalised.obs_rms, normalised.ret_rms
+
+
+def write(path: Path, content: bytes) -> None:
+    """Write a file so that it appears whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    partial.write_bytes(content)
+    partial.replace(path)
+
+
+def save_policy(
+    ppo: PPO, normalised: VecNormalize, progress: list[Row], config: Mapping[str, object], folder: Path
+) -> None:
+    """Write the policy as it is now: weights and observation statistics, learning curve, configuration last."""
+    tensors = {name: tensor.contiguous() for name, tensor in ppo.policy.state_dict().items()}
+    observation, _ = statistics(normalised)
+    tensors |= {MEAN: torch.from_numpy(observation.mean.copy()), VARIANCE: torch.from_numpy(observation.var.copy())}
+    write(folder / WEIGHTS, save(tensors))
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(field.name for field in fields(Row))
+    table.writerows(astuple(row) for row in progress)
+    write(folder / PROGRESS, text.getvalue().encode())
+    written = {**config, "frames": ppo.num_timesteps}
+    write(folder / CONFIG, (json.dumps(written, indent=2) + "\n").encode())
+
+
+def save_state(ppo: PPO, normalised: VecNormalize, progress: list[Row], folder: Path) -> None:
+    """Write what a training needs to go on, between two segments."""
+    tensors = {WEIGHT_PREFIX + name: tensor.contiguous() for name, tensor in ppo.policy.state_dict().items()}
+    for number, memory in ppo.policy.optimizer.state_dict()["state"].items():
+        tensors |= {f"{OPTIMISER_PREFIX}{number}.{key}": value.contiguous() for key, value in memory.items()}
+    for name, running in zip(STATISTICS, statistics(normalised), strict=True):
+        for part in ("mean", "var", "count"):
+            value = np.array(getattr(running, part), dtype=np.float64)
+            tensors[f"statistics.{name}.{part}"] = torch.from_numpy(value)
+    tensors["progress"] = torch.tensor([astuple(row) for row in progress], dtype=torch.float64)
+    write(folder / STATE, save(tensors))
+
+
+def resume(ppo: PPO, normalised: VecNormalize, progress: list[Row], folder: Path) -> None:
+    """Go on from a folder's training state, in place; a folder without one changes nothing.
+
+    Raises:
+        CheckpointError: the state is damaged.
+    """
+    path = folder / STATE
+    if not path.exists():
+        return
+    try:
+        tensors = load_file(path)
+        ppo.policy.load_state_dict(with_prefix(tensors, WEIGHT_PREFIX))
+        restore_optimiser(ppo.policy.optimizer, with_prefix(tensors, OPTIMISER_PREFIX))
+        for name, running in zip(STATISTICS, statistics(normalised), strict=True):
+            running.mean = tensors[f"statistics.{name}.mean"].numpy()
+            running.var = tensors[f"statistics.{name}.var"].numpy()
+            running.count = float(tensors[f"statistics.{name}.count"])
+        rows = tensors["progress"].tolist()
+    except (OSError, SafetensorError, KeyError, RuntimeError, ValueError) as error:
+        raise CheckpointError(f"{path} cannot be gone on from ({error}); remove {folder} and train anew.") from None
+    kinds = [field.type for field in fields(Row)]
+    progress[:] = [Row(*(int(v) if kind is int else v for kind, v in zip(kinds, row, strict=True))) for row in rows]
+    ppo.num_timesteps = progress[-1].frames
+
+
+def with_prefix(tensors: Mapping[str, torch.Tensor], prefix: str) -> dict[str, torch.Tensor]:
+    """Return the tensors whose name starts with a prefix, without it."""
+    return {name.removeprefix(prefix): tensor for name, tensor in tensors.items() if name.startswith(prefix)}
+
+
+def restore_optimiser(optimiser: torch.optim.Optimizer, tensors: Mapping[str, torch.Tensor]) -> None:
+    """Fill an optimiser's memories from tensors named `<parameter>.<key>`."""
+    memories: dict[int, dict[str, torch.Tensor]] = {}
+    for name, tensor in tensors.items():
+        number, key = name.split(".")
+        memories.setdefault(int(number), {})[key] = tensor
+    optimiser.load_state_dict({**optimiser.state_dict(), "state": memories})

@@ -1,0 +1,129 @@
+"""A trained policy as numbers: what a folder with `config.json` and `policy.safetensors` holds, without pickle."""
+
+import csv
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import load_file
+
+from nas_data.errors import CheckpointError
+
+CONFIG = "config.json"
+WEIGHTS = "policy.safetensors"
+PROGRESS = "progress.csv"
+
+HIDDEN = ("mlp_extractor.policy_net.0", "mlp_extractor.policy_net.2")  # stable-baselines3's names for the actor
+OUTPUT = "action_net"
+MEAN, VARIANCE = "observation.mean", "observation.variance"
+EPSILON = 1e-8  # stable-baselines3's VecNormalize: keeps a constant observation finite
+CLIP = 10.0  # the same: normalised observations beyond this are cut
+
+
+@dataclass(frozen=True)
+class Policy:
+    """The mean action of an actor with two tanh layers, and the frozen statistics that its observations go through.
+
+    Attributes:
+        config: What and how it was trained, from `config.json`.
+        tensors: Weights of actor and critic under stable-baselines3's names, and the observation statistics.
+    """
+
+    config: Mapping[str, object]
+    tensors: Mapping[str, np.ndarray]
+
+    def act(self, observations: np.ndarray) -> np.ndarray:
+        """Return the mean actions (B, a), clipped to [-1, 1], for raw observations (B, o)."""
+        scale = np.sqrt(self.tensors[VARIANCE] + EPSILON)
+        values = np.clip((observations - self.tensors[MEAN]) / scale, -CLIP, CLIP).astype(np.float32)
+        for layer in HIDDEN:
+            values = np.tanh(self._linear(layer, values))
+        return np.clip(self._linear(OUTPUT, values), -1.0, 1.0)
+
+    def _linear(self, layer: str, values: np.ndarray) -> np.ndarray:
+        return values @ self.tensors[f"{layer}.weight"].T + self.tensors[f"{layer}.bias"]
+
+    @property
+    def environment(self) -> str:
+        """Name of the environment that it was trained for."""
+        plant = self.config.get("plant")
+        return str(plant["environment"]) if isinstance(plant, Mapping) else ""
+
+    @property
+    def seed(self) -> int:
+        """Seed of its training."""
+        return int(str(self.config.get("seed", 0)))
+
+    @property
+    def frames(self) -> int:
+        """Control steps that it learned from."""
+        return int(str(self.config.get("frames", 0)))
+
+
+def read_config(folder: Path) -> dict[str, object]:
+    """Read a policy's `config.json`.
+
+    Raises:
+        CheckpointError: it is missing or no policy's.
+    """
+    path = folder / CONFIG
+    try:
+        config = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        config = None
+    if not isinstance(config, dict) or config.get("kind") != "ppo":
+        raise CheckpointError(f"{path} is no policy's configuration; give a folder that `nas policy train` wrote.")
+    return config
+
+
+def load_policy(folder: Path) -> Policy:
+    """Read a policy.
+
+    Raises:
+        CheckpointError: the folder holds none, or only part of one.
+    """
+    config = read_config(folder)
+    path = folder / WEIGHTS
+    try:
+        tensors = load_file(path)
+    except (OSError, SafetensorError) as error:
+        raise CheckpointError(
+            f"{path} cannot be read ({error}); train the policy to its end, or copy its folder again."
+        ) from None
+    layers = [f"{layer}.{part}" for layer in (*HIDDEN, OUTPUT) for part in ("weight", "bias")]
+    missing = [name for name in (*layers, MEAN, VARIANCE) if name not in tensors]
+    if missing:
+        raise CheckpointError(f"{path} lacks the tensor '{missing[0]}'; it is no policy that `nas policy train` wrote.")
+    return Policy(config=config, tensors=tensors)
+
+
+def find_policies(path: Path) -> list[Path]:
+    """Return the policy folders at a path: itself, or those directly inside it (one a seed), sorted by number.
+
+    Raises:
+        CheckpointError: there is none.
+    """
+    if (path / CONFIG).is_file():
+        return [path]
+    found = [folder.parent for folder in path.glob(f"*/{CONFIG}")] if path.is_dir() else []
+    if not found:
+        raise CheckpointError(f"{path} holds no policy; give a folder that `nas policy train` wrote.")
+    return sorted(found, key=lambda folder: (len(folder.name), folder.name))
+
+
+def read_progress(folder: Path) -> dict[str, np.ndarray]:
+    """Return a policy's learning curve: each column of `progress.csv`, one value a rollout.
+
+    Raises:
+        CheckpointError: the file is missing or damaged.
+    """
+    path = folder / PROGRESS
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = list(csv.DictReader(file))
+        return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
+    except (OSError, ValueError, TypeError, IndexError) as error:
+        raise CheckpointError(f"{path} is no learning curve ({error}); train the policy again.") from None

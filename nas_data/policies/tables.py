@@ -1,0 +1,42 @@
+"""Tables of policies as text."""
+
+from collections.abc import Mapping, Sequence
+
+from nas_data.policies.evaluate import Group, Score, spread
+
+HEADERS = ("policy", "seeds", "return: median", "min … max", "mean ± sd", "success: median", "min … max")
+
+
+def group_row(group: Group) -> tuple[str, ...]:
+    """Return one row for policies that differ in their seed."""
+    returns, success = spread(group.returns), spread(group.success_rates)
+    return (
+        group.name,
+        str(len(group.scores)),
+        f"{returns['median']:.2f}",
+        f"{returns['min']:.2f} … {returns['max']:.2f}",
+        f"{returns['mean']:.2f} ± {returns['sd']:.2f}",
+        f"{success['median']:.0%}",
+        f"{success['min']:.0%} … {success['max']:.0%}",
+    )
+
+
+def policy_table(groups: Sequence[Group], baselines: Mapping[str, Score]) -> str:
+    """Return groups, then what no learning gives, as aligned text."""
+    rows = [group_row(group) for group in groups]
+    rows += [
+        (name, "", f"{score.mean_return:.2f}", "", "", f"{score.success_rate:.0%}", "")
+        for name, score in baselines.items()
+    ]
+    return aligned(HEADERS, rows)
+
+
+def aligned(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table as text: the first column left, the others right."""
+    widths = [max(len(row[column]) for row in (headers, *rows)) for column in range(len(headers))]
+    lines = [
+        "  ".join([f"{row[0]:<{widths[0]}}", *(f"{c:>{w}}" for c, w in zip(row[1:], widths[1:], strict=True))])
+        for row in (headers, *rows)
+    ]
+    lines.insert(1, "  ".join("-" * width for width in widths))
+    return "\n".join(line.rstrip() for line in lines)

@@ -1,0 +1,228 @@
+"""Recorded logs of any robot as a dataset: read by a map, audited, aligned, spaced evenly where the map asks for it."""
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import (
+    ACTION,
+    NEXT_STATE,
+    STATE,
+    TIME,
+    Feature,
+    effort_feature,
+    position_feature,
+    state_feature,
+    time_feature,
+)
+from nas_data.dataset.provenance import Provenance
+from nas_data.dataset.transitions import VELOCITIES_DERIVED, estimate_velocities
+from nas_data.errors import LogError
+from nas_data.importing.audits import audit
+from nas_data.importing.finding import Finding
+from nas_data.importing.formats import find_format
+from nas_data.importing.map import Map
+from nas_data.importing.reading import ENOUGH, read_log
+from nas_data.importing.recording import Recording
+from nas_data.importing.resampling import resample
+
+MAP_ATTACHMENT = "meta/import_map.toml"
+REGISTER = "velocity"  # signal that keeps the register where velocities are derived
+
+
+@dataclass(frozen=True)
+class Import:
+    """What came out of the logs.
+
+    Attributes:
+        dataset: One episode a recording, in the contract's features.
+        provenance: Where it comes from, with the findings as notes.
+        attachments: The map as it was used.
+        findings: What the audits reported; warnings only.
+    """
+
+    dataset: Dataset
+    provenance: Provenance
+    attachments: dict[str, bytes]
+    findings: tuple[Finding, ...]
+
+
+def import_logs(paths: Sequence[Path], mapping: Map, progress: Callable[[str], None] = lambda _: None) -> Import:
+    """Turn logs into a dataset.
+
+    Args:
+        paths: Logs, or folders of logs.
+        mapping: Where in a log things stand.
+        progress: Told the name of each log before it is read.
+
+    Raises:
+        LogError: a log cannot be read, or an audit refuses it; nothing is kept then.
+        MapError: the map names something that a log lacks.
+    """
+    recordings: list[Recording] = []
+    findings: list[Finding] = []
+    logs = find_logs(paths, mapping)
+    for number, log in enumerate(logs, start=1):
+        progress(f"{number}/{len(logs)} {log.name}")
+        for recording in read_log(log, mapping):
+            findings += audit(recording, mapping)
+            recordings.append(recording)
+    refuse(findings)
+    ready = [_finish(recording, mapping) for recording in recordings]
+    return Import(
+        dataset=_dataset(ready, mapping),
+        provenance=_provenance(logs, ready, mapping, findings),
+        attachments={MAP_ATTACHMENT: mapping.text.encode()},
+        findings=tuple(findings),
+    )
+
+
+def find_logs(paths: Sequence[Path], mapping: Map) -> list[Path]:
+    """Return the logs that the paths mean: files, folders of files, or folders that are one log each.
+
+    Raises:
+        LogError: a path that does not exist, a folder without a log, or a log named twice.
+    """
+    logs = [log for path in paths for log in _expand(path, mapping)]
+    seen: set[Path] = set()
+    for log in logs:
+        if log.resolve() in seen:
+            raise LogError(f"{log} is named twice; an episode must not be in a dataset two times.")
+        seen.add(log.resolve())
+    return logs
+
+
+def _expand(path: Path, mapping: Map) -> list[Path]:
+    if not path.exists():
+        raise LogError(f"There is no log {path}; give recorded files or folders.")
+    files = mapping.layout.files
+    if files is not None:
+        wanted = list(files.values())
+        if not path.is_dir() or any((path / name).is_file() for name in wanted):
+            return [path]
+        logs = sorted(folder for folder in path.iterdir() if any((folder / name).is_file() for name in wanted))
+    elif path.is_file():
+        return [path]
+    else:
+        wanted = list(find_format(mapping.layout.format).SUFFIXES)
+        logs = sorted(file for file in path.glob(mapping.layout.pattern) if file.suffix.lower() in wanted)
+    if not logs:
+        raise LogError(f"{path} holds no log ({' or '.join(wanted)}), which the map {mapping.name} reads.")
+    return logs
+
+
+def refuse(findings: Sequence[Finding]) -> None:
+    """Raise where an audit found an error.
+
+    Raises:
+        LogError: the first error, and how many more there are in which logs.
+    """
+    errors = [finding for finding in findings if finding.error]
+    if not errors:
+        return
+    sentence = f"{errors[0].file}: {errors[0].message}"
+    if len(errors) > 1:
+        files = list(dict.fromkeys(finding.file for finding in errors[1:]))
+        shown = ", ".join(files[:5]) + (" …" if len(files) > 5 else "")
+        sentence += f" And {len(errors) - 1} more like this (in {shown})."
+    raise LogError(sentence)
+
+
+def _finish(recording: Recording, mapping: Map) -> Recording:
+    """Align, resample and give velocities as the map says."""
+    signals = dict(recording.signals)
+    if mapping.derive_velocity and recording.velocities is not None:
+        signals[REGISTER] = recording.velocities
+    whole = replace(recording, signals=signals).aligned(mapping.alignment)
+    if mapping.resample:
+        whole = resample(whole, mapping.resample)
+    if len(whole) < ENOUGH - 1:
+        raise LogError(f"{recording.place} has {len(whole)} rows after resampling; at least {ENOUGH - 1} are needed.")
+    if not mapping.derive_velocity:
+        return whole
+    return replace(whole, velocities=estimate_velocities(whole.positions, mapping.fps))
+
+
+def _dataset(recordings: Sequence[Recording], mapping: Map) -> Dataset:
+    """Put recordings of N rows into N−1 transitions each."""
+    features = {
+        STATE: state_feature(mapping.joints),
+        ACTION: (effort_feature if mapping.commands_effort else position_feature)(mapping.joints),
+        NEXT_STATE: state_feature(mapping.joints),
+        TIME: time_feature(),
+    }
+    columns = {
+        STATE: [_states(recording)[:-1] for recording in recordings],
+        ACTION: [recording.commands[:-1] for recording in recordings],
+        NEXT_STATE: [_states(recording)[1:] for recording in recordings],
+        TIME: [recording.time[:-1, None] for recording in recordings],
+    }
+    for name in recordings[0].signals:
+        features[f"nas.{name}"] = _signal_feature(name, mapping)
+        columns[f"nas.{name}"] = [recording.signals[name][:-1] for recording in recordings]
+    return Dataset(
+        features=features,
+        columns={key: np.concatenate(parts).astype(features[key].dtype) for key, parts in columns.items()},
+        lengths=np.array([len(recording) - 1 for recording in recordings]),
+        fps=mapping.fps,
+        robot_type=mapping.robot,
+        tasks=tuple(_task(recording, mapping) for recording in recordings),
+    )
+
+
+def _states(recording: Recording) -> np.ndarray:
+    """Return positions [rad] then velocities [rad/s], shape (N, 2n)."""
+    assert recording.velocities is not None
+    return np.hstack([recording.positions, recording.velocities])
+
+
+def _signal_feature(name: str, mapping: Map) -> Feature:
+    """Describe a signal: one component a joint, or one for the whole robot."""
+    signal = mapping.signals.get(name, mapping.velocity)
+    assert signal is not None
+    width = len(signal.conversion.gain)
+    names = tuple(f"{joint}.{name}" for joint in mapping.joints) if width == len(mapping.joints) else (name,)
+    return Feature(names=names, units=(signal.unit,) * width)
+
+
+def _task(recording: Recording, mapping: Map) -> str:
+    """Return what an episode does, in the map's words."""
+    return mapping.task.format_map({"log": recording.log, **recording.constants})
+
+
+def _provenance(
+    logs: Sequence[Path], recordings: Sequence[Recording], mapping: Map, findings: Sequence[Finding]
+) -> Provenance:
+    """Say which files the dataset comes from, how they were read, and what the audits noticed."""
+    derived = {key: VELOCITIES_DERIVED for key in (STATE, NEXT_STATE) if mapping.derive_velocity}
+    if mapping.resample:
+        how = f"resampled from {mapping.rate:g} to {mapping.resample.rate:g} Hz ({mapping.resample.method})"
+        derived |= {key: "; ".join(filter(None, [derived.get(key), how])) for key in (STATE, NEXT_STATE)}
+        derived[ACTION] = f"held between rows, {how}"
+    return Provenance(
+        how="imported",
+        robot=mapping.robot,
+        target={
+            "kind": "hardware log",
+            "logs": [{"file": log.name, "sha256": _sha256(log, mapping)} for log in logs],
+            "episodes": [
+                {"log": recording.log, "task": _task(recording, mapping), "constants": dict(recording.constants)}
+                for recording in recordings
+            ],
+        },
+        signal={"excitation": "recorded", "map": mapping.name, "alignment": mapping.alignment},
+        derived=derived,
+        contiguous=True,
+        notes="\n".join(f"{finding.check}: {Path(finding.file).name}: {finding.message}" for finding in findings),
+    )
+
+
+def _sha256(log: Path, mapping: Map) -> str | dict[str, str]:
+    """Return the SHA-256 of a log's file, or of each of its files."""
+    if mapping.layout.files is None:
+        return hashlib.sha256(log.read_bytes()).hexdigest()
+    return {name: hashlib.sha256((log / name).read_bytes()).hexdigest() for name in mapping.layout.files.values()}

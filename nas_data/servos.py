@@ -1,0 +1,28 @@
+"""Servos for a model that has none: a URDF names joints and limits, but not what holds them."""
+
+import mujoco
+import numpy as np
+
+BANDWIDTH = 50.0  # [rad/s] about 8 Hz: a step is done within 0.1 s, droop under gravity stays at a few degrees
+DAMPING_RATIO = 1.0  # no overshoot
+
+
+def add_position_servos(spec: mujoco.MjSpec) -> None:
+    """Give every hinge and slide a critically damped position servo, named after its joint.
+
+    Its stiffness is the joint's inertia in the reference posture times the bandwidth squared. The effort limit of
+    the URDF's joint limits it, its range limits the command.
+    """
+    model = spec.copy().compile()
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    moving = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+    for joint in spec.joints:
+        if joint.type not in moving:
+            continue
+        compiled = model.joint(joint.name)
+        inertia = float(model.dof_M0[compiled.dofadr[0]])
+        servo = spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        servo.set_to_position(kp=inertia * BANDWIDTH**2, kv=2 * DAMPING_RATIO * inertia * BANDWIDTH)
+        if model.jnt_limited[compiled.id]:
+            servo.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
+            servo.ctrlrange = np.array(model.jnt_range[compiled.id])

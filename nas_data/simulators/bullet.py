@@ -1,0 +1,229 @@
+"""PyBullet as a simulator: the same models and servos on another physics engine."""
+
+import copy
+import math
+from collections.abc import Iterable, Sequence
+from importlib import metadata
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from nas_data.effects.base import Effect, add_effects
+from nas_data.errors import JointMismatch, ModelFileError, SimulationDiverged
+from nas_data.robots.base import Robot, find_robot
+from nas_data.simulators.bullet_world import BulletWorld
+from nas_data.simulators.layout import INTEGRATION, Layout, RestStates
+
+BOUND = 1e4  # [rad or rad/s] beyond which a simulation has diverged
+
+
+class BulletSimulator:
+    """A robot model with effects, stepped at a control period by PyBullet.
+
+    Bodies, joint limits, Coulomb friction and contacts are PyBullet's. The torques of servos, springs and dampers
+    follow the model's own definition, evaluated at PyBullet's state, so that every effect that a model can express
+    acts here too.
+
+    Attributes:
+        joints: Measured and commanded joints.
+        period: Control period [s].
+        substeps: Physics steps per control period.
+        model: Compiled MuJoCo model from which the world is made.
+        layout: Where the joints are in it.
+    """
+
+    engine = "bullet"
+
+    def __init__(
+        self, robot: Robot, period: float, joints: Sequence[str] | None = None, effects: Iterable[Effect] = ()
+    ) -> None:
+        """Compile the model and load it into a world; arguments and errors as for `MujocoSimulator`.
+
+        Raises:
+            MissingPackage: PyBullet is not installed.
+        """
+        self.robot = robot
+        self.period = period
+        self.effects = tuple(effects)
+        spec = robot.spec()
+        self.substeps = max(1, math.ceil(period / spec.option.timestep - 1e-6))
+        spec.option.timestep = period / self.substeps
+        add_effects(spec, self.effects)
+        try:
+            self.model = spec.compile()
+        except ValueError as error:
+            raise ModelFileError(f"{robot.mjcf} does not compile with its effects: {error}") from None
+        self.layout = Layout.of(self.model, joints or robot.joints, str(robot.mjcf))
+        self.joints = self.layout.joints
+        self.commands_effort = self.layout.commands_effort
+        self.rest = RestStates(self.model, self.layout, INTEGRATION)
+        self._arm = BulletArm(self)
+
+    @classmethod
+    def load(
+        cls,
+        model: str | Path,
+        period: float,
+        joints: Sequence[str] | None = None,
+        effects: Iterable[Effect] = (),
+    ) -> "BulletSimulator":
+        """Build the simulator from a robot's name or a model file; see `__init__`."""
+        return cls(find_robot(model), period, joints, effects)
+
+    def predict(self, states: np.ndarray, commands: np.ndarray) -> np.ndarray:
+        """Simulate independent transitions; see `Simulator.predict`."""
+        self._check(states, commands)
+        return self._roll(states, np.asarray(commands)[:, None])[:, 0]
+
+    def rollout(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
+        """Simulate whole episodes in open loop; see `Simulator.rollout`."""
+        self._check(initial, commands)
+        return self._roll(initial, commands)
+
+    def stepper(self, size: int) -> "BulletStepper":
+        """Return a batch of simulations for closed loops, each in a world of its own."""
+        return BulletStepper(self, size)
+
+    def describe(self) -> dict[str, object]:
+        """Return the source for provenance."""
+        return {
+            "name": self.robot.name,
+            "sha256": self.robot.sha256,
+            "engine": self.engine,
+            "engine_version": metadata.version("pybullet"),
+            "timestep": self.model.opt.timestep,
+            "substeps": self.substeps,
+            "effects": [effect.to_json() for effect in self.effects],
+        }
+
+    def close(self) -> None:
+        """Close the simulator's world; garbage collection does so, too."""
+        self._arm.world.close()
+
+    def _roll(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
+        """Roll out from rest states (B, 2n) under commands (B, T, n), one simulation after the other."""
+        full = self.rest(np.asarray(initial, float))
+        controls = self.layout.controls(np.asarray(commands, float))
+        result = np.empty((*commands.shape[:2], initial.shape[1]))
+        for row in range(len(result)):
+            self._arm.start(full[row])
+            for step in range(commands.shape[1]):
+                result[row, step] = self._arm.step(controls[row, step])
+        return result
+
+    def _check(self, states: np.ndarray, commands: np.ndarray) -> None:
+        n = len(self.joints)
+        if states.shape[-1] != 2 * n or commands.shape[-1] != n:
+            raise JointMismatch(
+                f"States of {states.shape[-1]} and commands of {commands.shape[-1]} components do not fit "
+                f"{n} joints ({', '.join(self.joints)}): {2 * n} and {n} are needed."
+            )
+
+
+class BulletArm:
+    """One arm in one world, with the memory of its servos."""
+
+    def __init__(self, simulator: BulletSimulator) -> None:
+        """Load the simulator's model into a world of its own."""
+        self.model, self.layout = simulator.model, simulator.layout
+        self.substeps = simulator.substeps
+        self.world = BulletWorld(self.model)
+        # MuJoCo evaluates the servos: their torques at PyBullet's state, and what they remember (delay, setpoint)
+        self.servos = mujoco.MjData(self.model)
+        self.servo_model = without_constraints(self.model)
+
+    def start(self, state: np.ndarray) -> None:
+        """Start anew from a full MuJoCo state (size of INTEGRATION)."""
+        mujoco.mj_setState(self.servo_model, self.servos, state, INTEGRATION)
+        self.world.set(self.servos.qpos, self.servos.qvel)
+
+    def step(self, controls: np.ndarray) -> np.ndarray:
+        """Hold controls (nu,) for one control period and return the measured state (2n,)."""
+        self.servos.ctrl[:] = controls
+        for _ in range(self.substeps):
+            qpos, qvel = self.world.read()
+            self.servos.qpos[:], self.servos.qvel[:] = qpos, qvel
+            mujoco.mj_step(self.servo_model, self.servos)
+            self.world.step(self.servos.qfrc_actuator + self.servos.qfrc_passive)
+        return self.measure()
+
+    def measure(self) -> np.ndarray:
+        """Return the measured state, positions [rad] then velocities [rad/s], shape (2n,).
+
+        Raises:
+            SimulationDiverged: a joint left all bounds.
+        """
+        qpos, qvel = self.world.read()
+        state = self.layout.measure(qpos, qvel)
+        if not (np.abs(state) < BOUND).all():
+            raise SimulationDiverged(
+                f"The model diverges in PyBullet ({state.max():g}); shorten its timestep, soften its gains or check "
+                "its inertias."
+            )
+        return state
+
+    def shift(self, change: np.ndarray) -> None:
+        """Move the servos' joints by (2n,), play and other hidden joints keeping theirs."""
+        n = len(self.layout.joints)
+        qpos, qvel = self.world.read()
+        qpos[self.layout.qpos] += change[:n]
+        qvel[self.layout.dof] += change[n:]
+        self.world.set(qpos, qvel)
+
+    def site(self, index: int) -> np.ndarray:
+        """Return where a site is in the world [m], shape (3,)."""
+        self.servos.qpos[:] = self.world.read()[0]
+        mujoco.mj_kinematics(self.model, self.servos)
+        return self.servos.site_xpos[index].copy()
+
+
+def without_constraints(model: mujoco.MjModel) -> mujoco.MjModel:
+    """Return a copy of a model in which limits, friction and contacts, which are PyBullet's to solve, cost nothing."""
+    copied = copy.copy(model)
+    copied.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    return copied
+
+
+class BulletStepper:
+    """A batch of simulations of one model in a closed loop; implements `Stepper`."""
+
+    def __init__(self, simulator: BulletSimulator, size: int) -> None:
+        """Create the batch, every simulation at rest at zero."""
+        self.simulator = simulator
+        self.joints = simulator.joints
+        self.size = size
+        self._arms = [BulletArm(simulator) for _ in range(size)]
+        self.reset(np.zeros((size, 2 * len(self.joints))))
+
+    @property
+    def states(self) -> np.ndarray:
+        """Measured positions [rad] then velocities [rad/s], shape (B, 2n)."""
+        return np.stack([arm.measure() for arm in self._arms])
+
+    def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
+        """Start simulations anew; see `Stepper.reset`."""
+        full = self.simulator.rest(np.asarray(states, float))
+        for state, row in zip(full, range(self.size) if rows is None else rows, strict=True):
+            self._arms[int(row)].start(state)
+
+    def step(self, commands: np.ndarray) -> np.ndarray:
+        """Hold the commands for one control period; see `Stepper.step`."""
+        controls = self.simulator.layout.controls(np.asarray(commands, float))
+        return np.stack([arm.step(row) for arm, row in zip(self._arms, controls, strict=True)])
+
+    def set_states(self, states: np.ndarray) -> None:
+        """Move the servos so that the measured state becomes `states`; play and other hidden joints keep theirs."""
+        for arm, change in zip(self._arms, states - self.states, strict=True):
+            arm.shift(change)
+
+    def site_positions(self, name: str) -> np.ndarray:
+        """Return where a site is in the world [m], shape (B, 3).
+
+        Raises:
+            ModelFileError: the model has no such site.
+        """
+        site = mujoco.mj_name2id(self.simulator.model, mujoco.mjtObj.mjOBJ_SITE, name)
+        if site < 0:
+            raise ModelFileError(f"{self.simulator.robot.mjcf} has no site '{name}'; add <site name='{name}'/>.")
+        return np.stack([arm.site(site) for arm in self._arms])

@@ -1,0 +1,43 @@
+"""Which engine runs a model: MuJoCo unless PyBullet is asked for."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from nas_data.effects.base import Effect
+from nas_data.errors import UnknownName
+from nas_data.simulators.base import Simulator
+
+ENGINES = ("mujoco", "bullet")
+
+
+def load_simulator(
+    model: str | Path,
+    period: float,
+    joints: Sequence[str] | None = None,
+    effects: Iterable[Effect] = (),
+    engine: str = "mujoco",
+    threads: int | None = None,
+) -> Simulator:
+    """Build a simulator.
+
+    Args:
+        model: A robot's name or a model file.
+        period: Control period [s].
+        joints: Joints to measure and command; those that actuators drive where None.
+        effects: Effects to add to the model.
+        engine: One of `ENGINES`.
+        threads: Threads for batched work; all cores where None. PyBullet uses one.
+
+    Raises:
+        UnknownName: there is no such engine.
+        NasError: the model cannot be used; see the engine's file.
+    """
+    if engine == "mujoco":
+        from nas_data.simulators.mujoco import MujocoSimulator
+
+        return MujocoSimulator.load(model, period, joints, effects, threads)
+    if engine == "bullet":
+        from nas_data.simulators.bullet import BulletSimulator
+
+        return BulletSimulator.load(model, period, joints, effects)
+    raise UnknownName("engine", engine, ENGINES)

@@ -1,0 +1,64 @@
+"""The source of a dataset or checkpoint: the model named on the command line, or the one kept beside the data."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.effects.base import Effect, read_effects
+from nas_data.errors import ModelFileError
+from nas_data.robots.base import Robot
+from nas_data.simulators.base import Simulator
+from nas_data.simulators.engines import load_simulator
+
+MODEL = "source.xml"
+EFFECTS = "source_effects.json"
+
+
+def source_files(robot: Robot, effects: Sequence[Effect] = ()) -> dict[str, bytes]:
+    """Return the files that make a paired dataset or a checkpoint self-contained: the source's MJCF and its effects.
+
+    Empty where the model needs other files (meshes, textures); then `--model` is needed again.
+    """
+    spec = robot.spec()
+    if any(item.file for group in (spec.meshes, spec.textures, spec.hfields, spec.skins) for item in group):
+        return {}
+    alone = robot.edit is None and b"<include" not in robot.mjcf.read_bytes()
+    files = {MODEL: robot.mjcf.read_bytes() if alone else spec.to_xml().encode()}
+    if effects:
+        files[EFFECTS] = json.dumps([effect.to_json() for effect in effects], indent=1).encode()
+    return files
+
+
+def kept_files(root: Path) -> dict[str, bytes]:
+    """Return the source's files kept in a dataset (under `meta/`) or a checkpoint, empty where there are none."""
+    for folder in (root / "meta", root):
+        if (folder / MODEL).is_file():
+            return {name: (folder / name).read_bytes() for name in (MODEL, EFFECTS) if (folder / name).is_file()}
+    return {}
+
+
+def find_source(
+    model: str | None, effects: Sequence[Effect], dataset: Dataset, kept_in: Sequence[Path], engine: str = "mujoco"
+) -> Simulator:
+    """Return the source for a dataset: the model given, else the one kept with the data.
+
+    Args:
+        model: A robot's name or a model file, as given by `--model`.
+        effects: Effects to add to the model given.
+        dataset: Decides joints and rate.
+        kept_in: Folders of the dataset and the checkpoint, in which a source may be kept.
+        engine: `mujoco` or `bullet`.
+
+    Raises:
+        ModelFileError: no model was given and none is kept.
+    """
+    period = 1 / dataset.fps
+    if model is not None:
+        return load_simulator(model, period, dataset.joints, effects, engine)
+    for root in kept_in:
+        for folder in (root / "meta", root):
+            if (folder / MODEL).is_file():
+                kept = read_effects(folder / EFFECTS) if (folder / EFFECTS).is_file() else ()
+                return load_simulator(folder / MODEL, period, dataset.joints, kept, engine)
+    raise ModelFileError(f"No source model is kept in {kept_in[0]}; give one with --model MODEL.xml.")
