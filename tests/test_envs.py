@@ -1,6 +1,7 @@
 """Environments: checkers pass on all, one arm and many agree, seeds fix everything, wrong names are explained."""
 
 import warnings
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -232,7 +233,15 @@ def test_a_checkpoint_of_another_rate_or_robot_is_refused(tmp_path):
     with pytest.raises(CheckpointError, match=r"50 Hz.*100 Hz"):
         Plant("ErgoReacher", checkpoint=small_model(tmp_path / "slow", fps=50.0)).stepper(1)
     with pytest.raises(JointMismatch, match="left, right"):
-        Plant("ErgoReacher", checkpoint=small_model(tmp_path / "other", joints=("left", "right"))).describe()
+        Plant("ErgoReacher", checkpoint=small_model(tmp_path / "other", joints=("left", "right"))).check()
+
+
+def test_a_correction_of_another_source_is_refused(tmp_path):
+    phi = Path(small_model(tmp_path / "phi"))
+    (phi / "source.xml").write_text(TASK.simulator().robot.spec().to_xml())
+    Plant("ErgoReacher", checkpoint=str(phi)).check()
+    with pytest.raises(CheckpointError, match="another source than this environment's"):
+        Plant("ErgoReacher", "backlash", checkpoint=str(phi)).check()
 
 
 def test_a_plants_description_follows_the_checkpoint_and_not_its_folder(tmp_path):

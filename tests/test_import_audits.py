@@ -10,12 +10,10 @@ from hypothesis import strategies as st
 from import_samples import RATE, Motion, columns_of, map_text, motion, write_log, write_map
 
 from nas_data import registry
-from nas_data.errors import LogError
 from nas_data.importing.audits import audit, find_audit
 from nas_data.importing.finding import Finding
 from nas_data.importing.map_file import ALLOWABLE, load_map
 from nas_data.importing.reading import read_log
-from nas_data.recorders.logs import import_logs
 
 LIMITS = "[limits]\nshoulder = [-1.5, 1.5]\nelbow = [-1.5, 1.5]\n"
 RELEASED = '[signals.torque_enable]\ncolumn = "on"\nunit = "1"'
@@ -76,6 +74,13 @@ def test_time_that_goes_back_is_refused_by_row(tmp_path):
     time[60:] -= 0.5
     (finding,) = only(findings(tmp_path, recording.edited(time=time)), "time_backwards")
     assert finding.error and finding.rows == (60,)
+
+
+def test_unsigned_times_that_go_back_do_not_wrap_round(tmp_path):
+    recording = motion()
+    ticks = with_row(np.round(recording.time * 1e6), 30, 0).astype(np.uint64)
+    found = findings(tmp_path, recording.edited(time=ticks), time='column = "t"\nunit = "us"')
+    assert only(found, "time_backwards")[0].rows == (30,)
 
 
 def test_time_that_stands_still_is_reported_by_row(tmp_path):
@@ -232,6 +237,15 @@ def test_a_velocity_register_of_opposite_sign_is_refused(tmp_path):
     assert "sign" in error.message
 
 
+def test_a_velocity_register_without_content_is_refused_where_the_joint_moves(tmp_path):
+    recording = motion()
+    silent = recording.edited(velocity=recording.velocity * np.array([1.0, 0.0]))
+    (error,) = refused(findings(tmp_path, silent), "velocity_scale")
+    assert "elbow is zero in all rows" in error.message and "velocity = 'derive'" in error.message
+    slow = motion(amplitude=0.02)
+    assert findings(tmp_path, slow.edited(velocity=np.zeros((120, 2)))) == []
+
+
 def test_a_velocity_register_off_by_an_odd_factor_is_reported(tmp_path):
     recording = motion()
     found = only(findings(tmp_path, recording.edited(velocity=recording.velocity * 1.3)), "velocity_scale")
@@ -323,16 +337,3 @@ def test_every_error_that_a_map_may_allow_becomes_a_warning(tmp_path):
         everything = "[audit]\nmax_speed = 1e6\nallow = " + str([check]).replace("'", '"')
         found = [item for item in findings(tmp_path, broken, everything, **changes) if item.check == check]
         assert found and not any(item.error for item in found), check
-
-
-def test_errors_refuse_the_import_and_name_log_rows_and_remedy(tmp_path):
-    recording = motion()
-    broken = recording.edited(position=with_row(recording.position, 17, np.nan))
-    good = write_log(tmp_path / "good.npz", columns_of(recording))
-    bad = write_log(tmp_path / "bad.npz", columns_of(broken))
-    worse = write_log(tmp_path / "worse.npz", columns_of(broken))
-    mapping = load_map(write_map(tmp_path))
-    with pytest.raises(LogError, match=r"bad.npz: the position is empty, NaN or infinite in row 17; take these rows"):
-        import_logs([good, bad], mapping)
-    with pytest.raises(LogError, match=r"And 1 more like this \(in .*worse.npz\)"):
-        import_logs([good, bad, worse], mapping)

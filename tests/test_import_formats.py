@@ -179,6 +179,15 @@ def test_a_file_that_is_something_else_is_refused(tmp_path, suffix):
         import_logs([log], sample_map(tmp_path, suffix))
 
 
+def test_a_damaged_npz_is_refused(tmp_path):
+    log = write_log(tmp_path / "log.npz", columns_of(motion()))
+    content = bytearray(log.read_bytes())
+    content[300:340] = bytes(40)
+    log.write_bytes(content)
+    with pytest.raises(LogError, match=r"log.npz is damaged.*take it from a copy"):
+        import_logs([log], sample_map(tmp_path))
+
+
 def test_a_log_of_another_format_than_the_map_is_refused(tmp_path):
     log = write_log(tmp_path / "log.csv", columns_of(motion()))
     with pytest.raises(LogError, match=r"log.csv does not end in .npz, but the map says format = 'npz'"):
@@ -332,20 +341,3 @@ def test_a_constant_that_changes_is_refused(tmp_path):
         import_columns(tmp_path, columns, text=map_text(top='constants = ["kp"]'))
     with pytest.raises(MapError, match="has no constant 'mass'"):
         import_columns(tmp_path, columns, text=map_text(top='constants = ["mass"]'))
-
-
-def test_unsigned_registers_are_decoded_and_impossible_counts_refused(tmp_path):
-    counts = np.array([[0, 1], [885, 65536 - 885], [32767, 32768]] * 40, dtype=np.int64)
-    signal = '[signals.load]\ncolumn = "load"\nencoding = "int16"\nscale = 0.5\nunit = "duty"'
-    dataset = import_columns(tmp_path, columns_of(motion()) | {"load": counts}, text=map_text(extra=signal)).dataset
-    assert dataset.columns["nas.load"][:3].tolist() == [[0, 0.5], [442.5, -442.5], [16383.5, -16384]]
-    with pytest.raises(LogError, match="'load' in row 7 is not within 0 … 65535"):
-        counts[7] = -3
-        import_columns(tmp_path, columns_of(motion()) | {"load": counts}, text=map_text(extra=signal))
-
-
-def test_the_xl320_sign_stands_in_bit_10(tmp_path):
-    counts = np.array([[5, 1024 + 5]] * 120)
-    signal = '[signals.load]\ncolumn = "load"\nencoding = "sign_magnitude_10"\nunit = "counts"'
-    dataset = import_columns(tmp_path, columns_of(motion()) | {"load": counts}, text=map_text(extra=signal)).dataset
-    assert dataset.columns["nas.load"][0].tolist() == [5, -5]

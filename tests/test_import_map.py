@@ -1,12 +1,13 @@
 """Maps: shipped ones load, and whatever is wrong with one is said in a sentence that names the key."""
 
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
-from import_samples import map_text, motion, sample_map, write_log, write_map
+from import_samples import columns_of, map_text, motion, sample_map, write_log, write_map
 
-from nas_data.errors import MapError, UnknownName
+from nas_data.errors import LogError, MapError, UnknownName
 from nas_data.importing.map_file import MAPS, load_map
 from nas_data.recorders.logs import import_logs
 
@@ -203,3 +204,26 @@ def test_the_example_map_reads_what_its_comments_describe(tmp_path):
     np.testing.assert_allclose(dataset.commands[first], np.column_stack([expected, expected]), atol=1e-5)
     assert dataset.columns["nas.load"][0].tolist() == pytest.approx([0.1, -0.1])
     assert dataset.columns["nas.voltage"].shape == (150, 1)
+
+
+def import_load(folder: Path, counts: np.ndarray, signal: str):
+    """Import a log with a register of counts."""
+    log = write_log(folder / "log.npz", columns_of(motion()) | {"load": counts})
+    return import_logs([log], sample_map(folder, ".npz", signal))
+
+
+def test_unsigned_registers_are_decoded_and_impossible_counts_refused(tmp_path):
+    counts = np.array([[0, 1], [885, 65536 - 885], [32767, 32768]] * 40, dtype=np.int64)
+    signal = '[signals.load]\ncolumn = "load"\nencoding = "int16"\nscale = 0.5\nunit = "duty"'
+    dataset = import_load(tmp_path, counts, signal).dataset
+    assert dataset.columns["nas.load"][:3].tolist() == [[0, 0.5], [442.5, -442.5], [16383.5, -16384]]
+    with pytest.raises(LogError, match="'load' in row 7 is not within 0 … 65535"):
+        counts[7] = -3
+        import_load(tmp_path, counts, signal)
+
+
+def test_the_xl320_sign_stands_in_bit_10(tmp_path):
+    counts = np.array([[5, 1024 + 5]] * 120)
+    signal = '[signals.load]\ncolumn = "load"\nencoding = "sign_magnitude_10"\nunit = "counts"'
+    dataset = import_load(tmp_path, counts, signal).dataset
+    assert dataset.columns["nas.load"][0].tolist() == [5, -5]

@@ -237,3 +237,18 @@ def test_spans_say_the_same_rows(rows):
     text = rows_text(ordered)
     assert text.startswith("row " if len(ordered) == 1 else "rows ")
     assert str(ordered[0]) in text
+
+
+def test_errors_refuse_the_import_and_name_log_rows_and_remedy(tmp_path):
+    truth = motion()
+    position = truth.position.copy()
+    position[17, 1] = np.nan
+    broken = truth.edited(position=position)
+    good = write_log(tmp_path / "good.npz", columns_of(truth))
+    bad = write_log(tmp_path / "bad.npz", columns_of(broken))
+    worse = write_log(tmp_path / "worse.npz", columns_of(broken))
+    mapping = load_map(write_map(tmp_path))
+    with pytest.raises(LogError, match=r"bad.npz: the position is empty, NaN or infinite in row 17; take these rows"):
+        import_logs([good, bad], mapping)
+    with pytest.raises(LogError, match=r"And 1 more like this \(in .*worse.npz\)"):
+        import_logs([good, bad, worse], mapping)

@@ -18,6 +18,7 @@ from nas_data.errors import CheckpointError, OutputExists
 from nas_data.policies import evaluate, ppo
 from nas_data.policies.compare import Study, compare, read_result
 from nas_data.policies.folder import STATE
+from nas_data.policies.parallel import run_jobs
 from nas_data.policies.policy import CONFIG, WEIGHTS, find_policies, load_policy, read_progress
 from nas_data.policies.ppo import Hyperparameters, Learner, Training, train
 from nas_data.policies.share import share
@@ -263,6 +264,14 @@ def count(function, calls):
         return function(*arguments)
 
     return counting
+
+
+def test_jobs_side_by_side_give_what_one_after_the_other_gives():
+    assert (
+        dict(run_jobs(abs, [-1, -2, 3], workers=2)) == dict(run_jobs(abs, [-1, -2, 3], workers=1)) == {0: 1, 1: 2, 2: 3}
+    )
+    with pytest.raises(ValueError, match="invalid literal"):
+        list(run_jobs(int, ["1", "one"], workers=2))
 
 
 def test_the_commands_train_and_judge(tmp_path, capsys):

@@ -108,9 +108,7 @@ def test_the_penholder_is_where_the_paper_measures_it():
     assert data.site("tip").xpos == pytest.approx((0, 0.1695, 0.156), abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("joint", "direction"), zip(("m1", "m2", "m3", "m4", "m5", "m6"), (1, -1, -1, 1, -1, -1), strict=True)
-)
+@pytest.mark.parametrize(("joint", "direction"), [("m1", 1), ("m2", -1), ("m3", -1), ("m4", 1), ("m5", -1), ("m6", -1)])
 def test_axes_turn_as_poppys_user_angles(joint, direction):
     _, data = zero_posture("ergojr")
     axis = (0, 0, 1) if joint in {"m1", "m4"} else (1, 0, 0)

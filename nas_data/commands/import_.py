@@ -27,13 +27,14 @@ class ImportLogs(Command):
     Example: nas import recordings/*.npz --map so101_npz --name so101
 
     The map says where in a log each quantity stands and what its numbers mean; so101_npz, so101_csv and xl330_json
-    come with the program and are examples for your own. Logs are audited first: errors refuse, warnings are kept.
+    come with the program, and example_csv explains every key in its comments, to be copied for your own robot.
+    Logs are audited first: errors refuse, warnings are kept.
     """
 
     logs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG…")]
     """Logs, or folders of logs."""
     map: str
-    """Mapping file (TOML), or the name of a shipped one: so101_npz, so101_csv, xl330_json."""
+    """Mapping file (TOML), or the name of a shipped one: so101_npz, so101_csv, xl330_json, example_csv."""
     name: str | None = None
     """Dataset's name; the result is the next version below datasets/NAME. The map's robot where left out."""
     out: Path | None = None

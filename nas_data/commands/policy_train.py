@@ -86,10 +86,10 @@ class PolicyTrain(Command):
             dynamics=self.dynamics if self.on == "target" else SOURCE,
             checkpoint=None if self.checkpoint is None else str(self.checkpoint),
         )
+        plant.check()  # says what is wrong before anything is written
         if self.checkpoint is not None:
             from nas_data.models.augmented import require_kind
-            from nas_data.models.checkpoint import load_frozen
+            from nas_data.models.checkpoint import find, load_frozen
 
-            require_kind(load_frozen(self.checkpoint), "delta" if self.on == "augmented" else "forward")
-        plant.describe()  # says what is wrong before anything is written
+            require_kind(load_frozen(find(self.checkpoint)), "delta" if self.on == "augmented" else "forward")
         return [Training(plant=plant, seed=seed, frames=self.frames) for seed in self.seed]

@@ -34,7 +34,7 @@ class Payload(Effect):
         if payload is None:
             place = last_centre(spec)
             payload = spec.body(place[0]).add_body(name=NAME, pos=place[1], explicitinertial=True)
-            payload.mass = 0.0
+            payload.mass, payload.ipos = 0.0, np.zeros(3)
         payload.mass = payload.mass + self.mass
         payload.inertia = np.full(3, 0.4 * payload.mass * RADIUS**2)
 

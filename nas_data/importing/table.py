@@ -109,7 +109,7 @@ class Table:
         self._check_date(name, is_date, unit)
         if is_date:
             return column.astype("datetime64[ns]").astype(np.int64)
-        return column.astype(np.int64) if column.ndim == 1 and column.dtype.kind == "i" else None
+        return column.astype(np.int64) if column.ndim == 1 and column.dtype.kind in "iu" else None
 
     def _arrow_ticks(self, name: str, column: pa.Array, unit: str) -> np.ndarray | None:
         """Return whole numbers where a column holds such, or dates, also as text; None for fractions, shape (N,)."""
@@ -124,7 +124,8 @@ class Table:
         self._check_date(name, is_date, unit)
         if is_date:
             column = column.cast(pa.timestamp("ns", column.type.tz)).cast(pa.int64())
-        return _plain(column) if pa.types.is_integer(column.type) and not column.null_count else None
+        # Signed, so that a time that goes back becomes a negative step rather than a huge one.
+        return _plain(column.cast(pa.int64())) if pa.types.is_integer(column.type) and not column.null_count else None
 
     def _check_date(self, name: str, is_date: bool, unit: str) -> None:
         if is_date != (unit == "datetime"):

@@ -117,7 +117,7 @@ def compare(study: Study, folder: Path, workers: int = 1, report: Report = to_st
     if not study.methods or not study.seeds:
         raise OptionError("A comparison needs at least one method and one seed.")
     for plant in (study.target, *study.methods.values()):
-        plant.describe()  # says what is wrong before hours are spent
+        plant.check()  # says what is wrong before hours are spent
     runs = [
         Run(
             method=method,

@@ -1,7 +1,6 @@
 """PPO as the paper trained it, resumable: same seed, same bits, interrupted or not."""
 
 import math
-import os
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -193,7 +192,7 @@ def train(training: Training, folder: Path, report: Report | None = None, steppe
     Args:
         training: What to train.
         folder: Where it lies; new, or holding the same training with no more frames.
-        report: Told of each rollout in a sentence; stderr where None.
+        report: Told of each rollout in a sentence; where None, stderr, every two seconds.
         stepper: Simulations to learn on, instead of the plant's own.
 
     Returns:
@@ -210,7 +209,7 @@ def train(training: Training, folder: Path, report: Report | None = None, steppe
     arms = training.hyperparameters.arms
     learner = Learner(training, stepper or training.plant.stepper(arms))
     files.resume(learner.ppo, learner.normalised, learner.progress, folder)
-    report = report or to_stderr
+    report = report or Calm()
     config = identity | training.circumstances()
     while learner.done < training.rollouts:
         row = learner.advance()
@@ -261,6 +260,22 @@ def sentence(row: files.Row, training: Training) -> str:
 
 
 def to_stderr(message: str) -> None:
-    """Show progress: one line that renews itself on a terminal, one line a message elsewhere."""
-    end = "\r" if sys.stderr.isatty() and os.environ.get("TERM") != "dumb" else "\n"
-    print(f"{message:<100}", end=end, file=sys.stderr, flush=True)
+    """Show a line of progress."""
+    print(message, file=sys.stderr, flush=True)
+
+
+class Calm:
+    """A report that passes on no more than one sentence every few seconds."""
+
+    PAUSE = 2.0  # [s]
+
+    def __init__(self, report: Report = to_stderr) -> None:
+        """Pass on to a report."""
+        self.report = report
+        self.next = 0.0
+
+    def __call__(self, message: str) -> None:
+        """Report, or say nothing if something was said a moment ago."""
+        if time.monotonic() >= self.next:
+            self.next = time.monotonic() + self.PAUSE
+            self.report(message)

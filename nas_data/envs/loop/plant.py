@@ -1,21 +1,15 @@
 """Where a policy lives: a task on a simulator, on a target, or on what was learned about it."""
 
-import hashlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from nas_data.envs.base import SOURCE, Task, environment_id, find_task, find_task_file
-from nas_data.errors import CheckpointError
 from nas_data.simulators.base import Stepper
-
-if TYPE_CHECKING:
-    from nas_data.models.lstm import DynamicsModel
 
 
 @dataclass(frozen=True)
 class Plant:
-    """Where a policy lives: a task, the dynamics of its robot, and what was learned about them.
+    """A task, the dynamics of its robot, and what was learned about them.
 
     Attributes:
         environment: Name of the environment.
@@ -37,53 +31,40 @@ class Plant:
 
         Raises:
             UnknownName: there is no such environment, or it has no such dynamics.
-            CheckpointError: the checkpoint is damaged, or learned at another rate.
+            CheckpointError: the checkpoint is damaged or does not fit the environment.
             JointMismatch: the checkpoint belongs to another robot.
         """
-        physics = self.task.simulator(self.dynamics).stepper(size)
+        simulator = self.task.simulator(self.dynamics)
         if self.checkpoint is None:
-            return physics
+            return simulator.stepper(size)
+        from nas_data.envs.loop.learned import load_model
         from nas_data.models.augmented import LearnedStepper
 
-        return LearnedStepper(physics, load_model(self.checkpoint, self.task))
+        return LearnedStepper(simulator.stepper(size), load_model(Path(self.checkpoint), simulator))
 
     def describe(self) -> dict[str, object]:
         """Return what provenance records: equal for plants that behave alike, wherever their files lie.
 
         Raises:
-            UnknownName, CheckpointError, JointMismatch: as `stepper` does.
+            UnknownName: there is no such environment, or it has no such dynamics.
+            CheckpointError: there is no such checkpoint.
         """
-        if self.checkpoint is not None:
-            load_model(self.checkpoint, self.task)
         return {
             "environment": environment_id(find_task_file(self.environment)),
             "dynamics": self.dynamics,
             "simulator": self.task.simulator(self.dynamics).describe(),
-            "checkpoint_sha256": None if self.checkpoint is None else checkpoint_sha256(Path(self.checkpoint)),
+            "model": self._describe_model(),
         }
 
+    def check(self) -> None:
+        """Say what is wrong before hours are spent; raises what `stepper` does."""
+        self.stepper(1)
 
-def load_model(checkpoint: str, task: Task) -> "DynamicsModel":
-    """Load a frozen φ or ψ that fits a task.
+    def _describe_model(self) -> dict[str, object] | None:
+        if self.checkpoint is None:
+            return None
+        from nas_data.envs.loop.learned import checkpoint_sha256
+        from nas_data.models.checkpoint import find, load_frozen
 
-    Raises:
-        CheckpointError: it is damaged, or learned at another rate.
-        JointMismatch: it belongs to another robot.
-    """
-    from nas_data.models.checkpoint import check_joints, load_frozen
-
-    model = load_frozen(checkpoint)
-    check_joints(model, task.joints, checkpoint)
-    if abs(model.fps * task.period - 1.0) > 1e-3:
-        raise CheckpointError(
-            f"The checkpoint {checkpoint} learned from data at {model.fps:g} Hz; the environment runs at "
-            f"{1 / task.period:g} Hz. Record and train at that rate."
-        )
-    return model
-
-
-def checkpoint_sha256(folder: Path) -> str:
-    """Return a hash of what a checkpoint's model is: configuration and weights."""
-    from nas_data.models.checkpoint import CONFIG, WEIGHTS
-
-    return hashlib.sha256(b"".join((folder / name).read_bytes() for name in (CONFIG, WEIGHTS))).hexdigest()
+        folder = Path(self.checkpoint)
+        return {"kind": load_frozen(find(folder)).kind, "sha256": checkpoint_sha256(folder)}

@@ -14,6 +14,8 @@ LATEST = 6.0  # [periods] latest register that is looked for
 STEP = 0.25  # [periods]
 LATE = 0.6  # [periods] delay that is reported
 FACTOR_NOTED = 1.15  # a register filters what it measures, which costs it a few percent of the amplitude
+WHILE = 0.2  # [s]
+SURELY_MOVING = 0.3  # [rad/s] mean speed over that while which any register shows; the STS3215's step is 0.08 rad/s
 NEAR = 0.1  # relative distance within which a factor is a known one
 
 KNOWN = {
@@ -47,7 +49,7 @@ def check(recording: Recording, mapping: Map) -> list[Finding]:
         for index, joint in enumerate(recording.joints)
         if (fit := _fit(recording, index, 1 / mapping.rate)) is not None
     }
-    found = _scales(recording, fits)
+    found = _silent(recording, mapping) + _scales(recording, fits)
     late = [fit.delay for fit in fits.values() if fit.delay >= LATE]
     if late and not mapping.derive_velocity:
         message = (
@@ -81,6 +83,24 @@ def _fit(recording: Recording, index: int, period: float) -> Fit | None:
         if best is None or abs(likeness) > abs(best[0]):
             best = likeness, Fit(product / power, float(delay))
     return best[1] if best is not None and abs(best[0]) >= ALIKE else None
+
+
+def _silent(recording: Recording, mapping: Map) -> list[Finding]:
+    """Refuse registers that are zero in all rows although their joint moves."""
+    assert recording.velocities is not None
+    rows = max(round(WHILE * mapping.rate), 1)
+    if len(recording) <= rows:
+        return []
+    speeds = np.abs(recording.positions[rows:] - recording.positions[:-rows]).max(axis=0) * mapping.rate / rows
+    silent = ~recording.velocities.any(axis=0) & (speeds > SURELY_MOVING)
+    if not silent.any():
+        return []
+    names = _names([joint for joint, zero in zip(recording.joints, silent, strict=True) if zero])
+    message = (
+        f"the velocity of {names} is zero in all rows although the position moves at up to "
+        f"{speeds[silent].max():.2g} rad/s; say velocity = 'derive' in the map."
+    )
+    return [Finding("velocity_scale", recording.place, message, error=True)]
 
 
 def _scales(recording: Recording, fits: dict[str, Fit]) -> list[Finding]:

@@ -1,6 +1,7 @@
 """NPZ: one NumPy array a quantity, rows first; arrays without dimensions are constants."""
 
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,11 @@ def read(path: Path, layout: Layout) -> Table:
     """Read a file without unpickling anything: arrays of objects are left out."""
     if not zipfile.is_zipfile(path):
         raise LogError(f"{path} is not an NPZ archive; write it with numpy.savez.")
-    with np.load(path, allow_pickle=False) as archive:
-        arrays = {name: _array(archive, name) for name in archive.files}
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {name: _array(archive, name) for name in archive.files}
+    except (zipfile.BadZipFile, zlib.error) as error:
+        raise LogError(f"{path} is damaged: {error}; take it from a copy.") from None
     found = {name: array for name, array in arrays.items() if array is not None}
     columns = {name: array for name, array in found.items() if array.ndim}
     return Table(path, columns, {name: array.item() for name, array in found.items() if not array.ndim})

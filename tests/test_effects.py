@@ -1,0 +1,255 @@
+"""Every effect of the folder changes nothing when neutral, moves the robot, survives files, composes and is itself."""
+
+import itertools
+import json
+import math
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from nas_data import registry
+from nas_data.effects.base import Effect, add_effects, find_effect, from_json, make_effect, parse, read_effects
+from nas_data.errors import JointMismatch, ModelFileError, NasError, OptionError, UnknownName
+from nas_data.robots.base import find_robot
+from nas_data.simulators.mujoco import MujocoSimulator
+
+NAMES = registry.names("effects")
+PERIOD = 0.01
+JOINT = "m3"
+
+# a size of each parameter that is typical of a hobby servo
+TYPICAL = {
+    ("backlash", "half_width"): 0.02,
+    ("joint_compliance", "stiffness"): 1.5,
+    ("coulomb_friction", "torque"): 0.02,
+    ("viscous_friction", "coefficient"): 0.02,
+    ("rotor_inertia", "inertia"): 0.002,
+    ("servo_stiffness", "factor"): 0.7,
+    ("torque_limit", "torque"): 0.1,
+    ("speed_limit", "speed"): 2.0,
+    ("command_delay", "delay"): 0.025,
+    ("joint_offset", "offset"): 0.03,
+    ("payload", "mass"): 0.02,
+    ("base_tilt", "roll"): 0.1,
+    ("base_tilt", "pitch"): 0.1,
+}
+
+
+def typical(name: str, joint: str | None = JOINT) -> Effect:
+    kind = find_effect(name)
+    values = {p.name: TYPICAL[name, p.name] for p in kind.parameters}
+    return make_effect(name, joint if kind.per_joint else None, values)
+
+
+def neutral(name: str) -> Effect:
+    kind = find_effect(name)
+    return kind.neutral(JOINT if kind.per_joint else None)
+
+
+def arm(*effects: Effect, model="ergojr") -> MujocoSimulator:
+    return MujocoSimulator.load(model, PERIOD, effects=effects, threads=1)
+
+
+def random_holds(seed: int = 0, holds: int = 6, joints: int = 6) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return np.repeat(rng.uniform(-0.9, 0.9, (1, holds, joints)), 50, axis=1)
+
+
+def rollout(simulator: MujocoSimulator, commands: np.ndarray | None = None) -> np.ndarray:
+    commands = random_holds() if commands is None else commands
+    return simulator.rollout(np.zeros((len(commands), 2 * commands.shape[2])), commands)
+
+
+@pytest.fixture(scope="module")
+def plain() -> np.ndarray:
+    return rollout(arm())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_effect_says_what_it_is(name):
+    kind = find_effect(name)
+    assert kind.name() == name
+    assert kind.__name__ == name.title().replace("_", "")
+    assert kind.parameters
+    assert all((kind.equation, kind.source, kind.signature, kind.confused_with))
+    assert name not in kind.confused_with
+    for parameter in kind.parameters:
+        assert parameter.low < parameter.high
+        assert (name, parameter.name) in TYPICAL
+        assert parameter.low <= TYPICAL[name, parameter.name] <= parameter.high
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_neutral_parameters_change_nothing(name, plain):
+    assert neutral(name).is_neutral
+    assert np.array_equal(rollout(arm(neutral(name))), plain)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_smallest_effect_is_hardly_seen(name, plain):
+    """Neutral is a limit, not a special case: next to it the robot moves as it does without."""
+    kind = find_effect(name)
+    near = {p.name: p.neutral + 1e-6 * (p.high - p.low) for p in kind.parameters if math.isfinite(p.neutral)}
+    near |= {p.name: 1e3 * p.high for p in kind.parameters if math.isinf(p.neutral)}
+    if name == "torque_limit":
+        near = {"torque": 0.2079}  # a limit is absolute: the model's own is the one that changes nothing
+    effect = make_effect(name, JOINT if kind.per_joint else None, near)
+    # the engine delays by a whole timestep at least, and a play this small still adds a second joint
+    commands = random_holds()
+    close = rollout(arm(effect), commands)
+    slack = math.radians(3.0 if name == "command_delay" else 0.3)
+    assert np.sqrt(np.mean((close - plain)[..., :6] ** 2)) < slack
+
+
+@pytest.mark.parametrize(("name", "parameter"), TYPICAL)
+def test_each_parameter_moves_the_robot(name, parameter, plain):
+    kind = find_effect(name)
+    values = {p.name: p.neutral for p in kind.parameters} | {parameter: TYPICAL[name, parameter]}
+    effect = make_effect(name, JOINT if kind.per_joint else None, values)
+    change = (rollout(arm(effect)) - plain)[..., :6]
+    assert np.isfinite(change).all()
+    assert np.sqrt(np.mean(change**2, axis=(0, 1))).max() > math.radians(0.5)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_joints_and_actuators_keep_their_names_and_order(name):
+    spec = find_robot("ergojr").spec()
+    add_effects(spec, [typical(name)])
+    model = spec.compile()
+    assert [actuator.target for actuator in spec.actuators] == list(find_robot("ergojr").joints)
+    assert model.nu == 6
+    servos = [model.joint(i).name for i in range(model.njnt) if model.joint(i).name in find_robot("ergojr").joints]
+    assert servos == list(find_robot("ergojr").joints)
+    assert {f"{joint}.pos" for joint in servos} <= {model.sensor(i).name for i in range(model.nsensor)}
+
+
+def plain_mujoco(xml: str, commands: np.ndarray, substeps: int) -> np.ndarray:
+    """Play commands as anyone would who has the file and MuJoCo alone: at rest, first command held."""
+    model = mujoco.MjModel.from_xml_string(xml)
+    data = mujoco.MjData(model)
+    joints = find_robot("ergojr").joints
+    for actuator in range(model.nu):
+        samples = int(model.actuator_history[actuator, 0])
+        if samples:
+            mujoco.mj_initCtrlHistory(model, data, actuator, None, np.zeros((samples, 1)))
+    sensors = [model.sensor(f"{joint}.pos").adr[0] for joint in joints]
+    measured = []
+    for command in commands:
+        data.ctrl[:] = command
+        mujoco.mj_step(model, data, substeps)
+        mujoco.mj_forward(model, data)
+        measured.append(data.sensordata[sensors].copy())
+    return np.array(measured)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_exported_file_behaves_the_same_in_plain_mujoco(name):
+    simulator = arm(typical(name))
+    spec = find_robot("ergojr").spec()
+    spec.option.timestep = simulator.model.opt.timestep
+    add_effects(spec, [typical(name)])
+    commands = random_holds(seed=1, holds=3)
+    measured = plain_mujoco(spec.to_xml(), commands[0], simulator.substeps)
+    # the file keeps six digits; contacts and stops amplify what is lost
+    assert np.abs(measured - rollout(simulator, commands)[0, :, :6]).max() < math.radians(0.1)
+
+
+def test_effects_on_one_joint_compose_in_any_order():
+    effects = [
+        typical(name)
+        for name in ("backlash", "speed_limit", "command_delay", "servo_stiffness", "joint_offset", "torque_limit")
+    ]
+    commands = random_holds(seed=2, holds=2)
+    orders = list(itertools.permutations(effects))[::97]
+    runs = [rollout(arm(*order), commands) for order in orders]
+    assert max(np.abs(run - runs[0]).max() for run in runs) < 1e-9
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_json_and_typed_text_read_back_as_the_same_effect(name):
+    effect = typical(name)
+    assert from_json(json.loads(json.dumps(effect.to_json()))) == effect
+    pairs = [f"{p.name}={getattr(effect, p.name)!r}" for p in effect.parameters]
+    joint = [f"joint={effect.joint}"] if effect.joint else []
+    assert parse(f"{name}:{','.join(joint + pairs)}") == effect
+
+
+@given(st.sampled_from(NAMES), st.data())
+def test_values_out_of_range_are_refused_and_others_kept(name, data):
+    kind = find_effect(name)
+    values = {}
+    outside = False
+    for p in kind.parameters:
+        value = data.draw(st.floats(allow_nan=True, allow_infinity=True))
+        values[p.name] = value
+        outside |= not min(p.low, p.neutral) <= value <= max(p.high, p.neutral)
+    joint = JOINT if kind.per_joint else None
+    if outside:
+        with pytest.raises(OptionError, match="must lie in"):
+            make_effect(name, joint, values)
+    else:
+        assert all(getattr(make_effect(name, joint, values), key) == value for key, value in values.items())
+
+
+def test_effects_files_hold_lists_or_reports(tmp_path):
+    entries = [typical("backlash").to_json(), typical("base_tilt").to_json()]
+    bare, report = tmp_path / "bare.json", tmp_path / "effects.json"
+    bare.write_text(json.dumps(entries))
+    report.write_text(json.dumps({"schema": 1, "effects": entries}))
+    assert read_effects(bare) == read_effects(report) == (typical("backlash"), typical("base_tilt"))
+    report.write_text("{}")
+    with pytest.raises(OptionError, match=r"effects\.json"):
+        read_effects(report)
+
+
+def test_mistakes_are_answered_with_choices():
+    with pytest.raises(UnknownName, match="backlash, base_tilt"):
+        parse("gremlins:joint=m1")
+    with pytest.raises(OptionError, match="half_width"):
+        parse("backlash:joint=m3,width=0.1")
+    with pytest.raises(OptionError, match="sits in a joint"):
+        parse("backlash:half_width=0.1")
+    with pytest.raises(OptionError, match="whole arm"):
+        parse("payload:joint=m3,mass=0.1")
+    with pytest.raises(OptionError, match="no number"):
+        parse("payload:mass=heavy")
+    with pytest.raises(JointMismatch, match="m1, m2"):
+        arm(typical("backlash", joint="elbow"))
+
+
+TORQUE_ARM = """<mujoco><worldbody><body><joint name="j"/><geom size="0.1"/></body></worldbody>
+<actuator><motor name="j" joint="j"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize("name", ["speed_limit", "servo_stiffness", "joint_offset"])
+def test_effects_of_a_servo_need_a_servo(name):
+    with pytest.raises(ModelFileError, match="position"):
+        add_effects(mujoco.MjSpec.from_string(TORQUE_ARM), [typical(name, joint="j")])
+
+
+FILTERED = """<mujoco>
+<worldbody><body><joint name="j" damping="0.1"/><geom size="0.05" pos="0.1 0 0"/></body></worldbody>
+<actuator><position name="j" joint="j" kp="3" timeconst="0.05"/></actuator></mujoco>"""
+
+
+def filtered_motion(model: mujoco.MjModel) -> np.ndarray:
+    data = mujoco.MjData(model)
+    data.ctrl[0] = 0.3
+    mujoco.mj_step(model, data, 50)
+    return data.qpos
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_effect_fails_but_with_a_sentence(name):
+    """On a model with filtered servos an effect works or refuses; it does not crash."""
+    spec = mujoco.MjSpec.from_string(FILTERED)
+    try:
+        add_effects(spec, [typical(name, joint="j")])
+    except NasError as error:
+        assert name == "speed_limit"
+        assert "filters its command already" in str(error)
+    else:
+        assert np.isfinite(filtered_motion(spec.compile())).all()
