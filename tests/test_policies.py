@@ -115,11 +115,13 @@ def test_a_folder_of_another_training_is_refused_and_left_alone(tmp_path):
     assert_same_bits(before, weights(tmp_path / "p"))
 
 
-def test_a_loaded_policy_acts_like_the_trained_network(tmp_path):
-    learner = Learner(training(2048), FirstOrderArm(SMALL.arms))
+@pytest.mark.parametrize("hidden", [(64, 64), (16,), (8, 16, 24)])
+def test_a_loaded_policy_acts_like_the_trained_network(tmp_path, hidden):
+    task = training(2048, hyperparameters=dataclasses.replace(SMALL, hidden=hidden))
+    learner = Learner(task, FirstOrderArm(SMALL.arms))
     for _ in range(4):
         learner.advance()
-    ppo.files.save_policy(learner.ppo, learner.normalised, learner.progress, training(2048).identity(), tmp_path)
+    ppo.files.save_policy(learner.ppo, learner.normalised, learner.progress, task.identity(), tmp_path)
     rng = np.random.default_rng(0)
     observations = rng.uniform(-1.5, 1.5, (500, 10)).astype(np.float32)
     expected, _ = learner.ppo.predict(learner.normalised.normalize_obs(observations), deterministic=True)

@@ -33,13 +33,13 @@ class Train(Command):
     hidden: int | None = None
     """Units of each LSTM layer (128, 256 or 100 in the paper)."""
     epochs: int | None = None
-    """Passes over the data with teacher forcing."""
+    """Passes over the data with teacher forcing (with --updates 0, or where the source is not at hand)."""
     updates: int | None = None
-    """Updates in free running."""
+    """Updates in free running; 0 trains by teacher forcing."""
     horizon: int | None = None
     """Longest free-running window [frames]."""
     validation: float | None = None
-    """Share of the episodes held out for early stopping."""
+    """Share held out for early stopping: of the episodes, or of each where they are few."""
     episodes: Annotated[tuple[int, ...], tyro.conf.arg(metavar="N…")] = ()
     """Use only these episodes; all by default."""
     seed: int = 0
@@ -69,7 +69,7 @@ class Train(Command):
         for key, how in derived.items():
             print(f"derived {key}: {how}", file=sys.stderr)
         parent = versions.parent_of(root, full)
-        provenance = {
+        provenance: dict[str, object] = {
             "dataset": {"name": parent.name, "content_hash": parent.content_hash, "episodes": list(self.episodes)}
         }
         folder = self.out or Path("runs") / f"{self.kind}-{parent.name.split('/')[0]}-seed{self.seed}"
@@ -94,18 +94,17 @@ class Train(Command):
         if simulator is not None:
             provenance = {**provenance, "source": simulator.describe()}
         training = Training(self.kind, dataset, options, simulator, provenance, self.device)
-        count = (len(training.train_indices), len(training.held_indices))
-        report(f"{count[0]} episodes train, {count[1]} validate ({training.criterion}): {training.held_indices}")
+        report(f"{dataset.n_episodes} episodes, {dataset.n_frames} transitions; held out: {training.split.what}")
+        report(f"{training.phase.name}, {training.phase.updates} updates; validation is {training.criterion}")
         model = TrainingRun(training, folder, report, kept_files(root)).run()
-        held = dataset.select(training.held_indices)
-        evaluation = evaluate(held, simulator, model) if simulator or self.kind == "forward" else None
+        evaluation = evaluate(training.split.held, simulator, model) if simulator or self.kind == "forward" else None
         text = f"{evaluation.text()}\n\n" if evaluation else ""
-        title = f"Held-out episodes {training.held_indices}:\n\n" if evaluation else ""
+        title = f"Held out ({training.split.what}):\n\n" if evaluation else ""
         return Outcome(
             f"{title}{text}checkpoint → {folder / CHECKPOINT}",
             {
                 "checkpoint": folder / CHECKPOINT,
-                "validation_episodes": training.held_indices,
+                "held_out": training.split.what,
                 "history": folder / "history.json",
                 "errors": evaluation.to_json() if evaluation else None,
             },

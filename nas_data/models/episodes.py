@@ -35,12 +35,15 @@ class Episode:
         return Episode(self.states[rows], self.commands[rows], self.predicted[rows], self.targets[rows])
 
 
-def read_episodes(dataset: Dataset, indices: Sequence[int]) -> list[Episode]:
-    """Return episodes of a dataset as float32 tensors."""
+def read_episodes(dataset: Dataset, indices: Sequence[int] | None = None) -> list[Episode]:
+    """Return episodes of a dataset, all where None, as float32 tensors."""
     predicted = dataset.sim_states if dataset.paired else dataset.states
     columns = [dataset.states, dataset.commands, predicted, dataset.next_states]
     tensors = [torch.from_numpy(np.ascontiguousarray(column, dtype=np.float32)) for column in columns]
-    return [Episode(*(tensor[dataset.episode(index)] for tensor in tensors)) for index in indices]
+    return [
+        Episode(*(tensor[dataset.episode(index)] for tensor in tensors))
+        for index in (range(dataset.n_episodes) if indices is None else indices)
+    ]
 
 
 def join(episodes: Sequence[Episode]) -> Episode:
@@ -71,16 +74,3 @@ def cut(episodes: Sequence[Episode], longest: int) -> list[Episode]:
         starts = range(0, len(episode), longest)
         pieces.extend(episode.window(start, min(longest, len(episode) - start)) for start in starts)
     return pieces
-
-
-def split(count: int, share: float, seed: int) -> tuple[list[int], list[int]]:
-    """Draw which episodes train and which validate.
-
-    Returns:
-        Training and validation episodes, both sorted; with a single episode, both are that one.
-    """
-    if count == 1:
-        return [0], [0]
-    held = min(count - 1, max(1, round(share * count)))
-    order = np.random.default_rng(seed).permutation(count)
-    return sorted(order[held:].tolist()), sorted(order[:held].tolist())

@@ -26,20 +26,18 @@ class Progress:
     """Where a training stands.
 
     Attributes:
-        phase: Number of the phase that runs.
-        update: Next update in it.
+        update: Next update.
         best: Best validation error so far.
         stale: Validations since then.
         seconds: Time spent.
-        history: One row a validation: phase, update, loss, validation error, seconds.
+        history: One row a validation: update, loss, validation error, seconds.
     """
 
-    phase: int = 0
     update: int = 0
     best: float = float("inf")
     stale: int = 0
     seconds: float = 0.0
-    history: list[dict[str, float | int | str]] = field(default_factory=list)
+    history: list[dict[str, float | int]] = field(default_factory=list)
 
 
 class TrainingRun:
@@ -80,24 +78,21 @@ class TrainingRun:
         self._clock = time.monotonic() - self.progress.seconds
         with one_thread():
             if not self.progress.history:
-                self._validate("start", float("nan"))
-            for number in range(self.progress.phase, len(self.training.phases)):
-                self._run_phase(number)
+                self._validate(float("nan"))
+            self._train()
         self.writer.close()
         (self.folder / HISTORY).write_text(json.dumps(self.progress.history, indent=1), encoding="utf-8")
         (self.folder / STATE).unlink(missing_ok=True)
         return checkpoint.load_frozen(self.folder / CHECKPOINT)
 
-    def _run_phase(self, number: int) -> None:
-        phase = self.training.phases[number]
-        if number != self.progress.phase:
-            self.progress.phase, self.progress.update, self.progress.stale = number, 0, 0
+    def _train(self) -> None:
+        phase, progress = self.training.phase, self.progress
         losses: list[float] = []
-        while self.progress.update < phase.updates and self.progress.stale <= self.training.options.patience:
+        while progress.update < phase.updates and progress.stale <= self.training.options.patience:
             losses.append(self._update(phase))
-            self.progress.update += 1
-            if self.progress.update % phase.per_validation == 0 or self.progress.update == phase.updates:
-                self._validate(phase.name, sum(losses) / len(losses))
+            progress.update += 1
+            if progress.update % phase.per_validation == 0 or progress.update == phase.updates:
+                self._validate(sum(losses) / len(losses))
                 losses.clear()
 
     def _update(self, phase: Phase) -> float:
@@ -117,7 +112,7 @@ class TrainingRun:
             self.optimiser.step()
         return float(loss.detach())
 
-    def _validate(self, phase: str, loss: float) -> None:
+    def _validate(self, loss: float) -> None:
         """Measure the validation error, keep the best model, store where the training stands."""
         error = self.training.validation_error()
         progress = self.progress
@@ -126,15 +121,14 @@ class TrainingRun:
         if error < progress.best or not progress.history:
             progress.best, progress.stale = error, 0
             checkpoint.save(self.training.model, self.folder / CHECKPOINT, self.attachments)
-        row: dict[str, float | int | str] = {"phase": phase, "update": progress.update, "validation": error}
-        row |= {"loss": loss, "seconds": round(progress.seconds, 1)}
+        row = {"update": progress.update, "validation": error, "loss": loss, "seconds": round(progress.seconds, 1)}
         progress.history.append(row)
         step = len(progress.history)
         self.writer.add_scalar("validation", error, step)
         self.writer.add_scalar("loss", loss, step)
         mark = " *" if progress.stale == 0 else ""
         self.report(
-            f"{phase:>15} {progress.update:5d}  loss {loss:9.5f}  "
+            f"{self.training.phase.name} {progress.update:5d}/{self.training.phase.updates}  loss {loss:9.5f}  "
             f"validation {error:9.5f}{mark}  {progress.seconds:6.1f} s"
         )
         self._store()

@@ -1,4 +1,4 @@
-"""What a training of φ or ψ consists of: split, model with its statistics, phases, validation error."""
+"""What a training of φ or ψ consists of: split, model with its statistics, how it is trained, validation error."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -9,9 +9,10 @@ import torch
 from nas_data.dataset.dataset import Dataset
 from nas_data.errors import DatasetInvalid, JointMismatch
 from nas_data.metrics import Errors
-from nas_data.models.episodes import cut, join, pad, read_episodes, split
+from nas_data.models.episodes import cut, join, pad, read_episodes
 from nas_data.models.evaluation import open_loop_model
 from nas_data.models.fitting import prepare
+from nas_data.models.holding_out import hold_out, rows_of
 from nas_data.models.lstm import DynamicsModel, Kind
 from nas_data.models.phases import FreeRunning, Phase, TeacherForcing, one_step_loss
 from nas_data.models.presets import TrainingOptions
@@ -26,9 +27,8 @@ class Training:
 
     Attributes:
         model: The network, with normalisation from the training episodes.
-        phases: What is run, one after the other.
-        train_indices: Episodes that train.
-        held_indices: Episodes held out for early stopping.
+        phase: How it is trained: free running where a source is at hand (ψ needs none), else teacher forcing.
+        split: What trains and what is held out for early stopping.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class Training:
         provenance: Mapping[str, object] | None = None,
         device: str | None = None,
     ) -> None:
-        """Split the episodes, build the model and its normalisation, plan the phases.
+        """Split the episodes, build the model and its normalisation.
 
         Args:
             kind: `delta` for φ, `forward` for ψ.
@@ -61,17 +61,18 @@ class Training:
         self.options = options
         self.simulator = simulator
         self.device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
-        self.train_indices, self.held_indices = split(dataset.n_episodes, options.validation, options.seed)
+        self.split = hold_out(dataset, options.validation, options.seed)
         self.model = self._build(kind, dataset, provenance or {})
-        episodes = read_episodes(dataset, self.train_indices)
+        episodes = read_episodes(self.split.train)
         prepare(self.model, join(episodes))
         self.model.to(self.device)
         self.free = options.updates > 0 and (kind == "forward" or simulator is not None)
-        phases: list[Phase] = [TeacherForcing(self.model, episodes, options, self.device)]
-        if self.free:
-            phases.append(FreeRunning(self.model, episodes, simulator, options, self.device))
-        self.phases = [phase for phase in phases if phase.updates]
-        self.held = validation_segments(dataset, self.held_indices)
+        self.phase: Phase = (
+            FreeRunning(self.model, episodes, simulator, options, self.device)
+            if self.free
+            else TeacherForcing(self.model, episodes, options, self.device)
+        )
+        self.rollouts = validation_rollouts(self.split.held)
 
     def _build(self, kind: Kind, dataset: Dataset, provenance: Mapping[str, object]) -> DynamicsModel:
         torch.manual_seed(self.options.seed)
@@ -85,7 +86,7 @@ class Training:
             shortcut=options.shortcut,
             commands_effort=dataset.commands_effort,
             fps=float(dataset.fps),
-            provenance={**provenance, "training": asdict(options), "validation_episodes": self.held_indices},
+            provenance={**provenance, "training": asdict(options), "validation": self.split.what},
         )
 
     @property
@@ -103,27 +104,23 @@ class Training:
 
     def _open_loop_error(self) -> float:
         model = self.model.to("cpu")
-        rollouts = open_loop_model(self.held, self.simulator, model)
-        measured = [self.held.next_states[rows] for rows in self.held.episodes()]
+        predicted = open_loop_model(self.rollouts, self.simulator, model)
+        measured = [self.rollouts.next_states[rows] for rows in self.rollouts.episodes()]
         self.model.to(self.device)
-        error = Errors.of(self.held.joints, rollouts, measured).overall
+        error = Errors.of(self.rollouts.joints, predicted, measured).overall
         return error if np.isfinite(error) else float("inf")
 
     def _one_step_error(self) -> float:
-        episodes = read_episodes(self.held, range(self.held.n_episodes))
-        batch, mask = pad(cut(episodes, self.options.segment))
+        batch, mask = pad(cut(read_episodes(self.split.held), self.options.segment))
         return float(one_step_loss(self.model, batch, mask, self.device))
 
 
-def validation_segments(dataset: Dataset, episodes: list[int]) -> Dataset:
-    """Return held-out episodes cut into rollouts of bounded length, each started at a measured state."""
-    starts, lengths = [], []
-    for episode in episodes:
-        rows = dataset.episode(episode)
-        cuts = list(range(rows.start, rows.stop, SEGMENT))
-        starts += cuts
-        lengths += [min(SEGMENT, rows.stop - start) for start in cuts]
+def validation_rollouts(held: Dataset) -> Dataset:
+    """Cut what is held out into rollouts of bounded length, each started at a measured state."""
+    starts = [
+        (start, min(start + SEGMENT, rows.stop))
+        for rows in held.episodes()
+        for start in range(rows.start, rows.stop, SEGMENT)
+    ]
     order = np.linspace(0, len(starts) - 1, min(SEGMENTS, len(starts))).round().astype(int)
-    frames = np.concatenate([np.arange(starts[i], starts[i] + lengths[i]) for i in order])
-    columns = {key: column[frames] for key, column in dataset.columns.items()}
-    return Dataset(dataset.features, columns, np.array([lengths[i] for i in order]), dataset.fps)
+    return rows_of(held, [starts[index] for index in order])

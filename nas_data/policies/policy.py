@@ -16,7 +16,7 @@ CONFIG = "config.json"
 WEIGHTS = "policy.safetensors"
 PROGRESS = "progress.csv"
 
-HIDDEN = ("mlp_extractor.policy_net.0", "mlp_extractor.policy_net.2")  # stable-baselines3's names for the actor
+HIDDEN = "mlp_extractor.policy_net."  # stable-baselines3's names for the actor: a number for each layer, and the output
 OUTPUT = "action_net"
 MEAN, VARIANCE = "observation.mean", "observation.variance"
 EPSILON = 1e-8  # stable-baselines3's VecNormalize: keeps a constant observation finite
@@ -25,7 +25,7 @@ CLIP = 10.0  # the same: normalised observations beyond this are cut
 
 @dataclass(frozen=True)
 class Policy:
-    """The mean action of an actor with two tanh layers, and the frozen statistics that its observations go through.
+    """The mean action of an actor with tanh layers, and the frozen statistics that its observations go through.
 
     Attributes:
         config: What and how it was trained, from `config.json`.
@@ -39,7 +39,7 @@ class Policy:
         """Return the mean actions (B, a), clipped to [-1, 1], for raw observations (B, o)."""
         scale = np.sqrt(self.tensors[VARIANCE] + EPSILON)
         values = np.clip((observations - self.tensors[MEAN]) / scale, -CLIP, CLIP).astype(np.float32)
-        for layer in HIDDEN:
+        for layer in hidden_layers(self.tensors):
             values = np.tanh(self._linear(layer, values))
         return np.clip(self._linear(OUTPUT, values), -1.0, 1.0)
 
@@ -61,6 +61,12 @@ class Policy:
     def frames(self) -> int:
         """Control steps that it learned from."""
         return int(str(self.config.get("frames", 0)))
+
+
+def hidden_layers(tensors: Mapping[str, np.ndarray]) -> list[str]:
+    """Return the names of the actor's hidden layers, first to last."""
+    numbers = sorted(int(name.removeprefix(HIDDEN).split(".")[0]) for name in tensors if name.startswith(HIDDEN))
+    return [f"{HIDDEN}{number}" for number in dict.fromkeys(numbers)]
 
 
 def read_config(folder: Path) -> dict[str, object]:
@@ -93,7 +99,7 @@ def load_policy(folder: Path) -> Policy:
         raise CheckpointError(
             f"{path} cannot be read ({error}); train the policy to its end, or copy its folder again."
         ) from None
-    layers = [f"{layer}.{part}" for layer in (*HIDDEN, OUTPUT) for part in ("weight", "bias")]
+    layers = [f"{layer}.{part}" for layer in (*hidden_layers(tensors), OUTPUT) for part in ("weight", "bias")]
     missing = [name for name in (*layers, MEAN, VARIANCE) if name not in tensors]
     if missing:
         raise CheckpointError(f"{path} lacks the tensor '{missing[0]}'; it is no policy that `nas policy train` wrote.")
