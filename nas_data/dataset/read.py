@@ -43,7 +43,7 @@ def read(path: Path) -> Dataset:
         lengths=lengths,
         fps=float(str(info["fps"])),
         robot_type=str(info.get("robot_type") or "unknown"),
-        tasks=_episode_tasks(root, rows.columns["task_index"][:, 0], lengths),
+        tasks=episode_tasks(read_tasks(root), rows.columns["task_index"][:, 0], lengths),
     )
     check_finite(dataset, str(root))
     return dataset
@@ -75,13 +75,13 @@ class Rows:
     columns: dict[str, np.ndarray]
 
     @classmethod
-    def read(cls, root: Path, features: Mapping[str, Feature]) -> "Rows":
-        """Read columns of all data files.
+    def read(cls, root: Path, features: Mapping[str, Feature], files: Sequence[Path] = ()) -> "Rows":
+        """Read columns of all data files, or of some.
 
         Raises:
             DatasetInvalid: a file is missing, half-written, or lacks a column.
         """
-        paths = layout.data_files(root)
+        paths = list(files) or layout.data_files(root)
         if not paths:
             raise DatasetInvalid(f"{root} has no data files (data/*/*.parquet); restore them from a copy.")
         files = [(path, open_parquet(path)) for path in paths]
@@ -179,9 +179,14 @@ def read_tasks(root: Path) -> dict[int, str]:
     }
 
 
-def _episode_tasks(root: Path, task_index: np.ndarray, lengths: np.ndarray) -> tuple[str, ...]:
-    """Return the task of each episode; several in one episode are joined in alphabetical order."""
-    tasks = read_tasks(root)
+def episode_tasks(tasks: Mapping[int, str], task_index: np.ndarray, lengths: np.ndarray) -> tuple[str, ...]:
+    """Return the task of each episode; several in one episode are joined in alphabetical order.
+
+    Args:
+        tasks: Sentence of each task by its number.
+        task_index: Number of each frame's task, shape (N,).
+        lengths: Frames of each episode, shape (E,).
+    """
     starts = np.cumsum(lengths) - lengths
     first = task_index[starts]
     if np.array_equal(np.repeat(first, lengths), task_index):

@@ -244,11 +244,11 @@ def _place(dataset: Dataset, row: np.integer) -> str:
     return f"episode {episode}, frame {int(row) - int(dataset.starts[episode])}"
 
 
+# What can be made anew from the rows.
+METADATA: tuple[Callable[[Evidence], Iterator[str]], ...] = (_indices, _episodes, _statistics)
 PROBLEMS: tuple[Callable[[Evidence], Iterator[str]], ...] = (
     _content,
-    _indices,
-    _episodes,
-    _statistics,
+    *METADATA,
     _clock,
     _continuity,
 )

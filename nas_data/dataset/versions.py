@@ -66,44 +66,84 @@ def new_version(
     provenance: Provenance,
     folder: Path = FOLDER,
     attachments: Mapping[str, bytes] | None = None,
+    damaged: Path | None = None,
 ) -> Path:
     """Write a dataset as the next version of its name; one of the same content is returned as it is.
+
+    Args:
+        dataset: What to write.
+        name: Its name.
+        provenance: Where it comes from.
+        folder: The folder of all names.
+        attachments: Further files by their path in the dataset.
+        damaged: A version that must not be returned although it claims the same content.
 
     Raises:
         OptionError: the name is no folder's name.
         DatasetInvalid: LeRobot's tools could not read this dataset.
     """
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]*", name):
-        raise OptionError(f"'{name}' is no name for a dataset; use letters, digits, '.', '_' and '-'.")
+    check_name(name)
     check_storable(dataset, "The dataset to be written")
     digest = content_hash(dataset)
     home = folder / name
-    existing = _same_content(home, digest)
+    existing = _same_content(home, digest, damaged)
     if existing:
         return existing
     with staged(home / "version") as hidden:
         fill(hidden, dataset, replace(provenance, content_hash=digest), attachments or {})
-        with _locked(home):
-            existing = _same_content(home, digest)
-            if existing:
-                return existing
-            number = max((_number(path) for path in home.iterdir() if VERSION.fullmatch(path.name)), default=0) + 1
-            root = home / f"v{number}-{digest[:8]}"
-            publish(hidden, root)
+        return settle(hidden, home, digest, damaged=damaged)
+
+
+def check_name(name: str) -> None:
+    """Raise OptionError where a name is no folder's name."""
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]*", name):
+        raise OptionError(f"'{name}' is no name for a dataset; use letters, digits, '.', '_' and '-'.")
+
+
+def settle(hidden: Path, home: Path, digest: str, number: int = 0, damaged: Path | None = None) -> Path:
+    """Make a staged folder a version, unless there is one of its content.
+
+    Args:
+        hidden: The complete folder.
+        home: Folder of the name's versions.
+        digest: Its content hash.
+        number: Number to give where it is free; the next one otherwise.
+        damaged: A version that must not be returned although it claims the same content.
+
+    Returns:
+        The version's folder, or that of the same content.
+    """
+    with _locked(home):
+        existing = _same_content(home, digest, damaged)
+        if existing:
+            return existing
+        taken = {_number(path) for path in home.iterdir() if VERSION.fullmatch(path.name)}
+        if number < 1 or number in taken:
+            number = max(taken, default=0) + 1
+        root = home / f"v{number}-{digest[:8]}"
+        publish(hidden, root)
     return root
+
+
+def home_of(path: Path) -> tuple[Path, str]:
+    """Return where what is made from a dataset belongs: the folder of all names, and the name.
+
+    That is beside a version, else below `datasets/` under the name of the dataset's folder.
+    """
+    home = path.resolve()
+    if not VERSION.fullmatch(home.name):
+        return FOLDER, _folder_name(home)
+    # The path stays as the user gave it, so that what is printed is as short.
+    shown = path.parent if path.parent.resolve() == home.parent and path.parent.name else home.parent
+    return shown.parent, shown.name
 
 
 def next_to(
     parent: Path, dataset: Dataset, provenance: Provenance, attachments: Mapping[str, bytes] | None = None
 ) -> Path:
     """Write a dataset that was made from another: beside it where it is a version, else below `datasets/`."""
-    root = resolve(parent)
-    home = root.resolve()
-    if not VERSION.fullmatch(home.name):
-        return new_version(dataset, _folder_name(home), provenance, FOLDER, attachments)
-    # The path stays as the user gave it, so that what is printed is as short.
-    shown = root.parent if root.parent.resolve() == home.parent and root.parent.name else home.parent
-    return new_version(dataset, shown.name, provenance, shown.parent, attachments)
+    folder, name = home_of(resolve(parent))
+    return new_version(dataset, name, provenance, folder, attachments)
 
 
 def save(
@@ -145,10 +185,10 @@ def _number(path: Path) -> int:
     return int(match.group(1)) if match else 0
 
 
-def _same_content(home: Path, digest: str) -> Path | None:
+def _same_content(home: Path, digest: str, damaged: Path | None = None) -> Path | None:
     """Return the newest version with a content hash."""
     for path in reversed(list_versions(home)):
-        if path.name.endswith(digest[:8]):
+        if path.name.endswith(digest[:8]) and not (damaged and path.samefile(damaged)):
             provenance = read_provenance(path)
             if provenance is not None and provenance.content_hash == digest:
                 return path

@@ -62,6 +62,9 @@ def _files(dataset: Dataset, attachments: Mapping[str, bytes]) -> Iterator[tuple
     tasks = list(dict.fromkeys(dataset.tasks))
     columns = {key: stored_column(dataset, key) for key in dataset.features}
     columns |= automatic_columns(dataset, tasks)
+    # What explains the rows comes first: a killed writer then leaves files that can be rescued.
+    yield layout.INFO, _json(_info(dataset, len(tasks)))
+    yield layout.TASKS, _parquet(_task_table(tasks))
     files = split_episodes(dataset.lengths, sum(column.itemsize * column.shape[1] for column in columns.values()))
     for number, episodes in enumerate(files):
         yield layout.numbered(layout.DATA_TEMPLATE, number), _data_file(columns, dataset.lengths, episodes)
@@ -74,10 +77,8 @@ def _files(dataset: Dataset, attachments: Mapping[str, bytes]) -> Iterator[tuple
         for key, value in here.items():
             part = part.append_column(key, pa.array(np.full(len(part), value), pa.int64()))
         yield layout.numbered(layout.EPISODES_TEMPLATE, number), _parquet(part)
-    yield layout.TASKS, _parquet(_task_table(tasks))
     overall = {key: {name: values.tolist() for name, values in entry.overall.items()} for key, entry in found.items()}
     yield layout.STATS, _json(overall)
-    yield layout.INFO, _json(_info(dataset, len(tasks)))
     yield from attachments.items()
 
 

@@ -49,8 +49,9 @@ class Robot:
 
     @property
     def sha256(self) -> str:
-        """SHA-256 of the model file."""
-        return hashlib.sha256(self.mjcf.read_bytes()).hexdigest()
+        """SHA-256 of the model: of the file as it is, or of the completed model where `edit` changes it."""
+        content = self.mjcf.read_bytes() if self.edit is None else self.spec().to_xml().encode()
+        return hashlib.sha256(content).hexdigest()
 
 
 def read_spec(path: Path) -> mujoco.MjSpec:

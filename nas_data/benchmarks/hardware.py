@@ -1,0 +1,29 @@
+"""On what a benchmark ran: processor, cores, versions."""
+
+import os
+import platform
+from pathlib import Path
+
+from nas_data.dataset.provenance import package_versions
+
+CPUINFO = Path("/proc/cpuinfo")
+
+
+def hardware() -> dict[str, object]:
+    """Return the processor's model, the cores that this process may use, the load on them, and versions."""
+    return {
+        "processor": processor(),
+        "cores": len(os.sched_getaffinity(0)),
+        "load": round(os.getloadavg()[0], 1),
+        "system": f"{platform.system()} {platform.machine()}",
+        "versions": package_versions(),
+    }
+
+
+def processor() -> str:
+    """Return the processor's model; the architecture where the system does not say."""
+    if CPUINFO.is_file():
+        for line in CPUINFO.read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()

@@ -1,0 +1,52 @@
+"""LeRobot's own way to write and read a dataset, which ours is compared with."""
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from nas_data.dataset.features import Feature
+from nas_data.errors import MissingPackage
+
+if TYPE_CHECKING:
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+NAME = "local/benchmark"
+
+
+@contextmanager
+def lerobot(scratch: Path) -> Iterator["type[LeRobotDataset]"]:
+    """Give LeRobot's dataset class: offline, without a progress bar an episode, its Arrow cache in a scratch folder.
+
+    Raises:
+        MissingPackage: LeRobot is not installed.
+    """
+    # Both are read once, when the packages are first imported.
+    os.environ.setdefault("HF_HUB_OFFLINE", "1")
+    os.environ.setdefault("HF_DATASETS_DISABLE_PROGRESS_BARS", "1")
+    try:
+        import datasets.config
+        from lerobot.datasets.lerobot_dataset import LeRobotDataset
+    except ImportError as error:
+        raise MissingPackage(f"This benchmark compares with LeRobot, which is not installed ({error}).") from None
+    before = datasets.config.HF_DATASETS_CACHE
+    datasets.config.HF_DATASETS_CACHE = scratch / "cache"
+    try:
+        yield LeRobotDataset
+    finally:
+        datasets.config.HF_DATASETS_CACHE = before
+
+
+def create(
+    kind: "type[LeRobotDataset]", root: Path, features: Mapping[str, Feature], fps: float, robot: str
+) -> "LeRobotDataset":
+    """Begin an empty dataset; `add_frame`, `save_episode` and `finalize` fill it."""
+    described = {key: {**feature.to_info(), "shape": (feature.width,)} for key, feature in features.items()}
+    rate = int(fps) if float(fps).is_integer() else fps
+    return kind.create(NAME, rate, described, root=root, robot_type=robot, use_videos=False, video_backend="pyav")
+
+
+def open_dataset(kind: "type[LeRobotDataset]", root: Path) -> "LeRobotDataset":
+    """Open a dataset as `dataset[i]` reads it."""
+    return kind(NAME, root=root, video_backend="pyav")

@@ -1,0 +1,61 @@
+"""Reading a whole dataset into tensors against a DataLoader over LeRobot's `dataset[i]`."""
+
+import sys
+from itertools import islice
+from pathlib import Path
+
+from torch.utils.data import DataLoader
+
+from nas_data.benchmarks.lerobot import lerobot, open_dataset
+from nas_data.benchmarks.result import Result
+from nas_data.benchmarks.rounds import Ratio, take_turns
+from nas_data.commands.pair import Pair
+from nas_data.commands.record_sim import RecordSim
+from nas_data.dataset.read import read
+from nas_data.dataset.transitions import as_transitions
+from nas_data.models.episodes import read_episodes
+
+ROBOT = "ergojr"
+RATE = 100.0  # [Hz]
+BATCH = 256
+WANTED = 30.0
+OURS, OTHER = "nas, all frames", "DataLoader"
+
+
+def benchmark(scratch: Path, episodes: int, frames: int, batches: int, rounds: int) -> Result:
+    """Time our reader, from the files to one tensor a feature and episode, and LeRobot's.
+
+    Args:
+        scratch: Empty folder.
+        episodes: Episodes of the dataset.
+        frames: Frames of each episode.
+        batches: Batches of 256 frames that the DataLoader reads in a round, the first of the dataset.
+        rounds: How often each side is timed.
+    """
+    print(f"recording {episodes} episodes of {frames} frames …", file=sys.stderr)
+    root = scratch / "paired"
+    RecordSim(robot=ROBOT, rate=RATE, episodes=episodes, seconds=frames / RATE, out=scratch / "recorded").run()
+    Pair(dataset=scratch / "recorded", model=ROBOT, out=root).run()
+
+    def ours() -> int:
+        dataset, _ = as_transitions(read(root))
+        return sum(len(episode) for episode in read_episodes(dataset))
+
+    with lerobot(scratch) as kind:
+        dataset = open_dataset(kind, root)
+
+        def other() -> int:
+            loader = DataLoader(dataset, batch_size=BATCH, num_workers=0)
+            return sum(len(batch["index"]) for batch in islice(loader, batches))
+
+        times = take_turns({OURS: ours, OTHER: other}, rounds)
+    part = min(batches * BATCH, len(dataset))
+    return Result(
+        title=f"Loading {len(dataset)} paired frames of {ROBOT} into torch tensors",
+        times=times,
+        ratios=(Ratio("loading_vs_dataloader", OURS, OTHER, WANTED),),
+        notes=(
+            f"'{OURS}' opens the files and reads all {len(dataset)} frames; '{OTHER}' (batches of {BATCH}, no workers) "
+            f"reads the first {part} of an open dataset: its time per frame stands for the rest.",
+        ),
+    )

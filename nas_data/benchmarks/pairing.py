@@ -1,0 +1,101 @@
+"""Pairing a dataset against the bare `mujoco.rollout` calls that it cannot do without."""
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+
+import mujoco
+import mujoco.rollout
+import numpy as np
+
+from nas_data.benchmarks.result import Result
+from nas_data.benchmarks.rounds import Ratio, take_turns
+from nas_data.commands.pair import Pair
+from nas_data.commands.record_sim import RecordSim
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.read import read
+from nas_data.pairing import pair
+from nas_data.simulators.mujoco import CHUNK_STATES, MujocoSimulator
+
+ROBOT = "ergojr"
+RATE = 100.0  # [Hz]
+WANTED = 1 / 1.2  # pairing may take 1.2 times what the rollouts take
+OURS, MEMORY, BARE = "nas pair", "pair() in memory", "bare mujoco.rollout"
+
+
+@dataclass(frozen=True)
+class BareRollouts:
+    """The rollouts that pairing needs, everything else done beforehand.
+
+    Attributes:
+        model: Compiled source.
+        substeps: Physics steps per control step.
+        chunks: Full initial states (B, size) and controls (B, substeps, nu) of each call.
+        threads: Threads of the pool.
+    """
+
+    model: mujoco.MjModel
+    substeps: int
+    chunks: tuple[tuple[np.ndarray, np.ndarray], ...]
+    threads: int
+
+    @classmethod
+    def of(cls, simulator: MujocoSimulator, dataset: Dataset) -> "BareRollouts":
+        """Prepare the states and controls, in the chunks in which the simulator pairs."""
+        size = max(1, CHUNK_STATES // (simulator.substeps * len(simulator.rest.base)))
+        chunks = []
+        for start in range(0, dataset.n_frames, size):
+            rows = slice(start, start + size)
+            controls = simulator.layout.controls(dataset.commands[rows].astype(float)[:, None])
+            states = simulator.rest(dataset.states[rows].astype(float))
+            chunks.append((states, np.repeat(controls, simulator.substeps, axis=1)))
+        return cls(simulator.model, simulator.substeps, tuple(chunks), simulator.threads)
+
+    def runner(self) -> Callable[[], int]:
+        """Return the work: every rollout once."""
+        pooled = self.threads if self.threads > 1 else 0
+        pool = mujoco.rollout.Rollout(nthread=pooled)
+        data = [mujoco.MjData(self.model) for _ in range(max(1, pooled))]
+
+        def run() -> int:
+            for states, controls in self.chunks:
+                pool.rollout(self.model, data, states, controls, nstep=self.substeps)
+            return sum(len(states) for states, _ in self.chunks)
+
+        return run
+
+
+def benchmark(scratch: Path, episodes: int, frames: int, rounds: int) -> Result:
+    """Time `nas pair` from dataset to dataset, `pair()` alone, and the bare rollouts.
+
+    Args:
+        scratch: Empty folder.
+        episodes: Episodes of the dataset.
+        frames: Frames of each episode.
+        rounds: How often each side is timed.
+    """
+    print(f"recording {episodes} episodes of {frames} frames …", file=sys.stderr)
+    root = scratch / "recorded"
+    simulator = MujocoSimulator.load(ROBOT, 1 / RATE)
+    RecordSim(robot=ROBOT, rate=RATE, episodes=episodes, seconds=frames / RATE, quantum=0.0, out=root).run()
+    dataset = read(root)
+    versions = (scratch / f"paired-{number}" for number in count())
+
+    def command() -> int:
+        Pair(dataset=root, model=ROBOT, out=next(versions)).run()
+        return dataset.n_frames
+
+    def in_memory() -> int:
+        return pair(dataset, simulator).n_frames
+
+    bare = BareRollouts.of(simulator, dataset)
+    times = take_turns({OURS: command, MEMORY: in_memory, BARE: bare.runner()}, rounds)
+    calls = f"{len(bare.chunks)} calls on {simulator.threads} threads"
+    return Result(
+        title=f"Pairing {dataset.n_frames} transitions of {ROBOT}, {simulator.substeps} physics steps each",
+        times=times,
+        ratios=(Ratio("pairing_vs_rollout", OURS, BARE, WANTED), Ratio("pairing_in_memory_vs_rollout", MEMORY, BARE)),
+        notes=(f"'{OURS}' reads the dataset, predicts and writes the new version; '{BARE}' is {calls}, inputs ready.",),
+    )

@@ -1,0 +1,84 @@
+"""What a benchmark found: a table of times, the ratios, and the hardware."""
+
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from nas_data.benchmarks.hardware import hardware
+from nas_data.benchmarks.rounds import Ratio, Times
+from nas_data.commands.base import Outcome
+from nas_data.errors import OptionError
+
+MICRO = 1e6
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a benchmark found.
+
+    Attributes:
+        title: What was done how often.
+        times: Name of each side → its times.
+        ratios: What is compared; the first is the benchmark's own.
+        notes: What a reader must know to trust the numbers.
+    """
+
+    title: str
+    times: Mapping[str, Times]
+    ratios: tuple[Ratio, ...]
+    notes: tuple[str, ...] = ()
+
+    def to_text(self) -> str:
+        """Return title, times per frame of each round, ratios and hardware, for a person."""
+        machine = hardware()
+        versions = machine["versions"]
+        assert isinstance(versions, Mapping)
+        on = f"{machine['processor']}, {machine['cores']} cores, load {machine['load']}, {machine['system']}"
+        with_versions = ", ".join(f"{name} {version}" for name, version in versions.items())
+        ratios = [ratio.describe(self.times) for ratio in self.ratios]
+        return "\n".join([self.title, "", *self._table(), "", *ratios, *self.notes, f"{on}; {with_versions}"])
+
+    def _table(self) -> list[str]:
+        """Return the times as lines, one a side."""
+        width = max(len(name) for name in self.times)
+        rounds = len(next(iter(self.times.values())).wall)
+        head = "".join(f"{number:>8}" for number in range(1, rounds + 1))
+        lines = [f"{'µs a frame in round':<{width}}{head}     cpu"]
+        for name, times in self.times.items():
+            cells = "".join(f"{seconds * MICRO:8.4g}" for seconds in times.wall)
+            lines.append(f"{name:<{width}}{cells}{min(times.cpu) * MICRO:8.4g}")
+        return lines
+
+    def to_json(self) -> dict[str, object]:
+        """Return the same for machines; times in µs a frame."""
+        return {
+            "ratios": {ratio.name: ratio.of(self.times) for ratio in self.ratios},
+            "rounds": {ratio.name: ratio.values(self.times) for ratio in self.ratios},
+            "wanted": {ratio.name: ratio.wanted for ratio in self.ratios if ratio.wanted is not None},
+            "microseconds_per_frame": {
+                name: {"wall": [wall * MICRO for wall in times.wall], "cpu": [cpu * MICRO for cpu in times.cpu]}
+                for name, times in self.times.items()
+            },
+            "title": self.title,
+            "notes": self.notes,
+            "hardware": hardware(),
+        }
+
+
+def measured(benchmark: Callable[..., Result], **sizes: int) -> Outcome:
+    """Run a benchmark in a folder that is removed afterwards.
+
+    Args:
+        benchmark: Takes the folder and the sizes.
+        sizes: How much of everything.
+
+    Raises:
+        OptionError: a size is below one.
+    """
+    for name, size in sizes.items():
+        if size < 1:
+            raise OptionError(f"--{name} is {size}; at least 1 is needed.")
+    with tempfile.TemporaryDirectory(prefix="nas-benchmark-") as folder:
+        result = benchmark(Path(folder), **sizes)
+    return Outcome(result.to_text(), result.to_json())

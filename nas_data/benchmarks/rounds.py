@@ -1,0 +1,79 @@
+"""Timing in turns: every side once a round, so that whatever else the machine does falls on all of them."""
+
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from statistics import median
+
+Work = Callable[[], int]
+
+
+@dataclass(frozen=True)
+class Times:
+    """What one side took.
+
+    Attributes:
+        wall: Elapsed time per frame of each round [s].
+        cpu: Processor time of all threads per frame of each round [s].
+    """
+
+    wall: tuple[float, ...]
+    cpu: tuple[float, ...]
+
+
+def take_turns(sides: Mapping[str, Work], rounds: int) -> dict[str, Times]:
+    """Time several ways of the same work.
+
+    Each side runs once before, uncounted: imports, caches and compilers are not what is compared. The order turns
+    round after each round.
+
+    Args:
+        sides: Name of a side → its work, which returns how many frames it did.
+        rounds: How often each is timed.
+    """
+    found: dict[str, list[tuple[float, float]]] = {name: [] for name in sides}
+    for number in range(rounds + 1):
+        for name in list(sides) if number % 2 else reversed(list(sides)):
+            begun, spent = time.perf_counter(), time.process_time()
+            frames = sides[name]()
+            took = (time.perf_counter() - begun) / frames, (time.process_time() - spent) / frames
+            if number:
+                found[name].append(took)
+                report = f"round {number} of {rounds}: {name} {took[0] * 1e6:.4g} µs a frame"
+                print(report, file=sys.stderr)
+    return {name: Times(tuple(wall for wall, _ in took), tuple(cpu for _, cpu in took)) for name, took in found.items()}
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """How much faster one side is than another.
+
+    Attributes:
+        name: Its name in `--json`, for example `pairing_vs_rollout`.
+        ours: Name of the side that is ours.
+        other: Name of the side that it is compared with.
+        wanted: Smallest ratio that is good enough; None where the ratio is only told.
+    """
+
+    name: str
+    ours: str
+    other: str
+    wanted: float | None = None
+
+    def values(self, times: Mapping[str, Times]) -> list[float]:
+        """Return the other's elapsed time divided by ours, one value a round; above 1 we are faster."""
+        return [other / ours for ours, other in zip(times[self.ours].wall, times[self.other].wall, strict=True)]
+
+    def of(self, times: Mapping[str, Times]) -> float:
+        """Return the median over the rounds."""
+        return median(self.values(times))
+
+    def describe(self, times: Mapping[str, Times]) -> str:
+        """Return the ratio with its spread as a sentence."""
+        values = self.values(times)
+        bar = "" if self.wanted is None else f", at least {self.wanted:.2g} is wanted"
+        return (
+            f"{self.name} {self.of(times):.3g}, between {min(values):.3g} and {max(values):.3g} "
+            f"in {len(values)} rounds{bar}"
+        )

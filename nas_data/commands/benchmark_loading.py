@@ -1,0 +1,29 @@
+"""Time reading a dataset into tensors against a DataLoader over LeRobot's dataset[i]."""
+
+from dataclasses import dataclass
+
+from nas_data.commands.base import Command, Outcome
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchmarkLoading(Command):
+    """Read a whole dataset with our reader and a part of it with LeRobot's, in turns.
+
+    Example: nas benchmark loading --episodes 100 --frames 300
+    """
+
+    episodes: int = 100
+    """Episodes of the dataset that is read."""
+    frames: int = 300
+    """Frames of each episode."""
+    batches: int = 20
+    """Batches of 256 frames that the DataLoader reads in a round; its time per frame stands for the rest."""
+    rounds: int = 5
+    """How often each side is timed; the median counts."""
+
+    def run(self) -> Outcome:
+        """Measure in a folder that is removed afterwards."""
+        from nas_data.benchmarks.loading import benchmark
+        from nas_data.benchmarks.result import measured
+
+        return measured(benchmark, episodes=self.episodes, frames=self.frames, batches=self.batches, rounds=self.rounds)

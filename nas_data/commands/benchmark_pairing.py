@@ -1,0 +1,27 @@
+"""Time `nas pair` against the bare mujoco.rollout calls that it needs."""
+
+from dataclasses import dataclass
+
+from nas_data.commands.base import Command, Outcome
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchmarkPairing(Command):
+    """Pair a recorded dataset and run the bare rollouts, in turns; 1 means that nothing else costs time.
+
+    Example: nas benchmark pairing --episodes 300 --frames 300
+    """
+
+    episodes: int = 300
+    """Episodes of the dataset that is paired."""
+    frames: int = 300
+    """Frames of each episode."""
+    rounds: int = 5
+    """How often each side is timed; the median counts."""
+
+    def run(self) -> Outcome:
+        """Measure in a folder that is removed afterwards."""
+        from nas_data.benchmarks.pairing import benchmark
+        from nas_data.benchmarks.result import measured
+
+        return measured(benchmark, episodes=self.episodes, frames=self.frames, rounds=self.rounds)

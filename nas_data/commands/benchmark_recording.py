@@ -1,0 +1,27 @@
+"""Time recording and pairing in bulk against Gymnasium environments and LeRobot's writer."""
+
+from dataclasses import dataclass
+
+from nas_data.commands.base import Command, Outcome
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchmarkRecording(Command):
+    """Record the same paired episodes both ways, in turns: our two commands, and add_frame with save_episode.
+
+    Example: nas benchmark recording --episodes 20 --frames 100
+    """
+
+    episodes: int = 50
+    """Episodes recorded in a round."""
+    frames: int = 100
+    """Frames of each episode."""
+    rounds: int = 3
+    """How often each side is timed; the median counts."""
+
+    def run(self) -> Outcome:
+        """Measure in a folder that is removed afterwards."""
+        from nas_data.benchmarks.recording import benchmark
+        from nas_data.benchmarks.result import measured
+
+        return measured(benchmark, episodes=self.episodes, frames=self.frames, rounds=self.rounds)

@@ -1,0 +1,214 @@
+"""What differs between two datasets: features, rate, robot, episodes matched by content, values, provenance."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from nas_data.dataset.content import content_hash, stored_column
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.episode_hash import episode_hashes
+from nas_data.dataset.features import STATE, Feature
+from nas_data.dataset.provenance import Provenance
+
+COMPARED = ("how", "robot", "source", "target", "signal", "seeds", "parents", "derived", "contiguous", "notes")
+
+
+@dataclass(frozen=True)
+class Change:
+    """How the values of one feature differ between the episodes that were compared.
+
+    Attributes:
+        largest: Largest absolute difference, in the feature's unit.
+        unit: That unit; empty where none is stored.
+        component: Where the largest difference is: the component's name …
+        episodes: … the episode in A and in B …
+        frame: … and the frame within it.
+        frames: Number of frames that differ in any bit.
+    """
+
+    largest: float
+    unit: str
+    component: str
+    episodes: tuple[int, int]
+    frame: int
+    frames: int
+
+
+@dataclass(frozen=True)
+class Difference:
+    """What differs between two datasets A and B; a pair is (in A, in B).
+
+    Attributes:
+        content_hashes: Their content hashes.
+        only: Features that only one has.
+        changed: Features that both have, described differently: key → descriptions.
+        joints: Joints that only one has.
+        rates: Rates [Hz], where they differ.
+        robots: Robot types, where they differ.
+        counts: Numbers of episodes.
+        equal: Number of episodes that both have, bit for bit in the features that they share.
+        moved: How many of those stand at another place.
+        compared: Episodes of equal length that were compared value by value.
+        unmatched: Episodes that only one has.
+        values: Feature → how its values differ in the compared episodes.
+        tasks: Episodes whose tasks differ: (episode in A, in B, task in A, in B).
+        provenance: What differs in where they come from; does not count as content.
+    """
+
+    content_hashes: tuple[str, str]
+    only: tuple[tuple[str, ...], tuple[str, ...]]
+    changed: Mapping[str, tuple[str, str]]
+    joints: tuple[tuple[str, ...], tuple[str, ...]]
+    rates: tuple[float, float] | None
+    robots: tuple[str, str] | None
+    counts: tuple[int, int]
+    equal: int
+    moved: int
+    compared: tuple[tuple[int, int], ...]
+    unmatched: tuple[tuple[int, ...], tuple[int, ...]]
+    values: Mapping[str, Change]
+    tasks: tuple[tuple[int, int, str, str], ...]
+    provenance: Mapping[str, tuple[object, object]]
+
+    @property
+    def equal_content(self) -> bool:
+        """Whether both say the same, wherever they come from."""
+        return self.content_hashes[0] == self.content_hashes[1]
+
+    def to_json(self) -> dict[str, object]:
+        """Return the difference for machines."""
+        found = {item.name: getattr(self, item.name) for item in fields(self)}
+        return {
+            "equal": self.equal_content,
+            **found,
+            "equal_episodes": found.pop("equal"),
+            "values": {key: dict(vars(change)) for key, change in self.values.items()},
+        }
+
+
+def diff(a: Dataset, b: Dataset, come_from: tuple[Provenance | None, Provenance | None] = (None, None)) -> Difference:
+    """Compare two datasets.
+
+    Episodes are matched by the exact values of the features that both have; what is left over is compared in the
+    order of the recordings, each episode with the next one of its length.
+
+    Args:
+        a: One dataset.
+        b: The other.
+        come_from: Their provenance.
+    """
+    shared = [key for key in a.features if key in b.features]
+    same_kind = sorted(key for key in shared if _comparable(a.features[key], b.features[key]))
+    hashes = [dict(enumerate(episode_hashes(d, same_kind) if same_kind else ())) for d in (a, b)]
+    equal = match(hashes[0], hashes[1])
+    rest = _left(range(a.n_episodes), range(b.n_episodes), equal)
+    lengths = [{episode: int(d.lengths[episode]) for episode in own} for d, own in zip((a, b), rest, strict=True)]
+    compared = tuple(match(lengths[0], lengths[1])) if same_kind else ()
+    return Difference(
+        content_hashes=(content_hash(a), content_hash(b)),
+        only=_exclusive(tuple(a.features), tuple(b.features)),
+        changed={
+            key: (describe(a.features[key]), describe(b.features[key]))
+            for key in shared
+            if a.features[key] != b.features[key]
+        },
+        joints=_exclusive(_joints(a), _joints(b)),
+        rates=(a.fps, b.fps) if a.fps != b.fps else None,
+        robots=(a.robot_type, b.robot_type) if a.robot_type != b.robot_type else None,
+        counts=(a.n_episodes, b.n_episodes),
+        equal=len(equal),
+        moved=sum(i != j for i, j in equal),
+        compared=compared,
+        unmatched=_left(*rest, compared),
+        values={key: change for key in same_kind if (change := _change(a, b, key, compared))},
+        tasks=tuple(
+            (i, j, a.tasks[i], b.tasks[j]) for i, j in sorted([*equal, *compared]) if a.tasks[i] != b.tasks[j]
+        ),
+        provenance=_provenance(*come_from),
+    )
+
+
+def match(a: Mapping[int, object], b: Mapping[int, object]) -> list[tuple[int, int]]:
+    """Pair the places of equal items, each once: first those at the same place, then in order of place.
+
+    Swapping the two swaps the pairs.
+    """
+    same = [place for place, item in a.items() if place in b and b[place] == item]
+    waiting: dict[object, list[int]] = {}
+    for place in sorted(set(b) - set(same), reverse=True):
+        waiting.setdefault(b[place], []).append(place)
+    pairs = [(place, waiting[a[place]].pop()) for place in sorted(set(a) - set(same)) if waiting.get(a[place])]
+    return sorted([*((place, place) for place in same), *pairs])
+
+
+def describe(feature: Feature) -> str:
+    """Return a feature in words."""
+    units = ", ".join(dict.fromkeys(feature.units)) or "no unit"
+    return f"{feature.dtype} [{units}] {', '.join(feature.names)}"
+
+
+def _comparable(a: Feature, b: Feature) -> bool:
+    """Whether values of two features can be subtracted; a missing unit is no other unit."""
+    return a.names == b.names and a.dtype == b.dtype and (not a.units or not b.units or a.units == b.units)
+
+
+def _joints(dataset: Dataset) -> tuple[str, ...]:
+    return dataset.joints if STATE in dataset.features else ()
+
+
+def _exclusive(a: tuple[str, ...], b: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return what only one of two has."""
+    return tuple(item for item in a if item not in b), tuple(item for item in b if item not in a)
+
+
+def _left(
+    a: Sequence[int], b: Sequence[int], pairs: Sequence[tuple[int, int]]
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return the episodes of each side that are in no pair."""
+    paired = {i for i, _ in pairs}, {j for _, j in pairs}
+    return tuple(i for i in a if i not in paired[0]), tuple(j for j in b if j not in paired[1])
+
+
+def _change(a: Dataset, b: Dataset, key: str, pairs: Sequence[tuple[int, int]]) -> Change | None:
+    """Return how one feature differs over pairs of episodes of equal length; None where no bit does."""
+    columns = [stored_column(dataset, key) for dataset in (a, b)]
+    frames, worst = 0, None
+    for pair in pairs:
+        one, other = (column[d.episode(i)] for column, d, i in zip(columns, (a, b), pair, strict=True))
+        unequal = _bits(one) != _bits(other)
+        if not unequal.any():
+            continue
+        frames += int(unequal.any(axis=1).sum())
+        apart = np.abs(one.astype(np.float64) - other.astype(np.float64))
+        frame, component = (int(index) for index in np.unravel_index(np.argmax(apart), apart.shape))
+        if worst is None or apart[frame, component] > worst[0]:
+            worst = (float(apart[frame, component]), component, pair, frame)
+    if worst is None:
+        return None
+    feature = a.features[key] if a.features[key].units else b.features[key]
+    unit = feature.units[worst[1]] if feature.units else ""
+    return Change(worst[0], unit, feature.names[worst[1]], worst[2], worst[3], frames)
+
+
+def _bits(values: np.ndarray) -> np.ndarray:
+    """Return the bytes of each row, so that even zeros of different sign differ."""
+    return np.ascontiguousarray(values).view(np.uint8).reshape(len(values), -1)
+
+
+def _provenance(a: Provenance | None, b: Provenance | None) -> dict[str, tuple[object, object]]:
+    """Return the entries of the provenance that differ; None for one that has none."""
+    found = [dict(_entries(item)) for item in (a, b)]
+    keys = dict.fromkeys([*found[0], *found[1]])
+    return {key: (found[0].get(key), found[1].get(key)) for key in keys if found[0].get(key) != found[1].get(key)}
+
+
+def _entries(provenance: Provenance | None) -> Iterator[tuple[str, object]]:
+    """List what is compared, mappings entry by entry, so that `source.effects` is seen apart from `source.engine`."""
+    stored = provenance.to_json() if provenance else {}
+    for key in COMPARED:
+        value = stored.get(key)
+        if isinstance(value, Mapping):
+            yield from ((f"{key}.{name}", item) for name, item in value.items())
+        elif value not in (None, "", [], False):
+            yield key, value

@@ -1,0 +1,119 @@
+"""Several datasets of one robot become one, their episodes in the order given."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.episode_hash import episode_hashes
+from nas_data.dataset.features import SIM_STATE, STATE, Feature
+from nas_data.dataset.inheritance import Derived, Original, common, inherit
+from nas_data.errors import DatasetInvalid, JointMismatch
+
+
+def merge(originals: Sequence[Original]) -> Derived:
+    """Join datasets of the same joints, features, rate and robot type.
+
+    Args:
+        originals: At least one; one alone becomes a dataset with a provenance of its own.
+
+    Raises:
+        JointMismatch: two have other joints; says which.
+        DatasetInvalid: they differ in a feature, the rate or the robot type; says in what.
+    """
+    first = originals[0]
+    for other in originals[1:]:
+        check_alike(first, other)
+    names = ", ".join(original.parent.name for original in originals)
+    files = [original.attachments for original in originals]
+    return Derived(
+        dataset=concatenate([original.dataset for original in originals]),
+        provenance=inherit(originals, f"merged from {names}"),
+        attachments={key: content for key, content in files[0].items() if all(item.get(key) == content for item in files)},
+    )
+
+
+def concatenate(datasets: Sequence[Dataset]) -> Dataset:
+    """Return the episodes of alike datasets one after the other."""
+    first = datasets[0]
+    return Dataset(
+        features=first.features,
+        columns={key: np.concatenate([dataset.columns[key] for dataset in datasets]) for key in first.features},
+        lengths=np.concatenate([dataset.lengths for dataset in datasets]),
+        fps=first.fps,
+        robot_type=first.robot_type,
+        tasks=tuple(task for dataset in datasets for task in dataset.tasks),
+    )
+
+
+def remarks(originals: Sequence[Original]) -> Iterator[str]:
+    """Say what a user should know about a merge, one sentence each."""
+    for original in originals:
+        yield from original.remarks()
+    kept = originals[0].dataset.features
+    if SIM_STATE in kept and common([original.provenance and original.provenance.source for original in originals]) is None:
+        yield f"'{SIM_STATE}' does not come from one known source: pair the merged dataset again (nas pair) to have one."
+    hashes = [found for original in originals for found in episode_hashes(original.dataset, sorted(kept))]
+    repeated = len(hashes) - len(set(hashes))
+    if repeated:
+        yield f"{repeated} episodes are in the merged dataset twice: a split of it may hold one on both sides."
+
+
+def check_alike(a: Original, b: Original) -> None:
+    """Refuse two datasets that cannot be one.
+
+    Raises:
+        JointMismatch: other joints.
+        DatasetInvalid: other features, rate or robot type.
+    """
+    _check_joints(a, b)
+    if a.dataset.fps != b.dataset.fps:
+        raise DatasetInvalid(
+            f"{b.root} runs at {b.dataset.fps:g} Hz, {a.root} at {a.dataset.fps:g} Hz; "
+            "record or import them at one rate to merge them."
+        )
+    if a.dataset.robot_type != b.dataset.robot_type:
+        raise DatasetInvalid(
+            f"{b.root} is of the robot '{b.dataset.robot_type}', {a.root} of '{a.dataset.robot_type}'; "
+            "only datasets of one robot are merged."
+        )
+    _check_features(a, b)
+
+
+def _check_joints(a: Original, b: Original) -> None:
+    if STATE not in a.dataset.features or STATE not in b.dataset.features:
+        return
+    joints = [set(original.dataset.joints) for original in (a, b)]
+    if joints[0] != joints[1]:
+        raise JointMismatch(
+            f"{b.root} has the joints {', '.join(b.dataset.joints) or 'without names'}, {a.root} has "
+            f"{', '.join(a.dataset.joints) or 'joints without names'}; only datasets of the same joints are merged."
+        )
+
+
+def _check_features(a: Original, b: Original) -> None:
+    for poor, rich in ((a, b), (b, a)):
+        missing = [key for key in rich.dataset.features if key not in poor.dataset.features]
+        if missing:
+            remedy = "pair both with the same model (nas pair)" if SIM_STATE in missing else "record or import both alike"
+            raise DatasetInvalid(f"{poor.root} lacks '{missing[0]}', which {rich.root} has; {remedy} to merge them.")
+    for key, feature in a.dataset.features.items():
+        other = b.dataset.features[key]
+        if feature != other:
+            raise DatasetInvalid(
+                f"'{key}' {_contrast(feature, other, a.root, b.root)}; record or import both alike to merge them."
+            )
+
+
+def _contrast(a: Feature, b: Feature, where_a: Path, where_b: Path) -> str:
+    """Say in what two features of one key differ."""
+    for what in ("names", "units", "dtype"):
+        here, there = getattr(a, what), getattr(b, what)
+        if here != there:
+            return f"has {what} {_listed(here)} in {where_a} and {_listed(there)} in {where_b}"
+    raise AssertionError("the features are equal")
+
+
+def _listed(value: str | tuple[str, ...]) -> str:
+    return value if isinstance(value, str) else ", ".join(dict.fromkeys(value)) or "not stored"

@@ -1,0 +1,91 @@
+"""One dataset becomes two: disjoint, and together complete."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from nas_data.dataset.inheritance import Derived, Original, inherit
+from nas_data.errors import OptionError
+
+
+def split(original: Original, chosen: Sequence[int], how: str = "") -> tuple[Derived, Derived]:
+    """Divide a dataset by its episodes, which keep their order in both parts.
+
+    Args:
+        original: What is divided.
+        chosen: Episodes of the first part; the others make the second.
+        how: How they were chosen, for the provenance.
+
+    Raises:
+        OptionError: an episode that is not there, one named twice, or a part without any.
+    """
+    count = original.dataset.n_episodes
+    beyond = [episode for episode in chosen if not 0 <= episode < count]
+    if beyond:
+        raise OptionError(f"There is no episode {beyond[0]} in {original.root}; it has 0 to {count - 1}.")
+    first = sorted(set(chosen))
+    if len(first) < len(chosen):
+        raise OptionError(f"An episode is named twice in {listed(sorted(chosen))}; name each once.")
+    if not 0 < len(first) < count:
+        raise OptionError(
+            f"{len(first)} of the {count} episodes of {original.root} were chosen; both parts need at least one."
+        )
+    second = sorted(set(range(count)) - set(first))
+    return _part(original, first, how), _part(original, second, how)
+
+
+def draw(count: int, share: float, seed: int) -> list[int]:
+    """Draw a share of episodes at random, at least one and not all.
+
+    Args:
+        count: Number of episodes.
+        share: Part to draw, above 0 and below 1.
+        seed: Seed of the draw.
+
+    Raises:
+        OptionError: a share that is none, or fewer than two episodes.
+    """
+    if not 0 < share < 1:
+        raise OptionError(f"--share is {share:g}; it must lie between 0 and 1, for example 0.8.")
+    if count < 2:
+        raise OptionError(f"A dataset of {count} episode cannot be divided; at least two are needed.")
+    size = min(max(round(share * count), 1), count - 1)
+    return sorted(np.random.default_rng(seed).permutation(count)[:size].tolist())
+
+
+def parse_episodes(text: str) -> list[int]:
+    """Read episodes as they are written on the command line: `0,1,2` or `0-11,14`.
+
+    Raises:
+        OptionError: not such a list.
+    """
+    episodes: list[int] = []
+    for word in text.split(","):
+        first, dash, last = word.strip().partition("-")
+        if not (first.isdecimal() and (last.isdecimal() if dash else True)):
+            raise OptionError(f"'{word.strip()}' in --episodes is no episode; write numbers and ranges like 0,1,4-7.")
+        low, high = int(first), int(last if dash else first)
+        if high < low or high - low > LONGEST:
+            raise OptionError(f"'{word.strip()}' in --episodes is no range; write the smaller number first, like 4-7.")
+        episodes += range(low, high + 1)
+    return episodes
+
+
+LONGEST = 10_000_000  # episodes in a range; a slip of the keyboard must not fill the memory
+
+
+def listed(episodes: Sequence[int]) -> str:
+    """Return ascending episodes in the form that `parse_episodes` reads, for example `0-3,7`."""
+    runs: list[list[int]] = []
+    for episode in episodes:
+        if runs and episode == runs[-1][-1] + 1:
+            runs[-1].append(episode)
+        else:
+            runs.append([episode])
+    return ",".join(str(run[0]) if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs)
+
+
+def _part(original: Original, episodes: Sequence[int], how: str) -> Derived:
+    """Return one part; its provenance names the episodes."""
+    deed = f"episodes {listed(episodes)} of {original.parent.name}" + (f" ({how})" if how else "")
+    return Derived(original.dataset.select(episodes), inherit([original], deed), original.attachments)
