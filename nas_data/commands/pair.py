@@ -47,7 +47,8 @@ class Pair(Command):
         if self.out is not None:
             refuse_existing(self.out)
         root = versions.resolve(self.dataset)
-        dataset, derived = as_transitions(read(root))
+        recorded = read(root)
+        dataset, derived = as_transitions(recorded)
         effects = (*map(parse, self.effect), *(read_effects(self.effects) if self.effects else ()))
         simulator = load_simulator(self.model, 1 / dataset.fps, dataset.joints, effects, self.engine)
         started = time.perf_counter()
@@ -61,7 +62,7 @@ class Pair(Command):
             target=before.target,
             signal=before.signal,
             seeds=before.seeds,
-            parents=(versions.parent_of(root, read(root)),),
+            parents=(versions.parent_of(root, recorded),),
             derived={**before.derived, **derived},
             contiguous=before.contiguous,
             notes=before.notes,

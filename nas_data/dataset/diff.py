@@ -122,9 +122,7 @@ def diff(a: Dataset, b: Dataset, come_from: tuple[Provenance | None, Provenance 
         compared=compared,
         unmatched=_left(*rest, compared),
         values={key: change for key in same_kind if (change := _change(a, b, key, compared))},
-        tasks=tuple(
-            (i, j, a.tasks[i], b.tasks[j]) for i, j in sorted([*equal, *compared]) if a.tasks[i] != b.tasks[j]
-        ),
+        tasks=tuple((i, j, a.tasks[i], b.tasks[j]) for i, j in sorted([*equal, *compared]) if a.tasks[i] != b.tasks[j]),
         provenance=_provenance(*come_from),
     )
 

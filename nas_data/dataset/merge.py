@@ -30,7 +30,9 @@ def merge(originals: Sequence[Original]) -> Derived:
     return Derived(
         dataset=concatenate([original.dataset for original in originals]),
         provenance=inherit(originals, f"merged from {names}"),
-        attachments={key: content for key, content in files[0].items() if all(item.get(key) == content for item in files)},
+        attachments={
+            key: content for key, content in files[0].items() if all(item.get(key) == content for item in files)
+        },
     )
 
 
@@ -52,12 +54,15 @@ def remarks(originals: Sequence[Original]) -> Iterator[str]:
     for original in originals:
         yield from original.remarks()
     kept = originals[0].dataset.features
-    if SIM_STATE in kept and common([original.provenance and original.provenance.source for original in originals]) is None:
-        yield f"'{SIM_STATE}' does not come from one known source: pair the merged dataset again (nas pair) to have one."
+    if (
+        SIM_STATE in kept
+        and common([original.provenance and original.provenance.source for original in originals]) is None
+    ):
+        yield f"'{SIM_STATE}' comes from no single known source: pair the merged dataset again (nas pair)."
     hashes = [found for original in originals for found in episode_hashes(original.dataset, sorted(kept))]
     repeated = len(hashes) - len(set(hashes))
     if repeated:
-        yield f"{repeated} episodes are in the merged dataset twice: a split of it may hold one on both sides."
+        yield f"{repeated} episodes are in it more than once: a split of it may hold one on both sides."
 
 
 def check_alike(a: Original, b: Original) -> None:
@@ -96,7 +101,9 @@ def _check_features(a: Original, b: Original) -> None:
     for poor, rich in ((a, b), (b, a)):
         missing = [key for key in rich.dataset.features if key not in poor.dataset.features]
         if missing:
-            remedy = "pair both with the same model (nas pair)" if SIM_STATE in missing else "record or import both alike"
+            remedy = (
+                "pair both with the same model (nas pair)" if SIM_STATE in missing else "record or import both alike"
+            )
             raise DatasetInvalid(f"{poor.root} lacks '{missing[0]}', which {rich.root} has; {remedy} to merge them.")
     for key, feature in a.dataset.features.items():
         other = b.dataset.features[key]

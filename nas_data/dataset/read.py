@@ -75,13 +75,13 @@ class Rows:
     columns: dict[str, np.ndarray]
 
     @classmethod
-    def read(cls, root: Path, features: Mapping[str, Feature], files: Sequence[Path] = ()) -> "Rows":
+    def read(cls, root: Path, features: Mapping[str, Feature], only: Sequence[Path] = ()) -> "Rows":
         """Read columns of all data files, or of some.
 
         Raises:
             DatasetInvalid: a file is missing, half-written, or lacks a column.
         """
-        paths = list(files) or layout.data_files(root)
+        paths = list(only) or layout.data_files(root)
         if not paths:
             raise DatasetInvalid(f"{root} has no data files (data/*/*.parquet); restore them from a copy.")
         files = [(path, open_parquet(path)) for path in paths]

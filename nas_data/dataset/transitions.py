@@ -9,7 +9,6 @@ knows the two positions that follow it: one-step errors on such recordings are f
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import (
@@ -77,6 +76,8 @@ def estimate_velocities(positions: np.ndarray, fps: float) -> np.ndarray:
     exact = positions.astype(np.float64)
     if len(exact) < 3:  # too short for a quadratic
         return np.repeat(np.diff(exact, axis=0) * fps, 2, axis=0) if len(exact) == 2 else np.zeros_like(exact)
+    from scipy.signal import savgol_filter  # takes longer to import than most datasets to read
+
     window = min(WINDOW, len(exact) - 1 + len(exact) % 2)
     return savgol_filter(exact, window, polyorder=2, deriv=1, delta=1 / fps, axis=0, mode="interp")
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import mujoco
 
 from nas_data import registry
+from nas_data.engine_warnings import heard_instability
 from nas_data.errors import ModelFileError
 from nas_data.servos import add_position_servos
 
@@ -63,10 +64,11 @@ def read_spec(path: Path) -> mujoco.MjSpec:
     if not path.is_file():
         raise ModelFileError(f"There is no model file {path}; give an MJCF or URDF file, or a robot's name.")
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        spec.compile()
+        with heard_instability():
+            spec = mujoco.MjSpec.from_file(str(path))
+            spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        reason = str(error).strip().splitlines()[0]
+        reason = " ".join(str(error).split()).rstrip(".")
         raise ModelFileError(f"{path} cannot be used as a robot model: {reason}; give an MJCF or URDF file.") from None
     return spec
 

@@ -11,6 +11,7 @@ import mujoco.rollout
 import numpy as np
 
 from nas_data.effects.base import Effect, add_effects
+from nas_data.engine_warnings import heard_instability
 from nas_data.errors import JointMismatch, ModelFileError
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.layout import FULLPHYSICS, INTEGRATION, Layout, RestStates
@@ -101,7 +102,9 @@ class MujocoSimulator:
 
     def rollout(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
         """Simulate whole episodes in open loop; see `Simulator.rollout`."""
-        self._check(initial, commands[:, 0] if commands.shape[1] else commands.reshape(len(commands), -1))
+        self._check(initial, commands)
+        if not commands.shape[1]:
+            return np.empty((len(initial), 0, initial.shape[1]))
         per_row = commands.shape[1] * self.substeps * len(self.rest.base)
         chunk = max(1, CHUNK_STATES // max(1, per_row))
         parts = [
@@ -130,23 +133,31 @@ class MujocoSimulator:
         """Roll out from rest states (B, 2n) under commands (B, T, n); return states (B, T, 2n)."""
         count, steps = commands.shape[:2]
         controls = np.repeat(self.layout.controls(commands), self.substeps, axis=1)
-        full, _ = self._pool.rollout(self.model, self._data, self.rest(initial), controls, nstep=steps * self.substeps)
+        with heard_instability() as unstable:
+            full, _ = self._pool.rollout(
+                self.model, self._data, self.rest(initial), controls, nstep=steps * self.substeps
+            )
         ends = full[:, self.substeps - 1 :: self.substeps]
-        self._check_time(ends)
+        self._check_time(ends, unstable)
         nq, nv = self.model.nq, self.model.nv
         return self.layout.measure(ends[..., 1 : 1 + nq], ends[..., 1 + nq : 1 + nq + nv]).reshape(count, steps, -1)
 
-    def _check_time(self, ends: np.ndarray) -> None:
-        """Refuse rollouts that the engine gave up: their clock stands still."""
+    def _check_time(self, ends: np.ndarray, unstable: list[str]) -> None:
+        """Refuse rollouts that the engine gave up: their clock stands still, or was reset in the very first step."""
         expected = self.period * (1 + np.arange(ends.shape[1]))
         stopped = np.abs(ends[..., 0] - expected) > 0.1 * self.model.opt.timestep * (1 + np.arange(ends.shape[1]))
         stopped |= ~np.isfinite(ends).all(axis=-1)
         if stopped.any():
             row, step = np.argwhere(stopped)[0]
-            raise ModelFileError(
-                f"{self.robot.mjcf} diverges in MuJoCo (simulation {row}, {expected[step]:.3f} s after its start); "
-                "shorten its timestep, soften its gains or check its inertias."
-            )
+            where = f"simulation {row}, {expected[step]:.3f} s after its start"
+        elif unstable:
+            where = unstable[0]
+        else:
+            return
+        raise ModelFileError(
+            f"{self.robot.mjcf} diverges in MuJoCo ({where}); "
+            "shorten its timestep, soften its gains or check its inertias."
+        )
 
     def _check(self, states: np.ndarray, commands: np.ndarray) -> None:
         n = len(self.joints)
@@ -171,24 +182,34 @@ class MujocoStepper:
         self._qpos = self._batch.bind("qpos")
         self._qvel = self._batch.bind("qvel")
         self._ctrl = self._batch.bind("ctrl")
+        self._time = self._batch.bind("time")
+        self._lost = np.zeros(size, bool)
         self._sites = self._batch.bind("site_xpos") if simulator.model.nsite else None
         self._moved = True
         self.reset(np.zeros((size, 2 * len(self.joints))))
 
     @property
     def states(self) -> np.ndarray:
-        """Measured positions [rad] then velocities [rad/s], shape (B, 2n)."""
-        return self.layout.measure(self._qpos, self._qvel)
+        """Measured positions [rad] then velocities [rad/s], shape (B, 2n); NaN where a simulation diverged."""
+        states = self.layout.measure(self._qpos, self._qvel)
+        states[self._lost] = np.nan
+        return states
 
     def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
         """Start simulations anew; see `Stepper.reset`."""
-        self._batch.state[slice(None) if rows is None else rows] = self._rest(np.asarray(states, float))
+        chosen = slice(None) if rows is None else rows
+        self._batch.state[chosen] = self._rest(np.asarray(states, float))
+        self._lost[chosen] = False
         self._moved = True
 
     def step(self, commands: np.ndarray) -> np.ndarray:
         """Hold the commands for one control period; see `Stepper.step`."""
         self._ctrl[:, self.layout.control] = commands
-        self._batch.step(nstep=self.simulator.substeps)
+        due = self._time + self.simulator.period
+        with heard_instability():
+            self._batch.step(nstep=self.simulator.substeps)
+        # the engine goes on from its reference posture, with its clock at zero, after a simulation diverged
+        self._lost |= ~(np.abs(self._time - due) < self.simulator.model.opt.timestep / 2).reshape(self.size)
         self._moved = True
         return self.states
 

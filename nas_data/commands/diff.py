@@ -1,0 +1,86 @@
+"""Say what differs between two datasets: features, episodes, values, provenance."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import tyro
+
+from nas_data.commands.base import Command, Outcome
+
+if TYPE_CHECKING:
+    from nas_data.dataset.diff import Difference
+
+SHOWN = 5  # episodes listed in full
+
+
+@dataclass(frozen=True, kw_only=True)
+class Diff(Command):
+    """Say what differs between two datasets; episodes are matched by their content, wherever they stand.
+
+    Returns 0 where the content is equal (provenance may differ), 1 where it is not.
+
+    Example: nas diff datasets/arm/v1-1a2b3c4d datasets/arm
+    """
+
+    a: tyro.conf.Positional[Path]
+    """One dataset: a folder, or datasets/NAME for its newest version."""
+    b: tyro.conf.Positional[Path]
+    """The other."""
+
+    def run(self) -> Outcome:
+        """Read both and compare them."""
+        from nas_data.dataset.diff import diff
+        from nas_data.dataset.inheritance import Original
+
+        originals = [Original.read(path) for path in (self.a, self.b)]
+        a, b = originals
+        found = diff(a.dataset, b.dataset, (a.provenance, b.provenance))
+        verdict = "have equal content" if found.equal_content else "differ"
+        lines = [f"A {a.root} and", f"B {b.root} {verdict}.", *content_lines(found), *provenance_lines(found)]
+        return Outcome("\n".join(lines), {"a": a.root, "b": b.root, **found.to_json()}, found.equal_content)
+
+
+def content_lines(found: "Difference") -> Iterator[str]:
+    """Say what differs in what the datasets hold."""
+    for what, pair in (("feature", found.only), ("joint", found.joints)):
+        for side, names in zip("AB", pair, strict=True):
+            yield from (f"  {what} only in {side}: {name}" for name in names)
+    for key, (a, b) in found.changed.items():
+        yield f"  feature {key}: {a} in A, {b} in B"
+    if found.rates:
+        yield f"  rate: {found.rates[0]:g} Hz in A, {found.rates[1]:g} Hz in B"
+    if found.robots:
+        yield f"  robot: {found.robots[0]} in A, {found.robots[1]} in B"
+    yield f"  episodes: {found.counts[0]} in A, {found.counts[1]} in B; {found.equal} equal{moved(found)}"
+    for side, episodes in zip("AB", found.unmatched, strict=True):
+        if episodes:
+            yield f"  episodes only in {side}: {some(episodes)}"
+    if found.compared:
+        yield f"  episodes with other values (A/B): {some([f'{i}/{j}' for i, j in found.compared])}"
+    for key, change in found.values.items():
+        yield (
+            f"  {key}: differs in {change.frames} frames, at most by {change.largest:.6g} {change.unit}".rstrip()
+            + f" ({change.component}, episode {change.episodes[0]}/{change.episodes[1]}, frame {change.frame})"
+        )
+    yield from (f"  task of episode {i}/{j}: '{a}' in A, '{b}' in B" for i, j, a, b in found.tasks[:SHOWN])
+    if len(found.tasks) > SHOWN:
+        yield f"  … and {len(found.tasks) - SHOWN} more tasks (--json lists all)"
+
+
+def moved(found: "Difference") -> str:
+    """Say how many equal episodes stand at another place."""
+    return f", {found.moved} of them at another place" if found.moved else ""
+
+
+def some(items: tuple[int, ...] | list[str]) -> str:
+    """List the first few items."""
+    rest = len(items) - SHOWN
+    return ", ".join(str(item) for item in items[:SHOWN]) + (f" and {rest} more" if rest > 0 else "")
+
+
+def provenance_lines(found: "Difference") -> Iterator[str]:
+    """Say what differs in where the datasets come from."""
+    for key, (a, b) in found.provenance.items():
+        yield f"  provenance {key}: {a if a is not None else 'none'} in A, {b if b is not None else 'none'} in B"

@@ -1,0 +1,72 @@
+"""Join datasets of one robot into a new version."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from nas_data.commands.base import Command, Outcome
+from nas_data.errors import OptionError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Merge(Command):
+    """Join datasets of the same joints, features and rate, their episodes in the order given.
+
+    One dataset alone becomes a version with a provenance of its own, for example after LeRobot's tools edited it.
+
+    Example: nas merge datasets/monday datasets/tuesday --name week
+    """
+
+    datasets: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="DATASET…")]
+    """Datasets: folders, or datasets/NAME for the newest version of a name."""
+    name: str | None = None
+    """Name of the result: the next version below datasets/NAME; beside the first dataset where left out."""
+    out: Path | None = None
+    """Exactly this folder instead; must not exist."""
+
+    def run(self) -> Outcome:
+        """Read, compare, join and write."""
+        from nas_data.dataset.content import content_hash
+        from nas_data.dataset.inheritance import Original
+        from nas_data.dataset.merge import merge, remarks
+        from nas_data.dataset.staging import refuse_existing
+        from nas_data.dataset.versions import check_name, save
+
+        if not self.datasets:
+            raise OptionError("No dataset is given; say: nas merge DATASET DATASET…")
+        if self.out is not None:
+            refuse_existing(self.out)
+        if self.name is not None:
+            check_name(self.name)
+        originals = [Original.read(path) for path in self.datasets]
+        merged = merge(originals)
+        dataset = merged.dataset
+        if dataset.n_frames > LARGE:
+            print(f"writing {dataset.n_frames} frames", file=sys.stderr)
+        folder = save(
+            dataset,
+            merged.provenance,
+            out=self.out,
+            name=self.name or "dataset",
+            parent=originals[0].root if self.name is None else None,
+            attachments=merged.attachments,
+        )
+        notes = list(remarks(originals))
+        text = f"{dataset.n_episodes} episodes, {dataset.n_frames} frames of {len(originals)} dataset(s) → {folder}"
+        return Outcome(
+            "\n".join([text, *(f"  note: {note}" for note in notes)]),
+            {
+                "dataset": folder,
+                "content_hash": content_hash(dataset),
+                "episodes": dataset.n_episodes,
+                "frames": dataset.n_frames,
+                "parents": [vars(original.parent) for original in originals],
+                "notes": notes,
+            },
+        )
+
+
+LARGE = 300_000  # frames that take about two seconds to write

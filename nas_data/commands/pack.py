@@ -1,0 +1,34 @@
+"""Put a dataset into one file, to be shared."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from nas_data.commands.base import Command, Outcome
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pack(Command):
+    """Put a dataset into one file (an uncompressed tar), always the same bytes for the same dataset.
+
+    Whoever gets the file says: nas unpack FILE
+
+    Example: nas pack datasets/ergojr_sample --out ergojr.nas.tar
+    """
+
+    dataset: tyro.conf.Positional[Path]
+    """Dataset: a folder, or datasets/NAME for its newest version."""
+    out: Path | None = None
+    """The file; NAME-VERSION.nas.tar in the current folder where left out."""
+
+    def run(self) -> Outcome:
+        """Check and pack."""
+        from nas_data.dataset.pack import pack
+
+        file, manifest = pack(self.dataset, self.out)
+        size = file.stat().st_size
+        return Outcome(
+            f"{len(manifest.files)} files, {size / 1e6:.2f} MB → {file}",
+            {"file": file, "bytes": size, "files": len(manifest.files), "content_hash": manifest.content_hash},
+        )

@@ -1,0 +1,67 @@
+"""Divide a dataset into two, by episodes or by a random share."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from nas_data.commands.base import Command, Outcome
+from nas_data.errors import OptionError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Split(Command):
+    """Divide a dataset into two new ones that are disjoint and together complete, to train on one and test on the other.
+
+    Example: nas split datasets/so101 --episodes 0-11 --names so101_train so101_test
+
+    Example: nas split datasets/arm --share 0.8 --seed 0
+    """
+
+    dataset: tyro.conf.Positional[Path]
+    """Dataset: a folder, or datasets/NAME for its newest version."""
+    episodes: str | None = None
+    """Episodes of the first part, such as 0,1,2 or 0-11,14; the others make the second."""
+    share: float | None = None
+    """Instead of --episodes: share of the episodes that are drawn for the first part, such as 0.8."""
+    seed: int = 0
+    """Seed of that draw."""
+    names: tuple[str, str] | None = None
+    """Names of the two; NAME_train and NAME_test where left out."""
+
+    def run(self) -> Outcome:
+        """Choose, divide and write both parts."""
+        from nas_data.dataset.inheritance import Original
+        from nas_data.dataset.split import draw, parse_episodes, split
+        from nas_data.dataset.versions import check_name, home_of, new_version
+
+        if (self.episodes is None) == (self.share is None):
+            raise OptionError("Give either --episodes 0,1,2 or --share 0.8 to say how to divide the dataset.")
+        original = Original.read(self.dataset)
+        if self.episodes is not None:
+            chosen, how = parse_episodes(self.episodes), ""
+        else:
+            chosen = draw(original.dataset.n_episodes, self.share or 0.0, self.seed)
+            how = f"a share of {self.share:g} drawn with seed {self.seed}"
+        parts = split(original, chosen, how)
+        folder, name = home_of(original.root)
+        names = self.names or (f"{name}_train", f"{name}_test")
+        if names[0] == names[1]:
+            raise OptionError(f"Both parts would be named '{names[0]}'; give two names.")
+        for item in names:
+            check_name(item)
+        written = [
+            new_version(part.dataset, item, part.provenance, folder, part.attachments)
+            for part, item in zip(parts, names, strict=True)
+        ]
+        notes = list(original.remarks())
+        lines = [
+            f"{part.dataset.n_episodes} episodes, {part.dataset.n_frames} frames → {path}"
+            for part, path in zip(parts, written, strict=True)
+        ]
+        rest = sorted(set(range(original.dataset.n_episodes)) - set(chosen))
+        data = [
+            {"dataset": path, "episodes": episodes, "frames": part.dataset.n_frames}
+            for part, path, episodes in zip(parts, written, (sorted(chosen), rest), strict=True)
+        ]
+        return Outcome("\n".join([*lines, *(f"  note: {note}" for note in notes)]), {"parts": data, "notes": notes})

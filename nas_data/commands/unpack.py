@@ -1,0 +1,39 @@
+"""Take in a dataset that was shared as one file."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from nas_data.commands.base import Command, Outcome
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unpack(Command):
+    """Check every byte of a packed dataset and make it a version of its name; nothing is ever overwritten.
+
+    Example: nas unpack ergojr.nas.tar
+    """
+
+    file: tyro.conf.Positional[Path]
+    """A file that 'nas pack' wrote."""
+    folder: Path = Path("datasets")
+    """Folder of your datasets; the result is FOLDER/NAME/VERSION."""
+
+    def run(self) -> Outcome:
+        """Check and unpack."""
+        from nas_data.dataset.content import content_hash
+        from nas_data.dataset.read import read
+        from nas_data.dataset.unpack import unpack
+
+        root = unpack(self.file, self.folder)
+        dataset = read(root)
+        return Outcome(
+            f"{dataset.n_episodes} episodes, {dataset.n_frames} frames of {dataset.robot_type}, all hashes right → {root}",
+            {
+                "dataset": root,
+                "content_hash": content_hash(dataset),
+                "episodes": dataset.n_episodes,
+                "frames": dataset.n_frames,
+            },
+        )

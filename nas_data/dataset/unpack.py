@@ -1,0 +1,175 @@
+"""A pack becomes a dataset again: verified first, then there at once, never over another.
+
+The files get the time of their unpacking: `datasets` would take the rows of another version with the same path and
+time stamp from its cache.
+"""
+
+import hashlib
+import io
+import tarfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+
+from nas_data.dataset.content import content_hash
+from nas_data.dataset.layout import PROVENANCE
+from nas_data.dataset.pack import MANIFEST, Manifest, check_unchanged, hashes, is_plain, write_pack
+from nas_data.dataset.read import read
+from nas_data.dataset.staging import put, staged
+from nas_data.dataset.versions import list_versions, settle
+from nas_data.errors import DatasetInvalid, DatasetNotFound, NasError, OptionError
+
+
+def unpack(file: Path, folder: Path) -> Path:
+    """Take a dataset out of a pack; it appears whole and verified or not at all.
+
+    Args:
+        file: The pack.
+        folder: The folder of all names, `datasets/`.
+
+    Returns:
+        The version's folder; that of the same content where there is one already.
+
+    Raises:
+        DatasetNotFound: there is no such file.
+        DatasetInvalid: it is no pack, or truncated or altered.
+    """
+    if not file.is_file():
+        raise DatasetNotFound(f"There is no file {file}; give one that 'nas pack' wrote.")
+    with _refusal(file), tarfile.open(file, mode="r:") as archive:
+        manifest = Manifest.from_bytes(_content(archive, check_members(archive)[MANIFEST]))
+    home = folder / manifest.name
+    present = next(path for path in (home, *home.parents) if path.exists())
+    if not present.is_dir():
+        raise OptionError(f"{present} is a file; give the folder of your datasets with --folder.")
+    try:
+        with staged(home / "version") as hidden:
+            with _refusal(file):
+                _take_out(file, hidden, manifest)
+                _check_whole(file, hidden, manifest)
+            return _settle(hidden, home, manifest)
+    finally:
+        _remove_empty(home, present)
+
+
+@contextmanager
+def _refusal(file: Path) -> Iterator[None]:
+    """Say in one sentence why a pack is refused."""
+    try:
+        yield
+    except (tarfile.TarError, EOFError, ValueError, LookupError, OverflowError) as error:
+        reason = str(error).rstrip(".")
+        raise DatasetInvalid(f"{file} is no whole pack of nas ({reason}); have it packed or copied again.") from None
+
+
+def check_members(archive: tarfile.TarFile) -> dict[str, tarfile.TarInfo]:
+    """Return the members of a pack by their path, after none was found that could land elsewhere.
+
+    Raises:
+        ValueError: a link, a device, a sparse file, a path that leaves the folder or is no plain path, one twice.
+    """
+    members: dict[str, tarfile.TarInfo] = {}
+    for member in archive:
+        if member.type != tarfile.REGTYPE or member.sparse is not None:
+            raise ValueError(f"{member.name!r} in it is no plain file")
+        if not is_plain(member.name):
+            raise ValueError(f"{member.name!r} in it is no path inside a dataset")
+        if member.name in members:
+            raise ValueError(f"{member.name!r} is in it twice")
+        members[member.name] = member
+    folders = {parent.as_posix() for name in members for parent in PurePosixPath(name).parents}
+    if folders & members.keys():
+        raise ValueError(f"{min(folders & members.keys())!r} in it is a file and a folder")
+    if MANIFEST not in members:
+        raise ValueError(f"it has no {MANIFEST}")
+    return members
+
+
+def _content(archive: tarfile.TarFile, member: tarfile.TarInfo) -> bytes:
+    """Return a member's content; `tarfile` itself says where it ends early."""
+    stream = archive.extractfile(member)
+    return stream.read() if stream else b""
+
+
+def _take_out(file: Path, hidden: Path, manifest: Manifest) -> None:
+    """Write the members into a folder, whatever time or owner they claim."""
+    with tarfile.open(file, mode="r:") as archive:
+        members = check_members(archive)
+        del members[MANIFEST]
+        different = manifest.files.keys() ^ members.keys()
+        if different:
+            raise ValueError(f"{min(different)!r} is either in it or in its list of files, not in both")
+        for name, member in members.items():
+            put(hidden / name, _content(archive, member))
+
+
+def _check_whole(file: Path, hidden: Path, manifest: Manifest) -> None:
+    """Compare every file, the rows and the pack itself with what the manifest says.
+
+    Raises:
+        ValueError: says what differs.
+    """
+    found = hashes(hidden)
+    altered = [name for name, digest in manifest.files.items() if found.get(name) != digest]
+    if altered:
+        raise ValueError(f"{altered[0]!r} in it was altered: its SHA-256 differs")
+    with file.open("rb") as stream:
+        held = hashlib.file_digest(stream, "sha256").hexdigest()
+    if _digest_again(hidden, manifest) != held:
+        raise ValueError("it was altered outside of its files")
+    try:
+        digest = content_hash(read(hidden))
+        check_unchanged(hidden, manifest)
+    except NasError as error:
+        raise ValueError(f"it holds no sound dataset: {str(error).replace(f'{hidden}/', '')}") from None
+    if digest != manifest.content_hash:
+        raise ValueError("its rows have another content hash than it says")
+
+
+def _digest_again(root: Path, manifest: Manifest) -> str:
+    """Return the SHA-256 of the one pack of a folder's files."""
+    sink = _Digest()
+    write_pack(root, manifest, sink)
+    return sink.digest.hexdigest()
+
+
+class _Digest(io.RawIOBase):
+    """A file that is only hashed."""
+
+    def __init__(self) -> None:
+        self.digest = hashlib.sha256()
+        self.position = 0
+
+    def write(self, content: object) -> int:
+        assert isinstance(content, bytes)
+        self.digest.update(content)
+        self.position += len(content)
+        return len(content)
+
+    def tell(self) -> int:
+        return self.position
+
+
+def _settle(hidden: Path, home: Path, manifest: Manifest) -> Path:
+    """Make the unpacked folder a version; its number stays where it is free, so that children find it."""
+    for path in list_versions(home):
+        # A dataset without provenance cannot say its content hash; its rows can.
+        same_name = path.name.endswith(manifest.content_hash[:8])
+        if same_name and not (path / PROVENANCE).is_file() and _hash(path) == manifest.content_hash:
+            return path
+    return settle(hidden, home, manifest.content_hash, manifest.number)
+
+
+def _hash(path: Path) -> str | None:
+    """Return the content hash of a dataset's rows; None where they cannot be read."""
+    try:
+        return content_hash(read(path))
+    except NasError:
+        return None
+
+
+def _remove_empty(folder: Path, present: Path) -> None:
+    """Remove the folders that were made for a dataset which was then refused."""
+    while folder != present and folder.is_dir() and not any(folder.iterdir()):
+        folder.rmdir()
+        folder = folder.parent
