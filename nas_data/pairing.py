@@ -7,6 +7,9 @@ from nas_data.dataset.features import SIM_STATE, state_feature
 from nas_data.errors import JointMismatch
 from nas_data.simulators.base import Simulator
 
+PROBES = 500  # transitions that tell one source from another
+SAME_SOURCE = 1e-5  # [rad] engines of other versions and machines differ by less
+
 
 def pair(dataset: Dataset, simulator: Simulator) -> Dataset:
     """Add `next.observation.sim_state` to a dataset of transitions.
@@ -27,6 +30,23 @@ def pair(dataset: Dataset, simulator: Simulator) -> Dataset:
     check_fits(dataset, simulator)
     predicted = simulator.predict(dataset.states, dataset.commands)
     return dataset.with_column(SIM_STATE, state_feature(dataset.joints), predicted.astype(np.float32))
+
+
+def check_source(dataset: Dataset, simulator: Simulator) -> None:
+    """Refuse a source that does not predict what a paired dataset holds.
+
+    Raises:
+        JointMismatch: it is another source, or none of this robot, rate or kind of command.
+    """
+    check_fits(dataset, simulator)
+    n, rows = len(dataset.joints), slice(0, PROBES)
+    predicted = simulator.predict(dataset.states[rows], dataset.commands[rows])
+    apart = float(np.abs(predicted[:, :n] - dataset.sim_states[rows, :n]).mean())
+    if not apart < SAME_SOURCE:
+        raise JointMismatch(
+            f"The source predicts other states than those in the dataset, by {apart:.2g} rad in one step: "
+            "the dataset was paired with another one; pair it again with 'nas pair --model'."
+        )
 
 
 def check_fits(dataset: Dataset, simulator: Simulator) -> None:

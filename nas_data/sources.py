@@ -5,11 +5,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.layout import PROVENANCE, read_json
 from nas_data.effects.base import Effect, read_effects
 from nas_data.errors import ModelFileError
 from nas_data.robots.base import Robot
 from nas_data.simulators.base import Simulator
-from nas_data.simulators.engines import load_simulator
+from nas_data.simulators.engines import ENGINES, load_simulator
 
 MODEL = "source.xml"
 EFFECTS = "source_effects.json"
@@ -38,8 +39,23 @@ def kept_files(root: Path) -> dict[str, bytes]:
     return {}
 
 
+def kept_engine(root: Path) -> str:
+    """Return the engine in which a dataset was paired or a checkpoint trained, as their provenance says."""
+    dataset, checkpoint = root / PROVENANCE, root / "config.json"
+    if not (path := dataset if dataset.is_file() else checkpoint).is_file():
+        return ENGINES[0]
+    content = read_json(path)
+    provenance = content if path == dataset else content.get("provenance")
+    source = provenance.get("source") if isinstance(provenance, dict) else None
+    return str(source.get("engine", ENGINES[0])) if isinstance(source, dict) else ENGINES[0]
+
+
 def find_source(
-    model: str | None, effects: Sequence[Effect], dataset: Dataset, kept_in: Sequence[Path], engine: str = "mujoco"
+    model: str | None,
+    effects: Sequence[Effect],
+    dataset: Dataset,
+    kept_in: Sequence[Path],
+    engine: str | None = None,
 ) -> Simulator:
     """Return the source for a dataset: the model given, else the one kept with the data.
 
@@ -48,17 +64,17 @@ def find_source(
         effects: Effects to add to the model given.
         dataset: Decides joints and rate.
         kept_in: Folders of the dataset and the checkpoint, in which a source may be kept.
-        engine: `mujoco` or `bullet`.
+        engine: `mujoco` or `bullet`; where None, the one in which a kept source ran, and MuJoCo for a model given.
 
     Raises:
         ModelFileError: no model was given and none is kept.
     """
     period = 1 / dataset.fps
     if model is not None:
-        return load_simulator(model, period, dataset.joints, effects, engine)
+        return load_simulator(model, period, dataset.joints, effects, engine or ENGINES[0])
     for root in kept_in:
         for folder in (root / "meta", root):
             if (folder / MODEL).is_file():
                 kept = read_effects(folder / EFFECTS) if (folder / EFFECTS).is_file() else ()
-                return load_simulator(folder / MODEL, period, dataset.joints, kept, engine)
+                return load_simulator(folder / MODEL, period, dataset.joints, kept, engine or kept_engine(root))
     raise ModelFileError(f"No source model is kept in {kept_in[0]}; give one with --model MODEL.xml.")

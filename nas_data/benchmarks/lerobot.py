@@ -1,6 +1,7 @@
 """LeRobot's own way to write and read a dataset, which ours is compared with."""
 
 import os
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -33,7 +34,10 @@ def lerobot(scratch: Path) -> Iterator["type[LeRobotDataset]"]:
     before = datasets.config.HF_DATASETS_CACHE
     datasets.config.HF_DATASETS_CACHE = scratch / "cache"
     try:
-        yield LeRobotDataset
+        with warnings.catch_warnings():
+            # LeRobot turns progress bars on again after each load, which the variable above forbids.
+            warnings.filterwarnings("ignore", message="Cannot enable progress bars")
+            yield LeRobotDataset
     finally:
         datasets.config.HF_DATASETS_CACHE = before
 

@@ -130,22 +130,26 @@ def benchmark(scratch: Path, episodes: int, frames: int, rounds: int) -> Result:
         DatasetInvalid: the two ways did not record the same.
     """
     names = (f"{number:03d}" for number in count())
+    latest: dict[str, Path] = {}
     bulk = Bulk(scratch, episodes, frames / RATE)
     reference = read(bulk.record("reference"))
+
+    def work(side: str, way: "Bulk | Stepwise") -> int:
+        latest[side] = way.record(next(names))
+        return reference.n_frames
+
     with lerobot(scratch) as kind:
         stepwise = Stepwise.of(scratch, kind, reference)
-        check_equal(reference, read(stepwise.record("check")))
-
-        def work(way: Bulk | Stepwise) -> int:
-            way.record(next(names))
-            return reference.n_frames
-
-        times = take_turns({OURS: lambda: work(bulk), OTHER: lambda: work(stepwise)}, rounds)
+        times = take_turns({OURS: lambda: work(OURS, bulk), OTHER: lambda: work(OTHER, stepwise)}, rounds)
+    check_equal(read(latest[OURS]), read(latest[OTHER]))
     return Result(
         title=f"Recording {episodes} paired episodes of {frames} frames of {ROBOT} at {RATE:g} Hz into a valid dataset",
         times=times,
         ratios=(Ratio("recording_vs_lerobot", OURS, OTHER, WANTED),),
-        notes=(f"'{OURS}' writes two versions; '{OTHER}' is add_frame and save_episode. Both hold the same numbers, to rounding.",),
+        notes=(
+            f"'{OURS}' writes two versions; '{OTHER}' steps two environments and calls add_frame and save_episode. "
+            "Both hold the same numbers, to rounding.",
+        ),
     )
 
 
@@ -156,7 +160,7 @@ def check_equal(bulk: Dataset, stepwise: Dataset) -> None:
         DatasetInvalid: names the feature that differs.
     """
     for key, column in bulk.columns.items():
-        difference = float(np.abs(column - stepwise.columns[key]).max())
+        difference = float(np.abs(column.astype(float) - stepwise.columns[key].astype(float)).max())
         if difference > ROUNDING:
             raise DatasetInvalid(
                 f"Bulk and stepwise recording differ in '{key}' by up to {difference:.3g}; "

@@ -10,8 +10,10 @@ import tyro
 from nas_data.commands.base import Command, Outcome
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from nas_data.dataset.dataset import Dataset
-    from nas_data.models.presets import TrainingOptions
+    from nas_data.simulators.base import Simulator
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,8 +28,8 @@ class Train(Command):
     """Folder for checkpoint, history and TensorBoard files; runs/KIND-NAME-seedN otherwise."""
     model: str | None = None
     """Source that the dataset was paired with, a model file or robot; needed only where the dataset keeps none."""
-    engine: str = "mujoco"
-    """Engine of the source: mujoco or bullet."""
+    engine: str | None = None
+    """Engine of the source: mujoco or bullet; the one it was paired in where it is kept, else mujoco."""
     preset: str = "fast"
     """fast, or paper (its published recipe: teacher forcing, batch 1, learning rate 0.01, 250 epochs)."""
     hidden: int | None = None
@@ -50,9 +52,13 @@ class Train(Command):
     def run(self) -> Outcome:
         """Train, evaluate on the held-out episodes beside the baselines, and say where the checkpoint lies."""
         from nas_data.dataset import versions
+        from nas_data.dataset.provenance import read_provenance
         from nas_data.dataset.read import read
         from nas_data.dataset.transitions import as_transitions
+        from nas_data.models.evaluation import evaluate
         from nas_data.models.presets import preset
+        from nas_data.models.run import CHECKPOINT, TrainingRun
+        from nas_data.models.training import Training
 
         options = preset(
             self.preset,
@@ -66,37 +72,23 @@ class Train(Command):
         root = versions.resolve(self.dataset)
         full = read(root)
         dataset, derived = as_transitions(full.select(self.episodes) if self.episodes else full)
-        for key, how in derived.items():
-            print(f"derived {key}: {how}", file=sys.stderr)
+        notes = [f"derived {key}: {how}" for key, how in derived.items()]
         parent = versions.parent_of(root, full)
         provenance: dict[str, object] = {
             "dataset": {"name": parent.name, "content_hash": parent.content_hash, "episodes": list(self.episodes)}
         }
         folder = self.out or Path("runs") / f"{self.kind}-{parent.name.split('/')[0]}-seed{self.seed}"
-        return self._train(root, dataset, options, provenance, folder)
-
-    def _train(
-        self, root: Path, dataset: "Dataset", options: "TrainingOptions", provenance: dict[str, object], folder: Path
-    ) -> Outcome:
-        from nas_data.errors import ModelFileError
-        from nas_data.models.evaluation import evaluate
-        from nas_data.models.run import CHECKPOINT, TrainingRun
-        from nas_data.models.training import Training
-        from nas_data.sources import find_source, kept_files
-
-        try:
-            simulator = find_source(self.model, (), dataset, [root], self.engine)
-        except ModelFileError as error:
-            if self.model is not None:
-                raise
-            simulator = None
-            report(f"{error} Without it, training is by teacher forcing alone, and open-loop errors cannot be told.")
+        simulator, kept = self._source(root, dataset, notes)
         if simulator is not None:
-            provenance = {**provenance, "source": simulator.describe()}
+            recorded = read_provenance(root) if self.model is None else None
+            provenance["source"] = (recorded and recorded.source) or simulator.describe()
         training = Training(self.kind, dataset, options, simulator, provenance, self.device)
-        report(f"{dataset.n_episodes} episodes, {dataset.n_frames} transitions; held out: {training.split.what}")
-        report(f"{training.phase.name}, {training.phase.updates} updates; validation is {training.criterion}")
-        model = TrainingRun(training, folder, report, kept_files(root)).run()
+        training_run = TrainingRun(training, folder, report, kept)
+        notes.append(f"{dataset.n_episodes} episodes, {dataset.n_frames} transitions; held out: {training.split.what}")
+        notes.append(f"{training.phase.name}, {training.phase.updates} updates; validation is {training.criterion}")
+        for note in notes:  # only now: bad input is one sentence and nothing else
+            report(note)
+        model = training_run.run()
         evaluation = evaluate(training.split.held, simulator, model) if simulator or self.kind == "forward" else None
         text = f"{evaluation.text()}\n\n" if evaluation else ""
         title = f"Held out ({training.split.what}):\n\n" if evaluation else ""
@@ -109,6 +101,29 @@ class Train(Command):
                 "errors": evaluation.to_json() if evaluation else None,
             },
         )
+
+    def _source(
+        self, root: Path, dataset: "Dataset", notes: list[str]
+    ) -> "tuple[Simulator | None, Mapping[str, bytes]]":
+        """Return the source and the files that keep it with the checkpoint; None, with a note, where there is none."""
+        from nas_data.errors import ModelFileError
+        from nas_data.pairing import check_source
+        from nas_data.robots.base import find_robot
+        from nas_data.sources import find_source, kept_files, source_files
+
+        try:
+            simulator = find_source(self.model, (), dataset, [root], self.engine)
+        except ModelFileError as error:
+            if self.model is not None:
+                raise
+            if self.kind == "delta":
+                notes.append(
+                    f"{error} Without it, training is by teacher forcing alone, and open-loop errors cannot be told."
+                )
+            return None, {}
+        if self.kind == "delta" and dataset.paired:
+            check_source(dataset, simulator)
+        return simulator, kept_files(root) if self.model is None else source_files(find_robot(self.model))
 
 
 def report(line: str) -> None:

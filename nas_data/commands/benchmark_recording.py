@@ -9,12 +9,12 @@ from nas_data.commands.base import Command, Outcome
 class BenchmarkRecording(Command):
     """Record the same paired episodes both ways, in turns: our two commands, and add_frame with save_episode.
 
-    Example: nas benchmark recording --episodes 20 --frames 100
+    Example: nas benchmark recording --episodes 20 --frames 300
     """
 
-    episodes: int = 50
+    episodes: int = 20
     """Episodes recorded in a round."""
-    frames: int = 100
+    frames: int = 300
     """Frames of each episode."""
     rounds: int = 3
     """How often each side is timed; the median counts."""

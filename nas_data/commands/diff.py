@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING
 
 import tyro
 
+from nas_data.commands._patience import saying
 from nas_data.commands.base import Command, Outcome
 
 if TYPE_CHECKING:
     from nas_data.dataset.diff import Difference
 
 SHOWN = 5  # episodes listed in full
+LONGEST = 60  # characters of a value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,9 +36,9 @@ class Diff(Command):
         from nas_data.dataset.diff import diff
         from nas_data.dataset.inheritance import Original
 
-        originals = [Original.read(path) for path in (self.a, self.b)]
-        a, b = originals
-        found = diff(a.dataset, b.dataset, (a.provenance, b.provenance))
+        with saying(f"comparing {self.a} and {self.b}"):
+            a, b = Original.read(self.a), Original.read(self.b)
+            found = diff(a.dataset, b.dataset, (a.provenance, b.provenance))
         verdict = "have equal content" if found.equal_content else "differ"
         lines = [f"A {a.root} and", f"B {b.root} {verdict}.", *content_lines(found), *provenance_lines(found)]
         return Outcome("\n".join(lines), {"a": a.root, "b": b.root, **found.to_json()}, found.equal_content)
@@ -53,7 +55,7 @@ def content_lines(found: "Difference") -> Iterator[str]:
         yield f"  rate: {found.rates[0]:g} Hz in A, {found.rates[1]:g} Hz in B"
     if found.robots:
         yield f"  robot: {found.robots[0]} in A, {found.robots[1]} in B"
-    yield f"  episodes: {found.counts[0]} in A, {found.counts[1]} in B; {found.equal} equal{moved(found)}"
+    yield f"  episodes: {found.counts[0]} in A, {found.counts[1]} in B; {found.equal_episodes} equal{moved(found)}"
     for side, episodes in zip("AB", found.unmatched, strict=True):
         if episodes:
             yield f"  episodes only in {side}: {some(episodes)}"
@@ -83,4 +85,10 @@ def some(items: tuple[int, ...] | list[str]) -> str:
 def provenance_lines(found: "Difference") -> Iterator[str]:
     """Say what differs in where the datasets come from."""
     for key, (a, b) in found.provenance.items():
-        yield f"  provenance {key}: {a if a is not None else 'none'} in A, {b if b is not None else 'none'} in B"
+        yield f"  provenance {key}: {short(a)} in A, {short(b)} in B"
+
+
+def short(value: object) -> str:
+    """Return a value in a few words; --json has all of it."""
+    text = "none" if value is None else " ".join(str(value).split())
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"

@@ -22,8 +22,8 @@ class Evaluate(Command):
     """Dataset to evaluate on; need not be paired."""
     model: str | None = None
     """Source that φ corrects: a model file or robot; the one kept with the checkpoint or dataset otherwise."""
-    engine: str = "mujoco"
-    """Engine of the source: mujoco or bullet."""
+    engine: str | None = None
+    """Engine of the source: mujoco or bullet; the one it was paired in where it is kept, else mujoco."""
     episodes: tuple[int, ...] = ()
     """Use only these episodes; all by default."""
 

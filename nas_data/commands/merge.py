@@ -1,12 +1,12 @@
 """Join datasets of one robot into a new version."""
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
+from nas_data.commands._patience import saying
 from nas_data.commands.base import Command, Outcome
 from nas_data.errors import OptionError
 
@@ -41,20 +41,19 @@ class Merge(Command):
             refuse_existing(self.out)
         if self.name is not None:
             check_name(self.name)
-        originals = [Original.read(path) for path in self.datasets]
-        merged = merge(originals)
+        with saying(f"merging {len(self.datasets)} datasets"):
+            originals = [Original.read(path) for path in self.datasets]
+            merged = merge(originals)
+            folder = save(
+                merged.dataset,
+                merged.provenance,
+                out=self.out,
+                name=self.name or "dataset",
+                parent=originals[0].root if self.name is None else None,
+                attachments=merged.attachments,
+            )
+            notes = list(remarks(originals))
         dataset = merged.dataset
-        if dataset.n_frames > LARGE:
-            print(f"writing {dataset.n_frames} frames", file=sys.stderr)
-        folder = save(
-            dataset,
-            merged.provenance,
-            out=self.out,
-            name=self.name or "dataset",
-            parent=originals[0].root if self.name is None else None,
-            attachments=merged.attachments,
-        )
-        notes = list(remarks(originals))
         text = f"{dataset.n_episodes} episodes, {dataset.n_frames} frames of {len(originals)} dataset(s) → {folder}"
         return Outcome(
             "\n".join([text, *(f"  note: {note}" for note in notes)]),
@@ -67,6 +66,3 @@ class Merge(Command):
                 "notes": notes,
             },
         )
-
-
-LARGE = 300_000  # frames that take about two seconds to write

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import tyro
 
+from nas_data.commands._patience import saying
 from nas_data.commands.base import Command, Outcome
 
 
@@ -26,7 +27,8 @@ class Pack(Command):
         """Check and pack."""
         from nas_data.dataset.pack import pack
 
-        file, manifest = pack(self.dataset, self.out)
+        with saying(f"packing {self.dataset}"):
+            file, manifest = pack(self.dataset, self.out)
         size = file.stat().st_size
         return Outcome(
             f"{len(manifest.files)} files, {size / 1e6:.2f} MB → {file}",

@@ -52,6 +52,8 @@ class RecordSim(Command):
     """Resolution of the measured positions [rad]; 0 for exact readings, the robot's own where not given."""
     velocity_noise: float = 0.0
     """Standard deviation of the measured velocities [rad/s]."""
+    joints: tuple[str, ...] = ()
+    """Move only these joints, the others resting; all by default."""
     seed: int = 0
     """Seed of commands, poses and noise."""
     blind: bool = False
@@ -126,6 +128,7 @@ class RecordSim(Command):
             seconds=self.seconds,
             start=self.start,
             seed=self.seed,
+            joints=self.joints,
         )
 
 

@@ -5,13 +5,14 @@ from pathlib import Path
 
 import tyro
 
+from nas_data.commands._patience import saying
 from nas_data.commands.base import Command, Outcome
 from nas_data.errors import OptionError
 
 
 @dataclass(frozen=True, kw_only=True)
 class Split(Command):
-    """Divide a dataset into two new ones that are disjoint and together complete, to train on one and test on the other.
+    """Divide a dataset into two new ones, disjoint and together complete: train on one, test on the other.
 
     Example: nas split datasets/so101 --episodes 0-11 --names so101_train so101_test
 
@@ -50,10 +51,11 @@ class Split(Command):
             raise OptionError(f"Both parts would be named '{names[0]}'; give two names.")
         for item in names:
             check_name(item)
-        written = [
-            new_version(part.dataset, item, part.provenance, folder, part.attachments)
-            for part, item in zip(parts, names, strict=True)
-        ]
+        with saying(f"writing {original.dataset.n_frames} frames"):
+            written = [
+                new_version(part.dataset, item, part.provenance, folder, part.attachments)
+                for part, item in zip(parts, names, strict=True)
+            ]
         notes = list(original.remarks())
         lines = [
             f"{part.dataset.n_episodes} episodes, {part.dataset.n_frames} frames → {path}"

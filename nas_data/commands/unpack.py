@@ -5,6 +5,7 @@ from pathlib import Path
 
 import tyro
 
+from nas_data.commands._patience import saying
 from nas_data.commands.base import Command, Outcome
 
 
@@ -26,10 +27,11 @@ class Unpack(Command):
         from nas_data.dataset.read import read
         from nas_data.dataset.unpack import unpack
 
-        root = unpack(self.file, self.folder)
-        dataset = read(root)
+        with saying(f"checking {self.file}"):
+            root = unpack(self.file, self.folder)
+            dataset = read(root)
         return Outcome(
-            f"{dataset.n_episodes} episodes, {dataset.n_frames} frames of {dataset.robot_type}, all hashes right → {root}",
+            f"{dataset.n_episodes} episodes, {dataset.n_frames} frames of {dataset.robot_type}, hashes right → {root}",
             {
                 "dataset": root,
                 "content_hash": content_hash(dataset),

@@ -47,7 +47,7 @@ class Difference:
         rates: Rates [Hz], where they differ.
         robots: Robot types, where they differ.
         counts: Numbers of episodes.
-        equal: Number of episodes that both have, bit for bit in the features that they share.
+        equal_episodes: Number of episodes that both have, bit for bit in the features that they share.
         moved: How many of those stand at another place.
         compared: Episodes of equal length that were compared value by value.
         unmatched: Episodes that only one has.
@@ -63,7 +63,7 @@ class Difference:
     rates: tuple[float, float] | None
     robots: tuple[str, str] | None
     counts: tuple[int, int]
-    equal: int
+    equal_episodes: int
     moved: int
     compared: tuple[tuple[int, int], ...]
     unmatched: tuple[tuple[int, ...], tuple[int, ...]]
@@ -82,7 +82,6 @@ class Difference:
         return {
             "equal": self.equal_content,
             **found,
-            "equal_episodes": found.pop("equal"),
             "values": {key: dict(vars(change)) for key, change in self.values.items()},
         }
 
@@ -117,7 +116,7 @@ def diff(a: Dataset, b: Dataset, come_from: tuple[Provenance | None, Provenance 
         rates=(a.fps, b.fps) if a.fps != b.fps else None,
         robots=(a.robot_type, b.robot_type) if a.robot_type != b.robot_type else None,
         counts=(a.n_episodes, b.n_episodes),
-        equal=len(equal),
+        equal_episodes=len(equal),
         moved=sum(i != j for i, j in equal),
         compared=compared,
         unmatched=_left(*rest, compared),

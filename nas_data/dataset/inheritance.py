@@ -121,7 +121,7 @@ def inherit(originals: Sequence[Original], deed: str) -> Provenance:
         parents=_once(original.parent for original in originals),
         derived=_joined(item.derived for item in before),
         contiguous=all(item.contiguous for item in before),
-        notes="\n".join(_once(note for note in [*(item.notes for item in before), deed] if note)),
+        notes="\n".join(_once(line for note in [*(item.notes for item in before), deed] for line in note.splitlines())),
     )
 
 

@@ -62,7 +62,7 @@ def remarks(originals: Sequence[Original]) -> Iterator[str]:
     hashes = [found for original in originals for found in episode_hashes(original.dataset, sorted(kept))]
     repeated = len(hashes) - len(set(hashes))
     if repeated:
-        yield f"{repeated} episodes are in it more than once: a split of it may hold one on both sides."
+        yield f"{repeated} episode(s) are in it more than once: a split of it may hold one on both sides."
 
 
 def check_alike(a: Original, b: Original) -> None:

@@ -1,11 +1,10 @@
 """A dataset as one file: an uncompressed tar whose bytes depend on nothing but the dataset's.
 
-Not compressed, because the rows already are (Snappy; gzip takes off a few percent), because gzip's bytes depend on
-the zlib that wrote them, and because `tar tf` then lists it at once. The first member, `nas-pack.json`, holds the
-dataset's name, its content hash and the SHA-256 of every other member. There is exactly one pack of a folder's files
-(sorted, without owners or times), so whoever unpacks can make it again and compare: not one byte can be altered
-unnoticed. No time stamps are restored either: `datasets` would take rows of another version with the same time stamp
-from its cache.
+Not compressed beyond the Snappy of its Parquet files: gzip would take off two fifths (44.5 MB to 24.8 MB of 300,000
+frames), but its bytes depend on the zlib that wrote them, and it takes longer than everything else. The first member,
+`nas-pack.json`, holds the dataset's name, its content hash and the SHA-256 of every other member. There is exactly one
+pack of a folder's files (sorted, without owners or times), so whoever unpacks can make it again and compare: not one
+byte can be altered unnoticed.
 """
 
 import hashlib

@@ -16,6 +16,7 @@ from nas_data.dataset.versions import resolve
 from nas_data.errors import DatasetInvalid
 
 INDEX = Feature(names=("index",), dtype="int64")
+UNREADABLE = (pa.ArrowException, OSError, UnicodeDecodeError)  # what Arrow raises at a damaged file
 
 
 def read(path: Path) -> Dataset:
@@ -56,12 +57,52 @@ def open_parquet(path: Path) -> pq.ParquetFile:
         DatasetInvalid: it was never finished, or is none.
     """
     try:
-        return pq.ParquetFile(path, memory_map=True)
+        file = pq.ParquetFile(path, memory_map=True)
     except (pa.ArrowInvalid, OSError):
         raise DatasetInvalid(
             f"{path} is only half-written (it has no Parquet footer: its writer was killed); "
             "rescue the other episodes with 'nas recover', or restore the file from a copy."
         ) from None
+    check_footer(file, path)
+    return file
+
+
+def check_footer(file: pq.ParquetFile, path: Path) -> None:
+    """Refuse a footer whose numbers of rows or names of columns were damaged, which Arrow does not notice itself.
+
+    Raises:
+        DatasetInvalid: says that the footer is damaged.
+    """
+    metadata = file.metadata
+    rows = sum(metadata.row_group(group).num_rows for group in range(metadata.num_row_groups))
+    try:
+        sound = bool(file.schema_arrow.names) and rows == metadata.num_rows
+    except UNREADABLE:
+        sound = False
+    if not sound:
+        raise DatasetInvalid(f"{path} has a damaged Parquet footer; rescue its rows with 'nas recover'.")
+
+
+def read_parquet(path: Path, columns: Sequence[str] | None = None, file: pq.ParquetFile | None = None) -> pa.Table:
+    """Read a Parquet file, or some of its columns.
+
+    Args:
+        path: The file.
+        columns: Columns to read, as far as there are such; all by default.
+        file: The file where it is open already.
+
+    Raises:
+        DatasetInvalid: it is half-written or damaged.
+    """
+    file = file or open_parquet(path)
+    try:
+        table = file.read(columns=None if columns is None else list(columns))
+    except UNREADABLE as error:
+        reason = " ".join(str(error).split())
+        raise DatasetInvalid(f"{path} is damaged ({reason}); restore it from a copy.") from None
+    if len(table) != file.metadata.num_rows:
+        raise DatasetInvalid(f"{path} is damaged (rows are missing); restore it from a copy.")
+    return table
 
 
 @dataclass
@@ -89,10 +130,7 @@ class Rows:
         columns = {key: np.empty((count, feature.width), feature.dtype) for key, feature in features.items()}
         start = 0
         for path, file in files:
-            try:
-                table = file.read(columns=list(features))
-            except (pa.ArrowException, OSError) as error:
-                raise DatasetInvalid(f"{path} is damaged ({error}); restore it from a copy.") from None
+            table = read_parquet(path, list(features), file)
             for key, column in columns.items():
                 if key not in table.column_names:
                     raise DatasetInvalid(f"{path} has no column '{key}', which {root / layout.INFO} promises.")
@@ -122,13 +160,21 @@ def _copy(column: pa.ChunkedArray, out: np.ndarray, where: str) -> None:
     """Copy an Arrow column of scalars or lists into an array of shape (N, width)."""
     row = 0
     for chunk in filter(len, column.chunks):
-        values = chunk if not _is_list(chunk.type) else chunk.flatten()
+        values = _items(chunk) if _is_list(chunk.type) else chunk
         if not _is_number(values.type):
             raise DatasetInvalid(f"{where} holds {column.type}, not the numbers that {layout.INFO} promises.")
         if chunk.null_count or values.null_count or len(values) != len(chunk) * out.shape[1]:
             raise DatasetInvalid(f"{where} holds missing values, or lists of another length than {out.shape[1]}.")
         out[row : row + len(chunk)] = _view(values).reshape(len(chunk), out.shape[1])
         row += len(chunk)
+
+
+def _items(lists: pa.Array) -> pa.Array:
+    """Return what lists hold, one after the other; `flatten` alone would import Arrow's compute functions."""
+    if not pa.types.is_fixed_size_list(lists.type):
+        return lists.flatten()
+    width = lists.type.list_size
+    return lists.values.slice(lists.offset * width, len(lists) * width)
 
 
 def _view(values: pa.Array) -> np.ndarray:
@@ -168,7 +214,7 @@ def read_tasks(root: Path) -> dict[int, str]:
     path = root / layout.TASKS
     if not path.is_file():
         return {}
-    table = open_parquet(path).read()
+    table = read_parquet(path)
     texts = [name for name in table.column_names if name != "task_index"]
     if "task_index" not in table.column_names or not texts:
         raise DatasetInvalid(f"{path} has no tasks; restore it from a copy.")

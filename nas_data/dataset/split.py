@@ -7,6 +7,8 @@ import numpy as np
 from nas_data.dataset.inheritance import Derived, Original, inherit
 from nas_data.errors import OptionError
 
+LONGEST = 10_000_000  # episodes in a range; a slip of the keyboard must not fill the memory
+
 
 def split(original: Original, chosen: Sequence[int], how: str = "") -> tuple[Derived, Derived]:
     """Divide a dataset by its episodes, which keep their order in both parts.
@@ -14,7 +16,7 @@ def split(original: Original, chosen: Sequence[int], how: str = "") -> tuple[Der
     Args:
         original: What is divided.
         chosen: Episodes of the first part; the others make the second.
-        how: How they were chosen, for the provenance.
+        how: By what rule they were chosen, for the provenance; where empty, it lists the episodes.
 
     Raises:
         OptionError: an episode that is not there, one named twice, or a part without any.
@@ -31,7 +33,7 @@ def split(original: Original, chosen: Sequence[int], how: str = "") -> tuple[Der
             f"{len(first)} of the {count} episodes of {original.root} were chosen; both parts need at least one."
         )
     second = sorted(set(range(count)) - set(first))
-    return _part(original, first, how), _part(original, second, how)
+    return _part(original, first, how), _part(original, second, how and f"the others than {how}")
 
 
 def draw(count: int, share: float, seed: int) -> list[int]:
@@ -71,9 +73,6 @@ def parse_episodes(text: str) -> list[int]:
     return episodes
 
 
-LONGEST = 10_000_000  # episodes in a range; a slip of the keyboard must not fill the memory
-
-
 def listed(episodes: Sequence[int]) -> str:
     """Return ascending episodes in the form that `parse_episodes` reads, for example `0-3,7`."""
     runs: list[list[int]] = []
@@ -87,5 +86,6 @@ def listed(episodes: Sequence[int]) -> str:
 
 def _part(original: Original, episodes: Sequence[int], how: str) -> Derived:
     """Return one part; its provenance names the episodes."""
-    deed = f"episodes {listed(episodes)} of {original.parent.name}" + (f" ({how})" if how else "")
+    rule = f"{len(episodes)} episodes, {how}," if how else f"episodes {listed(episodes)}"
+    deed = f"{rule} of {original.parent.name}"
     return Derived(original.dataset.select(episodes), inherit([original], deed), original.attachments)

@@ -118,12 +118,12 @@ def _check_whole(file: Path, hidden: Path, manifest: Manifest) -> None:
     if _digest_again(hidden, manifest) != held:
         raise ValueError("it was altered outside of its files")
     try:
-        digest = content_hash(read(hidden))
+        if content_hash(read(hidden)) != manifest.content_hash:
+            raise ValueError("its rows have another content hash than it says")
         check_unchanged(hidden, manifest)
     except NasError as error:
-        raise ValueError(f"it holds no sound dataset: {str(error).replace(f'{hidden}/', '')}") from None
-    if digest != manifest.content_hash:
-        raise ValueError("its rows have another content hash than it says")
+        reason = str(error).replace(f"{hidden}/", "").rpartition(";")[0]  # the remedy is for whoever packed it
+        raise ValueError(f"it holds no sound dataset: {reason}") from None
 
 
 def _digest_again(root: Path, manifest: Manifest) -> str:

@@ -13,7 +13,7 @@ from nas_data.dataset.content import content_hash
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import NEXT_STATE, STATE, TIME, Feature
 from nas_data.dataset.provenance import Provenance, read_provenance
-from nas_data.dataset.read import Rows, open_parquet, read
+from nas_data.dataset.read import Rows, read, read_parquet
 from nas_data.dataset.staging import leftovers
 from nas_data.dataset.versions import VERSION, resolve
 from nas_data.errors import DatasetInvalid
@@ -88,7 +88,10 @@ def _leftovers(root: Path) -> Iterator[str]:
     """Look for hidden folders that a killed writer left where this dataset was written."""
     home = root.resolve()
     for path in leftovers(home.parent, "*" if VERSION.fullmatch(home.name) else home.name):
-        yield f"{path} is a half-written dataset that a killed process left; it was never part of this one: delete it."
+        yield (
+            f"{path} is a half-written dataset that a killed process left; it was never part of this one: "
+            "rescue what it holds with 'nas recover', or delete it."
+        )
 
 
 def _files(root: Path, provenance: Provenance | None) -> Iterator[str]:
@@ -143,7 +146,7 @@ def _episodes(evidence: Evidence) -> Iterator[str]:
     """Check the episode table against the rows."""
     dataset = evidence.dataset
     wanted = ["episode_index", "length", "dataset_from_index", "dataset_to_index"]
-    tables = [open_parquet(path).read(columns=wanted) for path in layout.episode_files(evidence.root)]
+    tables = [read_parquet(path, wanted) for path in layout.episode_files(evidence.root)]
     if not tables or any(key not in table.column_names for table in tables for key in wanted):
         yield f"{evidence.root / 'meta/episodes'} holds no complete episode table; restore it from a copy."
         return

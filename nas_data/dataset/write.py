@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from nas_data.dataset import layout
+from nas_data.dataset.arrow import lists, numbers, texts
 from nas_data.dataset.card import card
 from nas_data.dataset.checks import check_storable
 from nas_data.dataset.content import content_hash, stored_column
@@ -79,7 +80,7 @@ def _files(dataset: Dataset, attachments: Mapping[str, bytes]) -> Iterator[tuple
         here = {"meta/episodes/chunk_index": number // layout.FILES_PER_CHUNK}
         here["meta/episodes/file_index"] = number % layout.FILES_PER_CHUNK
         for key, value in here.items():
-            part = part.append_column(key, pa.array(np.full(len(part), value), pa.int64()))
+            part = part.append_column(key, numbers(np.full(len(part), value, np.int64)))
         yield layout.numbered(layout.EPISODES_TEMPLATE, number), _parquet(part)
     overall = {key: {name: values.tolist() for name, values in entry.overall.items()} for key, entry in found.items()}
     yield layout.STATS, _json(overall)
@@ -134,7 +135,7 @@ def _data_file(columns: Mapping[str, np.ndarray], lengths: np.ndarray, episodes:
 
 def _arrow(column: np.ndarray) -> pa.Array:
     """Return a column as LeRobot stores it: a scalar where the width is 1, else a list of fixed size."""
-    flat = pa.array(column.reshape(-1))
+    flat = numbers(column.reshape(-1))
     return flat if column.shape[1] == 1 else pa.FixedSizeListArray.from_arrays(flat, column.shape[1])
 
 
@@ -152,25 +153,24 @@ def _episode_table(dataset: Dataset, files: list[range], found: Mapping[str, Sta
     lengths = np.asarray(dataset.lengths, np.int64)
     number = np.repeat(np.arange(len(files)), [len(episodes) for episodes in files])
     columns: dict[str, pa.Array] = {
-        "episode_index": pa.array(np.arange(len(lengths))),
-        "tasks": pa.array([[task] for task in dataset.tasks], pa.list_(pa.string())),
-        "length": pa.array(lengths),
-        "data/chunk_index": pa.array(number // layout.FILES_PER_CHUNK),
-        "data/file_index": pa.array(number % layout.FILES_PER_CHUNK),
-        "dataset_from_index": pa.array(dataset.starts),
-        "dataset_to_index": pa.array(dataset.starts + lengths),
+        "episode_index": numbers(np.arange(len(lengths))),
+        "tasks": lists(texts(dataset.tasks), np.ones(len(lengths), np.int64)),
+        "length": numbers(lengths),
+        "data/chunk_index": numbers(number // layout.FILES_PER_CHUNK),
+        "data/file_index": numbers(number % layout.FILES_PER_CHUNK),
+        "dataset_from_index": numbers(dataset.starts),
+        "dataset_to_index": numbers(dataset.starts + lengths),
     }
     for key, entry in found.items():
         for name, values in entry.episodes.items():
-            offsets = np.arange(len(lengths) + 1, dtype=np.int32) * values.shape[1]
-            flat = pa.array(np.ascontiguousarray(values).reshape(-1))
-            columns[f"stats/{key}/{name}"] = pa.ListArray.from_arrays(pa.array(offsets), flat)
+            widths = np.full(len(lengths), values.shape[1])
+            columns[f"stats/{key}/{name}"] = lists(numbers(values.reshape(-1)), widths)
     return pa.table(columns)
 
 
 def _task_table(tasks: list[str]) -> pa.Table:
     """Return the table of tasks with the pandas index that both LeRobot versions look tasks up in."""
-    table = pa.table({"task_index": pa.array(np.arange(len(tasks))), "task": pa.array(tasks, pa.string())})
+    table = pa.table({"task_index": numbers(np.arange(len(tasks))), "task": texts(tasks)})
     kinds = {"task_index": ("int64", "int64"), "task": ("unicode", "object")}
     columns = [
         {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": numpy, "metadata": None}

@@ -53,12 +53,13 @@ class LearnedStepper:
 
     def step(self, commands: np.ndarray) -> np.ndarray:
         """Hold the commands for one control period; see `Stepper.step`."""
-        predicted = self.source.step(commands) if self.model.kind == "delta" else self._states
+        base = self.source.step(commands) if self.model.kind == "delta" else self._states
         with torch.no_grad():
-            corrected, self._memory = self.model.next_states(
-                as_input(self._states), as_input(commands), as_input(predicted), self._memory
+            change, self._memory = self.model.changes(
+                as_input(self._states), as_input(commands), as_input(base), self._memory
             )
-        self._states = corrected[:, 0].numpy().astype(np.float64)
+        # added in float64: a model that changes nothing leaves the source as it is, to the last bit
+        self._states = base + change[:, 0].numpy()
         self.source.set_states(self._states)
         return self._states
 

@@ -55,10 +55,18 @@ def load_frozen(folder: Path | str) -> DynamicsModel:
 
 
 def load_weights(path: Path) -> dict[str, torch.Tensor]:
-    """Read a safetensors file."""
+    """Read a safetensors file.
+
+    Raises:
+        ValueError: a weight is not finite.
+    """
     from safetensors.torch import load_file
 
-    return load_file(path)
+    weights = load_file(path)
+    spoilt = [name for name, values in weights.items() if not torch.isfinite(values).all()]
+    if spoilt:
+        raise ValueError(f"{spoilt[0]} is not finite")
+    return weights
 
 
 def find(folder: Path) -> Path:

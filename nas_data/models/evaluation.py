@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from nas_data.dataset.dataset import Dataset
+from nas_data.errors import JointMismatch
 from nas_data.metrics import Errors, table
 from nas_data.models.augmented import LearnedStepper
 from nas_data.models.episodes import pad, read_episodes
@@ -141,6 +142,8 @@ def open_loop_model(
     Raises:
         JointMismatch: φ without a simulator, or joints that differ.
     """
+    if simulator is None and model.kind == "delta":
+        raise JointMismatch("A delta model corrects a simulator; give the source that it was trained with.")
     plan = batches(dataset.lengths)
     total, done = sum(int(dataset.lengths[batch].max()) for batch in plan), 0
     result: list[np.ndarray] = [np.empty(0)] * dataset.n_episodes

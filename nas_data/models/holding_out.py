@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nas_data.dataset.dataset import Dataset
+from nas_data.errors import DatasetInvalid
 
 MANY = 20  # episodes; fewer are too different from each other for a draw of one or two to stand for all
 
@@ -32,15 +33,21 @@ def hold_out(dataset: Dataset, share: float, seed: int) -> HeldOut:
         dataset: Transitions.
         share: Share that validates, at least one episode (or one frame of each).
         seed: Seed of the draw of whole episodes.
+
+    Raises:
+        DatasetInvalid: nothing is left to train on.
     """
     count = dataset.n_episodes
     if count >= MANY:
         order = np.random.default_rng(seed).permutation(count)
-        held = max(1, round(share * count))
+        held = min(count - 1, max(1, round(share * count)))
         chosen, others = sorted(order[:held].tolist()), sorted(order[held:].tolist())
         return HeldOut(dataset.select(others), dataset.select(chosen), f"episodes {', '.join(map(str, chosen))}")
-    cuts = dataset.lengths - np.maximum(1, np.round(share * dataset.lengths).astype(int))
+    held_frames = np.clip(np.round(share * dataset.lengths).astype(int), 1, np.maximum(1, dataset.lengths - 1))
+    cuts = dataset.lengths - held_frames
     pieces = [(start, start + cut) for start, cut in zip(dataset.starts, cuts, strict=True) if cut > 0]
+    if not pieces:
+        raise DatasetInvalid("No episode has two transitions, one to train on and one to validate; record longer ones.")
     ends = list(zip(dataset.starts + cuts, dataset.starts + dataset.lengths, strict=True))
     what = f"the last {share:.0%} of each episode (fewer than {MANY} episodes)"
     return HeldOut(rows_of(dataset, pieces), rows_of(dataset, ends), what)

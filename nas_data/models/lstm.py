@@ -1,7 +1,7 @@
 """The learned models: φ corrects a simulator, ψ replaces it; both are one LSTM that reads state and command."""
 
 from collections.abc import Mapping, Sequence
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import torch
 from huggingface_hub import PyTorchModelHubMixin
@@ -64,8 +64,13 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
             commands_effort: Commands are torques [N·m]; then they are fed as they are.
             fps: Control rate [Hz] of the data.
             provenance: Dataset (name, content hash), source and training options.
+
+        Raises:
+            ValueError: there is no such kind.
         """
         super().__init__()
+        if kind not in get_args(Kind):
+            raise ValueError(f"kind is '{kind}', not delta or forward")
         self.kind: Kind = kind
         self.joints = tuple(joints)
         self.relative = relative
@@ -109,6 +114,13 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
             outputs = outputs + self.shortcut(inputs)
         return outputs, memory
 
+    def changes(
+        self, states: Tensor, commands: Tensor, predicted: Tensor, memory: Memory | None = None
+    ) -> tuple[Tensor, Memory]:
+        """Return what φ adds to the simulated next state, and ψ to the state, in physical units (B, T, 2n)."""
+        outputs, memory = self(self.inputs.normalise(self.raw_inputs(states, commands, predicted)), memory)
+        return self.outputs.restore(outputs), memory
+
     def next_states(
         self, states: Tensor, commands: Tensor, predicted: Tensor, memory: Memory | None = None
     ) -> tuple[Tensor, Memory]:
@@ -116,9 +128,8 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
 
         ψ ignores `predicted`; pass the states.
         """
-        outputs, memory = self(self.inputs.normalise(self.raw_inputs(states, commands, predicted)), memory)
-        base = predicted if self.kind == "delta" else states
-        return base + self.outputs.restore(outputs), memory
+        change, memory = self.changes(states, commands, predicted, memory)
+        return (predicted if self.kind == "delta" else states) + change, memory
 
     def no_memory(self, size: int) -> Memory:
         """Return the memory at an episode's start for a batch: zeros, each of shape (layers, B, hidden)."""

@@ -1,20 +1,22 @@
 """The two phases of training: teacher forcing on measured states, then free running on the model's own."""
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
 
+from nas_data.errors import DatasetInvalid
 from nas_data.models.episodes import Episode, cut, join, pad
-from nas_data.models.lstm import DynamicsModel
+from nas_data.models.lstm import DynamicsModel, Memory
 from nas_data.models.presets import TrainingOptions
 from nas_data.simulators.base import Simulator
 
 SHORTEST = 20  # frames of the first free-running windows
-JACOBIAN_SAMPLES = 400
+MOST_JACOBIANS = 60_000  # along the data; beyond, neighbours share one
+BURN_IN = 100  # frames read before a window, so that it starts with a memory
 POSITION_STEP = 0.03  # [rad] large enough to average over friction and saturation
 VELOCITY_STEP = 0.3  # [rad/s]
 VELOCITY_WEIGHT = 0.02  # of squared, normalised velocity errors beside position errors
@@ -70,6 +72,14 @@ def one_step_loss(model: DynamicsModel, batch: Episode, mask: Tensor, device: to
     return (outputs.float() - wanted)[mask.to(device)].square().mean()
 
 
+class Place(NamedTuple):
+    """Where a window lies: episode, first frame, frames."""
+
+    episode: int
+    start: int
+    length: int
+
+
 class FreeRunning:
     """Errors of rollouts on the model's own states, with the source in the loop; what a policy will live in.
 
@@ -96,9 +106,14 @@ class FreeRunning:
             simulator: Source; needed for φ only.
             options: Windows, frames, learning rate, seed.
             device: Where the network lives.
+
+        Raises:
+            DatasetInvalid: no episode is longer than one transition.
         """
         self.model = model
         self.episodes = [episode for episode in episodes if len(episode) > 1]
+        if not self.episodes:
+            raise DatasetInvalid("No training episode has two transitions; record longer ones, or give --updates 0.")
         self.options = options
         self.device = device
         self.updates = options.updates
@@ -110,16 +125,29 @@ class FreeRunning:
         self.position_scale = float(POSITION_SCALE * deviation[:n].mean().clamp_min(1e-6))
         self.velocity_scale = float(deviation[n:].mean().clamp_min(1e-6))
         self.simulator = simulator if model.kind == "delta" else None
-        self.jacobian = self._mean_jacobian(self.simulator, everything) if self.simulator is not None else None
+        self.stride = -(-len(everything) // MOST_JACOBIANS)
+        self.jacobians = None
+        if self.simulator is not None:
+            self.jacobians = [self._along(self.simulator, episode) for episode in self.episodes]
+
+    def _along(self, simulator: Simulator, episode: Episode) -> Tensor:
+        """Return the source's Jacobian at every `stride`-th transition of an episode."""
+        picked = (episode.states, episode.commands, episode.predicted)
+        states, commands, predicted = (x[:: self.stride].double().numpy() for x in picked)
+        return torch.from_numpy(jacobians(simulator, states, commands, predicted)).float()
 
     def loss(self, update: int) -> Tensor:
         """Return the loss of one batch of windows: smooth absolute position errors, squared velocity errors."""
-        batch = self._windows(update)
+        places = self._draw(update)
+        batch, _ = pad([self.episodes[p.episode].window(p.start, p.length) for p in places])
+        slopes = self._slopes(places)
         states = batch.states[:, 0].to(self.device)
         commands = batch.commands.to(self.device)
-        errors, memory = [], None
+        memory = self._memories(places)
+        errors = []
         for step in range(commands.shape[1]):
-            predicted = self._predict(states, commands[:, step])
+            slope = None if slopes is None else slopes[:, step]
+            predicted = self._predict(states, commands[:, step], slope)
             corrected, memory = self.model.next_states(
                 states[:, None], commands[:, step, None], predicted[:, None], memory
             )
@@ -132,55 +160,77 @@ class FreeRunning:
         smooth = functional.smooth_l1_loss(position, torch.zeros_like(position), beta=3.0)
         return smooth + VELOCITY_WEIGHT * velocity.square().mean()
 
-    def _windows(self, update: int) -> Episode:
-        """Draw windows of equal length, longer ones later, starting anywhere in the training episodes."""
+    def _draw(self, update: int) -> list[Place]:
+        """Draw windows of equal length, longer ones later; many begin where an episode does, as rollouts will."""
         rng = np.random.default_rng([self.options.seed, 2, update])
         grown = min(1.0, 2 * update / max(1, self.updates))
         length = int(min(SHORTEST, self.horizon) + grown * max(0, self.horizon - SHORTEST))
-        long_enough = [episode for episode in self.episodes if len(episode) >= length]
-        weights = np.array([len(episode) for episode in long_enough], dtype=float)
-        count = max(8, self.options.frames // length)
-        chosen = rng.choice(len(long_enough), count, p=weights / weights.sum())
-        starts = [int(rng.integers(len(long_enough[index]) - length + 1)) for index in chosen]
-        windows = [long_enough[index].window(start, length) for index, start in zip(chosen, starts, strict=True)]
-        return pad(windows)[0]
+        long_enough = [index for index, episode in enumerate(self.episodes) if len(episode) >= length]
+        weights = np.array([len(self.episodes[index]) for index in long_enough], dtype=float)
+        chosen = rng.choice(long_enough, max(8, self.options.frames // length), p=weights / weights.sum())
+        latest = np.array([len(self.episodes[index]) - length for index in chosen])
+        starts = np.maximum(0, rng.integers(-length // 2, latest + 1))
+        return [Place(int(index), int(start), length) for index, start in zip(chosen, starts, strict=True)]
 
-    def _predict(self, states: Tensor, commands: Tensor) -> Tensor:
-        """Return the source's next states, differentiable by its mean Jacobian; the states themselves for ψ."""
-        if self.simulator is None or self.jacobian is None:
+    def _memories(self, places: Sequence[Place]) -> Memory:
+        """Return what the model remembers at the windows' starts, after reading what was measured before them."""
+        memory = self.model.no_memory(len(places))
+        late = [row for row, place in enumerate(places) if place.start]
+        if not late:
+            return memory
+        runs = [min(places[row].start, BURN_IN) for row in late]
+        before = [
+            self.episodes[places[row].episode].window(places[row].start - run, run)
+            for row, run in zip(late, runs, strict=True)
+        ]
+        with torch.no_grad():
+            for length in sorted(set(runs)):
+                rows = [k for k, run in enumerate(runs) if run == length]
+                batch, _ = pad([before[k] for k in rows])
+                states, commands = batch.states.to(self.device), batch.commands.to(self.device)
+                _, (hidden, cell) = self.model.next_states(states, commands, batch.predicted.to(self.device))
+                places_in_batch = [late[k] for k in rows]
+                memory[0][:, places_in_batch], memory[1][:, places_in_batch] = hidden, cell
+        return memory
+
+    def _predict(self, states: Tensor, commands: Tensor, slope: Tensor | None) -> Tensor:
+        """Return the source's next states, differentiable by its Jacobian; the states themselves for ψ."""
+        if self.simulator is None or slope is None:
             return states
         exact = self.simulator.predict(
             states.detach().cpu().numpy().astype(np.float64), commands.cpu().numpy().astype(np.float64)
         )
-        followed = states @ self.jacobian.T
+        followed = (slope @ states[:, :, None])[:, :, 0]
         return followed + (torch.from_numpy(exact).float().to(self.device) - followed).detach()
 
-    def _mean_jacobian(self, simulator: Simulator, transitions: Episode) -> Tensor:
-        """Return ∂(simulated next state)/∂(state) averaged over the data, shape (2n, 2n), by central differences."""
-        rng = np.random.default_rng([self.options.seed, 3])
-        rows = rng.choice(len(transitions), min(JACOBIAN_SAMPLES, len(transitions)), replace=False)
-        states, commands = transitions.states[rows].double().numpy(), transitions.commands[rows].double().numpy()
-        return torch.from_numpy(mean_jacobian(simulator, states, commands)).float().to(self.device)
+    def _slopes(self, places: Sequence[Place]) -> Tensor | None:
+        """Return the source's Jacobians along the windows, shape (B, T, 2n, 2n)."""
+        if self.jacobians is None:
+            return None
+        rows = [self.jacobians[p.episode][(p.start + torch.arange(p.length)) // self.stride] for p in places]
+        return torch.stack(rows).to(self.device)
 
 
-def mean_jacobian(simulator: Simulator, states: np.ndarray, commands: np.ndarray) -> np.ndarray:
-    """Average the Jacobian of one control step over transitions.
+def jacobians(simulator: Simulator, states: np.ndarray, commands: np.ndarray, predicted: np.ndarray) -> np.ndarray:
+    """Estimate the Jacobian of one control step for each transition by one-sided differences.
 
     Args:
         simulator: Source.
         states: Positions [rad] then velocities [rad/s], shape (N, 2n).
         commands: Shape (N, n).
+        predicted: Source's next states, shape (N, 2n).
 
     Returns:
-        Entry (i, j) is the change of next state i per change of state j, shape (2n, 2n).
+        Entry (k, i, j) is the change of next state i per change of state j, shape (N, 2n, 2n).
     """
     width = states.shape[1]
     steps = np.where(np.arange(width) < width // 2, POSITION_STEP, VELOCITY_STEP)
-    columns = []
-    for offset in np.diag(steps):
-        ahead, behind = simulator.predict(states + offset, commands), simulator.predict(states - offset, commands)
-        columns.append((ahead - behind).mean(axis=0) / (2 * offset.sum()))
-    return np.stack(columns, axis=1)
+    slopes = np.empty((len(states), width, width))
+    for column, step in enumerate(steps):
+        moved = states.copy()
+        moved[:, column] += step
+        slopes[:, :, column] = (simulator.predict(moved, commands) - predicted) / step
+    return slopes
 
 
 def processor_has_bf16() -> bool:

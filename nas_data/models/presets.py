@@ -30,7 +30,7 @@ class TrainingOptions:
         weight_decay: AdamW's decoupled weight decay.
         bf16: Teacher forcing in bfloat16 where the processor has it.
         validation: Share held out for early stopping: of the episodes, or of each where they are few.
-        patience: Validations without improvement before training ends.
+        patience: Validations without improvement that are borne; one more ends the training.
         seed: Seed of weights, order and windows.
     """
 
@@ -60,6 +60,8 @@ class TrainingOptions:
             raise OptionError(f"The validation share is {self.validation}; it must lie between 0 and 1.")
         if min(self.hidden, self.layers, self.batch, self.frames) < 1 or self.horizon < 2:
             raise OptionError("Hidden units, layers, batch and frames must be at least 1, the horizon at least 2.")
+        if min(self.epochs, self.updates, self.segment, self.patience, self.seed) < 0:
+            raise OptionError("Epochs, updates, segment, patience and seed must not be negative.")
 
 
 PRESETS = {

@@ -74,6 +74,7 @@ class TrainingRun:
     def run(self) -> DynamicsModel:
         """Train to the end and return the frozen model of the best validation."""
         self.folder.mkdir(parents=True, exist_ok=True)
+        self._store()  # from now on the folder can be told from a stranger's, and training goes on in it
         self.writer = SummaryWriter(str(self.folder / "tensorboard"))
         self._clock = time.monotonic() - self.progress.seconds
         with one_thread():
@@ -135,8 +136,9 @@ class TrainingRun:
 
     def _identity(self) -> dict[str, object]:
         """Return what must be equal for a training to go on."""
-        dataset = self.training.model.provenance.get("dataset")
-        return {"options": asdict(self.training.options), "kind": self.training.model.kind, "dataset": dataset}
+        provenance = self.training.model.provenance
+        data = {key: provenance.get(key) for key in ("dataset", "source")}
+        return {"options": asdict(self.training.options), "kind": self.training.model.kind, **data}
 
     def _store(self) -> None:
         content = {
@@ -152,12 +154,14 @@ class TrainingRun:
     def _restore(self) -> None:
         path = self.folder / STATE
         if not path.is_file():
-            if self.folder.exists() and any(self.folder.iterdir()):
-                raise OutputExists(f"{self.folder} is not empty; choose another --out or remove it.")
+            if self.folder.is_file() or (self.folder.exists() and any(self.folder.iterdir())):
+                raise OutputExists(f"{self.folder} exists and holds something else; choose another --out or remove it.")
             return
         content = torch.load(path, weights_only=True, map_location=self.training.device)
         if content["identity"] != json.dumps(self._identity(), sort_keys=True, default=str):
-            raise OutputExists(f"{self.folder} holds an unfinished training of other options or data; remove it.")
+            raise OutputExists(
+                f"{self.folder} holds an unfinished training of other options, data or source; remove it."
+            )
         self.training.model.load_state_dict(content["model"])
         self.optimiser.load_state_dict(content["optimiser"])
         self.progress = Progress(**content["progress"])

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.errors import DatasetInvalid, JointMismatch
+from nas_data.errors import DatasetInvalid, JointMismatch, OptionError
 from nas_data.metrics import Errors
 from nas_data.models.episodes import cut, join, pad, read_episodes
 from nas_data.models.evaluation import open_loop_model
@@ -53,6 +53,7 @@ class Training:
         Raises:
             DatasetInvalid: φ without `next.observation.sim_state`.
             JointMismatch: simulator and dataset have different joints.
+            OptionError: torch cannot use the device.
         """
         if kind == "delta" and not dataset.paired:
             raise DatasetInvalid("A delta model needs the source's predictions: run `nas pair` on the dataset first.")
@@ -60,7 +61,7 @@ class Training:
             raise JointMismatch("The simulator and the dataset have different joints.")
         self.options = options
         self.simulator = simulator
-        self.device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
+        self.device = find_device(device)
         self.split = hold_out(dataset, options.validation, options.seed)
         self.model = self._build(kind, dataset, provenance or {})
         episodes = read_episodes(self.split.train)
@@ -113,6 +114,23 @@ class Training:
     def _one_step_error(self) -> float:
         batch, mask = pad(cut(read_episodes(self.split.held), self.options.segment))
         return float(one_step_loss(self.model, batch, mask, self.device))
+
+
+def find_device(name: str | None) -> torch.device:
+    """Return a torch device by its name; a GPU where there is one when None.
+
+    Raises:
+        OptionError: torch does not know it, or this machine lacks it.
+    """
+    if name is None:
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    try:
+        device = torch.device(name)
+        torch.empty(1, device=device).cpu()
+    except (RuntimeError, AssertionError, NotImplementedError) as error:
+        reason = str(error).splitlines()[0].rstrip(".")
+        raise OptionError(f"torch cannot use the device '{name}' ({reason}); give cpu, or cuda with a GPU.") from None
+    return device
 
 
 def validation_rollouts(held: Dataset) -> Dataset:

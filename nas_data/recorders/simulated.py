@@ -23,7 +23,7 @@ from nas_data.dataset.features import (
     time_feature,
 )
 from nas_data.dataset.provenance import Provenance
-from nas_data.errors import OptionError
+from nas_data.errors import JointMismatch, OptionError
 from nas_data.excitations.base import Excitation
 from nas_data.robots.base import Robot
 from nas_data.simulators.base import Simulator
@@ -110,6 +110,7 @@ class Protocol:
         seconds: Length of each [s].
         start: First pose, `rest` or `random` as in the paper's resets.
         seed: Seed of commands, poses and noise.
+        joints: Joints that the excitation moves, the others resting; all where empty.
     """
 
     excitation: Excitation
@@ -118,6 +119,7 @@ class Protocol:
     seconds: float = 3.0
     start: str = "rest"
     seed: int = 0
+    joints: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -167,7 +169,7 @@ class Session:
             how="simulated",
             robot=self.target.robot.name,
             target={**self.target.describe(blind), "settled": SETTLE},
-            signal={**signal, "start": self.protocol.start},
+            signal={**signal, "start": self.protocol.start, "joints": list(self.protocol.joints)},
             seeds=(self.protocol.seed,),
             contiguous=True,
         )
@@ -183,8 +185,24 @@ def draw_commands(target: Target, protocol: Protocol, rng: np.random.Generator) 
         check_limits(protocol.file, names, commands, low, high)
         return commands
     low, high = excitable_limits(low, high, simulator.joints, simulator.commands_effort)
+    still = resting(target, protocol)
+    rest = np.array(target.robot.rest or np.zeros(len(simulator.joints)))
+    low, high = np.where(still, rest, low), np.where(still, rest, high)
     steps = max(1, round(protocol.seconds / simulator.period))
     return list(protocol.excitation.commands(rng, protocol.episodes, steps, simulator.period, low, high))
+
+
+def resting(target: Target, protocol: Protocol) -> np.ndarray:
+    """Return which joints the excitation leaves at rest, shape (n,).
+
+    Raises:
+        JointMismatch: the protocol moves a joint that the robot lacks.
+    """
+    joints = target.simulator.joints
+    unknown = [joint for joint in protocol.joints if joint not in joints]
+    if unknown:
+        raise JointMismatch(f"The robot has no joint '{unknown[0]}' to move; it has: {', '.join(joints)}.")
+    return np.array([bool(protocol.joints) and joint not in protocol.joints for joint in joints])
 
 
 def draw_poses(target: Target, protocol: Protocol, episodes: int, rng: np.random.Generator) -> np.ndarray:
@@ -197,7 +215,8 @@ def draw_poses(target: Target, protocol: Protocol, episodes: int, rng: np.random
         low, high = np.full(len(joints), -np.pi / 2), np.full(len(joints), np.pi / 2)
     low, high = excitable_limits(low, high, joints, effort=False)
     middle, span = (low + high) / 2, (high - low) / 2
-    return np.asarray(middle + RESET_SHARE * span * rng.uniform(-1, 1, (episodes, len(joints))))
+    drawn = middle + RESET_SHARE * span * rng.uniform(-1, 1, (episodes, len(joints)))
+    return np.where(resting(target, protocol), np.array(target.robot.rest or np.zeros(len(joints))), drawn)
 
 
 def record(session: Session, progress: Callable[[int], None] = lambda done: None) -> list[np.ndarray]:

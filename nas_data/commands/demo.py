@@ -1,0 +1,35 @@
+"""Everything once, small: record, pair, learn the gap, learn policies, show it on one page."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from nas_data.commands.base import Command, Outcome
+
+
+@dataclass(frozen=True, kw_only=True)
+class Demo(Command):
+    """Record a simulated robot, learn what its simulator lacks, learn policies with it, and write a page with pictures.
+
+    Takes about ten minutes on two cores. Started again, it goes on where it was interrupted.
+
+    Example: nas demo --out demo
+    """
+
+    out: Path = Path("demo")
+    """Folder for everything that the demo makes; the page is report.html in it."""
+    quick: bool = False
+    """Go through every stage within a minute, at sizes at which nothing is learned yet."""
+
+    def run(self) -> Outcome:
+        """Run every stage that is not done yet."""
+        from nas_data.demo.pipeline import run_demo
+        from nas_data.demo.plan import FULL, QUICK
+        from nas_data.policies.ppo import to_stderr
+
+        results = run_demo(QUICK if self.quick else FULL, self.out, to_stderr)
+        data = {
+            name: {"seconds": done.seconds, "when": done.when, "load": done.load, **done.data}
+            for name, done in results.items()
+        }
+        lines = [line for name in ("models", "policies", "page") for line in (*results[name].said, "")]
+        return Outcome("\n".join(lines).rstrip(), data)

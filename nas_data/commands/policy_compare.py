@@ -1,0 +1,58 @@
+"""Compare expert, source, NAS (source + φ) and forward (ψ) policies on one target, over seeds."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from nas_data.commands.base import Command, Outcome
+from nas_data.errors import OptionError
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolicyCompare(Command):
+    """Train every method with every seed, judge all on the target, and say what share of the gap each closes.
+
+    The share is (method − source) / (expert − source) of the mean return. Runs already done are not done again.
+
+    Example: nas policy compare --dynamics backlash --delta runs/phi --forward runs/psi --seed 0 1 2 3 4
+    """
+
+    env: str = "ErgoReacher"
+    """Environment."""
+    dynamics: str = "backlash"
+    """The target: one of the environment's dynamics."""
+    delta: Path | None = None
+    """Checkpoint of φ, for the method nas; left out without."""
+    forward: Path | None = None
+    """Checkpoint of ψ, for the method forward; left out without."""
+    frames: int = 2_000_000
+    """Control steps of each training; 2 million as in the paper."""
+    seed: tuple[int, ...] = (0, 1, 2, 3, 4)
+    """Seeds of every method."""
+    episodes: int = 100
+    """Episodes that each policy is judged on."""
+    workers: int = 1
+    """Trainings side by side, each in a process of one thread."""
+    out: Path = Path("runs/compare")
+    """Folder of the runs and of comparison.json."""
+
+    def run(self) -> Outcome:
+        """Train, judge and compare."""
+        import json
+
+        from nas_data.cli import finite
+        from nas_data.envs.loop.plant import Plant
+        from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compare
+
+        if min(self.frames, self.episodes, self.workers) < 1 or len(set(self.seed)) < len(self.seed):
+            raise OptionError("Frames, episodes and workers must be 1 or more, seeds all different.")
+        target = Plant(self.env, self.dynamics)
+        methods = {EXPERT_METHOD: target, SOURCE_METHOD: Plant(self.env)}
+        for name, checkpoint in (("nas", self.delta), ("forward", self.forward)):
+            if checkpoint is not None:
+                methods[name] = Plant(self.env, checkpoint=str(checkpoint))
+        study = Study(target, methods, self.seed, self.frames, self.episodes)
+        found = compare(study, self.out, self.workers)
+        result = self.out / "comparison.json"
+        result.write_text(json.dumps(finite(found.describe()), indent=1, allow_nan=False), encoding="utf-8")
+        head = f"{self.env} with dynamics '{self.dynamics}', {self.frames:,} frames, {self.episodes} episodes a policy:"
+        return Outcome(f"{head}\n{found.table()}\n→ {result}", {"result": result, **found.describe()})

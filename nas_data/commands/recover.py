@@ -1,0 +1,92 @@
+"""Rescue the whole episodes of a half-written or damaged dataset."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import tyro
+
+from nas_data.commands._patience import saying
+from nas_data.commands.base import Command, Outcome
+
+if TYPE_CHECKING:
+    from nas_data.dataset.recover import Rescue
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recover(Command):
+    """Make a new dataset of the episodes that are whole, whatever killed or damaged the recording.
+
+    Rescued are the episodes up to the first lost one, those too that LeRobot had saved in files which it could not
+    finish. The damaged dataset is not changed.
+
+    Example: nas recover recordings/monday --name monday
+    """
+
+    dataset: tyro.conf.Positional[Path]
+    """Damaged dataset: its folder, datasets/NAME, or the hidden folder (….partial-…) that a killed process left."""
+    beyond: bool = False
+    """Rescue the whole episodes behind a lost one as well; they get new numbers."""
+    like: Path | None = None
+    """A dataset recorded alike, whose names, units and rate are taken where meta/info.json is lost."""
+    name: str | None = None
+    """Name of the result: the next version below datasets/NAME; that of the damaged dataset where left out."""
+    out: Path | None = None
+    """Exactly this folder instead; must not exist."""
+
+    def run(self) -> Outcome:
+        """Find, judge and write what is whole."""
+        from nas_data.dataset.recover import find_damaged, recover
+        from nas_data.dataset.staging import refuse_existing
+        from nas_data.dataset.versions import check_name, resolve
+
+        if self.out is not None:
+            refuse_existing(self.out)
+        if self.name is not None:
+            check_name(self.name)
+        like = resolve(self.like) if self.like is not None else None
+        root = find_damaged(self.dataset)
+        with saying(f"rescuing {root}"):
+            rescue = recover(root, self.beyond, like)
+            folder = self._write(rescue)
+        return Outcome("\n".join(lines(rescue, folder)), data(rescue, folder))
+
+    def _write(self, rescue: "Rescue") -> Path | None:
+        """Write what was rescued; nothing where nothing was damaged."""
+        from nas_data.dataset.recover import destination
+        from nas_data.dataset.versions import FOLDER, new_version
+        from nas_data.dataset.write import write
+
+        derived = rescue.derived
+        if derived is None:
+            return None
+        if self.out is not None:
+            return write(derived.dataset, self.out, derived.provenance, derived.attachments)
+        folder, name = (FOLDER, self.name) if self.name is not None else destination(rescue.root)
+        return new_version(derived.dataset, name, derived.provenance, folder, derived.attachments, damaged=rescue.root)
+
+
+def lines(rescue: "Rescue", folder: Path | None) -> list[str]:
+    """Say what was rescued and what was lost."""
+    if folder is None or rescue.derived is None:
+        return [f"{rescue.root} is whole: {len(rescue.kept)} episodes; nothing to rescue (nas verify checks the rest)."]
+    dataset = rescue.derived.dataset
+    promised = f" of {rescue.promised}" if rescue.promised >= len(rescue.kept) else ""
+    return [
+        f"{dataset.n_episodes}{promised} episodes, {dataset.n_frames} frames rescued from {rescue.root} → {folder}",
+        *(f"  {report}" for report in rescue.reports),
+        *([f"  {len(rescue.left)} whole episode(s) behind a lost one: --beyond rescues them too"] * bool(rescue.left)),
+    ]
+
+
+def data(rescue: "Rescue", folder: Path | None) -> dict[str, object]:
+    """Say the same for machines."""
+    return {
+        "dataset": folder,
+        "damaged": rescue.root,
+        "whole": rescue.derived is None,
+        "episodes_promised": rescue.promised,
+        "episodes_kept": rescue.kept,
+        "episodes_left": rescue.left,
+        "reports": rescue.reports,
+    }

@@ -1,0 +1,229 @@
+"""A damaged recording becomes a new dataset of the episodes that are whole; the damaged one is never changed."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.dataset import layout
+from nas_data.dataset.content import content_hash
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import Feature
+from nas_data.dataset.inheritance import Derived, attachments, lost
+from nas_data.dataset.judgement import Listed, judge, listed
+from nas_data.dataset.provenance import Parent, Provenance, now, package_versions, read_provenance
+from nas_data.dataset.read import Rows, episode_tasks, read, read_tasks
+from nas_data.dataset.salvage import Salvage, salvage
+from nas_data.dataset.staging import MARK, leftovers
+from nas_data.dataset.verify import METADATA, Evidence
+from nas_data.dataset.versions import VERSION, home_of
+from nas_data.errors import DatasetInvalid, DatasetNotFound, NasError, OptionError
+
+STAGED = re.compile(rf"\.(.+){re.escape(MARK)}[0-9a-f]+")
+
+
+@dataclass(frozen=True)
+class Rescue:
+    """What is left of a damaged dataset.
+
+    Attributes:
+        root: The damaged folder.
+        derived: What is to be written; None where nothing is damaged.
+        promised: Episodes that its metadata promise, -1 where they say nothing.
+        kept: Episodes that are rescued, by their old numbers.
+        left: Whole episodes that are not, because one before them is lost.
+        reports: What was lost or mended, one sentence each.
+    """
+
+    root: Path
+    derived: Derived | None
+    promised: int
+    kept: tuple[int, ...]
+    left: tuple[int, ...]
+    reports: tuple[str, ...]
+
+
+def find_damaged(path: Path) -> Path:
+    """Return the folder that a user means: itself, what a killed writer left of it, or the newest version of a name.
+
+    Raises:
+        DatasetNotFound: there is none.
+        OptionError: killed writers left several.
+        DatasetInvalid: it is being written at this moment.
+    """
+    if STAGED.fullmatch(path.name) and path.is_dir() and path not in leftovers(path.parent):
+        raise DatasetInvalid(f"{path} is being written by a running process; wait for it, or end it first.")
+    if any((path / name).is_dir() for name in ("meta", "data")) or (path.is_dir() and STAGED.fullmatch(path.name)):
+        return path
+    left = leftovers(path) if path.is_dir() else leftovers(path.parent, path.name)
+    if len(left) > 1:
+        raise OptionError(f"Killed processes left several datasets there; give one of: {', '.join(map(str, left))}.")
+    if left:
+        return left[0]
+    versions = [item for item in path.iterdir() if VERSION.fullmatch(item.name)] if path.is_dir() else []
+    if versions:
+        return max(versions, key=lambda item: int(item.name[1:].partition("-")[0]))
+    raise DatasetNotFound(f"There is nothing to rescue at {path}: no dataset, nor what a killed process left of one.")
+
+
+def destination(root: Path) -> tuple[Path, str]:
+    """Return where what is rescued from a folder belongs: the folder of all names, and the name."""
+    staged = STAGED.fullmatch(root.name)
+    if staged and staged.group(1) == "version":
+        return root.parent.parent, root.parent.resolve().name
+    return home_of(root.with_name(staged.group(1)) if staged else root)
+
+
+def recover(root: Path, beyond: bool = False, like: Path | None = None) -> Rescue:
+    """Collect the whole episodes of a damaged dataset.
+
+    Args:
+        root: Its folder.
+        beyond: Keep the whole episodes that follow a lost one as well; otherwise those before it.
+        like: A dataset recorded alike, which tells names, units and rate where `meta/info.json` is lost.
+
+    Raises:
+        DatasetInvalid: nothing can be rescued; says why.
+    """
+    info = _info(root, like)
+    provenance, reports = _provenance(root)
+    found = salvage(root, info, provenance)
+    features = layout.vector_features(info)
+    known = listed(root, features)
+    faults = judge(found, features, known)
+    whole = [episode for episode in found.episodes.tolist() if episode >= 0 and episode not in faults]
+    first_gap = next((place for place, episode in enumerate(whole) if episode != place), len(whole))
+    kept = whole if beyond else whole[:first_gap]
+    left = [episode for episode in whole if episode not in set(kept)]
+    promised = layout.total(info, "total_episodes") if like is None else -1
+    reports += [*found.files, *(f"episode {episode} {why}" for episode, why in sorted(faults.items()))]
+    reports += _lost_episodes(found, whole, promised)
+    if not kept:
+        raise DatasetInvalid(_nothing(root, reports, left))
+    if not reports and not left and not STAGED.fullmatch(root.name):
+        if _is_whole(root, provenance):
+            return Rescue(root, None, promised, tuple(kept), (), ())
+        reports.append("the rows are whole, the metadata are not: they are made anew")
+    tasks = _tasks(root, found, known)
+    dataset = _dataset(info, found, kept, tasks)
+    reports += [f"'{key}' ({kind}) is left out" for key, kind in layout.left_out(info).items()]
+    unknown = [episode for episode in kept if not tasks[episode]]
+    if unknown:
+        reports.append(f"what {len(unknown)} episode(s) do is not known: {_some(unknown)}")
+    derived = Derived(dataset, _new_provenance(root, provenance, dataset, kept), attachments(root, provenance))
+    return Rescue(root, derived, promised, tuple(kept), tuple(left), tuple(reports))
+
+
+def _info(root: Path, like: Path | None) -> Mapping[str, object]:
+    """Return what explains the rows."""
+    if like is not None:
+        return layout.read_info(like)
+    if not layout.data_files(root):
+        raise DatasetInvalid(f"Nothing can be rescued from {root}: it holds no rows (data/*/*.parquet).")
+    try:
+        layout.read_json(root / layout.INFO)
+    except DatasetInvalid:
+        raise DatasetInvalid(
+            f"{root / layout.INFO} is missing or damaged, so the names, units and rate of the rows are not known; "
+            "give a dataset that was recorded alike with --like DATASET."
+        ) from None
+    return layout.read_info(root)
+
+
+def _provenance(root: Path) -> tuple[Provenance | None, list[str]]:
+    """Return the provenance as far as it can be read."""
+    try:
+        return read_provenance(root), []
+    except DatasetInvalid:
+        return None, [f"{layout.PROVENANCE} is damaged: where the dataset comes from is lost"]
+
+
+def _lost_episodes(found: Salvage, whole: Sequence[int], promised: int) -> list[str]:
+    """Say which episodes have no rows, and which nobody counted."""
+    reports = []
+    present = found.episodes[found.episodes >= 0].tolist()
+    missing = max(promised, max(whole, default=-1) + 1) - len(present)
+    if missing > 0:
+        first = next((place for place, episode in enumerate(present) if episode != place), len(present))
+        reports.append(f"of {missing} episode(s) there are no rows, the first is {first}")
+    surplus = [episode for episode in whole if episode >= promised >= 0]
+    if surplus:
+        reports.append(f"{len(surplus)} episode(s) were saved but not yet counted: {_some(surplus)}")
+    return reports
+
+
+def _some(episodes: Sequence[int]) -> str:
+    return f"{episodes[0]}" if len(episodes) == 1 else f"{episodes[0]} … {episodes[-1]}"
+
+
+def _nothing(root: Path, reports: Sequence[str], left: Sequence[int]) -> str:
+    reasons = "; ".join(reports) or "it holds no rows (data/*/*.parquet)"
+    if left:
+        return (
+            f"The first episode of {root} is lost ({reasons}); {len(left)} whole episode(s) follow: add --beyond to "
+            "rescue them under new numbers."
+        )
+    return f"Nothing can be rescued from {root}: {reasons}."
+
+
+def _is_whole(root: Path, provenance: Provenance | None) -> bool:
+    """Whether a dataset reads as it is and its metadata agree with its rows."""
+    if not (root / layout.TASKS).is_file():
+        return False
+    automatic = {key: Feature((key,), dtype=dtype) for key, dtype in layout.AUTOMATIC.items()}
+    try:
+        rows = Rows.read(root, automatic)
+        rows.sort(root)
+        evidence = Evidence(root, read(root), rows, provenance)
+        return not any(problem for check in METADATA for problem in check(evidence))
+    except NasError:
+        return False
+
+
+def _dataset(info: Mapping[str, object], found: Salvage, kept: Sequence[int], tasks: Mapping[int, str]) -> Dataset:
+    """Return the rescued episodes."""
+    places = np.flatnonzero(np.isin(found.episodes, kept))
+    rows = np.flatnonzero(np.isin(found.places(), places))
+    features = layout.vector_features(info)
+    return Dataset(
+        features=features,
+        columns={key: found.columns[key][rows] for key in features},
+        lengths=found.lengths[places],
+        fps=float(str(info["fps"])),
+        robot_type=str(info.get("robot_type") or "unknown"),
+        tasks=tuple(tasks[episode] for episode in kept),
+    )
+
+
+def _tasks(root: Path, found: Salvage, known: Mapping[int, Listed]) -> dict[int, str]:
+    """Return what each episode does, from the table of tasks, else from that of the episodes."""
+    try:
+        names = read_tasks(root)
+    except DatasetInvalid:
+        names = {}
+    tasks = episode_tasks(names, found.columns["task_index"][:, 0], found.lengths)
+    return {
+        episode: task or ("; ".join(known[episode].tasks) if episode in known else "")
+        for episode, task in zip(found.episodes.tolist(), tasks, strict=True)
+    }
+
+
+def _new_provenance(root: Path, before: Provenance | None, dataset: Dataset, kept: Sequence[int]) -> Provenance:
+    """Return the provenance of what was rescued: that of the damaged dataset, which becomes the parent."""
+    if before is not None and STAGED.fullmatch(root.name) and before.content_hash == content_hash(dataset):
+        return before  # complete, killed just before it got its name
+    home = root.resolve()
+    name = f"{home.parent.name}/{home.name}" if VERSION.fullmatch(home.name) else destination(root)[1]
+    deed = f"rescued from {name}: {len(kept)} episode(s), {_some(kept)}"
+    known = before or lost(dataset)
+    return replace(
+        known,
+        how="edited",
+        when=now(),
+        packages=dict(package_versions()),
+        parents=(Parent(name, before.content_hash),) if before else (),
+        notes="\n".join(filter(None, [known.notes, deed])),
+        files={},
+    )

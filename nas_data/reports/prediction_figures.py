@@ -1,0 +1,98 @@
+"""Figures of predictors against measurements: one joint in time, and how errors grow over a rollout."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from nas_data.reports.style import WIDTH, house_style, legend_above, strokes
+
+FLOOR = 1e-3  # [deg] below every sensor's resolution; a logarithm needs some floor
+
+
+def trajectory(
+    measured: np.ndarray, predicted: Mapping[str, np.ndarray], command: np.ndarray | None, period: float, joint: str
+) -> Figure:
+    """Draw one joint of one episode, and the predictors' errors below.
+
+    Args:
+        measured: Positions after each control step [rad], shape (T,).
+        predicted: The same from each predictor's open-loop rollout.
+        command: Commanded positions [rad], shape (T,); None where torques are commanded.
+        period: Control period [s].
+        joint: Its name.
+    """
+    time = period * np.arange(1, len(measured) + 1)
+    looks = strokes([*predicted, "measured", "command"])
+    with house_style():
+        figure = Figure(figsize=(WIDTH, 4.6))
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1))
+        curves = {"measured": measured, **predicted}
+        if command is not None:
+            curves["command"] = command
+        for name, values in curves.items():
+            look = looks[name]
+            style = {"color": look.colour, "linestyle": look.line, "linewidth": look.width, "zorder": look.order}
+            drawn = "steps-pre" if name == "command" else "default"
+            above.plot(time, np.degrees(values), label=name, drawstyle=drawn, **style)
+            if name in predicted:
+                below.plot(time, np.degrees(values - measured), **style)
+        below.axhline(0.0, color="black", linewidth=1.0)
+        above.set_ylabel(f"position of {joint} [°]")
+        below.set_ylabel("error [°]")
+        below.set_xlabel("time since the start of the rollout [s]")
+        below.set_xlim(0.0, time[-1])
+        legend_above(figure, above)
+    return figure
+
+
+def growth(errors: Mapping[str, Sequence[np.ndarray]], period: float) -> Figure:
+    """Draw how errors grow over rollouts: median and quartiles over episodes.
+
+    Args:
+        errors: Of each predictor, the RMS over joints [rad] at each step of each episode, each of shape (T,).
+        period: Control period [s].
+    """
+    looks = strokes(list(errors))
+    with house_style():
+        figure = Figure(figsize=(WIDTH, 3.7))
+        axes = figure.subplots()
+        for name, episodes in errors.items():
+            low, middle, high = np.degrees(quartiles(episodes)).clip(FLOOR)
+            time = period * np.arange(1, len(middle) + 1)
+            look = looks[name]
+            axes.fill_between(time, low, high, color=look.colour, alpha=0.16, linewidth=0, zorder=look.order)
+            axes.plot(
+                time,
+                middle,
+                label=name,
+                color=look.colour,
+                linestyle=look.line,
+                linewidth=look.width,
+                zorder=look.order + 10,
+            )
+        axes.set_yscale("log")
+        axes.set_ylabel("position error, RMS of joints [°]")
+        axes.set_xlabel("time since the start of the rollout [s]")
+        axes.set_xlim(0.0, None)
+        axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        axes.margins(x=0.0)
+        legend_above(figure, axes)
+    return figure
+
+
+def quartiles(episodes: Sequence[np.ndarray]) -> np.ndarray:
+    """Return lower quartile, median and upper quartile over episodes at each step, shape (3, T).
+
+    Where episodes differ in length, each step counts those that reach it.
+    """
+    longest = max(len(episode) for episode in episodes)
+    padded = np.full((len(episodes), longest), np.nan)
+    for row, episode in zip(padded, episodes, strict=True):
+        row[: len(episode)] = episode
+    return np.nanquantile(padded, [0.25, 0.5, 0.75], axis=0)
+
+
+def joint_errors(predicted: np.ndarray, measured: np.ndarray, joints: int) -> np.ndarray:
+    """Return the RMS position error over joints [rad] at each step, shape (T,), from states of shape (T, ≥n)."""
+    return np.sqrt(np.square(predicted[:, :joints] - measured[:, :joints]).mean(axis=1))

@@ -1,0 +1,162 @@
+"""Sections of a page about runs: how models and policies learned, and how policies do on the target."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD
+from nas_data.policies.share import share
+from nas_data.reports.learning_figures import learning, model_training, returns_on_target
+from nas_data.reports.page import Picture, Section, Table, Text
+from nas_data.reports.runs import ModelRun, PolicyRun, scores
+from nas_data.reports.style import to_png
+
+LEARNED_ON = {
+    EXPERT_METHOD: "the target itself",
+    SOURCE_METHOD: "the plain simulator",
+    "augmented": "the simulator corrected by φ",
+    "forward": "ψ alone",
+}
+
+
+def models_picture(models: Sequence[ModelRun]) -> Picture:
+    """Return a picture of the validation errors; models that ran in different ways are not drawn together."""
+    free = all(model.free for model in models)
+    label = "validation error [°]" if free else "validation error"
+    names = distinct(models)
+    figure = model_training({name: model.errors for name, model in zip(names, models, strict=True)}, label)
+    what = (
+        "RMS position error of open-loop rollouts on episodes held out for early stopping"
+        if free
+        else "error on what was held out for early stopping: degrees in open loop after free running, normalised and "
+        "one-step after teacher forcing"
+    )
+    return Picture("model_training", to_png(figure), f"How the models learned: {what}. The best is kept.")
+
+
+def distinct(models: Sequence[ModelRun]) -> list[str]:
+    """Return a name for each model; those that would share one also carry their folder's."""
+    names = [model.name for model in models]
+    return [
+        name if names.count(name) == 1 else f"{name} ({model.folder.name})"
+        for name, model in zip(names, models, strict=True)
+    ]
+
+
+def models_section(models: Sequence[ModelRun]) -> Section:
+    """Return the section about models."""
+    rows = [
+        (
+            name,
+            f"{model.best:.3f}{'°' if model.free else ''}",
+            f"{model.history[-1]['update']:.0f}" if model.history else "",
+            f"{model.seconds:.0f} s",
+            model.dataset,
+            model.content_hash[:8],
+        )
+        for name, model in zip(distinct(models), models, strict=True)
+    ]
+    headers = ("model", "best validation error", "updates", "time", "learned from", "content hash")
+    return Section("Models", [models_picture(models), Table(headers, rows)])
+
+
+def learning_picture(groups: Mapping[str, Sequence[PolicyRun]]) -> Picture:
+    """Return a picture of the policies' learning curves."""
+    figure = learning({method: [run.curve for run in runs] for method, runs in groups.items()})
+    return Picture(
+        "learning_curves",
+        to_png(figure),
+        "How the policies learned, each method in its own environment, exploring: median over seeds, and a band from "
+        "the lowest to the highest.",
+    )
+
+
+def target_picture(groups: Mapping[str, Sequence[PolicyRun]]) -> Picture | None:
+    """Return a picture of the policies' returns on the target; None where none was judged."""
+    returns = {method: scores(runs, "return") for method, runs in groups.items()}
+    returns = {method: values for method, values in returns.items() if len(values)}
+    if not returns:
+        return None
+    caption = "The same policies on the target: a dot a seed, a bar at the median. The dotted lines are the two ends."
+    return Picture("returns_on_target", to_png(returns_on_target(returns)), caption)
+
+
+def policies_table(groups: Mapping[str, Sequence[PolicyRun]], extra: Mapping[str, Mapping[str, float]]) -> Table:
+    """Return the policies' scores on the target, or how they ended training where none was judged.
+
+    Args:
+        groups: Policies of each method.
+        extra: Mean return and success rate of what needs no learning, by name.
+    """
+    judged = any(len(scores(runs, "return")) for runs in groups.values())
+    headers = ["learned on", "seeds", "return: median", "lowest … highest", "success", "distance closed"]
+    rows = [method_row(method, runs, groups, judged) for method, runs in groups.items()]
+    rows += [
+        (f"no learning: {name}", "", f"{score['return']:.2f}", "", f"{score['success_rate']:.0%}", "")
+        for name, score in extra.items()
+    ]
+    note = (
+        "On the target. Distance closed is the share of the way from source to expert, with a 95 % bootstrap interval "
+        "over seeds; with few seeds the interval says little."
+        if judged
+        else "In the last rollout of training, exploring; no policy was judged on a target."
+    )
+    return Table(headers if judged else headers[:-1], rows if judged else [row[:-1] for row in rows], note)
+
+
+def method_row(
+    method: str, runs: Sequence[PolicyRun], groups: Mapping[str, Sequence[PolicyRun]], judged: bool
+) -> tuple[str, ...]:
+    """Return a method's row of the table of policies."""
+    if judged:
+        returns, success = scores(runs, "return"), scores(runs, "success_rate")
+    else:
+        returns = np.array([last(run.curve.returns) for run in runs])
+        success = np.array([last(run.curve.success) for run in runs])
+    if not len(returns):
+        return (title(method), str(len(runs)), "", "", "", "")
+    return (
+        title(method),
+        str(len(returns)),
+        f"{np.median(returns):.2f}",
+        f"{returns.min():.2f} … {returns.max():.2f}",
+        f"{np.median(success):.0%}",
+        closed(method, groups) if judged else "",
+    )
+
+
+def title(method: str) -> str:
+    """Return a method's name with what it learned on."""
+    word, _, rest = method.partition(" ")
+    return f"{method}: {LEARNED_ON[word]}" if word in LEARNED_ON and not rest else method
+
+
+def closed(method: str, groups: Mapping[str, Sequence[PolicyRun]]) -> str:
+    """Return the share of the distance from source to expert that a method closes, as text."""
+    if method in (SOURCE_METHOD, EXPERT_METHOD) or not {SOURCE_METHOD, EXPERT_METHOD} <= set(groups):
+        return ""
+    values, source, expert = (scores(groups[name], "return") for name in (method, SOURCE_METHOD, EXPERT_METHOD))
+    return str(share(values, source, expert)) if len(values) and len(source) and len(expert) else ""
+
+
+def last(values: np.ndarray) -> float:
+    """Return the last value that is a number; NaN where there is none."""
+    numbers = values[~np.isnan(values)]
+    return float(numbers[-1]) if len(numbers) else math.nan
+
+
+def policies_section(groups: Mapping[str, Sequence[PolicyRun]]) -> Section:
+    """Return the section about policies."""
+    on_target = target_picture(groups)
+    runs = [run for group in groups.values() for run in group]
+    environments = ", ".join(sorted({run.environment for run in runs}))
+    frames = sorted({run.frames for run in runs})
+    sizes = f"{frames[0]:,}" if len(frames) == 1 else f"{frames[0]:,} to {frames[-1]:,}"
+    blocks = [
+        Text(f"{len(runs)} policies in {environments}, of {sizes} control steps each."),
+        learning_picture(groups),
+        *([on_target] if on_target else []),
+        policies_table(groups, {}),
+    ]
+    return Section("Policies", blocks)

@@ -1,0 +1,212 @@
+"""What lies in run folders: trained models and policies, with how they learned."""
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.errors import CheckpointError
+from nas_data.policies.compare import EXPERT_METHOD, RESULT, SOURCE_METHOD, read_result
+from nas_data.policies.policy import CONFIG, PROGRESS, read_config, read_progress
+from nas_data.reports.learning_figures import Curve
+
+HISTORY, CHECKPOINT = "history.json", "checkpoint"
+MODEL_NAMES = {"delta": "source + φ", "forward": "ψ"}
+METHODS = {"delta": "augmented", "forward": "forward"}
+
+
+@dataclass(frozen=True)
+class ModelRun:
+    """A training of φ or ψ.
+
+    Attributes:
+        folder: Where it lies.
+        kind: `delta` or `forward`.
+        dataset: Name and version of what it learned from.
+        content_hash: That dataset's.
+        free: Whether it learned in free running; then the validation error is an angle.
+        history: Of each validation: update, validation error, seconds.
+    """
+
+    folder: Path
+    kind: str
+    dataset: str
+    content_hash: str
+    free: bool
+    history: Sequence[Mapping[str, float]]
+
+    @property
+    def name(self) -> str:
+        """What the model is called in tables."""
+        return MODEL_NAMES.get(self.kind, self.kind)
+
+    @property
+    def best(self) -> float:
+        """Lowest validation error, in the unit of `errors`."""
+        return min((error for _, error in self.errors), default=math.nan)
+
+    @property
+    def errors(self) -> list[tuple[float, float]]:
+        """Update and validation error of each validation; degrees, or normalised after teacher forcing."""
+        scale = 180 / math.pi if self.free else 1.0
+        return [(row["update"], row["validation"] * scale) for row in self.history]
+
+    @property
+    def seconds(self) -> float:
+        """Time that the training took [s]."""
+        return self.history[-1]["seconds"] if self.history else math.nan
+
+
+@dataclass(frozen=True)
+class PolicyRun:
+    """A training of a policy.
+
+    Attributes:
+        folder: Where it lies.
+        method: What it learned on: expert (the target), source, augmented (φ) or forward (ψ).
+        seed: Its seed.
+        environment: What it learned to do.
+        frames: Control steps it learned from.
+        curve: How it learned.
+        seconds: Time that it took [s].
+        judged: Its mean return and success rate on the target; None where it was not judged.
+    """
+
+    folder: Path
+    method: str
+    seed: int
+    environment: str
+    frames: int
+    curve: Curve
+    seconds: float
+    judged: Mapping[str, float] | None
+
+
+@dataclass(frozen=True)
+class Runs:
+    """All runs at some paths."""
+
+    models: Sequence[ModelRun]
+    policies: Sequence[PolicyRun]
+
+    def groups(self) -> dict[str, list[PolicyRun]]:
+        """Return the policies that differ only in their seed, under their method's name.
+
+        Where policies of one method lie in several folders, the folder's name is added.
+        """
+        homes: dict[str, set[Path]] = {}
+        for run in self.policies:
+            homes.setdefault(run.method, set()).add(run.folder.parent)
+        result: dict[str, list[PolicyRun]] = {}
+        for run in sorted(self.policies, key=lambda run: (order(run.method), run.folder.parent, run.seed)):
+            single = len(homes[run.method]) == 1
+            result.setdefault(run.method if single else f"{run.method} ({run.folder.parent.name})", []).append(run)
+        return result
+
+
+def order(method: str) -> int:
+    """Return the place of a method in tables: the two ends first."""
+    known = (EXPERT_METHOD, SOURCE_METHOD, *METHODS.values())
+    return known.index(method) if method in known else len(known)
+
+
+def find_runs(paths: Iterable[Path]) -> Runs:
+    """Read every run at or below some paths.
+
+    Raises:
+        CheckpointError: a path does not exist or holds no run, or a run is damaged.
+    """
+    models: dict[Path, ModelRun] = {}
+    policies: dict[Path, PolicyRun] = {}
+    for path in paths:
+        if not path.is_dir():
+            raise CheckpointError(f"There is no run at {path}; give a folder that a training wrote, or one around it.")
+        found = {file.parent: read_model(file.parent) for file in sorted(path.rglob(HISTORY)) if is_model(file.parent)}
+        learned = {file.parent: read_policy(file.parent) for file in sorted(path.rglob(PROGRESS))}
+        if not found and not learned:
+            raise CheckpointError(
+                f"{path} holds no finished run: no {HISTORY} of `nas train` and no {PROGRESS} of `nas policy train`."
+            )
+        models |= {folder.resolve(): run for folder, run in found.items()}
+        policies |= {folder.resolve(): run for folder, run in learned.items()}
+    return Runs(list(models.values()), list(policies.values()))
+
+
+def is_model(folder: Path) -> bool:
+    """Whether a folder with a history is a training's, and not something else's."""
+    return (folder / CHECKPOINT / CONFIG).is_file()
+
+
+def read_model(folder: Path) -> ModelRun:
+    """Read a training of φ or ψ.
+
+    Raises:
+        CheckpointError: a file is damaged.
+    """
+    try:
+        history = json.loads((folder / HISTORY).read_text(encoding="utf-8"))
+        config = json.loads((folder / CHECKPOINT / CONFIG).read_text(encoding="utf-8"))
+        provenance = config["provenance"]
+        dataset = provenance.get("dataset") or {}
+        updates = provenance.get("training", {}).get("updates", 0)
+        rows = [{key: float(row[key]) for key in ("update", "validation", "seconds")} for row in history]
+        return ModelRun(
+            folder=folder,
+            kind=str(config["kind"]),
+            dataset=str(dataset.get("name", "unknown")),
+            content_hash=str(dataset.get("content_hash", "")),
+            free=updates > 0 and (config["kind"] == "forward" or "source" in provenance),
+            history=rows,
+        )
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise CheckpointError(f"{folder} is a damaged training ({error!r}); train it again.") from None
+
+
+def read_policy(folder: Path) -> PolicyRun:
+    """Read a training of a policy.
+
+    Raises:
+        CheckpointError: a file is missing or damaged.
+    """
+    config, progress = read_config(folder), read_progress(folder)
+    try:
+        curve = Curve(progress["frames"], progress["mean_return"], progress["success_rate"])
+        plant = config["plant"]
+        assert isinstance(plant, dict)
+        return PolicyRun(
+            folder=folder,
+            method=method_of(plant),
+            seed=int(str(config["seed"])),
+            environment=str(plant["environment"]),
+            frames=int(progress["frames"][-1]),
+            curve=curve,
+            seconds=float(progress["seconds"][-1]),
+            judged=read_score(folder),
+        )
+    except (KeyError, AssertionError, ValueError, TypeError) as error:
+        raise CheckpointError(f"{folder} is a damaged policy ({error!r}); train it again.") from None
+
+
+def method_of(plant: Mapping[str, object]) -> str:
+    """Return what a policy learned on, given its plant as its configuration holds it."""
+    model = plant.get("model")
+    if isinstance(model, dict):
+        return METHODS.get(str(model.get("kind")), str(model.get("kind")))
+    return SOURCE_METHOD if plant["dynamics"] == "source" else EXPERT_METHOD
+
+
+def read_score(folder: Path) -> dict[str, float] | None:
+    """Return how a policy did on the target; None where it was not judged."""
+    record = read_result(folder) if (folder / RESULT).is_file() else None
+    score = record.get("score") if record else None
+    if not isinstance(score, dict):
+        return None
+    return {key: float(score[key]) for key in ("return", "success_rate", "episodes")}
+
+
+def scores(runs: Sequence[PolicyRun], key: str) -> np.ndarray:
+    """Return a score of each policy that was judged, shape (policies,)."""
+    return np.array([run.judged[key] for run in runs if run.judged is not None])

@@ -1,0 +1,97 @@
+"""How every figure looks: one colour and stroke for each predictor and method, whichever figure it appears in."""
+
+import io
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+DPI = 130
+WIDTH = 7.6  # [in] 988 pixels: sharp at the 830 pixels that a README shows
+
+# Okabe and Ito's palette, which people with any kind of colour vision can tell apart.
+BLACK, GREY, LIGHT = "#000000", "#777777", "#999999"
+BLUE, ORANGE, GREEN, PURPLE = "#0072B2", "#E69F00", "#009E73", "#CC79A7"
+OTHERS = (PURPLE, "#56B4E9", "#D55E00", "#8C6D31")  # for what has no colour of its own, in order of appearance
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """How one predictor or method is drawn.
+
+    Attributes:
+        colour: Of line, band and dots.
+        line: Matplotlib's line style, so that colour is not the only mark.
+        width: Of the line [pt].
+        order: Lines with a higher order lie on top.
+    """
+
+    colour: str
+    line: str = "-"
+    width: float = 1.8
+    order: int = 2
+
+
+STROKES = {
+    "measured": Stroke(BLACK, "-", 2.4, 3),
+    "expert": Stroke(BLACK, "-", 1.8, 3),  # learned on what is measured
+    "source": Stroke(BLUE, "-", 1.6, 4),
+    "source + φ": Stroke(ORANGE, "-", 2.0, 6),
+    "augmented": Stroke(ORANGE, "-", 2.0, 6),  # learned on source + φ
+    "ψ": Stroke(GREEN, "--", 1.6, 5),
+    "forward": Stroke(GREEN, "--", 1.8, 5),  # learned on ψ
+    "hold": Stroke(LIGHT, "-.", 1.2, 1),
+    "command": Stroke(GREY, ":", 1.4, 1),
+}
+
+RULES = {
+    "figure.dpi": DPI,
+    "figure.facecolor": "white",
+    "figure.constrained_layout.use": True,
+    "font.size": 9.5,
+    "axes.titlesize": 10.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#555555",
+    "axes.grid": True,
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.7,
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+    "legend.fontsize": 9,
+    "xtick.color": "#444444",
+    "ytick.color": "#444444",
+}
+
+
+@contextmanager
+def house_style() -> Iterator[None]:
+    """Draw figures in the house style; matplotlib's own settings come back afterwards."""
+    with mpl.rc_context(RULES):
+        yield
+
+
+def strokes(names: Sequence[str]) -> dict[str, Stroke]:
+    """Return how each of some names is drawn; names without a stroke of their own get the spare colours in turn."""
+    unknown = [name for name in names if name not in STROKES]
+    spare = {name: Stroke(OTHERS[number % len(OTHERS)]) for number, name in enumerate(unknown)}
+    return {name: STROKES.get(name) or spare[name] for name in names}
+
+
+def legend_above(figure: Figure, axes: Axes) -> None:
+    """Put the legend of some axes above the figure, where it hides nothing."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper left", ncols=min(6, len(labels)), handlelength=2.4)
+
+
+def to_png(figure: Figure) -> bytes:
+    """Return a figure as a PNG, the same bytes for the same figure."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
+    return buffer.getvalue()

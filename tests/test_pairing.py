@@ -1,0 +1,259 @@
+"""Pairing adds what the source predicts and nothing else, and what it made says where it comes from."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from recording_samples import GAP, paired_pendulum, pendulum, positions_only, recorded_on, wander, without
+from simulator_samples import CONTACTS, motors, predict_loop
+
+from nas_data.cli import main
+from nas_data.dataset.content import content_hash
+from nas_data.dataset.features import ACTION, NEXT_STATE, SIM_STATE, STATE, state_feature
+from nas_data.dataset.provenance import Provenance, read_provenance
+from nas_data.dataset.read import read
+from nas_data.dataset.transitions import as_transitions
+from nas_data.dataset.versions import new_version
+from nas_data.dataset.write import write
+from nas_data.errors import JointMismatch, ModelFileError
+from nas_data.pairing import check_fits, pair
+from nas_data.robots.base import find_robot
+from nas_data.simulators.mujoco import MujocoSimulator
+from nas_data.sources import find_source, kept_files, source_files
+
+SIMULATED = Provenance(how="simulated", robot="pendulum")
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def recording():
+    return recorded_on(pendulum(*GAP), wander((30, 12, 21)))
+
+
+def nas(capsys, *arguments) -> dict[str, object]:
+    """Run the program, which must succeed, and return its JSON."""
+    code = main([*map(str, arguments), "--json"])
+    output = capsys.readouterr()
+    assert code == 0, output.err
+    return json.loads(output.out)
+
+
+# the numbers
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 2**31), rate=st.sampled_from([20.0, 49.85, 50.0, 100.0]))
+def test_predictions_are_the_plain_loops_rounded_to_float32(seed, rate):
+    source = pendulum(rate=rate)
+    dataset = recorded_on(pendulum(*GAP, rate=rate), wander((7, 3), seed=seed))
+    paired = pair(dataset, source)
+    expected = predict_loop(
+        find_robot("pendulum").mjcf, 1 / dataset.fps, ("pendulum",), dataset.states, dataset.commands
+    )
+    assert paired.sim_states.dtype == np.float32
+    assert np.array_equal(paired.sim_states, expected.astype(np.float32))
+
+
+def test_pairing_adds_one_column_and_touches_nothing_else(recording):
+    paired = pair(recording, pendulum())
+    assert set(paired.features) == {*recording.features, SIM_STATE}
+    assert paired.features[SIM_STATE] == state_feature(("pendulum",)) == recording.features[NEXT_STATE]
+    assert all(paired.columns[key] is recording.columns[key] for key in recording.features)
+
+
+def test_a_source_without_gap_predicts_what_was_measured():
+    paired = pair(recorded_on(pendulum(), wander((60,))), pendulum())
+    np.testing.assert_allclose(paired.sim_states, paired.next_states, atol=2e-6)
+
+
+def test_pairing_again_with_another_source_replaces_the_prediction(recording):
+    first = pair(recording, pendulum())
+    second = pair(first, pendulum(*GAP))
+    assert not np.array_equal(first.sim_states, second.sim_states)
+    assert np.array_equal(second.sim_states, pair(recording, pendulum(*GAP)).sim_states)
+
+
+def test_a_dataset_of_torques_pairs_with_motors(tmp_path):
+    path = tmp_path / "motors.xml"
+    path.write_text(motors())
+    arm = MujocoSimulator.load(path, 0.02, threads=1)
+    dataset = recorded_on(arm, wander((20,), size=0.05))
+    paired = pair(dataset, arm)
+    expected = predict_loop(path, 0.02, ("hinge",), dataset.states, dataset.commands)
+    assert np.array_equal(paired.sim_states, expected.astype(np.float32))
+
+
+# what does not fit
+
+
+def test_torques_on_position_servos_and_the_reverse_are_refused(tmp_path):
+    (tmp_path / "torque.xml").write_text(motors())
+    (tmp_path / "servo.xml").write_text(motors().replace("<motor", '<position kp="1"'))
+    torque, servo = (MujocoSimulator.load(tmp_path / f"{kind}.xml", 0.02, threads=1) for kind in ("torque", "servo"))
+    with pytest.raises(JointMismatch, match=r"commands torques.*take positions"):
+        pair(recorded_on(torque, wander((5,), size=0.05)), servo)
+    with pytest.raises(JointMismatch, match=r"commands positions.*take torques"):
+        pair(recorded_on(servo, wander((5,))), torque)
+
+
+def test_another_rate_or_another_order_of_joints_is_refused(tmp_path, recording):
+    with pytest.raises(JointMismatch, match=r"100 Hz.*50 Hz"):
+        check_fits(recording, pendulum(rate=100.0))
+    (tmp_path / "arm.xml").write_text(CONTACTS)
+    arm, turned = (
+        MujocoSimulator.load(tmp_path / "arm.xml", 0.02, joints, threads=1)
+        for joints in (("shoulder", "elbow"), ("elbow", "shoulder"))
+    )
+    with pytest.raises(JointMismatch, match="elbow, shoulder"):
+        pair(recorded_on(arm, wander((5,), joints=2)), turned)
+
+
+# nas pair
+
+
+def test_the_command_writes_a_new_version_that_names_its_parent(here, capsys, recording):
+    parent = new_version(recording, "swing", SIMULATED)
+    before = files(parent)
+    told = nas(capsys, "pair", "datasets/swing", "--model", "pendulum")
+    folder = Path(told["dataset"])
+    assert folder.parent == Path("datasets/swing")
+    assert folder.name.startswith("v2-")
+    assert files(parent) == before, "a recorded version is never changed"
+    assert np.array_equal(read(folder).sim_states, pair(recording, pendulum()).sim_states)
+    provenance = read_provenance(folder)
+    assert provenance.how == "paired"
+    assert [(p.name, p.content_hash) for p in provenance.parents] == [
+        (f"swing/{parent.name}", read_provenance(parent).content_hash)
+    ]
+    assert provenance.content_hash == content_hash(read(folder)) == told["content_hash"]
+    assert provenance.source["name"] == "pendulum"
+    assert provenance.source["sha256"] == find_robot("pendulum").sha256
+    assert provenance.source["engine"] == "mujoco"
+    assert provenance.source["effects"] == []
+    assert provenance.robot == "pendulum"
+    assert told["transitions"] == 63
+
+
+def test_the_newest_version_is_paired_and_provenance_is_inherited(here, capsys, recording):
+    signal = {"excitation": "wander"}
+    new_version(recording, "swing", Provenance(how="simulated", robot="pendulum", signal=signal, seeds=(7,)))
+    newest = new_version(
+        recorded_on(pendulum(*GAP), wander((9,))),
+        "swing",
+        Provenance(how="simulated", robot="pendulum", signal=signal, seeds=(8,), target={"name": "secret"}),
+    )
+    folder = Path(nas(capsys, "pair", "datasets/swing", "--model", "pendulum")["dataset"])
+    provenance = read_provenance(folder)
+    assert read(folder).n_frames == 9
+    assert provenance.parents[0].name == f"swing/{newest.name}"
+    assert (provenance.signal, provenance.seeds, provenance.target) == (signal, (8,), {"name": "secret"})
+
+
+def test_pairing_twice_gives_one_version(here, capsys, recording):
+    root = new_version(recording, "swing", SIMULATED)
+    first = nas(capsys, "pair", root, "--model", "pendulum")["dataset"]
+    again = nas(capsys, "pair", root, "--model", "pendulum")["dataset"]
+    assert first == again
+
+
+def test_positions_and_commands_alone_are_completed_and_that_is_recorded(here, capsys, recording):
+    bare = positions_only(recording)
+    root = write(bare, here / "bare", Provenance(how="imported"))
+    (root / "meta/nas.json").unlink()  # LeRobot's own tools write none
+    told = nas(capsys, "pair", root, "--model", "pendulum", "--out", "done")
+    paired, expected = read(Path("done")), as_transitions(bare)[0]
+    assert paired.n_frames == recording.n_frames - recording.n_episodes, "the last frame has no next state"
+    assert paired.features[STATE].names == ("pendulum.pos", "pendulum.vel")
+    assert np.array_equal(paired.states[:, 0], np.delete(bare.states[:, 0], [29, 41, 62]))
+    assert np.array_equal(paired.sim_states, pair(expected, pendulum()).sim_states)
+    # a centred estimate of a smooth motion is close to what the simulator knew
+    inner = slice(3, 25)
+    np.testing.assert_allclose(paired.states[inner, 1], recording.states[inner, 1], atol=0.15)
+    derived = read_provenance(Path("done")).derived
+    assert set(derived) == {STATE, NEXT_STATE, ACTION} or set(derived) == {STATE, NEXT_STATE}
+    assert "velocit" in derived[STATE]
+    assert told["derived"] == derived
+    assert read_provenance(Path("done")).parents[0].content_hash == content_hash(bare)
+    assert not (root / "meta/nas.json").exists(), "the parent is untouched"
+
+
+def test_effects_on_the_command_line_belong_to_the_source(here, capsys, recording):
+    root = new_version(recording, "swing", SIMULATED)
+    options = [f"{e.name()}:joint=pendulum,{p.name}={getattr(e, p.name)}" for e in GAP for p in e.parameters]
+    told = nas(capsys, "pair", root, "--model", "pendulum", *(word for text in options for word in ("--effect", text)))
+    folder = Path(told["dataset"])
+    paired = read(folder)
+    np.testing.assert_allclose(paired.sim_states, paired.next_states, atol=2e-5)
+    assert [entry["effect"] for entry in read_provenance(folder).source["effects"]] == [e.name() for e in GAP]
+    Path("effects.json").write_text(json.dumps([effect.to_json() for effect in GAP]))
+    again = nas(capsys, "pair", root, "--model", "pendulum", "--effects", "effects.json", "--out", "again")
+    assert again["content_hash"] == told["content_hash"]
+
+
+# the source is kept
+
+
+@pytest.mark.parametrize("robot", ["pendulum", "ergojr", "ergojr_penholder"])
+@pytest.mark.parametrize("with_effects", [False, True], ids=["plain", "effects"])
+def test_the_source_kept_with_a_dataset_predicts_the_same(here, capsys, robot, with_effects):
+    joints = find_robot(robot).joints
+    arm = MujocoSimulator.load(robot, 0.02, threads=1)
+    effect = ("--effect", f"servo_stiffness:joint={joints[0]},factor=0.5") if with_effects else ()
+    root = write(recorded_on(arm, wander((15,), len(joints), size=0.6)), here / "raw", Provenance(how="simulated"))
+    nas(capsys, "pair", root, "--model", robot, *effect, "--out", "paired")
+    assert (here / "paired/meta/source.xml").is_file()
+    paired = read(Path("paired"))
+    source = find_source(None, (), paired, [Path("paired")])
+    np.testing.assert_allclose(pair(paired, source).sim_states, paired.sim_states, rtol=0, atol=1e-6)
+    assert (read_provenance(Path("paired")).files or {}).get("meta/source.xml"), "a file like the others: hashed"
+    assert main(["verify", "paired"]) == 0
+
+
+def test_a_kept_file_is_the_file_itself_so_that_its_hash_is_the_sources():
+    robot = find_robot("pendulum")
+    assert source_files(robot)["source.xml"] == robot.mjcf.read_bytes()
+
+
+def test_a_source_of_several_files_is_kept_whole_or_not_at_all(tmp_path):
+    (tmp_path / "part.xml").write_text('<mujoco><option timestep="0.003"/></mujoco>')
+    (tmp_path / "arm.xml").write_text(CONTACTS.replace("<worldbody>", '<include file="part.xml"/><worldbody>'))
+    kept = source_files(find_robot(tmp_path / "arm.xml"))
+    alone = tmp_path / "elsewhere/source.xml"
+    alone.parent.mkdir()
+    alone.write_bytes(kept["source.xml"])
+    one, other = (MujocoSimulator.load(path, 0.02, threads=1) for path in (tmp_path / "arm.xml", alone))
+    dataset = recorded_on(one, wander((10,), 2))
+    np.testing.assert_allclose(pair(dataset, other).sim_states, pair(dataset, one).sim_states, rtol=0, atol=1e-6)
+    mesh = '<asset><mesh name="m" file="m.stl"/></asset><worldbody><geom type="mesh" mesh="m"/>'
+    (tmp_path / "meshes.xml").write_text(CONTACTS.replace("<worldbody>", mesh, 1))
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype="<f4")
+    faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+    body = b"".join(bytes(12) + corners[list(face)].tobytes() + bytes(2) for face in faces)
+    (tmp_path / "m.stl").write_bytes(bytes(80) + len(faces).to_bytes(4, "little") + body)
+    assert source_files(find_robot(tmp_path / "meshes.xml")) == {}
+
+
+def test_without_a_source_the_remedy_is_named(tmp_path):
+    dataset = paired_pendulum((5, 5))
+    root = write(dataset, tmp_path / "bare", SIMULATED)
+    assert kept_files(root) == {}
+    with pytest.raises(ModelFileError, match=r"bare.*--model"):
+        find_source(None, (), dataset, [root])
+
+
+def test_pairing_needs_no_pairing_column_to_start_from():
+    paired = paired_pendulum((5, 8))
+    again = pair(without(paired), pendulum())
+    assert np.array_equal(again.sim_states, paired.sim_states)

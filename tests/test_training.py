@@ -1,0 +1,481 @@
+"""Training recovers gaps that are known, repeats itself bit for bit, goes on after interruptions, keeps its best."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from linear_samples import LinearSimulator, knows
+from recording_samples import GAP, paired_pendulum, pendulum, recorded_on, wander, without
+from simulator_samples import unstable
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import SIM_STATE, state_feature
+from nas_data.effects.command_delay import CommandDelay
+from nas_data.errors import DatasetInvalid, JointMismatch, OptionError, OutputExists, UnknownName
+from nas_data.models import phases
+from nas_data.models.checkpoint import load_frozen
+from nas_data.models.episodes import pad
+from nas_data.models.evaluation import evaluate
+from nas_data.models.holding_out import MANY, hold_out
+from nas_data.models.lstm import DynamicsModel
+from nas_data.models.phases import FreeRunning, TeacherForcing
+from nas_data.models.presets import TrainingOptions, preset
+from nas_data.models.run import TrainingRun
+from nas_data.models.training import Training, find_device, validation_rollouts
+from nas_data.pairing import check_source, pair
+from nas_data.simulators.mujoco import MujocoSimulator
+
+TINY = TrainingOptions(
+    hidden=16, layers=1, epochs=3, batch=8, updates=0, frames=160, horizon=25, bf16=False, validation=0.1
+)
+CPU = torch.device("cpu")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread():
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.fixture(scope="module")
+def swings() -> Dataset:
+    return paired_pendulum((60,) * 24)
+
+
+@pytest.fixture(scope="module")
+def unseen() -> Dataset:
+    return paired_pendulum((150, 90, 120), seed=99)
+
+
+def silent(_line: str) -> None:
+    """Report to nobody."""
+
+
+def train(dataset, folder, kind="delta", options=TINY, simulator=None, report=silent, **more) -> DynamicsModel:
+    simulator = simulator or (pendulum() if options.updates else None)
+    return TrainingRun(Training(kind, dataset, options, simulator, device="cpu", **more), folder, report).run()
+
+
+def same(a: DynamicsModel, b: DynamicsModel) -> bool:
+    mine, other = a.state_dict(), b.state_dict()
+    return list(mine) == list(other) and all(torch.equal(mine[key], other[key]) for key in mine)
+
+
+def history(folder: Path) -> list[dict[str, float]]:
+    return json.loads((folder / "history.json").read_text())
+
+
+# a known truth is recovered
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "share"),
+    [
+        ("delta", replace(TINY, updates=20), 0.1),
+        ("delta", replace(TINY, epochs=10), 0.1),
+        ("forward", replace(TINY, updates=60), 0.2),
+        ("forward", replace(TINY, epochs=10), 0.2),
+    ],
+    ids=["φ free", "φ forced", "ψ free", "ψ forced"],
+)
+def test_a_known_gap_is_learned(tmp_path, swings, unseen, kind, options, share):
+    model = train(swings, tmp_path / "run", kind, options)
+    evaluation = evaluate(unseen, pendulum(), model)
+    name = {"delta": "source + φ", "forward": "ψ"}[kind]
+    errors = {key: value.overall for key, value in evaluation.open_loop.items()}
+    assert errors["source"] > 0.05, "the gap is too small to show anything"
+    assert errors[name] < share * errors["source"]
+    assert errors[name] < 0.05 * errors["hold"]
+    assert errors[name] < 0.1 * errors["command"]
+
+
+def test_the_memory_learns_what_no_linear_map_of_the_present_can(tmp_path):
+    late = (CommandDelay(delay=0.04),)
+    dataset, unseen = (paired_pendulum(lengths, seed, late) for lengths, seed in (((80,) * 24, 0), ((150,) * 3, 9)))
+    errors = {}
+    for epochs in (0, 25):
+        model = train(dataset, tmp_path / str(epochs), options=replace(TINY, epochs=epochs, rate=5e-3))
+        errors[epochs] = evaluate(unseen, pendulum(), model).open_loop["source + φ"].overall
+    assert errors[25] < 0.8 * errors[0]
+
+
+def test_free_running_lowers_its_loss(swings):
+    training = Training("forward", swings, replace(TINY, updates=60, shortcut=False), device="cpu")
+    optimiser = torch.optim.Adam(training.model.parameters(), lr=5e-3)
+    before = float(training.phase.loss(0).detach())
+    for update in range(30):
+        optimiser.zero_grad()
+        training.phase.loss(update % 5).backward()
+        optimiser.step()
+    assert float(training.phase.loss(0).detach()) < 0.5 * before
+
+
+# the same seed, the same bits
+
+
+@pytest.mark.parametrize("options", [TINY, replace(TINY, updates=12)], ids=["forced", "free"])
+def test_the_same_seed_gives_the_same_bits_and_another_seed_others(tmp_path, swings, options):
+    one, two = (train(swings, tmp_path / name, options=options) for name in ("one", "two"))
+    assert same(one, two)
+    assert [row["validation"] for row in history(tmp_path / "one")] == [
+        row["validation"] for row in history(tmp_path / "two")
+    ]
+    other = train(swings, tmp_path / "other", options=replace(options, seed=1))
+    assert not same(one, other)
+
+
+class Interrupted(Exception):
+    """Stands in for Ctrl-C."""
+
+
+def interrupt_at(line: int):
+    """Return a report callback that raises when it is told its n-th line."""
+    told = []
+
+    def report(text: str) -> None:
+        told.append(text)
+        if len(told) == line:
+            raise Interrupted
+
+    return report
+
+
+@pytest.mark.parametrize(
+    ("kind", "options"),
+    [("delta", replace(TINY, epochs=4)), ("forward", replace(TINY, updates=12))],
+    ids=["forced", "free"],
+)
+@pytest.mark.parametrize("line", [1, 2, 4])
+def test_an_interrupted_training_ends_in_the_same_bits(tmp_path, swings, monkeypatch, kind, options, line):
+    monkeypatch.setattr(FreeRunning, "per_validation", 5)
+    whole = train(swings, tmp_path / "whole", kind, options)
+    with pytest.raises(Interrupted):
+        train(swings, tmp_path / "broken", kind, options, report=interrupt_at(line))
+    assert not (tmp_path / "broken/history.json").exists(), "an unfinished training must not look finished"
+    assert same(train(swings, tmp_path / "broken", kind, options), whole)
+    kept = ("update", "validation", "loss")
+    rows = [[str(row[key]) for key in kept] for row in history(tmp_path / "broken")]
+    assert rows == [[str(row[key]) for key in kept] for row in history(tmp_path / "whole")]
+    names = sorted(path.name for path in (tmp_path / "broken").iterdir())
+    assert names == ["checkpoint", "history.json", "tensorboard"]
+
+
+def test_a_training_interrupted_twice_within_an_update_goes_on(tmp_path, swings, monkeypatch):
+    whole = train(swings, tmp_path / "whole")
+    plain = TeacherForcing.loss
+    for stop in (2, 5):
+
+        def loss(self, update, stop=stop):
+            if update == stop:
+                raise Interrupted
+            return plain(self, update)
+
+        monkeypatch.setattr(TeacherForcing, "loss", loss)
+        with pytest.raises(Interrupted):
+            train(swings, tmp_path / "broken")
+    monkeypatch.setattr(TeacherForcing, "loss", plain)
+    assert same(train(swings, tmp_path / "broken"), whole)
+
+
+def test_a_training_interrupted_before_its_first_validation_goes_on(tmp_path, swings, monkeypatch):
+    def stop(_self) -> float:
+        raise Interrupted
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Training, "validation_error", stop)
+        with pytest.raises(Interrupted):
+            train(swings, tmp_path / "broken")
+    assert same(train(swings, tmp_path / "broken"), train(swings, tmp_path / "whole"))
+
+
+# what stands in the folder
+
+
+def test_early_stopping_keeps_the_best(tmp_path, swings):
+    options = replace(TINY, epochs=30, rate=0.5, cosine=False, clip=0.0)  # this learning rate throws the weights about
+    model = train(swings, tmp_path / "run", options=options)
+    rows = history(tmp_path / "run")
+    errors = [row["validation"] for row in rows]
+    assert errors[-1] > min(errors), "the training never got worse: the test shows nothing"
+    training = Training("delta", swings, options, device="cpu")
+    training.model.load_state_dict(model.state_dict())
+    assert training.validation_error() == pytest.approx(min(errors), rel=1e-6)
+
+
+def test_patience_ends_a_training_that_gets_no_better(tmp_path, swings):
+    options = replace(TINY, epochs=60, rate=0.5, cosine=False, clip=0.0, patience=3)
+    train(swings, tmp_path / "run", options=options)
+    errors = [row["validation"] for row in history(tmp_path / "run")]
+    assert len(errors) < 61
+    assert len(errors) - 1 - int(np.argmin(errors)) == 4, "three are borne, one more ends it"
+
+
+def test_every_validation_is_told_and_kept(tmp_path, swings):
+    told: list[str] = []
+    train(swings, tmp_path / "run", report=told.append)
+    rows = history(tmp_path / "run")
+    updates = -(-22 // TINY.batch)  # batches of the 22 of 24 episodes that train
+    assert [row["update"] for row in rows] == [updates * epoch for epoch in range(TINY.epochs + 1)]
+    assert len(told) == len(rows)
+    assert all(f"{row['validation']:.5f}" in line for row, line in zip(rows, told, strict=True))
+    assert list((tmp_path / "run/tensorboard").glob("events.out.tfevents.*"))
+    assert [path.name for path in tmp_path.rglob("*.pt")] == []
+
+
+def test_the_returned_model_is_the_checkpoint_frozen(tmp_path, swings):
+    provenance = {"dataset": {"name": "swings/v1-12345678", "content_hash": "12345678"}}
+    model = train(swings, tmp_path / "run", provenance=provenance)
+    assert same(model, load_frozen(tmp_path / "run/checkpoint"))
+    assert not any(parameter.requires_grad for parameter in model.parameters())
+    assert (model.joints, model.fps, model.commands_effort) == (("pendulum",), 50.0, False)
+    assert model.provenance["dataset"] == provenance["dataset"]
+    assert model.provenance["training"] == {**TINY.__dict__}
+
+
+# statistics
+
+
+@pytest.mark.parametrize("count", [MANY + 4, 5], ids=["whole episodes", "ends of episodes"])
+@pytest.mark.parametrize("kind", ["delta", "forward"])
+def test_what_is_held_out_shapes_no_statistic_and_no_first_weight(count, kind):
+    dataset = paired_pendulum((40,) * count)
+    options = replace(TINY, validation=0.2)
+    before = Training(kind, dataset, options, device="cpu")
+    if count >= MANY:
+        held = [int(number) for number in re.findall(r"\d+", before.split.what)]
+        rows = np.concatenate([np.arange(dataset.n_frames)[dataset.episode(index)] for index in held])
+    else:
+        assert "20%" in before.split.what
+        rows = np.concatenate([np.arange(start + 32, start + 40) for start in dataset.starts])
+    assert len(rows) == pytest.approx(0.2 * dataset.n_frames, rel=0.1)
+    columns = {key: column.copy() for key, column in dataset.columns.items()}
+    for column in columns.values():
+        column[rows] = 100 * column[rows] + 7
+    spoilt = replace(dataset, columns=columns)
+    assert same(Training(kind, spoilt, options, device="cpu").model, before.model)
+    for column in columns.values():  # and what trains does shape them
+        column[0] += 1
+    assert not same(Training(kind, replace(dataset, columns=columns), options, device="cpu").model, before.model)
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    lengths=st.lists(st.integers(2, 30), min_size=1, max_size=30),
+    share=st.floats(0.01, 0.99),
+    seed=st.integers(0, 100),
+)
+def test_a_split_loses_no_frame_and_shares_none(lengths, share, seed):
+    total = sum(lengths)
+    features = {SIM_STATE: state_feature(("pendulum",))}
+    numbered = np.arange(2 * total, dtype=np.float32).reshape(total, 2)
+    dataset = Dataset(features, {SIM_STATE: numbered}, np.array(lengths), 50.0)
+    parts = hold_out(dataset, share, seed)
+    train_rows, held_rows = (set(part.sim_states[:, 0].tolist()) for part in (parts.train, parts.held))
+    assert train_rows | held_rows == set(numbered[:, 0].tolist())
+    assert not train_rows & held_rows
+    assert len(train_rows) + len(held_rows) == total
+    assert parts.train.n_episodes and parts.held.n_episodes
+    for part in (parts.train, parts.held):  # no episode jumps
+        for rows in part.episodes():
+            assert (np.diff(part.sim_states[rows, 0]) == 2).all()
+    again = hold_out(dataset, share, seed)
+    assert (again.what, again.held.n_frames) == (parts.what, parts.held.n_frames)
+
+
+def test_long_validation_episodes_are_cut_and_few_are_kept_whole():
+    long = paired_pendulum((2500, 30))
+    rollouts = validation_rollouts(long)
+    assert rollouts.lengths.tolist() == [1000, 1000, 500, 30]
+    assert np.array_equal(rollouts.states, long.states)
+
+
+# free running is what a policy will live in
+
+
+def linear_training(kind: str, **options) -> Training:
+    """Return a training on a linear arm whose target is another linear arm, its network knowing the difference."""
+    source, target = LinearSimulator.draw(0), LinearSimulator.draw(1)
+    dataset = pair(recorded_on(target, wander((60, 45, 70), 2)), source)
+    training = Training(kind, dataset, replace(TINY, updates=40, **options), source, device="cpu")
+    knows(training.model, source, target)
+    return training
+
+
+@pytest.mark.parametrize("kind", ["delta", "forward"])
+def test_rollouts_in_training_are_the_closed_loop_that_evaluation_runs(kind):
+    training = linear_training(kind, horizon=50)
+    for update in (0, 7, 39):  # short windows and long ones, wherever they start
+        assert float(training.phase.loss(update).detach()) < 1e-6
+    torch.nn.init.constant_(training.model.outer.bias, 0.05)
+    assert float(training.phase.loss(0).detach()) > 1e-4
+
+
+@pytest.mark.parametrize("kind", ["delta", "forward"])
+def test_gradients_run_through_the_whole_rollout_and_the_source(kind):
+    training = linear_training(kind)
+    model, phase = training.model, training.phase
+    with torch.no_grad():
+        model.shortcut.bias += 0.2  # away from the minimum
+    phase.loss(3).backward()
+    for parameter, place in ((model.shortcut.bias, (2,)), (model.shortcut.weight, (3, 0))):
+        losses = []
+        for change in (0.01, -0.01):
+            with torch.no_grad():
+                parameter[place] += change
+                losses.append(float(phase.loss(3)))
+                parameter[place] -= change
+        assert float(parameter.grad[place]) == pytest.approx((losses[0] - losses[1]) / 0.02, rel=0.02)
+
+
+# presets
+
+
+def test_the_paper_preset_is_the_published_recipe(swings, tmp_path):
+    options = preset("paper")
+    assert (options.epochs, options.batch, options.rate, options.layers) == (250, 1, 0.01, 3)
+    assert options.hidden in (100, 128, 256)
+    assert not (options.shortcut or options.relative or options.cosine or options.bf16)
+    assert (options.segment, options.updates, options.clip, options.weight_decay) == (0, 0, 0.0, 0.0)
+    training = Training("delta", swings, replace(options, hidden=8), pendulum(), device="cpu")
+    assert isinstance(training.phase, TeacherForcing)
+    assert training.phase.updates == 250 * 22
+    assert {len(segment) for segment in training.phase.segments} == {60}, "whole trajectories"
+    model = training.model
+    assert model.shortcut is None
+    assert model.lstm.num_layers == 3
+    states, commands, predicted = (torch.randn(1, 2, width) for width in (2, 1, 2))
+    assert torch.equal(model.raw_inputs(states, commands, predicted), torch.cat([states, commands, predicted], -1))
+
+
+def test_the_paper_preset_takes_plain_adam_steps_of_constant_rate(swings, tmp_path):
+    options = replace(preset("paper", hidden=8, epochs=1), layers=1)
+    training = Training("delta", swings, options, device="cpu")
+    twin = Training("delta", swings, options, device="cpu")
+    TrainingRun(training, tmp_path / "run", silent).run()
+    adam = torch.optim.Adam(twin.model.parameters(), lr=0.01)
+    for update in range(22):
+        adam.zero_grad()
+        twin.phase.loss(update).backward()
+        adam.step()
+    for mine, other in zip(training.model.parameters(), twin.model.parameters(), strict=True):
+        torch.testing.assert_close(mine, other, rtol=1e-4, atol=1e-6)
+
+
+def test_every_epoch_sees_every_segment_once_in_an_order_of_its_own(swings, monkeypatch):
+    phase = Training("delta", swings, replace(TINY, batch=5), device="cpu").phase
+    number = {id(segment): index for index, segment in enumerate(phase.segments)}
+    seen: list[int] = []
+
+    def watched_pad(segments):
+        seen.extend(number[id(segment)] for segment in segments)
+        return pad(segments)
+
+    monkeypatch.setattr(phases, "pad", watched_pad)
+    for update in range(2 * phase.per_validation):
+        phase.loss(update)
+    first, second = seen[: len(seen) // 2], seen[len(seen) // 2 :]
+    assert sorted(first) == sorted(second) == list(range(len(phase.segments)))
+    assert first != second
+
+
+def test_options_out_of_range_are_refused():
+    with pytest.raises(UnknownName, match=r"nas2018.*fast.*paper"):
+        preset("nas2018")
+    for changes in (
+        {"validation": 0.0},
+        {"validation": 1.0},
+        {"hidden": 0},
+        {"horizon": 1},
+        {"epochs": -1},
+        {"updates": -5},
+        {"seed": -1},
+    ):
+        with pytest.raises(OptionError):
+            preset("fast", **changes)
+    assert preset("fast", hidden=None, seed=3) == replace(TrainingOptions(), seed=3)
+
+
+# what cannot be trained
+
+
+def test_phi_needs_a_paired_dataset(swings):
+    with pytest.raises(DatasetInvalid, match="nas pair"):
+        Training("delta", without(swings), TINY)
+    assert Training("forward", without(swings), TINY, device="cpu").model.kind == "forward"
+
+
+def test_a_source_of_another_arm_is_refused(swings):
+    with pytest.raises(JointMismatch):
+        Training("delta", swings, TINY, MujocoSimulator.load("ergojr", 0.02, threads=1))
+
+
+def test_a_source_other_than_the_one_paired_with_is_refused(swings):
+    check_source(swings, pendulum())
+    with pytest.raises(JointMismatch, match=r"another.*nas pair"):
+        check_source(swings, pendulum(*GAP))
+
+
+@pytest.mark.parametrize("device", ["abacus", "cuda:63"])
+def test_a_device_that_torch_cannot_use_is_refused(device):
+    with pytest.raises(OptionError, match=device):
+        find_device(device)
+    assert find_device("cpu") == CPU
+
+
+@pytest.mark.parametrize(("lengths", "updates"), [((1, 1), 0), ((1,) * 24, 5), ((1,), 5)])
+def test_episodes_of_one_transition_are_refused(lengths, updates):
+    dataset = paired_pendulum(lengths)
+    with pytest.raises(DatasetInvalid, match="two transitions"):
+        Training("forward", dataset, replace(TINY, updates=updates))
+
+
+def test_a_folder_that_is_taken_is_left_alone(tmp_path, swings):
+    done = tmp_path / "done"
+    train(swings, done)
+    stranger = tmp_path / "stranger"
+    stranger.mkdir()
+    (stranger / "thesis.tex").write_text("years of work")
+    file = tmp_path / "file"
+    file.write_text("a file")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    for folder in (done, stranger, file):
+        with pytest.raises(OutputExists, match=folder.name):
+            train(swings, folder)
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize("change", ["options", "data", "source"])
+def test_an_unfinished_training_of_something_else_is_left_alone(tmp_path, swings, change):
+    def provenance(dataset: str, source: str) -> dict[str, object]:
+        return {"dataset": {"content_hash": dataset}, "source": {"sha256": source}}
+
+    with pytest.raises(Interrupted):
+        train(swings, tmp_path / "run", provenance=provenance("a", "b"), report=interrupt_at(2))
+    options = replace(TINY, rate=1e-3) if change == "options" else TINY
+    other = provenance("x" if change == "data" else "a", "x" if change == "source" else "b")
+    with pytest.raises(OutputExists, match="unfinished"):
+        train(swings, tmp_path / "run", options=options, provenance=other)
+    train(swings, tmp_path / "run", provenance=provenance("a", "b"))
+
+
+def test_a_model_that_runs_away_costs_no_training(tmp_path, swings):
+    """Validation of weights that diverge counts as infinitely bad."""
+    training = Training("forward", swings, replace(TINY, updates=4, shortcut=False), device="cpu")
+    torch.nn.init.constant_(training.model.outer.weight, 1e20)
+    training.model.get_buffer("output_std").fill_(1e20)
+    assert training.validation_error() == float("inf")
+
+
+def test_a_source_that_diverges_is_named(tmp_path, swings):
+    (tmp_path / "model.xml").write_text(unstable().replace("hinge", "pendulum"))
+    wild = MujocoSimulator.load(tmp_path / "model.xml", 0.02, ("pendulum",), threads=1)
+    with pytest.raises(Exception, match=r"model\.xml diverges"):
+        pair(recorded_on(pendulum(), wander((5,))), wild)
