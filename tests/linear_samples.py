@@ -32,6 +32,13 @@ def silent(model: DynamicsModel) -> DynamicsModel:
     return model
 
 
+def draw(model: DynamicsModel, batch: int, steps: int, seed=0) -> list[torch.Tensor]:
+    """Return states, commands and predictions, shape (batch, steps, …)."""
+    generator = torch.Generator().manual_seed(seed)
+    n = len(model.joints)
+    return [torch.randn(batch, steps, width, generator=generator) for width in (2 * n, n, 2 * n)]
+
+
 class LinearStepper(StillStepper):
     """A batch of linear arms."""
 

@@ -1,97 +1,32 @@
-"""The program end to end: what each command prints, writes and returns, and that bad input costs one sentence."""
+"""The program end to end: what each command prints, writes and returns."""
 
-import contextlib
-import io
 import json
-import os
 import subprocess
 import sys
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
-from linear_samples import network
-from recording_samples import GAP, pendulum, positions_only, recorded_on, wander
-from simulator_samples import CONTACTS, SO101, hinge, motors, needs_so101, unstable
+from command_samples import FAST, SIMULATED, Place, done, furnish, nas
+from recording_samples import pendulum, positions_only
+from simulator_samples import SO101, needs_so101
 
 from nas_data.cli import command_class, command_files, finite, main, overview, summary
-from nas_data.dataset.layout import data_files
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
-from nas_data.dataset.versions import new_version
 from nas_data.dataset.write import write
 from nas_data.models import checkpoint
 from nas_data.models.evaluation import evaluate
 from nas_data.models.phases import TeacherForcing
 
 RECORDINGS = Path(__file__).parents[2] / "shared/realdata/sage_so101"
-SIMULATED = Provenance(how="simulated", robot="pendulum")
-FAST = ("--hidden", "8", "--updates", "0", "--epochs", "2", "--device", "cpu")
-DOCUMENTED = command_files()
-
-
-@dataclass
-class Answer:
-    """What the program said."""
-
-    code: int
-    out: str
-    err: str
-
-    @property
-    def json(self) -> dict[str, object]:
-        return json.loads(self.out)
-
-
-def nas(*arguments: object) -> Answer:
-    """Run the program in this process."""
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = main([str(argument) for argument in arguments])
-    return Answer(code, out.getvalue(), err.getvalue())
-
-
-def done(*arguments: object) -> Answer:
-    """Run the program, which must succeed."""
-    answer = nas(*arguments)
-    assert answer.code == 0, answer.err
-    return answer
-
-
-def tree(folder: Path) -> dict[str, bytes | None]:
-    """Return every path below a folder with its content."""
-    found = folder.rglob("*")
-    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in found}
-
-
-@dataclass(frozen=True)
-class Place:
-    """A folder with one recording, its pairing, and both models trained on it."""
-
-    root: Path
-    raw: Path
-    paired: Path
-    phi: Path
-    psi: Path
+COMMANDS = command_files()
 
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory) -> Place:
-    import torch
-
-    torch.set_num_threads(1)
-    root = tmp_path_factory.mktemp("place")
-    before = Path.cwd()
-    os.chdir(root)
-    try:
-        raw = new_version(recorded_on(pendulum(*GAP), wander((60,) * 8)), "swing", SIMULATED)
-        paired = Path(done("pair", "datasets/swing", "--model", "pendulum", "--json").json["dataset"])
-        done("train", "delta", "datasets/swing", "--out", "runs/phi", *FAST)
-        done("train", "forward", "datasets/swing", "--out", "runs/psi", *FAST)
-    finally:
-        os.chdir(before)
-    return Place(root, root / raw, root / paired, root / "runs/phi", root / "runs/psi")
+    return furnish(tmp_path_factory.mktemp("place"))
 
 
 @pytest.fixture
@@ -109,7 +44,7 @@ def here(tmp_path, monkeypatch) -> Path:
 def test_help_lists_every_command_by_its_first_line():
     answer = nas("--help")
     assert answer.code == 0
-    for name, path in DOCUMENTED.items():
+    for name, path in COMMANDS.items():
         assert any(line.split()[: len(name.split())] == name.split() for line in answer.out.splitlines()), name
         assert summary(path)
         assert summary(path) in answer.out
@@ -118,7 +53,7 @@ def test_help_lists_every_command_by_its_first_line():
     assert nas("--version").out.startswith("nas_data ")
 
 
-@pytest.mark.parametrize("name", sorted(DOCUMENTED))
+@pytest.mark.parametrize("name", sorted(COMMANDS))
 def test_every_command_has_help_with_an_example_and_a_word_for_each_option(name, capsys):
     with pytest.raises(SystemExit) as stop:
         main([*name.split(), "--help"])
@@ -356,108 +291,3 @@ def test_json_on_stdout_is_json_and_nothing_else(place, here, words):
     content = done(*words.split(), *arguments[words], "--json").json
     assert isinstance(content, dict)
     assert content
-
-
-# bad input
-
-
-def spoilt(place: Place, here: Path) -> None:
-    """Make the wrong things that bad input names, beside the folder in which the program runs."""
-    aside = here.parent
-    half = write(read(place.paired), aside / "half", SIMULATED)
-    file = data_files(half)[0]
-    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-    (aside / "nothing").mkdir()
-    (aside / "photo.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(64))
-    (aside / "page.xml").write_text("<!DOCTYPE html><html><body>Not found</body></html>")
-    (aside / "empty.xml").write_text("")
-    (aside / "other.xml").write_text(CONTACTS)
-    (aside / "torque.xml").write_text(motors().replace('"hinge"', '"pendulum"'))
-    (aside / "wild.xml").write_text(unstable().replace('"hinge"', '"pendulum"'))
-    (aside / "slow.xml").write_text(hinge().replace('"hinge"', '"pendulum"'))
-    (aside / "taken").mkdir()
-    (aside / "taken/thesis.tex").write_text("years of work")
-    (aside / "effects.json").write_text('{"effects": [{"effect": "gremlins"}]}')
-    checkpoint.save(network("delta", ("elbow", "wrist")), aside / "elsewhere")
-    checkpoint.save(network("delta", ("pendulum",), fps=200.0), aside / "faster")
-    damaged = checkpoint.save(checkpoint.load_frozen(place.phi / "checkpoint"), aside / "damaged")
-    (damaged / "model.safetensors").write_bytes(b"no weights")
-    still = recorded_on(pendulum(), wander((1, 1)))
-    write(still, aside / "blink", SIMULATED)
-    write(replace(still, fps=200.0), aside / "quick", SIMULATED)
-
-
-BAD = {
-    "pair: no dataset": (("pair", "../absent", "--model", "pendulum"), "absent"),
-    "pair: an empty folder": (("pair", "../nothing", "--model", "pendulum"), "nothing"),
-    "pair: a half-written dataset": (("pair", "../half", "--model", "pendulum"), "half"),
-    "pair: no such robot": (("pair", "RAW", "--model", "asimo"), "ergojr"),
-    "pair: no such file": (("pair", "RAW", "--model", "../asimo.xml"), "asimo.xml"),
-    "pair: a picture": (("pair", "RAW", "--model", "../photo.png"), "photo.png"),
-    "pair: a web page": (("pair", "RAW", "--model", "../page.xml"), "page.xml"),
-    "pair: an empty file": (("pair", "RAW", "--model", "../empty.xml"), "empty.xml"),
-    "pair: a folder": (("pair", "RAW", "--model", "../nothing"), "nothing"),
-    "pair: a model without the joint": (("pair", "RAW", "--model", "../other.xml"), "pendulum"),
-    "pair: torques": (("pair", "RAW", "--model", "../torque.xml"), "torque"),
-    "pair: a model that diverges": (("pair", "RAW", "--model", "../wild.xml"), "wild.xml"),
-    "pair: a taken folder": (("pair", "RAW", "--model", "pendulum", "--out", "../taken"), "taken"),
-    "pair: no such engine": (("pair", "RAW", "--model", "pendulum", "--engine", "unity"), "bullet"),
-    "pair: no such effect": (("pair", "RAW", "--model", "pendulum", "--effect", "gremlins:joint=pendulum"), "gremlins"),
-    "pair: an effect elsewhere": (
-        ("pair", "RAW", "--model", "pendulum", "--effect", "backlash:joint=knee,half_width=0.01"),
-        "knee",
-    ),
-    "pair: a file of unknown effects": (
-        ("pair", "RAW", "--model", "pendulum", "--effects", "../effects.json"),
-        "gremlins",
-    ),
-    "train: no dataset": (("train", "forward", "../absent"), "absent"),
-    "train: a half-written dataset": (("train", "delta", "../half"), "half"),
-    "train: φ unpaired": (("train", "delta", "RAW"), "nas pair"),
-    "train: a taken folder": (("train", "forward", "RAW", "--out", "../taken", *FAST), "taken"),
-    "train: a file as folder": (("train", "forward", "RAW", "--out", "../photo.png", *FAST), "photo.png"),
-    "train: no such preset": (("train", "forward", "RAW", "--preset", "nas2018"), "paper"),
-    "train: no such device": (("train", "forward", "RAW", "--device", "abacus"), "abacus"),
-    "train: no such episode": (("train", "forward", "RAW", "--episodes", "99"), "99"),
-    "train: nothing to learn from": (("train", "forward", "../blink"), "transitions"),
-    "train: no units": (("train", "forward", "RAW", "--hidden", "0"), "Hidden"),
-    "train: a negative seed": (("train", "forward", "RAW", "--seed", "-1"), "seed"),
-    "train: everything held out": (("train", "forward", "RAW", "--validation", "1.5"), "1.5"),
-    "train: another source": (("train", "delta", "PAIRED", "--model", "../slow.xml"), "paired"),
-    "train: a picture as source": (("train", "delta", "PAIRED", "--model", "../photo.png"), "photo.png"),
-    "evaluate: no checkpoint": (("evaluate", "../absent", "RAW"), "absent"),
-    "evaluate: a folder without one": (("evaluate", "../taken", "RAW"), "taken"),
-    "evaluate: a damaged one": (("evaluate", "../damaged", "RAW"), "damaged"),
-    "evaluate: no dataset": (("evaluate", "PHI", "../absent"), "absent"),
-    "evaluate: a half-written dataset": (("evaluate", "PHI", "../half"), "half"),
-    "evaluate: a checkpoint for another robot": (("evaluate", "../elsewhere", "RAW"), "elbow, wrist"),
-    "evaluate: a checkpoint for another rate": (("evaluate", "../faster", "RAW"), "200 Hz"),
-    "evaluate: a model without the joint": (("evaluate", "PHI", "RAW", "--model", "../other.xml"), "pendulum"),
-    "evaluate: a web page": (("evaluate", "PHI", "RAW", "--model", "../page.xml"), "page.xml"),
-    "evaluate: ψ with a picture": (("evaluate", "PSI", "RAW", "--model", "../photo.png"), "photo.png"),
-    "evaluate: no such episode": (("evaluate", "PHI", "RAW", "--episodes", "-3"), "-3"),
-    "evaluate: data of another rate": (("evaluate", "PHI", "../quick"), "200 Hz"),
-}
-
-
-@pytest.mark.parametrize("case", BAD)
-@pytest.mark.parametrize("as_json", [False, True], ids=["text", "json"])
-def test_bad_input_costs_one_sentence_and_writes_nothing(place, here, capfd, case, as_json):
-    words, named = BAD[case]
-    spoilt(place, here)
-    known = {"RAW": place.raw, "PAIRED": place.paired, "PHI": place.phi, "PSI": place.psi}
-    before = tree(here.parent), tree(place.root)
-    capfd.readouterr()
-    code = main([*(str(known.get(word, word)) for word in words), *(["--json"] if as_json else [])])
-    output = capfd.readouterr()
-    assert code == 2
-    assert "Traceback" not in output.err
-    lines = output.err.splitlines()
-    assert len(lines) == 1, output.err
-    assert lines[0].startswith("nas: ")
-    assert named in lines[0]
-    if as_json:
-        assert json.loads(output.out) == {"error": lines[0].removeprefix("nas: ")}
-    else:
-        assert output.out == ""
-    assert (tree(here.parent), tree(place.root)) == before

@@ -1,9 +1,7 @@
-"""Training recovers gaps that are known, repeats itself bit for bit, goes on after interruptions, keeps its best."""
+"""Training recovers gaps that are known, from what is not held out, through rollouts that are the closed loop."""
 
-import json
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,27 +11,23 @@ from hypothesis import strategies as st
 from linear_samples import LinearSimulator, knows
 from recording_samples import GAP, paired_pendulum, pendulum, recorded_on, wander, without
 from simulator_samples import unstable
+from training_samples import TINY, same, silent, train
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import SIM_STATE, state_feature
 from nas_data.effects.command_delay import CommandDelay
-from nas_data.errors import DatasetInvalid, JointMismatch, OptionError, OutputExists, UnknownName
+from nas_data.errors import DatasetInvalid, JointMismatch, OptionError, UnknownName
 from nas_data.models import phases
-from nas_data.models.checkpoint import load_frozen
 from nas_data.models.episodes import pad
 from nas_data.models.evaluation import evaluate
 from nas_data.models.holding_out import MANY, hold_out
-from nas_data.models.lstm import DynamicsModel
-from nas_data.models.phases import FreeRunning, TeacherForcing
+from nas_data.models.phases import TeacherForcing
 from nas_data.models.presets import TrainingOptions, preset
 from nas_data.models.run import TrainingRun
 from nas_data.models.training import Training, find_device, validation_rollouts
 from nas_data.pairing import check_source, pair
 from nas_data.simulators.mujoco import MujocoSimulator
 
-TINY = TrainingOptions(
-    hidden=16, layers=1, epochs=3, batch=8, updates=0, frames=160, horizon=25, bf16=False, validation=0.1
-)
 CPU = torch.device("cpu")
 
 
@@ -53,24 +47,6 @@ def swings() -> Dataset:
 @pytest.fixture(scope="module")
 def unseen() -> Dataset:
     return paired_pendulum((150, 90, 120), seed=99)
-
-
-def silent(_line: str) -> None:
-    """Report to nobody."""
-
-
-def train(dataset, folder, kind="delta", options=TINY, simulator=None, report=silent, **more) -> DynamicsModel:
-    simulator = simulator or (pendulum() if options.updates else None)
-    return TrainingRun(Training(kind, dataset, options, simulator, device="cpu", **more), folder, report).run()
-
-
-def same(a: DynamicsModel, b: DynamicsModel) -> bool:
-    mine, other = a.state_dict(), b.state_dict()
-    return list(mine) == list(other) and all(torch.equal(mine[key], other[key]) for key in mine)
-
-
-def history(folder: Path) -> list[dict[str, float]]:
-    return json.loads((folder / "history.json").read_text())
 
 
 # a known truth is recovered
@@ -116,128 +92,6 @@ def test_free_running_lowers_its_loss(swings):
         training.phase.loss(update % 5).backward()
         optimiser.step()
     assert float(training.phase.loss(0).detach()) < 0.5 * before
-
-
-# the same seed, the same bits
-
-
-@pytest.mark.parametrize("options", [TINY, replace(TINY, updates=12)], ids=["forced", "free"])
-def test_the_same_seed_gives_the_same_bits_and_another_seed_others(tmp_path, swings, options):
-    one, two = (train(swings, tmp_path / name, options=options) for name in ("one", "two"))
-    assert same(one, two)
-    assert [row["validation"] for row in history(tmp_path / "one")] == [
-        row["validation"] for row in history(tmp_path / "two")
-    ]
-    other = train(swings, tmp_path / "other", options=replace(options, seed=1))
-    assert not same(one, other)
-
-
-class Interrupted(Exception):
-    """Stands in for Ctrl-C."""
-
-
-def interrupt_at(line: int):
-    """Return a report callback that raises when it is told its n-th line."""
-    told = []
-
-    def report(text: str) -> None:
-        told.append(text)
-        if len(told) == line:
-            raise Interrupted
-
-    return report
-
-
-@pytest.mark.parametrize(
-    ("kind", "options"),
-    [("delta", replace(TINY, epochs=4)), ("forward", replace(TINY, updates=12))],
-    ids=["forced", "free"],
-)
-@pytest.mark.parametrize("line", [1, 2, 4])
-def test_an_interrupted_training_ends_in_the_same_bits(tmp_path, swings, monkeypatch, kind, options, line):
-    monkeypatch.setattr(FreeRunning, "per_validation", 5)
-    whole = train(swings, tmp_path / "whole", kind, options)
-    with pytest.raises(Interrupted):
-        train(swings, tmp_path / "broken", kind, options, report=interrupt_at(line))
-    assert not (tmp_path / "broken/history.json").exists(), "an unfinished training must not look finished"
-    assert same(train(swings, tmp_path / "broken", kind, options), whole)
-    kept = ("update", "validation", "loss")
-    rows = [[str(row[key]) for key in kept] for row in history(tmp_path / "broken")]
-    assert rows == [[str(row[key]) for key in kept] for row in history(tmp_path / "whole")]
-    names = sorted(path.name for path in (tmp_path / "broken").iterdir())
-    assert names == ["checkpoint", "history.json", "tensorboard"]
-
-
-def test_a_training_interrupted_twice_within_an_update_goes_on(tmp_path, swings, monkeypatch):
-    whole = train(swings, tmp_path / "whole")
-    plain = TeacherForcing.loss
-    for stop in (2, 5):
-
-        def loss(self, update, stop=stop):
-            if update == stop:
-                raise Interrupted
-            return plain(self, update)
-
-        monkeypatch.setattr(TeacherForcing, "loss", loss)
-        with pytest.raises(Interrupted):
-            train(swings, tmp_path / "broken")
-    monkeypatch.setattr(TeacherForcing, "loss", plain)
-    assert same(train(swings, tmp_path / "broken"), whole)
-
-
-def test_a_training_interrupted_before_its_first_validation_goes_on(tmp_path, swings, monkeypatch):
-    def stop(_self) -> float:
-        raise Interrupted
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Training, "validation_error", stop)
-        with pytest.raises(Interrupted):
-            train(swings, tmp_path / "broken")
-    assert same(train(swings, tmp_path / "broken"), train(swings, tmp_path / "whole"))
-
-
-# what stands in the folder
-
-
-def test_early_stopping_keeps_the_best(tmp_path, swings):
-    options = replace(TINY, epochs=30, rate=0.5, cosine=False, clip=0.0)  # this learning rate throws the weights about
-    model = train(swings, tmp_path / "run", options=options)
-    rows = history(tmp_path / "run")
-    errors = [row["validation"] for row in rows]
-    assert errors[-1] > min(errors), "the training never got worse: the test shows nothing"
-    training = Training("delta", swings, options, device="cpu")
-    training.model.load_state_dict(model.state_dict())
-    assert training.validation_error() == pytest.approx(min(errors), rel=1e-6)
-
-
-def test_patience_ends_a_training_that_gets_no_better(tmp_path, swings):
-    options = replace(TINY, epochs=60, rate=0.5, cosine=False, clip=0.0, patience=3)
-    train(swings, tmp_path / "run", options=options)
-    errors = [row["validation"] for row in history(tmp_path / "run")]
-    assert len(errors) < 61
-    assert len(errors) - 1 - int(np.argmin(errors)) == 4, "three are borne, one more ends it"
-
-
-def test_every_validation_is_told_and_kept(tmp_path, swings):
-    told: list[str] = []
-    train(swings, tmp_path / "run", report=told.append)
-    rows = history(tmp_path / "run")
-    updates = -(-22 // TINY.batch)  # batches of the 22 of 24 episodes that train
-    assert [row["update"] for row in rows] == [updates * epoch for epoch in range(TINY.epochs + 1)]
-    assert len(told) == len(rows)
-    assert all(f"{row['validation']:.5f}" in line for row, line in zip(rows, told, strict=True))
-    assert list((tmp_path / "run/tensorboard").glob("events.out.tfevents.*"))
-    assert [path.name for path in tmp_path.rglob("*.pt")] == []
-
-
-def test_the_returned_model_is_the_checkpoint_frozen(tmp_path, swings):
-    provenance = {"dataset": {"name": "swings/v1-12345678", "content_hash": "12345678"}}
-    model = train(swings, tmp_path / "run", provenance=provenance)
-    assert same(model, load_frozen(tmp_path / "run/checkpoint"))
-    assert not any(parameter.requires_grad for parameter in model.parameters())
-    assert (model.joints, model.fps, model.commands_effort) == (("pendulum",), 50.0, False)
-    assert model.provenance["dataset"] == provenance["dataset"]
-    assert model.provenance["training"] == {**TINY.__dict__}
 
 
 # statistics
@@ -435,35 +289,6 @@ def test_episodes_of_one_transition_are_refused(lengths, updates):
     dataset = paired_pendulum(lengths)
     with pytest.raises(DatasetInvalid, match="two transitions"):
         Training("forward", dataset, replace(TINY, updates=updates))
-
-
-def test_a_folder_that_is_taken_is_left_alone(tmp_path, swings):
-    done = tmp_path / "done"
-    train(swings, done)
-    stranger = tmp_path / "stranger"
-    stranger.mkdir()
-    (stranger / "thesis.tex").write_text("years of work")
-    file = tmp_path / "file"
-    file.write_text("a file")
-    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-    for folder in (done, stranger, file):
-        with pytest.raises(OutputExists, match=folder.name):
-            train(swings, folder)
-    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
-
-
-@pytest.mark.parametrize("change", ["options", "data", "source"])
-def test_an_unfinished_training_of_something_else_is_left_alone(tmp_path, swings, change):
-    def provenance(dataset: str, source: str) -> dict[str, object]:
-        return {"dataset": {"content_hash": dataset}, "source": {"sha256": source}}
-
-    with pytest.raises(Interrupted):
-        train(swings, tmp_path / "run", provenance=provenance("a", "b"), report=interrupt_at(2))
-    options = replace(TINY, rate=1e-3) if change == "options" else TINY
-    other = provenance("x" if change == "data" else "a", "x" if change == "source" else "b")
-    with pytest.raises(OutputExists, match="unfinished"):
-        train(swings, tmp_path / "run", options=options, provenance=other)
-    train(swings, tmp_path / "run", provenance=provenance("a", "b"))
 
 
 def test_a_model_that_runs_away_costs_no_training(tmp_path, swings):

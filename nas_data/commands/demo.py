@@ -1,5 +1,6 @@
 """Everything once, small: record, pair, learn the gap, learn policies, show it on one page."""
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,12 +25,15 @@ class Demo(Command):
         """Run every stage that is not done yet."""
         from nas_data.demo.pipeline import run_demo
         from nas_data.demo.plan import FULL, QUICK
-        from nas_data.policies.ppo import to_stderr
 
-        results = run_demo(QUICK if self.quick else FULL, self.out, to_stderr)
+        results = run_demo(QUICK if self.quick else FULL, self.out, report)
         data = {
             name: {"seconds": done.seconds, "when": done.when, "load": done.load, **done.data}
             for name, done in results.items()
         }
-        lines = [line for name in ("models", "policies", "page") for line in (*results[name].said, "")]
-        return Outcome("\n".join(lines).rstrip(), data)
+        return Outcome("\n".join(line for done in results.values() for line in done.summary), data)
+
+
+def report(line: str) -> None:
+    """Show progress on stderr."""
+    print(line, file=sys.stderr, flush=True)

@@ -25,7 +25,7 @@ class Report(Command):
         """Read the runs and write the page."""
         if not self.runs:
             raise OptionError("Name at least one run's folder; see: nas report --help.")
-        from nas_data.policies.folder import write
+        from nas_data.reports.file import write_whole
         from nas_data.reports.page import Page, is_ours
         from nas_data.reports.run_sections import models_section, policies_section
         from nas_data.reports.runs import find_runs
@@ -37,7 +37,7 @@ class Report(Command):
         if found.policies:
             sections.append(policies_section(found.groups()))
         page = Page("Runs of nas_data", sections)
-        write(self.out, page.to_html().encode())
+        write_whole(self.out, page.to_html().encode())
         counts = {"models": len(found.models), "policies": len(found.policies)}
         text = f"{counts['models']} models and {counts['policies']} policies → {self.out}"
         return Outcome(text, {"page": self.out, **counts})

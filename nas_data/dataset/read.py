@@ -58,7 +58,7 @@ def open_parquet(path: Path) -> pq.ParquetFile:
     """
     try:
         file = pq.ParquetFile(path, memory_map=True)
-    except (pa.ArrowInvalid, OSError):
+    except UNREADABLE:
         raise DatasetInvalid(
             f"{path} is only half-written (it has no Parquet footer: its writer was killed); "
             "rescue the other episodes with 'nas recover', or restore the file from a copy."
@@ -216,13 +216,12 @@ def read_tasks(root: Path) -> dict[int, str]:
         return {}
     table = read_parquet(path)
     texts = [name for name in table.column_names if name != "task_index"]
-    if "task_index" not in table.column_names or not texts:
-        raise DatasetInvalid(f"{path} has no tasks; restore it from a copy.")
-    text = next((name for name in ("task", "__index_level_0__") if name in texts), texts[0])
-    return {
-        int(number): str(task)
-        for number, task in zip(table["task_index"].to_pylist(), table[text].to_pylist(), strict=True)
-    }
+    text = next((name for name in ("task", "__index_level_0__") if name in texts), texts[0] if texts else "")
+    try:
+        columns = [table[name].to_pylist() for name in ("task_index", text)]
+        return {int(number): str(task) for number, task in zip(*columns, strict=True)}
+    except (KeyError, TypeError, ValueError):  # a column that is missing, or values that are no numbers or texts
+        raise DatasetInvalid(f"{path} has no tasks that can be read; restore it from a copy.") from None
 
 
 def episode_tasks(tasks: Mapping[int, str], task_index: np.ndarray, lengths: np.ndarray) -> tuple[str, ...]:

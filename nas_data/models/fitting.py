@@ -6,6 +6,7 @@ from torch import Tensor
 from nas_data.models.episodes import Episode
 from nas_data.models.lstm import DynamicsModel
 
+CONSTANT = 1e-6  # standard deviations below this are rounding
 RIDGE = 1e-3  # relative to unit variance; keeps joints that never moved from growing large weights
 
 
@@ -19,9 +20,10 @@ def prepare(model: DynamicsModel, transitions: Episode) -> None:
     inputs = model.raw_inputs(transitions.states, transitions.commands, transitions.predicted)
     base = transitions.predicted if model.kind == "delta" else transitions.states
     outputs = transitions.targets - base
-    for name, values in (("input", inputs), ("output", outputs)):
+    # An output that never changed is predicted as constant; an input that never changed passes as it is.
+    for name, values, constant in (("input", inputs, 1.0), ("output", outputs, CONSTANT)):
         model.get_buffer(f"{name}_mean").copy_(values.mean(0))
-        model.get_buffer(f"{name}_std").copy_(spread(values))
+        model.get_buffer(f"{name}_std").copy_(spread(values, constant))
     if model.shortcut is not None:
         weight, bias = ridge(model.inputs.normalise(inputs), model.outputs.normalise(outputs))
         with torch.no_grad():
@@ -31,10 +33,10 @@ def prepare(model: DynamicsModel, transitions: Episode) -> None:
             model.outer.bias.zero_()
 
 
-def spread(values: Tensor) -> Tensor:
-    """Return standard deviations, those of constant components replaced so that they divide harmlessly."""
+def spread(values: Tensor, constant: float) -> Tensor:
+    """Return standard deviations, those of constant components replaced by a number that divides harmlessly."""
     deviation = values.std(0, correction=0)
-    return torch.where(deviation > 1e-6, deviation, torch.ones_like(deviation))
+    return torch.where(deviation > CONSTANT, deviation, torch.full_like(deviation, constant))
 
 
 def ridge(inputs: Tensor, outputs: Tensor) -> tuple[Tensor, Tensor]:

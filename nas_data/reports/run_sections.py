@@ -8,7 +8,7 @@ import numpy as np
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD
 from nas_data.policies.share import share
 from nas_data.reports.learning_figures import learning, model_training, returns_on_target
-from nas_data.reports.page import Picture, Section, Table, Text
+from nas_data.reports.page import Block, Picture, Section, Table, Text
 from nas_data.reports.runs import ModelRun, PolicyRun, scores
 from nas_data.reports.style import to_png
 
@@ -153,7 +153,7 @@ def policies_section(groups: Mapping[str, Sequence[PolicyRun]]) -> Section:
     environments = ", ".join(sorted({run.environment for run in runs}))
     frames = sorted({run.frames for run in runs})
     sizes = f"{frames[0]:,}" if len(frames) == 1 else f"{frames[0]:,} to {frames[-1]:,}"
-    blocks = [
+    blocks: list[Block] = [
         Text(f"{len(runs)} policies in {environments}, of {sizes} control steps each."),
         learning_picture(groups),
         *([on_target] if on_target else []),

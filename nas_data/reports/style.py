@@ -4,11 +4,13 @@ import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
-import matplotlib as mpl
+import matplotlib.style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+RULES = Path(__file__).with_name("house.mplstyle")
 DPI = 130
 WIDTH = 7.6  # [in] 988 pixels: sharp at the 830 pixels that a README shows
 
@@ -47,33 +49,11 @@ STROKES = {
     "command": Stroke(GREY, ":", 1.4, 1),
 }
 
-RULES = {
-    "figure.dpi": DPI,
-    "figure.facecolor": "white",
-    "figure.constrained_layout.use": True,
-    "font.size": 9.5,
-    "axes.titlesize": 10.5,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.labelsize": 9.5,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": "#555555",
-    "axes.grid": True,
-    "grid.color": "#e4e4e4",
-    "grid.linewidth": 0.7,
-    "axes.axisbelow": True,
-    "legend.frameon": False,
-    "legend.fontsize": 9,
-    "xtick.color": "#444444",
-    "ytick.color": "#444444",
-}
-
 
 @contextmanager
 def house_style() -> Iterator[None]:
     """Draw figures in the house style; matplotlib's own settings come back afterwards."""
-    with mpl.rc_context(RULES):
+    with matplotlib.style.context(RULES):
         yield
 
 

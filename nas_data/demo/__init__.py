@@ -1,0 +1,1 @@
+"""The demo: record, learn the gap, learn policies, show; everything once, small, in minutes."""

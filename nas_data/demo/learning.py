@@ -1,0 +1,142 @@
+"""The demo's second stage: φ and ψ learn side by side, and are compared on episodes that neither has seen."""
+
+import json
+import os
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from safetensors.numpy import load_file, save
+
+from nas_data.dataset import versions
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.read import read
+from nas_data.demo.recording import HELDOUT, TRAIN, newest
+from nas_data.demo.stages import INDENT, Demo, Found, Report
+from nas_data.metrics import Errors
+from nas_data.models import checkpoint
+from nas_data.models.evaluation import MODEL, Evaluation, evaluate
+from nas_data.models.lstm import Kind
+from nas_data.models.presets import TrainingOptions
+from nas_data.models.run import HISTORY, STATE, TrainingRun
+from nas_data.models.training import Training
+from nas_data.policies.parallel import run_jobs
+from nas_data.reports.file import write_whole
+from nas_data.sources import find_source, kept_files
+
+FOLDERS: dict[Kind, str] = {"delta": "models/phi", "forward": "models/psi"}
+ROLLOUTS = "models/rollouts.safetensors"
+ERRORS = "models/errors.json"
+
+ErrorTable = dict[str, dict[str, float]]
+"""RMSE [rad] by predictor, then by joint; `all` is over all joints."""
+
+PREDICTORS = (MODEL["delta"], MODEL["forward"], "source", "hold", "command")  # learned models first
+Kept = TypeVar("Kept")
+
+
+@dataclass(frozen=True)
+class ModelJob:
+    """One model to be trained: its kind, on what data, how, and where it goes."""
+
+    kind: Kind
+    dataset: Path
+    options: TrainingOptions
+    folder: Path
+
+
+def train_model(job: ModelJob) -> list[dict[str, float]]:
+    """Train a model, or go on with its training; return its history."""
+    history = job.folder / HISTORY
+    if not history.is_file() or (job.folder / STATE).exists():
+        dataset = read(job.dataset)
+        source = find_source(None, (), dataset, [job.dataset])
+        parent = versions.parent_of(job.dataset, dataset)
+        provenance = {
+            "dataset": {"name": parent.name, "content_hash": parent.content_hash},
+            "source": source.describe(),
+        }
+        training = Training(job.kind, dataset, job.options, source, provenance)
+        TrainingRun(training, job.folder, reporter("φ" if job.kind == "delta" else "ψ"), kept_files(job.dataset)).run()
+    return json.loads(history.read_text(encoding="utf-8"))
+
+
+def reporter(name: str) -> Report:
+    """Return a report that says which of the two models, trained side by side, a line is about."""
+    return lambda line: print(f"{INDENT}{name}  {line}", file=sys.stderr, flush=True)
+
+
+def learn_models(demo: Demo) -> Found:
+    """Train both models and compare them on the held-out episodes."""
+    train, heldout = newest(demo, TRAIN), newest(demo, HELDOUT)
+    options: dict[Kind, TrainingOptions] = {"delta": demo.plan.delta, "forward": demo.plan.forward}
+    jobs = [ModelJob(kind, train, options[kind], demo.folder / FOLDERS[kind]) for kind in FOLDERS]
+    histories = {jobs[number].kind: rows for number, rows in run_jobs(train_model, jobs, cores())}
+    dataset = read(heldout)
+    evaluation = compare_models(dataset, heldout, demo)
+    save_rollouts(evaluation, dataset, demo.folder / ROLLOUTS)
+    errors = {"one_step": table_of(evaluation.one_step), "open_loop": table_of(evaluation.open_loop)}
+    write_whole(demo.folder / ERRORS, (json.dumps(errors, indent=1) + "\n").encode())
+    said = [
+        f"On {dataset.n_episodes} held-out episodes, what was learned above what needs no learning:",
+        *evaluation.text().splitlines(),
+        f"φ → {demo.folder / FOLDERS['delta']}, ψ → {demo.folder / FOLDERS['forward']}",
+    ]
+    overall = {name: np.degrees(one.overall) for name, one in evaluation.open_loop.items()}
+    summary = [
+        "Open-loop error of positions on held-out episodes: "
+        + ", ".join(f"{name} {error:.2f}°" for name, error in overall.items())
+    ]
+    return Found(said, {"histories": {MODEL[kind]: histories[kind] for kind in FOLDERS}, **errors}, summary)
+
+
+def table_of(errors: Mapping[str, Errors]) -> ErrorTable:
+    """Return errors [rad] by joint and over all joints, by predictor."""
+    return {name: {**one.per_joint, "all": one.overall} for name, one in errors.items()}
+
+
+def load_errors(path: Path) -> dict[str, ErrorTable]:
+    """Return the errors of one step and in open loop that the stage kept."""
+    errors: dict[str, ErrorTable] = json.loads(path.read_text(encoding="utf-8"))
+    return errors
+
+
+def compare_models(dataset: Dataset, root: Path, demo: Demo) -> Evaluation:
+    """Return the errors of φ, ψ and the trivial baselines on a dataset."""
+    source = find_source(None, (), dataset, [root])
+    delta, forward = (checkpoint.load_frozen(checkpoint.find(demo.folder / FOLDERS[kind])) for kind in FOLDERS)
+    first, second = evaluate(dataset, source, delta), evaluate(dataset, None, forward)
+    return Evaluation(
+        in_order(first.one_step, second.one_step),
+        in_order(first.open_loop, second.open_loop),
+        in_order(first.rollouts, second.rollouts),
+    )
+
+
+def in_order(one: Mapping[str, Kept], other: Mapping[str, Kept]) -> dict[str, Kept]:
+    """Return what two evaluations hold, in the order of tables."""
+    both = {**other, **one}
+    return {name: both[name] for name in PREDICTORS}
+
+
+def save_rollouts(evaluation: Evaluation, dataset: Dataset, path: Path) -> None:
+    """Keep the positions [rad] of every open-loop rollout for the pictures, each predictor's of shape (E, T, n)."""
+    n = len(dataset.joints)
+    rows = list(dataset.episodes())
+    curves = {"measured": [dataset.next_states[row] for row in rows], **evaluation.rollouts}
+    stacked = {name: np.stack([episode[:, :n] for episode in episodes]) for name, episodes in curves.items()}
+    write_whole(path, save({name: np.ascontiguousarray(values, dtype=np.float32) for name, values in stacked.items()}))
+
+
+def load_rollouts(path: Path) -> dict[str, np.ndarray]:
+    """Return positions [rad] of shape (E, T, n): measured, and by predictor in the order of tables."""
+    kept = load_file(path)
+    return {name: kept[name] for name in ("measured", *PREDICTORS)}
+
+
+def cores() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0))

@@ -1,0 +1,179 @@
+"""The demo's last stage: one page with pictures, tables, and what they rest on."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from nas_data.benchmarks.hardware import hardware
+from nas_data.dataset.provenance import now, read_provenance
+from nas_data.demo.learning import ERRORS, FOLDERS, ROLLOUTS, load_errors, load_rollouts
+from nas_data.demo.plan import Plan
+from nas_data.demo.policies import BASELINES, load_baselines
+from nas_data.demo.policies import FOLDER as POLICIES
+from nas_data.demo.recording import HELDOUT, TRAIN, newest
+from nas_data.demo.stages import Demo, Found, read_stage
+from nas_data.reports.file import write_whole
+from nas_data.reports.page import Block, Facts, Page, Picture, Section, Table, Text
+from nas_data.reports.prediction_figures import growth, joint_errors, trajectory
+from nas_data.reports.run_sections import learning_picture, models_picture, policies_table, target_picture
+from nas_data.reports.runs import Runs, find_runs
+from nas_data.reports.style import to_png
+
+PAGE = "report.html"
+FIGURES = "figures"
+LEARNERS = ("source", "source + φ", "ψ")  # whose trajectories are drawn; hold and command are in the tables
+
+
+def write_page(demo: Demo) -> Found:
+    """Write the page, and its pictures once more as files."""
+    runs = find_runs([demo.folder / folder for folder in (*FOLDERS.values(), POLICIES)])
+    page = Page(
+        "The gap between a simulator and its robot: recorded, learned, closed",
+        [
+            Section("", [Text(lead(demo.plan), lead=True), *(Text(line) for line in about(demo.plan))]),
+            Section("One joint, as it moved and as it was predicted", [predictions(demo)]),
+            Section("Errors of prediction", errors_blocks(demo)),
+            Section("Policies", policies_blocks(demo, runs)),
+            Section("How the models learned", [models_picture(runs.models)]),
+            Section("What this rests on", [Facts(facts(demo))]),
+        ],
+    )
+    for picture in page.pictures():
+        write_whole(demo.folder / FIGURES / f"{picture.name}.png", picture.png)
+    path = demo.folder / PAGE
+    write_whole(path, page.to_html().encode())
+    summary = [f"page → {path}, its pictures → {demo.folder / FIGURES}"]
+    return Found([], {"page": str(path), "figures": [picture.name for picture in page.pictures()]}, summary)
+
+
+def joints_with(plan: Plan, effect: str) -> list[str]:
+    """Return the joints of the target that an effect sits in."""
+    return [item.joint for item in plan.task.effects(plan.dynamics) if item.name() == effect and item.joint]
+
+
+def lead(plan: Plan) -> str:
+    """Return the page's first sentence."""
+    return (
+        "A simulator of a robot arm is never quite right. From recordings of the arm, a network φ learns what the "
+        "simulator gets wrong; a policy that learns in the corrected simulator does better on the arm."
+    )
+
+
+def about(plan: Plan) -> list[str]:
+    """Return what was done, in plain words."""
+    play, slow = joints_with(plan, "backlash"), joints_with(plan, "speed_limit")
+    return [
+        "The arm is a Poppy Ergo Jr of six servos. To let everyone repeat this, it is itself simulated: the target. "
+        f"Unlike the plain simulator, the source, it has true play in {' and '.join(play)} and a speed limit in "
+        f"{len(slow)} servos, and its sensors have the resolution of XL-320 servos.",
+        f"{plan.episodes} episodes of {plan.seconds:g} s were recorded, with a new random target every {plan.hold:g} s "
+        f"and {1 / plan.task.period:.0f} control steps a second. The source was set to every measured state and asked "
+        "where the same command would lead: these pairs are what φ learns from. ψ is the alternative without a "
+        f"simulator: a network that predicts the next state alone. All errors below are on {plan.heldout} further "
+        "episodes that no training has seen, each predicted from its first measured state and its commands only.",
+    ]
+
+
+def predictions(demo: Demo) -> Picture:
+    """Return the picture of one joint of one episode, both chosen by a rule."""
+    plan, curves = demo.plan, load_rollouts(demo.folder / ROLLOUTS)
+    joints = plan.task.joints
+    candidates = [joints.index(joint) for joint in joints_with(plan, "backlash")]
+    wrong = np.sqrt(np.square(curves["source"] - curves["measured"]).mean(axis=1))  # [rad], shape (E, n)
+    joint = max(candidates, key=lambda index: float(wrong[:, index].mean()))
+    episode = int(np.argsort(wrong[:, joint])[len(wrong) // 2])
+    chosen = {name: values[episode, :, joint] for name, values in curves.items()}
+    figure = trajectory(
+        chosen["measured"],
+        {name: chosen[name] for name in LEARNERS},
+        chosen.get("command"),
+        plan.task.period,
+        joints[joint],
+    )
+    caption = (
+        f"Joint {joints[joint]} in held-out episode {episode}: of the joints with play, the one that the source "
+        "predicts worst, in the episode in which the source's error on it is the median. Every prediction starts at "
+        "the first measured state and never sees a later one."
+    )
+    return Picture("trajectory", to_png(figure), caption)
+
+
+def errors_blocks(demo: Demo) -> list[Block]:
+    """Return how errors grow over a rollout, and the tables of errors."""
+    curves = load_rollouts(demo.folder / ROLLOUTS)
+    n = len(demo.plan.task.joints)
+    measured = curves.pop("measured")
+    grown = {
+        name: [joint_errors(one, other, n) for one, other in zip(values, measured, strict=True)]
+        for name, values in curves.items()
+    }
+    caption = (
+        f"How errors grow over a rollout: median over {demo.plan.heldout} held-out episodes, band from the lower to "
+        "the upper quartile. Hold predicts that nothing moves, command that every joint is where it is told to be."
+    )
+    errors = load_errors(demo.folder / ERRORS)
+    return [
+        Picture("error_growth", to_png(growth(grown, demo.plan.task.period)), caption),
+        error_table(errors["open_loop"], "Open loop: RMSE of positions over whole episodes [°]."),
+        error_table(
+            errors["one_step"],
+            "One step: RMSE of the next position, each step started at the measured state [°]. The resolution of the "
+            "sensors, 0.29°, hides most of what there is to predict.",
+        ),
+    ]
+
+
+def error_table(errors: Mapping[str, Mapping[str, float]], note: str) -> Table:
+    """Return RMSE in degrees: a row a predictor, a column a joint, all joints last."""
+    headers = ["", *next(iter(errors.values()))]
+    rows = [(name, *(f"{np.degrees(value):.2f}" for value in row.values())) for name, row in errors.items()]
+    return Table(headers, rows, note)
+
+
+def policies_blocks(demo: Demo, runs: Runs) -> Sequence[Block]:
+    """Return what is asked of the policies, how they learned and how they do on the target."""
+    plan, groups = demo.plan, runs.groups()
+    on_target = target_picture(groups)
+    task = Text(
+        "The task: bring the tip of the arm to a random point within a second. The reward of each step is minus the "
+        "distance in metres, and 1 more within 16 mm, which ends the episode; the highest return is therefore a little "
+        f"below 1. Each policy learned from {plan.frames:,} control steps with PPO, and was then judged on the target "
+        f"in the same {plan.judged} episodes."
+    )
+    seeds = Text(
+        f"{len(plan.seeds)} seeds of each method keep the demo short and say little about spread; five are the usual "
+        "measure."
+    )
+    return [
+        task,
+        *([on_target] if on_target else []),
+        policies_table(groups, load_baselines(demo.folder / BASELINES)),
+        learning_picture(groups),
+        seeds,
+    ]
+
+
+def facts(demo: Demo) -> dict[str, str]:
+    """Return what the page rests on: machine, times, data, seeds, versions."""
+    plan, machine = demo.plan, hardware()
+    stages = {name: read_stage(name, demo.folder) for name in ("record", "models", "policies")}
+    versions = machine["versions"]
+    assert isinstance(versions, Mapping)
+    times = ", ".join(f"{name} {done.seconds:.0f} s" for name, done in stages.items())
+    hashes = {name: newest(demo, name) for name in (TRAIN, HELDOUT)}
+    provenances = {name: read_provenance(path) for name, path in hashes.items()}
+    return {
+        "Made": f"{now()} by nas demo",
+        "Machine": f"{machine['processor']}, {machine['cores']} cores, {machine['system']}",
+        "Time": f"{times}; {sum(done.seconds for done in stages.values()) / 60:.1f} min in all",
+        "Load meanwhile": ", ".join(f"{done.load:g}" for done in stages.values()) + " processes",
+        **{
+            f"Dataset {name}": f"{path.name}, content hash {provenances[name].content_hash}"  # type: ignore[union-attr]
+            for name, path in hashes.items()
+        },
+        "Networks": f"3 LSTM layers of {plan.delta.hidden} units; {plan.delta.updates} updates for φ, "
+        f"{plan.forward.updates} for ψ",
+        "Seeds": f"recordings {plan.seed} and {plan.seed + 1}, networks {plan.delta.seed}, policies "
+        + ", ".join(map(str, plan.seeds)),
+        "Versions": ", ".join(f"{name} {version}" for name, version in versions.items()),
+    }

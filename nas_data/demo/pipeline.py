@@ -1,0 +1,80 @@
+"""The demo's stages in their order; what a stage needs is imported when it has something to do."""
+
+from pathlib import Path
+
+from nas_data.demo.plan import Plan
+from nas_data.demo.stages import Demo, Done, Found, Report, Stage, run_stages
+
+
+def record(demo: Demo) -> Found:
+    """Do the first stage."""
+    from nas_data.demo.recording import record_pairs
+
+    return record_pairs(demo)
+
+
+def learn_gap(demo: Demo) -> Found:
+    """Do the second stage."""
+    from nas_data.demo.learning import learn_models
+
+    return learn_models(demo)
+
+
+def learn_task(demo: Demo) -> Found:
+    """Do the third stage."""
+    from nas_data.demo.policies import learn_policies
+
+    return learn_policies(demo)
+
+
+def show(demo: Demo) -> Found:
+    """Do the last stage."""
+    from nas_data.demo.page import write_page
+
+    return write_page(demo)
+
+
+STAGES = (
+    Stage(
+        "record",
+        "Record and pair",
+        "An arm of six servos (Poppy Ergo Jr) is moved to random targets and measured. It stands in for a real robot: "
+        "two of its joints have play and its servos have a speed limit, of which the plain simulator knows nothing. "
+        "That simulator is then set to every measured state and asked where the same command would lead.",
+        record,
+        ("datasets",),
+    ),
+    Stage(
+        "models",
+        "Learn the gap",
+        "Two networks learn from the pairs, side by side: φ corrects each step of the simulator, ψ predicts without a "
+        "simulator. Both are trained on their own rollouts. 'validation' is the error of such rollouts [rad]; "
+        "* marks the best so far, which is kept.",
+        learn_gap,
+        ("models",),
+    ),
+    Stage(
+        "policies",
+        "Learn policies",
+        "The task is to reach a point with the arm's tip. Policies learn it by PPO on the target (expert), in the "
+        "plain simulator (source), in the simulator corrected by φ (augmented) and in ψ (forward). Then each is "
+        "judged on the target.",
+        learn_task,
+        ("policies",),
+    ),
+    Stage("page", "Show", "Pictures and tables go on one page.", show, ("report.html", "figures")),
+)
+
+
+def run_demo(plan: Plan, folder: Path, report: Report) -> dict[str, Done]:
+    """Run every stage that is not done yet.
+
+    Args:
+        plan: Sizes.
+        folder: Where everything goes; a finished stage in it is kept.
+        report: Told of progress in lines for people.
+
+    Raises:
+        OutputExists: the folder holds something else, or a demo of other sizes.
+    """
+    return run_stages(STAGES, Demo(plan, folder, report))

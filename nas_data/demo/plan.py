@@ -1,0 +1,98 @@
+"""How large the demo is, and what it is about."""
+
+from dataclasses import asdict, dataclass
+
+from nas_data import __version__
+from nas_data.envs.base import SOURCE, Task, find_task
+from nas_data.envs.loop.plant import Plant
+from nas_data.models.presets import TrainingOptions, preset
+from nas_data.robots.base import find_robot
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Sizes of the demo.
+
+    Attributes:
+        episodes: Recorded episodes that the models learn from.
+        heldout: Further recorded episodes that they are judged on.
+        seconds: Length of each [s].
+        hold: Time that each random command is held [s].
+        delta: Training of φ.
+        forward: Training of ψ.
+        frames: Control steps that each policy learns from.
+        seeds: Seeds of the policies of each method.
+        judged: Episodes that each policy is judged on.
+        rollout: Control steps between two updates of a policy.
+        minibatches: Parts of a rollout, one gradient step each.
+        epochs: Passes over a rollout.
+        seed: Seed of the recordings; the held-out episodes take the next one.
+        environment: What the policies are to do.
+        dynamics: What the target is: one of the environment's dynamics.
+    """
+
+    episodes: int
+    heldout: int
+    seconds: float
+    hold: float
+    delta: TrainingOptions
+    forward: TrainingOptions
+    frames: int
+    seeds: tuple[int, ...]
+    judged: int
+    rollout: int = 8192
+    minibatches: int = 32
+    epochs: int = 10
+    seed: int = 0
+    environment: str = "ErgoReacher"
+    dynamics: str = "backlash"
+
+    @property
+    def task(self) -> Task:
+        """What the policies are to do."""
+        return find_task(self.environment)
+
+    @property
+    def target(self) -> Plant:
+        """The plant that stands in for the robot."""
+        return Plant(self.environment, self.dynamics)
+
+    @property
+    def source(self) -> Plant:
+        """The plain simulator."""
+        return Plant(self.environment, SOURCE)
+
+    def describe(self) -> dict[str, object]:
+        """Return what the demo's results depend on, for JSON; cheap, so that a finished demo says so at once."""
+        robot = find_robot(self.task.robot)
+        effects = {name: list(self.task.dynamics[name]) for name in (SOURCE, self.dynamics)}
+        return {"nas_data": __version__, **asdict(self), "robot": robot.name, "model": robot.sha256, "effects": effects}
+
+
+FULL = Plan(
+    episodes=200,
+    heldout=40,
+    seconds=3.0,
+    hold=1.0,
+    delta=preset("fast", hidden=64, updates=400, horizon=100),
+    forward=preset("fast", hidden=64, updates=1000, horizon=100),
+    frames=300_000,
+    seeds=(0, 1),
+    judged=100,
+)
+
+# So small that nothing is learned: it shows, within a minute, that every stage works here.
+QUICK = Plan(
+    episodes=20,
+    heldout=4,
+    seconds=1.0,
+    hold=0.5,
+    delta=preset("fast", hidden=8, updates=4, horizon=20),
+    forward=preset("fast", hidden=8, updates=4, horizon=20),
+    frames=2_000,
+    seeds=(0,),
+    judged=4,
+    rollout=1024,
+    minibatches=4,
+    epochs=2,
+)

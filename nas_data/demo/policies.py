@@ -1,0 +1,103 @@
+"""The demo's third stage: policies learn on the target, in the source and in what was learned; the target judges."""
+
+import json
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.demo.learning import FOLDERS, cores
+from nas_data.demo.stages import INDENT, Demo, Found
+from nas_data.envs.loop.plant import Plant
+from nas_data.errors import CheckpointError
+from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compare
+from nas_data.policies.evaluate import score_baselines
+from nas_data.policies.policy import read_progress
+from nas_data.policies.ppo import Hyperparameters
+from nas_data.reports.file import write_whole
+
+FOLDER = "policies"
+BASELINES = "policies/baselines.json"
+PAUSE = 10.0  # [s] between two lines of progress
+
+
+def learn_policies(demo: Demo) -> Found:
+    """Train every method with every seed, and judge each policy on the target."""
+    plan = demo.plan
+    study = study_of(demo)
+    with progress(study, demo):
+        comparison = compare(study, demo.folder / FOLDER, cores(), lambda line: demo.report(f"{INDENT}{line}"))
+    baselines = score_baselines(plan.target, plan.judged)
+    said = [
+        f"On the target, {plan.judged} episodes a policy (higher is better):",
+        *comparison.table().splitlines(),
+        *(f"without learning, {name}: return {score.mean_return:.2f}" for name, score in baselines.items()),
+        f"policies → {demo.folder / FOLDER}",
+    ]
+    scores = {name: score.describe() for name, score in baselines.items()}
+    write_whole(demo.folder / BASELINES, (json.dumps(scores, indent=1) + "\n").encode())
+    summary = [
+        f"Return on the target, median of {len(plan.seeds)} seeds: "
+        + ", ".join(f"{method} {np.median(comparison.values(method)):.2f}" for method in study.methods),
+        *(
+            f"{method} closes {closed} of the distance from source to expert"
+            for method in study.methods
+            if (closed := comparison.share_closed(method)) is not None and not np.isnan(closed.value)
+        ),
+    ]
+    return Found(said, {**comparison.describe(), "baselines": scores}, summary)
+
+
+def load_baselines(path: Path) -> dict[str, dict[str, float]]:
+    """Return the scores of what needs no learning that the stage kept."""
+    scores: dict[str, dict[str, float]] = json.loads(path.read_text(encoding="utf-8"))
+    return scores
+
+
+def study_of(demo: Demo) -> Study:
+    """Return what is compared: the two ends, φ and ψ."""
+    plan = demo.plan
+    delta, forward = (str(demo.folder / FOLDERS[kind]) for kind in FOLDERS)
+    return Study(
+        target=plan.target,
+        methods={
+            EXPERT_METHOD: plan.target,
+            SOURCE_METHOD: plan.source,
+            "augmented": Plant(plan.environment, checkpoint=delta),
+            "forward": Plant(plan.environment, checkpoint=forward),
+        },
+        seeds=plan.seeds,
+        frames=plan.frames,
+        episodes=plan.judged,
+        hyperparameters=Hyperparameters(rollout=plan.rollout, minibatches=plan.minibatches, epochs=plan.epochs),
+    )
+
+
+@contextmanager
+def progress(study: Study, demo: Demo) -> Iterator[None]:
+    """Report every few seconds how much is learned, from what the workers leave on disk."""
+    folders = [demo.folder / FOLDER / method / f"seed{seed}" for method in study.methods for seed in study.seeds]
+    over = threading.Event()
+
+    def watch() -> None:
+        while not over.wait(PAUSE):
+            done = 0.0
+            for folder in folders:
+                try:
+                    done += float(read_progress(folder)["frames"][-1])
+                except CheckpointError:
+                    continue  # not begun
+            share = min(1.0, done / (study.frames * len(folders)))
+            demo.report(
+                f"{INDENT}{len(folders)} policies, {share:.0%} of {study.frames * len(folders):,} control steps"
+            )
+
+    thread = threading.Thread(target=watch, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()

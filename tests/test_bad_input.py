@@ -1,0 +1,139 @@
+"""Bad input costs one sentence and exit code 2: no traceback, nothing printed besides, nothing written."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from command_samples import FAST, SIMULATED, Place, furnish
+from linear_samples import network
+from recording_samples import pendulum, recorded_on, wander
+from simulator_samples import CONTACTS, hinge, motors, unstable
+
+from nas_data.cli import main
+from nas_data.dataset.layout import data_files
+from nas_data.dataset.read import read
+from nas_data.dataset.write import write
+from nas_data.models import checkpoint
+
+
+def tree(folder: Path) -> dict[str, bytes | None]:
+    """Return every path below a folder with its content."""
+    found = folder.rglob("*")
+    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in found}
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory) -> Place:
+    return furnish(tmp_path_factory.mktemp("place"))
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch) -> Path:
+    """An empty folder to work in."""
+    folder = tmp_path / "here"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    return folder
+
+
+def spoilt(place: Place, here: Path) -> None:
+    """Make the wrong things that bad input names, beside the folder in which the program runs."""
+    aside = here.parent
+    half = write(read(place.paired), aside / "half", SIMULATED)
+    file = data_files(half)[0]
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    (aside / "nothing").mkdir()
+    (aside / "photo.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(64))
+    (aside / "page.xml").write_text("<!DOCTYPE html><html><body>Not found</body></html>")
+    (aside / "empty.xml").write_text("")
+    (aside / "other.xml").write_text(CONTACTS)
+    (aside / "torque.xml").write_text(motors().replace('"hinge"', '"pendulum"'))
+    (aside / "wild.xml").write_text(unstable().replace('"hinge"', '"pendulum"'))
+    (aside / "slow.xml").write_text(hinge().replace('"hinge"', '"pendulum"'))
+    (aside / "taken").mkdir()
+    (aside / "taken/thesis.tex").write_text("years of work")
+    (aside / "effects.json").write_text('{"effects": [{"effect": "gremlins"}]}')
+    checkpoint.save(network("delta", ("elbow", "wrist")), aside / "elsewhere")
+    checkpoint.save(network("delta", ("pendulum",), fps=200.0), aside / "faster")
+    damaged = checkpoint.save(checkpoint.load_frozen(place.phi / "checkpoint"), aside / "damaged")
+    (damaged / "model.safetensors").write_bytes(b"no weights")
+    still = recorded_on(pendulum(), wander((1, 1)))
+    write(still, aside / "blink", SIMULATED)
+    write(replace(still, fps=200.0), aside / "quick", SIMULATED)
+
+
+BAD = {
+    "pair: no dataset": (("pair", "../absent", "--model", "pendulum"), "absent"),
+    "pair: an empty folder": (("pair", "../nothing", "--model", "pendulum"), "nothing"),
+    "pair: a half-written dataset": (("pair", "../half", "--model", "pendulum"), "half"),
+    "pair: no such robot": (("pair", "RAW", "--model", "asimo"), "ergojr"),
+    "pair: no such file": (("pair", "RAW", "--model", "../asimo.xml"), "asimo.xml"),
+    "pair: a picture": (("pair", "RAW", "--model", "../photo.png"), "photo.png"),
+    "pair: a web page": (("pair", "RAW", "--model", "../page.xml"), "page.xml"),
+    "pair: an empty file": (("pair", "RAW", "--model", "../empty.xml"), "empty.xml"),
+    "pair: a folder": (("pair", "RAW", "--model", "../nothing"), "nothing"),
+    "pair: a model without the joint": (("pair", "RAW", "--model", "../other.xml"), "pendulum"),
+    "pair: torques": (("pair", "RAW", "--model", "../torque.xml"), "torque"),
+    "pair: a model that diverges": (("pair", "RAW", "--model", "../wild.xml"), "wild.xml"),
+    "pair: a taken folder": (("pair", "RAW", "--model", "pendulum", "--out", "../taken"), "taken"),
+    "pair: no such engine": (("pair", "RAW", "--model", "pendulum", "--engine", "unity"), "bullet"),
+    "pair: no such effect": (("pair", "RAW", "--model", "pendulum", "--effect", "gremlins:joint=pendulum"), "gremlins"),
+    "pair: an effect elsewhere": (
+        ("pair", "RAW", "--model", "pendulum", "--effect", "backlash:joint=knee,half_width=0.01"),
+        "knee",
+    ),
+    "pair: a file of unknown effects": (
+        ("pair", "RAW", "--model", "pendulum", "--effects", "../effects.json"),
+        "gremlins",
+    ),
+    "train: no dataset": (("train", "forward", "../absent"), "absent"),
+    "train: a half-written dataset": (("train", "delta", "../half"), "half"),
+    "train: φ unpaired": (("train", "delta", "RAW"), "nas pair"),
+    "train: a taken folder": (("train", "forward", "RAW", "--out", "../taken", *FAST), "taken"),
+    "train: a file as folder": (("train", "forward", "RAW", "--out", "../photo.png", *FAST), "photo.png"),
+    "train: no such preset": (("train", "forward", "RAW", "--preset", "nas2018"), "paper"),
+    "train: no such device": (("train", "forward", "RAW", "--device", "abacus"), "abacus"),
+    "train: no such episode": (("train", "forward", "RAW", "--episodes", "99"), "99"),
+    "train: nothing to learn from": (("train", "forward", "../blink"), "transitions"),
+    "train: no units": (("train", "forward", "RAW", "--hidden", "0"), "Hidden"),
+    "train: a negative seed": (("train", "forward", "RAW", "--seed", "-1"), "seed"),
+    "train: everything held out": (("train", "forward", "RAW", "--validation", "1.5"), "1.5"),
+    "train: another source": (("train", "delta", "PAIRED", "--model", "../slow.xml"), "paired"),
+    "train: a picture as source": (("train", "delta", "PAIRED", "--model", "../photo.png"), "photo.png"),
+    "evaluate: no checkpoint": (("evaluate", "../absent", "RAW"), "absent"),
+    "evaluate: a folder without one": (("evaluate", "../taken", "RAW"), "taken"),
+    "evaluate: a damaged one": (("evaluate", "../damaged", "RAW"), "damaged"),
+    "evaluate: no dataset": (("evaluate", "PHI", "../absent"), "absent"),
+    "evaluate: a half-written dataset": (("evaluate", "PHI", "../half"), "half"),
+    "evaluate: a checkpoint for another robot": (("evaluate", "../elsewhere", "RAW"), "elbow, wrist"),
+    "evaluate: a checkpoint for another rate": (("evaluate", "../faster", "RAW"), "200 Hz"),
+    "evaluate: a model without the joint": (("evaluate", "PHI", "RAW", "--model", "../other.xml"), "pendulum"),
+    "evaluate: a web page": (("evaluate", "PHI", "RAW", "--model", "../page.xml"), "page.xml"),
+    "evaluate: ψ with a picture": (("evaluate", "PSI", "RAW", "--model", "../photo.png"), "photo.png"),
+    "evaluate: no such episode": (("evaluate", "PHI", "RAW", "--episodes", "-3"), "-3"),
+    "evaluate: data of another rate": (("evaluate", "PHI", "../quick"), "200 Hz"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+@pytest.mark.parametrize("as_json", [False, True], ids=["text", "json"])
+def test_bad_input_costs_one_sentence_and_writes_nothing(place, here, capfd, case, as_json):
+    words, named = BAD[case]
+    spoilt(place, here)
+    known = {"RAW": place.raw, "PAIRED": place.paired, "PHI": place.phi, "PSI": place.psi}
+    before = tree(here.parent), tree(place.root)
+    capfd.readouterr()
+    code = main([*(str(known.get(word, word)) for word in words), *(["--json"] if as_json else [])])
+    output = capfd.readouterr()
+    assert code == 2
+    assert "Traceback" not in output.err
+    lines = output.err.splitlines()
+    assert len(lines) == 1, output.err
+    assert lines[0].startswith("nas: ")
+    assert named in lines[0]
+    if as_json:
+        assert json.loads(output.out) == {"error": lines[0].removeprefix("nas: ")}
+    else:
+        assert output.out == ""
+    assert (tree(here.parent), tree(place.root)) == before

@@ -1,0 +1,216 @@
+"""The project as a whole: its commands explain themselves, start fast, and what is shipped is complete and clean."""
+
+import ast
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import time
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+import tyro
+from packaging.requirements import Requirement
+
+from nas_data.cli import command_class, command_files, main, split
+
+ROOT = Path(__file__).parents[1]
+COMMANDS = sorted(command_files())
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+PYTHONS = {"311": "3.11", "312": "3.12"}
+
+HELP_SECONDS = 0.3  # [s] how long `nas --help` may take
+ATTEMPTS = 20  # runs of which the fastest counts: other tests run beside this one
+HEAVY = {
+    "datasets", "gymnasium", "huggingface_hub", "lerobot", "matplotlib", "mujoco", "numpy", "pandas", "pyarrow",
+    "pybullet", "scipy", "stable_baselines3", "tensorboard", "torch",
+}  # fmt: skip
+MACHINE_PATH = re.compile(r"/(?:work|tmp|root|farm|home|Users)/\w")
+README_BLOCK = re.compile(r"<!-- test -->\s*```bash\n(.*?)```", re.DOTALL)
+
+
+def own_files() -> list[Path]:
+    """Return every file of the project as git sees it: tracked, or new and not ignored."""
+    if not (ROOT / ".git").exists():
+        pytest.skip("not a git checkout: which files are the project's is not known")
+    listed = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
+    names = subprocess.run(listed, cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    return [path for name in names.split("\0") if name and (path := ROOT / name).is_file()]
+
+
+def loaded_by(code: str) -> set[str]:
+    """Return the packages that a fresh Python has loaded after some code."""
+    code = f"{code}\nimport sys\nprint(*sorted({{name.split('.')[0] for name in sys.modules}}), file=sys.stderr)"
+    run = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=ROOT)
+    return set(run.stderr.split())
+
+
+# Commands
+
+
+def example(name: str) -> str:
+    """Return the example of a command's class, continued lines joined."""
+    text = re.sub(r"\s+", " ", command_class(name).__doc__ or "")
+    found = re.search(r"Example: nas (.*)", text)
+    assert found, f"nas {name} has no example"
+    return found.group(1)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_each_command_explains_itself(name, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        main([*name.split(), "--help"])
+    assert stopped.value.code == 0
+    shown = re.sub(r"\s+", " ", capsys.readouterr().out)
+    assert f"usage: nas {name}" in shown
+    assert f"Example: nas {name}" in shown
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_each_example_is_a_command_that_can_be_typed(name):
+    words, options = split(shlex.split(example(name)))
+    assert words == name
+    kind = command_class(name)
+    assert isinstance(tyro.cli(kind, args=options, config=(tyro.conf.FlagCreatePairsOff,)), kind)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_each_option_of_a_command_is_described(name):
+    tree = ast.parse(command_files()[name].read_text())
+    kind = next(
+        node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == command_class(name).__name__
+    )
+    for field, following in zip(kind.body, [*kind.body[1:], None], strict=True):
+        if isinstance(field, ast.AnnAssign):
+            described = isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant)
+            assert described, f"nas {name}: {ast.unparse(field.target)} has no docstring"
+
+
+def test_the_overview_lists_every_command_with_a_sentence(capsys):
+    assert main(["--help"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    for name in COMMANDS:
+        assert any(re.match(rf"  {name} +\w.*[.…]$", line) for line in lines), name
+
+
+def test_the_overview_answers_at_once():
+    program = Path(sys.executable).with_name("nas")
+    command = [str(program)] if program.exists() else [sys.executable, "-m", "nas_data"]
+    fastest = float("inf")
+    for _ in range(ATTEMPTS):
+        begun = time.perf_counter()
+        subprocess.run([*command, "--help"], check=True, capture_output=True)
+        fastest = min(fastest, time.perf_counter() - begun)
+        if fastest < HELP_SECONDS:
+            return
+    pytest.fail(f"nas --help took {fastest:.2f} s in the fastest of {ATTEMPTS} runs; {HELP_SECONDS} s is the limit")
+
+
+def test_the_overview_loads_nothing_heavy():
+    assert loaded_by("from nas_data.cli import main; main(['--help'])") & (HEAVY | {"tyro"}) == set()
+
+
+def test_the_files_of_the_commands_load_nothing_heavy():
+    code = "from nas_data.cli import command_class, command_files\nfor name in command_files(): command_class(name)"
+    assert loaded_by(code) & HEAVY == set()
+
+
+def test_importing_the_package_loads_only_the_standard_library():
+    before = loaded_by("")
+    assert loaded_by("import nas_data") - before - set(sys.stdlib_module_names) == {"nas_data"}
+
+
+# Files
+
+
+def test_no_python_file_shadows_hugging_faces_datasets():
+    assert [path for path in (ROOT / "datasets").rglob("*.py")] == []
+    assert not (ROOT / "datasets" / "__init__.py").exists()
+
+
+def test_no_file_names_a_path_of_one_machine():
+    found = []
+    for path in own_files():
+        try:
+            lines = path.read_text(encoding="utf-8").splitlines()
+        except UnicodeDecodeError:
+            continue
+        found += [
+            f"{path.relative_to(ROOT)}:{n}: {line}" for n, line in enumerate(lines, 1) if MACHINE_PATH.search(line)
+        ]
+    assert found == []
+
+
+def test_a_path_of_one_machine_would_be_found():
+    assert MACHINE_PATH.search("open('" + "/".join(["", "home", "me", "data"]) + "')")
+    assert not MACHINE_PATH.search("see https://example.org/a/b and runs/home")
+
+
+def test_the_wheel_holds_every_file_of_the_package(tmp_path):
+    source, wheels = tmp_path / "source", tmp_path / "wheels"
+    for path in own_files():
+        target = source / path.relative_to(ROOT)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(path, target)
+    build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
+    subprocess.run([*build, "--wheel-dir", str(wheels), str(source)], check=True, capture_output=True)
+    (wheel,) = wheels.glob("nas_data-*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        held = {name for name in archive.namelist() if ".dist-info" not in name}
+        assert any(name.endswith("licenses/LICENSE") for name in archive.namelist())
+    assert held == {path.relative_to(ROOT).as_posix() for path in own_files() if (ROOT / "nas_data") in path.parents}
+    assert {".xml", ".toml", ".py"} <= {Path(name).suffix for name in held}
+
+
+def pins(python: str) -> dict[str, str]:
+    """Return the pinned version of each package, by its normalised name."""
+    lines = (ROOT / "constraints" / f"py{python}.txt").read_text().splitlines()
+    parsed = [line.partition("==") for line in lines if line and not line.startswith("#")]
+    assert all(separator and re.fullmatch(r"[\w.+!-]+", version) for _, separator, version in parsed)
+    return {re.sub(r"[-_.]+", "-", name).lower(): version for name, _, version in parsed}
+
+
+@pytest.mark.parametrize("python", PYTHONS)
+def test_every_dependency_is_pinned_to_a_version_that_the_project_allows(python):
+    pinned = pins(python)
+    needed = [Requirement(text) for text in PROJECT["dependencies"] + PROJECT["optional-dependencies"]["dev"]]
+    environment = {"python_version": PYTHONS[python], "python_full_version": f"{PYTHONS[python]}.0"}
+    for requirement in needed:
+        if requirement.marker is None or requirement.marker.evaluate(environment):
+            name = re.sub(r"[-_.]+", "-", requirement.name).lower()
+            assert name in pinned, f"{requirement.name} is not in constraints/py{python}.txt"
+            assert requirement.specifier.contains(pinned[name]), requirement
+    assert "nas-data" not in pinned
+
+
+# README
+
+
+def readme_blocks() -> list[str]:
+    """Return the blocks of the README that are marked as tested."""
+    return README_BLOCK.findall((ROOT / "README.md").read_text(encoding="utf-8"))
+
+
+def test_the_blocks_of_the_readme_run(tmp_path):
+    if not (ROOT / "README.md").read_text(encoding="utf-8").strip():
+        pytest.skip("the README is empty")
+    blocks = readme_blocks()
+    assert blocks, "no block of the README is marked with <!-- test -->"
+    for path in own_files():  # a reader is at the root of a clone
+        target = tmp_path / path.relative_to(ROOT)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(path, target)
+    search = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    for number, block in enumerate(blocks, 1):
+        shell = ["bash", "-euo", "pipefail", "-c", block]
+        run = subprocess.run(shell, cwd=tmp_path, env={**os.environ, "PATH": search}, capture_output=True, text=True)
+        assert run.returncode == 0, f"block {number} of the README failed:\n{block}\n{run.stdout}\n{run.stderr}"
+
+
+def test_a_block_is_found_only_below_its_mark():
+    text = "```bash\nfalse\n```\n<!-- test -->\n```bash\ntrue\n```\n<!-- test -->\n\n```bash\necho a\necho b\n```\n"
+    assert README_BLOCK.findall(text) == ["true\n", "echo a\necho b\n"]

@@ -1,0 +1,179 @@
+"""A training repeats itself bit for bit, goes on after interruptions, and keeps its best."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from recording_samples import paired_pendulum
+from training_samples import TINY, history, same, train
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.errors import OutputExists
+from nas_data.models.checkpoint import load_frozen
+from nas_data.models.phases import FreeRunning, TeacherForcing
+from nas_data.models.training import Training
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread():
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.fixture(scope="module")
+def swings() -> Dataset:
+    return paired_pendulum((60,) * 24)
+
+
+# the same seed, the same bits
+
+
+@pytest.mark.parametrize("options", [TINY, replace(TINY, updates=12)], ids=["forced", "free"])
+def test_the_same_seed_gives_the_same_bits_and_another_seed_others(tmp_path, swings, options):
+    one, two = (train(swings, tmp_path / name, options=options) for name in ("one", "two"))
+    assert same(one, two)
+    assert [row["validation"] for row in history(tmp_path / "one")] == [
+        row["validation"] for row in history(tmp_path / "two")
+    ]
+    other = train(swings, tmp_path / "other", options=replace(options, seed=1))
+    assert not same(one, other)
+
+
+class Interrupted(Exception):
+    """Stands in for Ctrl-C."""
+
+
+def interrupt_at(line: int):
+    """Return a report callback that raises when it is told its n-th line."""
+    told = []
+
+    def report(text: str) -> None:
+        told.append(text)
+        if len(told) == line:
+            raise Interrupted
+
+    return report
+
+
+@pytest.mark.parametrize(
+    ("kind", "options"),
+    [("delta", replace(TINY, epochs=4)), ("forward", replace(TINY, updates=12))],
+    ids=["forced", "free"],
+)
+@pytest.mark.parametrize("line", [1, 2, 4])
+def test_an_interrupted_training_ends_in_the_same_bits(tmp_path, swings, monkeypatch, kind, options, line):
+    monkeypatch.setattr(FreeRunning, "per_validation", 5)
+    whole = train(swings, tmp_path / "whole", kind, options)
+    with pytest.raises(Interrupted):
+        train(swings, tmp_path / "broken", kind, options, report=interrupt_at(line))
+    assert not (tmp_path / "broken/history.json").exists(), "an unfinished training must not look finished"
+    assert same(train(swings, tmp_path / "broken", kind, options), whole)
+    kept = ("update", "validation", "loss")
+    rows = [[str(row[key]) for key in kept] for row in history(tmp_path / "broken")]
+    assert rows == [[str(row[key]) for key in kept] for row in history(tmp_path / "whole")]
+    names = sorted(path.name for path in (tmp_path / "broken").iterdir())
+    assert names == ["checkpoint", "history.json", "tensorboard"]
+
+
+def test_a_training_interrupted_twice_within_an_update_goes_on(tmp_path, swings, monkeypatch):
+    whole = train(swings, tmp_path / "whole")
+    plain = TeacherForcing.loss
+    for stop in (2, 5):
+
+        def loss(self, update, stop=stop):
+            if update == stop:
+                raise Interrupted
+            return plain(self, update)
+
+        monkeypatch.setattr(TeacherForcing, "loss", loss)
+        with pytest.raises(Interrupted):
+            train(swings, tmp_path / "broken")
+    monkeypatch.setattr(TeacherForcing, "loss", plain)
+    assert same(train(swings, tmp_path / "broken"), whole)
+
+
+def test_a_training_interrupted_before_its_first_validation_goes_on(tmp_path, swings, monkeypatch):
+    def stop(_self) -> float:
+        raise Interrupted
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Training, "validation_error", stop)
+        with pytest.raises(Interrupted):
+            train(swings, tmp_path / "broken")
+    assert same(train(swings, tmp_path / "broken"), train(swings, tmp_path / "whole"))
+
+
+# what stands in the folder
+
+
+def test_early_stopping_keeps_the_best(tmp_path, swings):
+    options = replace(TINY, epochs=30, rate=0.5, cosine=False, clip=0.0)  # this learning rate throws the weights about
+    model = train(swings, tmp_path / "run", options=options)
+    rows = history(tmp_path / "run")
+    errors = [row["validation"] for row in rows]
+    assert errors[-1] > min(errors), "the training never got worse: the test shows nothing"
+    training = Training("delta", swings, options, device="cpu")
+    training.model.load_state_dict(model.state_dict())
+    assert training.validation_error() == pytest.approx(min(errors), rel=1e-6)
+
+
+def test_patience_ends_a_training_that_gets_no_better(tmp_path, swings):
+    options = replace(TINY, epochs=60, rate=0.5, cosine=False, clip=0.0, patience=3)
+    train(swings, tmp_path / "run", options=options)
+    errors = [row["validation"] for row in history(tmp_path / "run")]
+    assert len(errors) < 61
+    assert len(errors) - 1 - int(np.argmin(errors)) == 4, "three are borne, one more ends it"
+
+
+def test_every_validation_is_told_and_kept(tmp_path, swings):
+    told: list[str] = []
+    train(swings, tmp_path / "run", report=told.append)
+    rows = history(tmp_path / "run")
+    updates = -(-22 // TINY.batch)  # batches of the 22 of 24 episodes that train
+    assert [row["update"] for row in rows] == [updates * epoch for epoch in range(TINY.epochs + 1)]
+    assert len(told) == len(rows)
+    assert all(f"{row['validation']:.5f}" in line for row, line in zip(rows, told, strict=True))
+    assert list((tmp_path / "run/tensorboard").glob("events.out.tfevents.*"))
+    assert [path.name for path in tmp_path.rglob("*.pt")] == []
+
+
+def test_the_returned_model_is_the_checkpoint_frozen(tmp_path, swings):
+    provenance = {"dataset": {"name": "swings/v1-12345678", "content_hash": "12345678"}}
+    model = train(swings, tmp_path / "run", provenance=provenance)
+    assert same(model, load_frozen(tmp_path / "run/checkpoint"))
+    assert not any(parameter.requires_grad for parameter in model.parameters())
+    assert (model.joints, model.fps, model.commands_effort) == (("pendulum",), 50.0, False)
+    assert model.provenance["dataset"] == provenance["dataset"]
+    assert model.provenance["training"] == {**TINY.__dict__}
+
+
+def test_a_folder_that_is_taken_is_left_alone(tmp_path, swings):
+    done = tmp_path / "done"
+    train(swings, done)
+    stranger = tmp_path / "stranger"
+    stranger.mkdir()
+    (stranger / "thesis.tex").write_text("years of work")
+    file = tmp_path / "file"
+    file.write_text("a file")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    for folder in (done, stranger, file):
+        with pytest.raises(OutputExists, match=folder.name):
+            train(swings, folder)
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize("change", ["options", "data", "source"])
+def test_an_unfinished_training_of_something_else_is_left_alone(tmp_path, swings, change):
+    def provenance(dataset: str, source: str) -> dict[str, object]:
+        return {"dataset": {"content_hash": dataset}, "source": {"sha256": source}}
+
+    with pytest.raises(Interrupted):
+        train(swings, tmp_path / "run", provenance=provenance("a", "b"), report=interrupt_at(2))
+    options = replace(TINY, rate=1e-3) if change == "options" else TINY
+    other = provenance("x" if change == "data" else "a", "x" if change == "source" else "b")
+    with pytest.raises(OutputExists, match="unfinished"):
+        train(swings, tmp_path / "run", options=options, provenance=other)
+    train(swings, tmp_path / "run", provenance=provenance("a", "b"))
