@@ -4,6 +4,7 @@ import ast
 import importlib
 import json
 import math
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -122,10 +123,9 @@ def run(name: str, rest: list[str]) -> int:
         return fail(str(error), command.json)
     except KeyboardInterrupt:
         return fail("interrupted; what was finished is kept.", command.json) and 130
-    except BrokenPipeError:
-        return 0
-    if command.json:
-        print(json.dumps(finite(outcome.data), indent=2, allow_nan=False))
-    elif outcome.text:
-        print(outcome.text)
+    text = json.dumps(finite(outcome.data), indent=2, allow_nan=False) if command.json else outcome.text
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:  # the reader (head, less) has seen enough; Python would complain again while it exits
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0 if outcome.ok else 1

@@ -61,7 +61,7 @@ def told(project: Path) -> list[str]:
 def test_the_environment_is_set_up_once_and_again_when_its_packages_change(project):
     add_python(project, "python3.11", "3.11")
     assert make(project, "setup").returncode == 0
-    assert told(project)[:1] + told(project)[-1:] == ["venv"] or (project / ".venv").is_dir()
+    assert told(project) == ["venv", "install"]
     begun = time.perf_counter()
     again = make(project, "setup")
     assert time.perf_counter() - begun < START_SECONDS

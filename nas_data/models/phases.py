@@ -83,8 +83,9 @@ class Place(NamedTuple):
 class FreeRunning:
     """Errors of rollouts on the model's own states, with the source in the loop; what a policy will live in.
 
-    The gradient runs through the whole window: through the network exactly, through the source by its Jacobian
-    averaged over the data (friction and saturation make the local one useless).
+    A window begins where an episode does, the memory empty, or later, after the model has read what was measured
+    before. The gradient runs through the whole window: through the network exactly, through the source by its
+    Jacobian at the measured transition of the same time.
     """
 
     name = "free running"
