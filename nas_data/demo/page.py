@@ -62,13 +62,14 @@ def lead(plan: Plan) -> str:
 def about(plan: Plan) -> list[str]:
     """Return what was done, in plain words."""
     play, slow = joints_with(plan, "backlash"), joints_with(plan, "speed_limit")
+    held = ", ".join(f"{hold:g}" for hold in plan.holds)
     return [
         "The arm is a Poppy Ergo Jr of six servos. To let everyone repeat this, it is itself simulated: the target. "
         f"Unlike the plain simulator, the source, it has true play in {' and '.join(play)} and a speed limit in "
         f"{len(slow)} servos, and its sensors have the resolution of XL-320 servos.",
-        f"{plan.episodes} episodes of {plan.seconds:g} s were recorded, with a new random target every {plan.hold:g} s "
-        f"and {1 / plan.task.period:.0f} control steps a second. The source was set to every measured state and asked "
-        "where the same command would lead: these pairs are what φ learns from. ψ is the alternative without a "
+        f"{plan.episodes} episodes of {plan.seconds:g} s were recorded, with random targets that are held "
+        f"for {held} s in turn, at {1 / plan.task.period:.0f} control steps a second. The source was set to every "
+        "measured state and asked where the same command would lead: these pairs are what φ learns from. ψ is the alternative without a "
         f"simulator: a network that predicts the next state alone. All errors below are on {plan.heldout} further "
         "episodes that no training has seen, each predicted from its first measured state and its commands only.",
     ]

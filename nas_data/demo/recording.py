@@ -10,7 +10,7 @@ from nas_data.dataset.content import content_hash
 from nas_data.dataset.provenance import Provenance
 from nas_data.demo.plan import Plan
 from nas_data.demo.stages import Demo, Found
-from nas_data.excitations.steps import Steps
+from nas_data.excitations.babbling import Babbling
 from nas_data.pairing import pair
 from nas_data.recorders.simulated import Protocol, Readings, Session, Target, to_dataset
 from nas_data.robots.base import find_robot
@@ -77,19 +77,24 @@ def record_and_pair(demo: Demo, name: str, episodes: int, seed: int) -> Recorded
 
 
 def draw(plan: Plan, episodes: int, seed: int) -> Session:
-    """Draw the paper's protocol in the task's own actions: random targets, each held for a while.
+    """Draw random targets in the task's own actions, held for longer or shorter times in different episodes.
 
     Joints that the task does not act on are commanded as in the task; first poses are the task's starts.
     """
     task, robot = plan.task, find_robot(plan.task.robot)
     readings = Readings(quantum=robot.position_quantum, velocity_quantum=robot.velocity_quantum)
     target = Target(robot, task.simulator(plan.dynamics), readings, rate=1 / task.period)
-    excitation = Steps(seconds=plan.hold)
-    protocol = Protocol(excitation=excitation, episodes=episodes, seconds=plan.seconds, start="random", seed=seed)
+    every = [max(1, round(hold / task.period)) for hold in plan.holds]
+    protocol = Protocol(
+        excitation=Babbling(every=every[0]), episodes=episodes, seconds=plan.seconds, start="random", seed=seed
+    )
     command_rng, pose_rng, noise_rng = np.random.default_rng(seed).spawn(3)
     width = task.action_space.shape[0]
     steps = round(plan.seconds / task.period)
-    actions = excitation.shape(command_rng, episodes, steps, task.period, np.ones(width))
+    actions = [
+        Babbling(every=every[episode % len(every)]).shape(command_rng, 1, steps, task.period, np.ones(width))[0]
+        for episode in range(episodes)
+    ]
     n = len(task.joints)
     poses = np.stack([task.start(pose_rng).state[:n] for _ in range(episodes)])
     return Session(target, protocol, [task.command(rows) for rows in actions], poses, noise_rng)
