@@ -56,7 +56,7 @@ $(STAMP): pyproject.toml $(wildcard $(CONSTRAINTS))
 	@echo "setting up $(VENV) with Python $(VERSION) (some minutes, once) …" >&2
 	@test "$$($(BIN)/python $(SAY_VERSION) 2>/dev/null)" = $(VERSION) && $(BIN)/python -m pip --version >/dev/null 2>&1 \
 	  || $(PYTHON) -m venv --clear $(VENV)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[dev]'
+	@$(BIN)/python -m pip install --quiet --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[dev]'
 	@touch $@
 	@echo "$(VENV) is ready" >&2
 

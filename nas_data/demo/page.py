@@ -69,9 +69,10 @@ def about(plan: Plan) -> list[str]:
         f"{len(slow)} servos, and its sensors have the resolution of XL-320 servos.",
         f"{plan.episodes} episodes of {plan.seconds:g} s were recorded, with random targets that are held "
         f"for {held} s in turn, at {1 / plan.task.period:.0f} control steps a second. The source was set to every "
-        "measured state and asked where the same command would lead: these pairs are what φ learns from. ψ is the alternative without a "
-        f"simulator: a network that predicts the next state alone. All errors below are on {plan.heldout} further "
-        "episodes that no training has seen, each predicted from its first measured state and its commands only.",
+        "measured state and asked where the same command would lead: these pairs are what φ learns from. ψ is the "
+        "alternative without a simulator: a network that predicts the next state alone. All errors below are on "
+        f"{plan.heldout} further episodes that no training has seen, each predicted from its first measured state and "
+        "its commands only.",
     ]
 
 
@@ -82,7 +83,8 @@ def predictions(demo: Demo) -> Picture:
     candidates = [joints.index(joint) for joint in joints_with(plan, "backlash")]
     wrong = np.sqrt(np.square(curves["source"] - curves["measured"]).mean(axis=1))  # [rad], shape (E, n)
     joint = max(candidates, key=lambda index: float(wrong[:, index].mean()))
-    episode = int(np.argsort(wrong[:, joint])[len(wrong) // 2])
+    slow = np.arange(0, len(wrong), len(plan.holds))  # the episodes of the first hold
+    episode = int(slow[np.argsort(wrong[slow, joint])[len(slow) // 2]])
     chosen = {name: values[episode, :, joint] for name, values in curves.items()}
     figure = trajectory(
         chosen["measured"],
@@ -93,8 +95,8 @@ def predictions(demo: Demo) -> Picture:
     )
     caption = (
         f"Joint {joints[joint]} in held-out episode {episode}: of the joints with play, the one that the source "
-        "predicts worst, in the episode in which the source's error on it is the median. Every prediction starts at "
-        "the first measured state and never sees a later one."
+        f"predicts worst; of the episodes that hold targets for {plan.holds[0]:g} s, the one in which the source's "
+        "error on it is the median. Every prediction starts at the first measured state and never sees a later one."
     )
     return Picture("trajectory", to_png(figure), caption)
 
@@ -115,7 +117,11 @@ def errors_blocks(demo: Demo) -> list[Block]:
     errors = load_errors(demo.folder / ERRORS)
     return [
         Picture("error_growth", to_png(growth(grown, demo.plan.task.period)), caption),
-        error_table(errors["open_loop"], "Open loop: RMSE of positions over whole episodes [°]."),
+        error_table(
+            errors["open_loop"],
+            "Open loop: RMSE of positions over whole episodes [°]. Joints that the task does not act on are commanded "
+            "to stay.",
+        ),
         error_table(
             errors["one_step"],
             "One step: RMSE of the next position, each step started at the measured state [°]. The resolution of the "
@@ -125,9 +131,12 @@ def errors_blocks(demo: Demo) -> list[Block]:
 
 
 def error_table(errors: Mapping[str, Mapping[str, float]], note: str) -> Table:
-    """Return RMSE in degrees: a row a predictor, a column a joint, all joints last."""
-    headers = ["", *next(iter(errors.values()))]
-    rows = [(name, *(f"{np.degrees(value):.2f}" for value in row.values())) for name, row in errors.items()]
+    """Return RMSE in degrees: a row a predictor, a column a joint, then all joints and that as a share of source's."""
+    headers = ["", *next(iter(errors.values())), "of source"]
+    rows = [
+        (name, *(f"{np.degrees(value):.2f}" for value in row.values()), f"{row['all'] / errors['source']['all']:.0%}")
+        for name, row in errors.items()
+    ]
     return Table(headers, rows, note)
 
 
@@ -142,8 +151,8 @@ def policies_blocks(demo: Demo, runs: Runs) -> Sequence[Block]:
         f"in the same {plan.judged} episodes."
     )
     seeds = Text(
-        f"{len(plan.seeds)} seeds of each method keep the demo short and say little about spread; five are the usual "
-        "measure."
+        f"Few seeds of each method, {len(plan.seeds)} here, keep the demo short and say little about spread; five are "
+        "the usual measure."
     )
     return [
         task,

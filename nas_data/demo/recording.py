@@ -119,7 +119,8 @@ def provenance_of(session: Session, plan: Plan) -> Provenance:
     return replace(
         before,
         target={**(before.target or {}), "settled": 0.0},
-        notes=f"Drawn as episodes of {plan.environment}: its starts, and targets for the joints that it acts on.",
+        notes=f"Drawn as episodes of {plan.environment}: its starts, and targets for the joints that it acts on, held "
+        f"for {', '.join(f'{hold:g}' for hold in plan.holds)} s in turn, episode by episode.",
     )
 
 

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from nas_data.reports.style import WIDTH, house_style, legend_above, strokes
 
-FLOOR = 1e-3  # [deg] below every sensor's resolution; a logarithm needs some floor
+FLOOR = 0.1  # [deg] below the resolution of usual servos; a logarithm needs some floor
 
 
 def trajectory(
@@ -72,6 +72,7 @@ def growth(errors: Mapping[str, Sequence[np.ndarray]], period: float) -> Figure:
                 zorder=look.order + 10,
             )
         axes.set_yscale("log")
+        axes.set_ylim(bottom=FLOOR)
         axes.set_ylabel("position error, RMS of joints [°]")
         axes.set_xlabel("time since the start of the rollout [s]")
         axes.set_xlim(0.0, None)

@@ -154,7 +154,7 @@ def policies_section(groups: Mapping[str, Sequence[PolicyRun]]) -> Section:
     frames = sorted({run.frames for run in runs})
     sizes = f"{frames[0]:,}" if len(frames) == 1 else f"{frames[0]:,} to {frames[-1]:,}"
     blocks: list[Block] = [
-        Text(f"{len(runs)} policies in {environments}, of {sizes} control steps each."),
+        Text(f"Policies: {len(runs)}, in {environments}, each learned from {sizes} control steps."),
         learning_picture(groups),
         *([on_target] if on_target else []),
         policies_table(groups, {}),
