@@ -61,7 +61,7 @@ def same(a: Dataset, b: Dataset) -> bool:
 def any_dataset(draw) -> Dataset:
     """Draw features of any numeric type and width, episodes of any length, any texts for tasks."""
     words = st.text(st.characters(codec="utf-8", exclude_characters="/"), min_size=1, max_size=8)
-    keys = words.map(lambda word: f"nas.{word}").filter(lambda key: "image" not in key)
+    keys = words.map(lambda word: f"nas.{word}").filter(lambda key: "image" not in key and key != TIME)
     lengths = np.array(draw(st.lists(st.integers(1, 6), min_size=1, max_size=5)))
     features, columns = {}, {}
     for key in draw(st.lists(keys, min_size=1, max_size=4, unique=True)):

@@ -269,9 +269,8 @@ def test_the_table_says_what_the_records_say_and_how_much_of_the_distance_is_clo
     found = find_runs([runs])
     table = next(block for block in policies_section(found.groups()).blocks if isinstance(block, Table))
     cells = {row[0].partition(":")[0]: row for row in table.rows}
-    assert cells["source"][1:4] == ("2", "-2.50", "-3.00 … -2.00")
-    assert cells["expert"][1:4] == ("2", "-0.50", "-1.00 … 0.00")
-    assert cells["expert"][4] == "50%"
+    assert cells["source"][1:5] == ("-2.50", "50%", "-3.00 … -2.00", "2")
+    assert cells["expert"][1:5] == ("-0.50", "50%", "-1.00 … 0.00", "2")
 
 
 def test_policies_that_were_not_judged_are_shown_as_they_ended_training(tmp_path):

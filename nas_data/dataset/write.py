@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -50,13 +50,22 @@ def write(dataset: Dataset, root: Path, provenance: Provenance, attachments: Map
 
 def fill(folder: Path, dataset: Dataset, provenance: Provenance, attachments: Mapping[str, bytes]) -> None:
     """Write every file of a dataset that passed `check_storable` into a folder."""
-    hashes: dict[str, str] = {}
-    for name, content in _files(dataset, attachments):
-        hashes[name] = hashlib.sha256(content).hexdigest()
-        put(folder / name, content)
-    complete = replace(provenance, files=hashes)
+    hashes: dict[str, Future[str]] = {}
+    with ThreadPoolExecutor(max_workers=1) as disk:
+        for name, content in _files(dataset, attachments):
+            # A file goes to the disk while the next is made; two at a time are in memory, however many there are.
+            for earlier in hashes.values():
+                earlier.result()
+            hashes[name] = disk.submit(_put_hashed, folder / name, content)
+    complete = replace(provenance, files={name: found.result() for name, found in hashes.items()})
     put(folder / layout.PROVENANCE, _json(complete.to_json()))
     put(folder / layout.CARD, card(dataset, complete).encode())
+
+
+def _put_hashed(path: Path, content: bytes | memoryview) -> str:
+    """Write a file and return its SHA-256."""
+    put(path, content)
+    return hashlib.sha256(content).hexdigest()
 
 
 def _files(dataset: Dataset, attachments: Mapping[str, bytes]) -> Iterator[tuple[str, bytes | memoryview]]:
@@ -92,13 +101,13 @@ def automatic_columns(dataset: Dataset, tasks: list[str]) -> dict[str, np.ndarra
     lengths = np.asarray(dataset.lengths, np.int64)
     index = np.arange(dataset.n_frames)
     frame = index - np.repeat(dataset.starts, lengths)
-    numbers = {task: number for number, task in enumerate(tasks)}
+    task_index = {task: number for number, task in enumerate(tasks)}
     columns = {
         "timestamp": frame / dataset.fps,
         "frame_index": frame,
         "episode_index": np.repeat(np.arange(len(lengths)), lengths),
         "index": index,
-        "task_index": np.repeat([numbers[task] for task in dataset.tasks], lengths),
+        "task_index": np.repeat([task_index[task] for task in dataset.tasks], lengths),
     }
     return {key: column.astype(layout.AUTOMATIC[key])[:, None] for key, column in columns.items()}
 

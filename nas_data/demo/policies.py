@@ -82,17 +82,12 @@ def progress(study: Study, demo: Demo) -> Iterator[None]:
     over = threading.Event()
 
     def watch() -> None:
+        total, before = study.frames * len(folders), 0.0
         while not over.wait(PAUSE):
-            done = 0.0
-            for folder in folders:
-                try:
-                    done += float(read_progress(folder)["frames"][-1])
-                except CheckpointError:
-                    continue  # not begun
-            share = min(1.0, done / (study.frames * len(folders)))
-            demo.report(
-                f"{INDENT}{len(folders)} policies, {share:.0%} of {study.frames * len(folders):,} control steps"
-            )
+            done = min(float(total), sum(frames_learned(folder) for folder in folders))
+            if done > before:
+                demo.report(f"{INDENT}{len(folders)} policies: {done / total:.0%} of {total:,} control steps")
+            before = done
 
     thread = threading.Thread(target=watch, daemon=True)
     thread.start()
@@ -101,3 +96,11 @@ def progress(study: Study, demo: Demo) -> Iterator[None]:
     finally:
         over.set()
         thread.join()
+
+
+def frames_learned(folder: Path) -> float:
+    """Return how many control steps a policy has learned from, as far as it was written; 0 where it has not begun."""
+    try:
+        return float(read_progress(folder)["frames"][-1])
+    except CheckpointError:
+        return 0.0

@@ -115,9 +115,7 @@ def model_training(histories: Mapping[str, Sequence[tuple[float, float]]], label
                 marker="o",
                 markersize=3,
             )
-        axes.set_yscale("log")
-        axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        axes.yaxis.set_minor_formatter(lambda value, _: f"{value:.2g}" if f"{value:e}"[0] in "235" else "")
+        axes.set_ylim(bottom=0.0)
         axes.set_ylabel(label)
         axes.set_xlabel("updates")
         legend_above(figure, axes)

@@ -75,9 +75,9 @@ def growth(errors: Mapping[str, Sequence[np.ndarray]], period: float) -> Figure:
         axes.set_ylim(bottom=FLOOR)
         axes.set_ylabel("position error, RMS of joints [°]")
         axes.set_xlabel("time since the start of the rollout [s]")
-        axes.set_xlim(0.0, None)
+        axes.set_xlim(0.0, period * max(len(episode) for episodes in errors.values() for episode in episodes))
         axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        axes.margins(x=0.0)
+        axes.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")
         legend_above(figure, axes)
     return figure
 

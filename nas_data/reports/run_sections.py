@@ -90,10 +90,10 @@ def policies_table(groups: Mapping[str, Sequence[PolicyRun]], extra: Mapping[str
         extra: Mean return and success rate of what needs no learning, by name.
     """
     judged = any(len(scores(runs, "return")) for runs in groups.values())
-    headers = ["learned on", "seeds", "return: median", "lowest … highest", "success", "distance closed"]
+    headers = ["learned on", "return: median", "success", "lowest … highest", "seeds", "distance closed"]
     rows = [method_row(method, runs, groups, judged) for method, runs in groups.items()]
     rows += [
-        (f"no learning: {name}", "", f"{score['return']:.2f}", "", f"{score['success_rate']:.0%}", "")
+        (f"no learning: {name}", f"{score['return']:.2f}", f"{score['success_rate']:.0%}", "", "", "")
         for name, score in extra.items()
     ]
     note = (
@@ -115,13 +115,13 @@ def method_row(
         returns = np.array([last(run.curve.returns) for run in runs])
         success = np.array([last(run.curve.success) for run in runs])
     if not len(returns):
-        return (title(method), str(len(runs)), "", "", "", "")
+        return (title(method), "", "", "", "", "")
     return (
         title(method),
-        str(len(returns)),
         f"{np.median(returns):.2f}",
-        f"{returns.min():.2f} … {returns.max():.2f}",
         f"{np.median(success):.0%}",
+        f"{returns.min():.2f} … {returns.max():.2f}",
+        str(len(returns)),
         closed(method, groups) if judged else "",
     )
 
