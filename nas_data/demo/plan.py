@@ -18,8 +18,7 @@ class Plan:
         heldout: Further recorded episodes that they are judged on.
         seconds: Length of each [s].
         holds: Times that random commands are held [s], one after the other episode by episode. One second is the
-            paper's protocol; the shorter ones are what a policy does while it explores, and without them φ is wrong
-            there: policies then closed about half of the distance instead of nearly all.
+            paper's protocol; the shorter ones are what a policy does while it explores.
         delta: Training of φ.
         forward: Training of ψ.
         frames: Control steps that each policy learns from.

@@ -128,8 +128,9 @@ class TrainingRun:
         self.writer.add_scalar("validation", error, step)
         self.writer.add_scalar("loss", loss, step)
         mark = " *" if progress.stale == 0 else ""
+        shown = f"{loss:9.5f}" if progress.update else "        –"  # nothing was learned yet
         self.report(
-            f"{self.training.phase.name} {progress.update:5d}/{self.training.phase.updates}  loss {loss:9.5f}  "
+            f"{self.training.phase.name} {progress.update:5d}/{self.training.phase.updates}  loss {shown}  "
             f"validation {error:9.5f}{mark}  {progress.seconds:6.1f} s"
         )
         self._store()
