@@ -28,7 +28,7 @@ ROBOT = "ergojr"
 RATE = 100.0  # [Hz]
 EFFECTS = ("backlash:joint=m3,half_width=0.02", "backlash:joint=m5,half_width=0.02")
 WANTED = 8.0
-ROUNDING = 5e-3  # [rad, rad/s] commands are played in double precision and stored in single; contacts amplify that
+ROUNDING = 1e-4  # [rad, rad/s] the recorder plays commands in double precision and stores them in single
 OURS, OTHER = "nas record sim + nas pair", "Gymnasium + LeRobot"
 
 

@@ -9,10 +9,10 @@ from nas_data.commands.base import Command, Outcome
 class BenchmarkRecording(Command):
     """Record the same paired episodes both ways, in turns: our two commands, and add_frame with save_episode.
 
-    Example: nas benchmark recording --episodes 60 --frames 300
+    Example: nas benchmark recording --episodes 20 --frames 300
     """
 
-    episodes: int = 60
+    episodes: int = 20
     """Episodes recorded in a round."""
     frames: int = 300
     """Frames of each episode."""
