@@ -28,7 +28,7 @@ ROBOT = "ergojr"
 RATE = 100.0  # [Hz]
 EFFECTS = ("backlash:joint=m3,half_width=0.02", "backlash:joint=m5,half_width=0.02")
 WANTED = 8.0
-ROUNDING = 1e-4  # [rad, rad/s] the recorder plays commands in double precision and stores them in single
+ROUNDING = 1e-6  # [rad, rad/s] both ways play the same commands to the bit and store single precision
 OURS, OTHER = "nas record sim + nas pair", "Gymnasium + LeRobot"
 
 

@@ -16,7 +16,7 @@ class BenchmarkPairing(Command):
     """Episodes of the dataset that is paired."""
     frames: int = 300
     """Frames of each episode."""
-    rounds: int = 5
+    rounds: int = 9
     """How often each side is timed; the median counts."""
 
     def run(self) -> Outcome:

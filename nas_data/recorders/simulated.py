@@ -148,7 +148,7 @@ class Session:
             LogError, JointMismatch, OptionError: the file of commands does not fit the robot.
         """
         command_rng, pose_rng, noise_rng = np.random.default_rng(protocol.seed).spawn(3)
-        commands = draw_commands(target, protocol, command_rng)
+        commands = [as_stored(rows) for rows in draw_commands(target, protocol, command_rng)]
         poses = draw_poses(target, protocol, len(commands), pose_rng)
         return cls(target, protocol, commands, poses, noise_rng)
 
@@ -173,6 +173,11 @@ class Session:
             seeds=(self.protocol.seed,),
             contiguous=True,
         )
+
+
+def as_stored(commands: np.ndarray) -> np.ndarray:
+    """Round commands to single precision: what is played is then to the bit what the dataset says was played."""
+    return commands.astype(np.float32).astype(float)
 
 
 def draw_commands(target: Target, protocol: Protocol, rng: np.random.Generator) -> list[np.ndarray]:

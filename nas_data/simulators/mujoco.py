@@ -16,7 +16,7 @@ from nas_data.errors import JointMismatch, ModelFileError
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.layout import FULLPHYSICS, INTEGRATION, Layout, RestStates
 
-CHUNK_STATES = 2_000_000  # numbers of simulated state held at once, 16 MB: fits the cache better than one big array
+CHUNK_STATES = 250_000  # numbers of simulated state held at once, 2 MB: with its inputs it stays in the cache
 
 
 class MujocoSimulator:
