@@ -28,7 +28,7 @@ ROBOT = "ergojr"
 RATE = 100.0  # [Hz]
 EFFECTS = ("backlash:joint=m3,half_width=0.02", "backlash:joint=m5,half_width=0.02")
 WANTED = 8.0
-ROUNDING = 1e-6  # [rad, rad/s] both ways play the same commands to the bit and store single precision
+ROUNDING = 1e-5  # [rad, rad/s] both play the same commands to the bit; single precision of 30 rad/s is 2e-6
 OURS, OTHER = "nas record sim + nas pair", "Gymnasium + LeRobot"
 
 
