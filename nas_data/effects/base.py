@@ -9,6 +9,8 @@ from typing import ClassVar, Self
 import mujoco
 
 from nas_data import registry
+from nas_data.drives import driven_joint
+from nas_data.effects.edits.hook import StepHook
 from nas_data.errors import JointMismatch, OptionError
 
 
@@ -39,6 +41,8 @@ class Effect:
         joint: Joint it sits in; None where it belongs to the whole arm.
         whole_arm: Whether it may go without a joint.
         per_joint: Whether it may name a joint.
+        in_model: Whether the edited model alone expresses it; otherwise only with its hook.
+        late: Whether its edit is fitted to what others change (gains, inertia), and so comes after theirs.
     """
 
     joint: str | None = None
@@ -46,6 +50,8 @@ class Effect:
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     whole_arm: ClassVar[bool] = False
     per_joint: ClassVar[bool] = True
+    in_model: ClassVar[bool] = True
+    late: ClassVar[bool] = False
     equation: ClassVar[str] = ""
     source: ClassVar[str] = ""
     signature: ClassVar[str] = ""
@@ -81,6 +87,10 @@ class Effect:
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add the effect to a model; never called with neutral parameters."""
         raise NotImplementedError(f"{type(self).__name__} has no edit()")
+
+    def hook(self, model: mujoco.MjModel) -> StepHook | None:
+        """Return what must run before each physics step of the edited model; None where the engine does it all."""
+        return None
 
     def to_json(self) -> dict[str, object]:
         """Return the effect as `effects.json` holds it."""
@@ -171,7 +181,7 @@ def add_effects(spec: mujoco.MjSpec, effects: Iterable[Effect]) -> None:
     Raises:
         JointMismatch: an effect names a joint that the model lacks.
     """
-    for effect in effects:
+    for effect in sorted(effects, key=lambda effect: effect.late):
         if effect.joint is not None and spec.joint(effect.joint) is None:
             names = ", ".join(joint.name for joint in spec.joints)
             raise JointMismatch(f"{effect.name()} names the joint '{effect.joint}'; the model has: {names}.")
@@ -186,6 +196,6 @@ def joint_actuator(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsActuator:
         JointMismatch: no actuator does.
     """
     for actuator in spec.actuators:
-        if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT and actuator.target == joint:
+        if driven_joint(spec, actuator) == joint:
             return actuator
     raise JointMismatch(f"No actuator of the model drives the joint '{joint}'.")

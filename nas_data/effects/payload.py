@@ -48,7 +48,7 @@ def last_centre(spec: mujoco.MjSpec) -> tuple[str, np.ndarray]:
     joints = actuated_joints(spec)
     if not joints:
         raise ModelFileError("payload needs a model with an actuated joint.")
-    model = spec.copy().compile()
+    model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)

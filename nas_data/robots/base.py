@@ -8,6 +8,7 @@ from pathlib import Path
 import mujoco
 
 from nas_data import registry
+from nas_data.drives import driven_joint
 from nas_data.engine_warnings import heard_instability
 from nas_data.errors import ModelFileError
 from nas_data.servos import add_position_servos
@@ -75,7 +76,8 @@ def read_spec(path: Path) -> mujoco.MjSpec:
 
 def actuated_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
     """Return the names of the joints that actuators drive, in the order of the actuators."""
-    return tuple(actuator.target for actuator in spec.actuators if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT)
+    driven = (driven_joint(spec, actuator) for actuator in spec.actuators)
+    return tuple(joint for joint in driven if joint is not None)
 
 
 def movable_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:

@@ -10,9 +10,11 @@ import mujoco
 import numpy as np
 
 from nas_data.effects.base import Effect, add_effects
+from nas_data.effects.edits.hook import StepForces
 from nas_data.errors import JointMismatch, ModelFileError, SimulationDiverged
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.bullet_world import BulletWorld
+from nas_data.simulators.hooks import find_hooks
 from nas_data.simulators.layout import INTEGRATION, Layout, RestStates
 
 BOUND = 1e4  # [rad or rad/s] beyond which a simulation has diverged
@@ -57,6 +59,7 @@ class BulletSimulator:
         self.layout = Layout.of(self.model, joints or robot.joints, str(robot.mjcf))
         self.joints = self.layout.joints
         self.commands_effort = self.layout.commands_effort
+        self.hooks = find_hooks(self.effects, self.model)
         self.rest = RestStates(self.model, self.layout, INTEGRATION)
         self._arm = BulletArm(self)
 
@@ -132,6 +135,8 @@ class BulletArm:
         # MuJoCo evaluates the servos: their torques at PyBullet's state, and what they remember (delay, setpoint)
         self.servos = mujoco.MjData(self.model)
         self.servo_model = without_constraints(self.model)
+        self.hooks = simulator.hooks
+        self.forces = StepForces(self.servos.actuator_force[None], self.model.dof_frictionloss[None].copy())
 
     def start(self, state: np.ndarray) -> None:
         """Start anew from a full MuJoCo state (size of INTEGRATION)."""
@@ -145,8 +150,17 @@ class BulletArm:
             qpos, qvel = self.world.read()
             self.servos.qpos[:], self.servos.qvel[:] = qpos, qvel
             mujoco.mj_step(self.servo_model, self.servos)
+            if self.hooks:
+                self._set_friction()
             self.world.step(self.servos.qfrc_actuator + self.servos.qfrc_passive)
         return self.measure()
+
+    def _set_friction(self) -> None:
+        """Let hooks add to the model's own friction."""
+        self.forces.friction[:] = self.model.dof_frictionloss
+        for hook in self.hooks:
+            hook(self.forces)
+        self.world.set_friction(self.forces.friction[0])
 
     def measure(self) -> np.ndarray:
         """Return the measured state, positions [rad] then velocities [rad/s], shape (2n,).

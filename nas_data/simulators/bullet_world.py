@@ -75,6 +75,7 @@ class BulletWorld:
         """
         refuse_foreign(model)
         self.bullet = import_pybullet()
+        self.friction = np.zeros(model.nv)
         with silence():
             self.client = self.bullet.connect(self.bullet.DIRECT)
             if self.client < 0:
@@ -108,6 +109,19 @@ class BulletWorld:
         )
         self.bullet.stepSimulation(physicsClientId=self.client)
 
+    def set_friction(self, torques: np.ndarray) -> None:
+        """Let each joint resist motion with a torque of its own [N·m], shape (nv,)."""
+        for dof in np.flatnonzero(torques != self.friction):
+            self.bullet.setJointMotorControl2(
+                self.robot,
+                self.driven[dof],
+                self.bullet.VELOCITY_CONTROL,
+                targetVelocity=0,
+                force=float(torques[dof]),
+                physicsClientId=self.client,
+            )
+        self.friction = torques.copy()
+
     def _load(self, model: mujoco.MjModel) -> None:
         bullet, client = self.bullet, self.client
         bullet.setGravity(*model.opt.gravity, physicsClientId=client)
@@ -116,6 +130,7 @@ class BulletWorld:
             constraintSolverType=bullet.CONSTRAINT_SOLVER_LCP_DANTZIG,
             warmStartingFactor=0.0,
             deterministicOverlappingPairs=1,
+            useSplitImpulse=0,  # else joints that passed a limit by over 0.04 rad stay there
             physicsClientId=client,
         )
         export = to_urdf(model)
@@ -132,7 +147,7 @@ class BulletWorld:
         for joint, rotor in zip(export.rotors, self.rotors, strict=True):
             self._gear(self.joints[joint], rotor)
         self._free_links()
-        self._add_friction(model)
+        self.set_friction(model.dof_frictionloss)
         self._add_planes(model)
         self._filter_collisions(model, indices)
 
@@ -189,18 +204,6 @@ class BulletWorld:
             )
         for index in (*self.joints, *self.rotors):
             bullet.setJointMotorControl2(self.robot, index, bullet.VELOCITY_CONTROL, force=0, physicsClientId=client)
-
-    def _add_friction(self, model: mujoco.MjModel) -> None:
-        for index, torque in zip(self.driven, model.dof_frictionloss, strict=True):
-            if torque > 0:
-                self.bullet.setJointMotorControl2(
-                    self.robot,
-                    index,
-                    self.bullet.VELOCITY_CONTROL,
-                    targetVelocity=0,
-                    force=float(torque),
-                    physicsClientId=self.client,
-                )
 
     def _add_planes(self, model: mujoco.MjModel) -> None:
         """Add the planes of the world body."""

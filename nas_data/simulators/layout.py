@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 
 from nas_data.dataset.features import POSITION
+from nas_data.drives import driving_actuators
 from nas_data.errors import JointMismatch, ModelFileError
 
 FULLPHYSICS = int(mujoco.mjtState.mjSTATE_FULLPHYSICS)
@@ -93,8 +94,7 @@ def joint_index(model: mujoco.MjModel, joint: str, name: str) -> int:
 
 def actuator_index(model: mujoco.MjModel, joint: int, name: str) -> int:
     """Return the index of the actuator that drives a joint and has a control input."""
-    drives = (model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)) & (model.actuator_trnid[:, 0] == joint)
-    found = np.flatnonzero(drives & (model.actuator_ctrlnum > 0))
+    found = driving_actuators(model, joint)
     if not len(found):
         raise JointMismatch(
             f"No actuator of {name} drives the joint '{model.joint(joint).name}'; "

@@ -14,6 +14,7 @@ from nas_data.effects.base import Effect, add_effects
 from nas_data.engine_warnings import heard_instability
 from nas_data.errors import JointMismatch, ModelFileError
 from nas_data.robots.base import Robot, find_robot
+from nas_data.simulators.hooks import HookedBatch, find_hooks, roll_hooked
 from nas_data.simulators.layout import FULLPHYSICS, INTEGRATION, Layout, RestStates
 
 CHUNK_STATES = 250_000  # numbers of simulated state held at once, 2 MB: with its inputs it stays in the cache
@@ -71,7 +72,8 @@ class MujocoSimulator:
         self.joints = self.layout.joints
         self.commands_effort = self.layout.commands_effort
         self.threads = len(os.sched_getaffinity(0)) if threads is None else threads
-        self.rest = RestStates(self.model, self.layout, FULLPHYSICS)
+        self.hooks = find_hooks(self.effects, self.model)
+        self.rest = RestStates(self.model, self.layout, INTEGRATION if self.hooks else FULLPHYSICS)
         pooled = self.threads if self.threads > 1 else 0
         self._pool = mujoco.rollout.Rollout(nthread=pooled)
         self._data = [mujoco.MjData(self.model) for _ in range(max(1, pooled))]
@@ -132,15 +134,19 @@ class MujocoSimulator:
     def _roll(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
         """Roll out from rest states (B, 2n) under commands (B, T, n); return states (B, T, 2n)."""
         count, steps = commands.shape[:2]
-        controls = np.repeat(self.layout.controls(commands), self.substeps, axis=1)
         with heard_instability() as unstable:
-            full, _ = self._pool.rollout(
-                self.model, self._data, self.rest(initial), controls, nstep=steps * self.substeps
-            )
-        ends = full[:, self.substeps - 1 :: self.substeps]
+            ends = self._ends(self.rest(initial), self.layout.controls(commands))
         self._check_time(ends, unstable)
         nq, nv = self.model.nq, self.model.nv
         return self.layout.measure(ends[..., 1 : 1 + nq], ends[..., 1 + nq : 1 + nq + nv]).reshape(count, steps, -1)
+
+    def _ends(self, states: np.ndarray, controls: np.ndarray) -> np.ndarray:
+        """Return time, qpos, qvel (and more) after each control step, shape (B, T, …), for controls (B, T, nu)."""
+        if self.hooks:
+            return roll_hooked(self.model, self.hooks, states, controls, self.substeps, self.threads)
+        controls = np.repeat(controls, self.substeps, axis=1)
+        full, _ = self._pool.rollout(self.model, self._data, states, controls, nstep=controls.shape[1])
+        return np.asarray(full[:, self.substeps - 1 :: self.substeps])
 
     def _check_time(self, ends: np.ndarray, unstable: list[str]) -> None:
         """Refuse rollouts that the engine gave up: their clock stands still, or was reset in the very first step."""
@@ -186,6 +192,7 @@ class MujocoStepper:
         self._lost = np.zeros(size, bool)
         self._sites = self._batch.bind("site_xpos") if simulator.model.nsite else None
         self._moved = True
+        self._hooked = HookedBatch(self._batch, simulator.hooks) if simulator.hooks else None
         self.reset(np.zeros((size, 2 * len(self.joints))))
 
     @property
@@ -201,13 +208,18 @@ class MujocoStepper:
         self._batch.state[chosen] = self._rest(np.asarray(states, float))
         self._lost[chosen] = False
         self._moved = True
+        if self._hooked:
+            self._hooked.refresh(rows)
 
     def step(self, commands: np.ndarray) -> np.ndarray:
         """Hold the commands for one control period; see `Stepper.step`."""
         self._ctrl[:, self.layout.control] = commands
         due = self._time + self.simulator.period
         with heard_instability():
-            self._batch.step(nstep=self.simulator.substeps)
+            if self._hooked:
+                self._hooked.step(self.simulator.substeps)
+            else:
+                self._batch.step(nstep=self.simulator.substeps)
         # the engine goes on from its reference posture, with its clock at zero, after a simulation diverged
         self._lost |= ~(np.abs(self._time - due) < self.simulator.model.opt.timestep / 2).reshape(self.size)
         self._moved = True

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 
 import mujoco
 
+from nas_data.drives import driven_joint
 from nas_data.effects.base import joint_actuator
 from nas_data.errors import ModelFileError
 
@@ -56,4 +57,4 @@ def actuators_of(spec: mujoco.MjSpec, joint: str | None) -> Iterable[mujoco.MjsA
     """Return the actuator of one joint, or all that drive a joint where it is None."""
     if joint is not None:
         return [joint_actuator(spec, joint)]
-    return [actuator for actuator in spec.actuators if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT]
+    return [actuator for actuator in spec.actuators if driven_joint(spec, actuator) is not None]

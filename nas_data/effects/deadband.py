@@ -1,0 +1,37 @@
+"""A position error that the servo ignores."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import mujoco
+
+from nas_data.effects.base import Effect, Parameter
+from nas_data.effects.edits.servo import position_servo
+from nas_data.effects.edits.slack import add_slack
+
+
+@dataclass(frozen=True, kw_only=True)
+class Deadband(Effect):
+    """Within `half_width` of its goal the servo gives no torque, beyond it that of the remaining error.
+
+    Native: the servo drives the joint plus a slack `<joint>_slack`, a weightless joint with stops at the half width. As
+    the servo's torque acts on both, the slack gives way until the torque is gone or a stop is reached. Gains, torque
+    limit, delay and slew rate stay the servo's own. Where the servo has damping and saturates, the slack's way from
+    stop to stop adds an impulse of damping · 2 · half_width.
+    """
+
+    half_width: float
+
+    parameters: ClassVar = (Parameter("half_width", "rad", 0.0, 0.2, 0.0),)
+    late: ClassVar = True
+    equation: ClassVar = "torque = kp · dz(command − q) − kv · dq/dt, dz(e) = sign(e) · max(|e| − half_width, 0)"
+    source: ClassVar = "Robotis e-manuals, compliance margin of AX and MX servos"
+    signature: ClassVar = (
+        "A static error of either sign up to a fixed width, at any load; small moves are not followed."
+    )
+    confused_with: ClassVar = ("backlash", "coulomb_friction", "stribeck_friction", "joint_offset")
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Put the slack between the servo and its joint; slack that is there already becomes wider."""
+        assert self.joint is not None
+        add_slack(spec, self.joint, position_servo(spec, self.joint, self.name()), self.half_width)

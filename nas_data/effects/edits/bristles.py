@@ -1,0 +1,39 @@
+"""Friction of bristles, which fades with speed, as a passive actuator."""
+
+import mujoco
+import numpy as np
+
+REST = 1e-3  # part of the bristles' friction that stays at speed; the engine divides by it
+
+
+def add_bristles(spec: mujoco.MjSpec, joint: str, torque: float, velocity: float) -> None:
+    """Add LuGre friction to a joint: `torque` [N·m] at rest, fading with exp(−(v / velocity)²), velocity in rad/s.
+
+    The bristles are as stiff as the timestep resolves on the inertia that the joint feels, so that they yield by less
+    than a sensor sees, and have no damping of their own: the engine would treat it as inertia. The joint's friction
+    loss keeps them quiet. As they feel only what moved, a load that jumps, within one step, to more than friction loss
+    plus inertia · velocity / timestep tears them off.
+    """
+    stiffness = felt_inertia(spec, joint) / spec.option.timestep**2
+    bristles = spec.add_actuator(name=free_name(spec, f"{joint}_stribeck"), target=joint)
+    bristles.trntype = mujoco.mjtTrn.mjTRN_JOINT
+    bristles.set_to_dcmotor(
+        motorconst=np.zeros(2),
+        resistance=1.0,  # must be positive; without a motor constant no current flows
+        lugre=np.array([stiffness, 0.0, REST * torque, torque, velocity]),
+        ctrlspec=int(mujoco.mjtCtrlInput.mjINPUT_NONE),
+    )
+
+
+def felt_inertia(spec: mujoco.MjSpec, joint: str) -> float:
+    """Return the inertia [kg·m²] that a torque on one joint accelerates in the reference posture, all others free."""
+    model = spec.compile()
+    return 1 / float(model.dof_invweight0[model.joint(joint).dofadr[0]])
+
+
+def free_name(spec: mujoco.MjSpec, name: str) -> str:
+    """Return the name, with a number behind it where an actuator has it already."""
+    count = 1
+    while spec.actuator(name if count == 1 else f"{name}{count}") is not None:
+        count += 1
+    return name if count == 1 else f"{name}{count}"

@@ -1,0 +1,51 @@
+"""Friction that grows with the torque a servo transmits."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import mujoco
+
+from nas_data.drives import driving_actuators
+from nas_data.effects.base import Effect, Parameter, joint_actuator
+from nas_data.effects.edits.holding import hold_firmly
+from nas_data.effects.edits.hook import StepForces, StepHook
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadFriction(Effect):
+    """Gears press harder under load: friction in proportion to the torque that the joint's actuator gives.
+
+    MJCF cannot express it: the joint's friction is set anew before each physics step, from the torque in the last.
+    """
+
+    ratio: float
+
+    parameters: ClassVar = (Parameter("ratio", "", 0.0, 0.9, 0.0),)
+    in_model: ClassVar = False
+    equation: ClassVar = "friction = ratio · |torque of the servo| · sign(dq/dt)"
+    source: ClassVar = "Rhoban/bam, friction model M3, K_l · |τ_m − τ_ext|; here the actuator's torque on the joint"
+    signature: ClassVar = "A jump at every reversal that grows with load: large in heavy postures, none where unloaded."
+    confused_with: ClassVar = ("coulomb_friction", "stribeck_friction", "backlash", "torque_limit")
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Let the joint's friction hold rather than creep.
+
+        Raises:
+            JointMismatch: no actuator drives the joint.
+        """
+        assert self.joint is not None
+        joint_actuator(spec, self.joint)
+        hold_firmly(spec, self.joint)
+
+    def hook(self, model: mujoco.MjModel) -> StepHook:
+        """Return what sets the friction."""
+        assert self.joint is not None
+        actuator = driving_actuators(model, model.joint(self.joint).id)[0]
+        force = int(model.actuator_outadr[actuator])
+        gain = self.ratio * abs(float(model.actuator_gear[actuator, 0]))
+        dof = int(model.joint(self.joint).dofadr[0])
+
+        def add_friction(step: StepForces) -> None:
+            step.friction[:, dof] += gain * abs(step.force[:, force])
+
+        return add_friction

@@ -1,0 +1,53 @@
+"""A pushed object that slides better or worse than the model's."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import mujoco
+
+from nas_data.effects.base import Effect, Parameter
+from nas_data.effects.edits.objects import collides, contact_friction, find_objects, partners
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectFriction(Effect):
+    """Sliding friction in every contact of every object in the scene, by one factor.
+
+    In MuJoCo the larger friction of two geoms counts, so that no number of one geom is a contact's friction: the
+    contacts that an object can make are written out as pairs.
+    """
+
+    factor: float
+
+    parameters: ClassVar = (Parameter("factor", "", 0.1, 10.0, 1.0),)
+    whole_arm: ClassVar = True
+    per_joint: ClassVar = False
+    equation: ClassVar = "μ = factor · the model's"
+    source: ClassVar = "Coulomb's law; MuJoCo documentation, Computation, Contact, and XML reference, contact/pair"
+    signature: ClassVar = "The object leaves as fast when hit, and slides less far; it is dragged and tipped more."
+    confused_with: ClassVar = ("object_mass",)
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Write out the objects' contacts with their friction scaled.
+
+        Raises:
+            ModelFileError: the model has no object.
+        """
+        model = spec.compile()
+        bodies = find_objects(model, self.name())
+        geoms = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] in bodies and collides(model, geom)]
+        for index in {*geoms, *(other for geom in geoms for other in partners(model, geom))}:
+            spec.geoms[index].name = spec.geoms[index].name or f"geom{index}"
+        written = {frozenset((pair.geomname1, pair.geomname2)): pair for pair in spec.pairs}
+        for first in geoms:
+            for second in partners(model, first):
+                names = (spec.geoms[first].name, spec.geoms[second].name)
+                if frozenset(names) not in written:
+                    slide, spin, roll = contact_friction(model, first, second)
+                    written[frozenset(names)] = spec.add_pair(
+                        geomname1=names[0], geomname2=names[1], friction=[slide, slide, spin, roll, roll]
+                    )
+        own = {spec.geoms[index].name for index in geoms}
+        for key, pair in written.items():
+            if key & own:
+                pair.friction = [*(self.factor * pair.friction[:2]), *pair.friction[2:]]

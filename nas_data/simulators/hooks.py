@@ -1,0 +1,78 @@
+"""Effects that the engine lacks, at work between the physics steps of a whole batch."""
+
+from collections.abc import Iterable, Sequence
+
+import mujoco
+import mujoco.batch
+import numpy as np
+
+from nas_data.effects.base import Effect
+from nas_data.effects.edits.hook import StepForces, StepHook
+
+WORTH_THREADS = 64  # simulations from which a second thread pays off
+
+
+def find_hooks(effects: Iterable[Effect], model: mujoco.MjModel) -> tuple[StepHook, ...]:
+    """Return the hooks of those effects that have one, for the model with the effects in it."""
+    hooks = (effect.hook(model) for effect in effects if not effect.is_neutral)
+    return tuple(hook for hook in hooks if hook is not None)
+
+
+class HookedBatch:
+    """A batch of simulations whose friction hooks set before each physics step."""
+
+    def __init__(self, batch: mujoco.batch.Batch, hooks: Sequence[StepHook]) -> None:
+        """Bind the forces of a batch."""
+        self.hooks = tuple(hooks)
+        self._batch = batch
+        self._own = batch.model.dof_frictionloss.copy()
+        self._forces = StepForces(force=batch.bind("actuator_force"), friction=batch.expand("dof_frictionloss"))
+        self._warm = batch.bind("qacc_warmstart")
+
+    def refresh(self, rows: np.ndarray | None = None) -> None:
+        """Compute the actuators' forces in states that were just set; all simulations where rows is None."""
+        self._batch.forward(None if rows is None else np.unique(rows))
+        self._warm[slice(None) if rows is None else rows] = 0.0  # where a state was set, nothing warms the solver
+
+    def step(self, count: int) -> None:
+        """Advance all simulations by `count` physics steps."""
+        for _ in range(count):
+            self._forces.friction[:] = self._own
+            for hook in self.hooks:
+                hook(self._forces)
+            self._batch.step()
+
+
+def roll_hooked(
+    model: mujoco.MjModel,
+    hooks: Sequence[StepHook],
+    states: np.ndarray,
+    controls: np.ndarray,
+    substeps: int,
+    threads: int,
+) -> np.ndarray:
+    """Roll out simulations as one batch.
+
+    Args:
+        model: Compiled model.
+        hooks: What runs between the steps.
+        states: First full states, shape (B, size of INTEGRATION).
+        controls: Shape (B, T, nu), each held for `substeps`.
+        substeps: Physics steps per control step.
+        threads: Threads of the batch.
+
+    Returns:
+        Time [s], qpos and qvel after each control step, shape (B, T, 1 + nq + nv).
+    """
+    # waking a second thread each physics step costs more than it saves unless it has much to do
+    batch = mujoco.batch.Batch(model, nsim=len(states), nthread=threads if len(states) >= WORTH_THREADS else 1)
+    hooked = HookedBatch(batch, hooks)
+    control = batch.bind("ctrl")
+    batch.state[:] = states
+    hooked.refresh()
+    ends = np.empty((*controls.shape[:2], 1 + model.nq + model.nv))
+    for step in range(controls.shape[1]):
+        control[:] = controls[:, step]
+        hooked.step(substeps)
+        ends[:, step] = batch.state[:, : ends.shape[2]]
+    return ends

@@ -1,0 +1,75 @@
+"""Blind cases small enough for a test, and workflows under test that know everything or nothing."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.blind import excitation
+from nas_data.blind.arms import Arm, ergojr, random_arm
+from nas_data.blind.plants.mujoco_plant import multiply
+from nas_data.blind.truth import Base
+from nas_data.effects.base import add_effects, make_effect
+from nas_data.robots.base import read_spec
+
+PERIOD = 0.01  # [s]
+
+
+def arms() -> list[Arm]:
+    """Return an arm of either sort."""
+    return [ergojr(), random_arm(np.random.default_rng(3))]
+
+
+def steps(episodes: int, seconds: float, seed: int = 1, hold: int = 30) -> tuple[np.ndarray, np.ndarray]:
+    """Return commands (E, T, 6) that jump every `hold` periods, and poses (E, 6)."""
+    rng = np.random.default_rng(seed)
+    count = round(seconds / PERIOD)
+    targets = rng.uniform(-1.2, 1.2, (episodes, -(-count // hold), 6))
+    return np.repeat(targets, hold, axis=1)[:, :count], rng.uniform(-0.3, 0.3, (episodes, 6))
+
+
+def shorten(monkeypatch) -> None:
+    """Let cases have three episodes of half a second, and two fresh ones."""
+    monkeypatch.setattr(excitation, "EPISODES", 3)
+    monkeypatch.setattr(excitation, "FRESH", 2)
+    monkeypatch.setattr(excitation, "SECONDS", 0.5)
+
+
+def report_of(effects: list, verdict: str, unexplained: list | None = None) -> dict:
+    """Return a report of the contract's form."""
+    return {"schema": 1, "verdict": verdict, "effects": effects, "unexplained": unexplained or []}
+
+
+def entry_of(
+    effect: str, joint: str | None, values: dict, confidence: float = 0.95, beside: list | None = None
+) -> dict:
+    """Return one effect of a report."""
+    parameters = {key: {"value": value, "interval95": [value * 0.9, value * 1.1]} for key, value in values.items()}
+    alternatives = [{"effect": name} for name in beside or []]
+    return {
+        "effect": effect, "joint": joint, "parameters": parameters, "confidence": confidence,
+        "alternatives": alternatives,
+    }  # fmt: skip
+
+
+def know_nothing(dataset: Path, model: Path, out: Path) -> None:
+    """Say that nothing hides."""
+    out.mkdir(parents=True)
+    (out / "report.json").write_text(json.dumps(report_of([], "none")))
+    shutil.copy(model, out / "model.xml")
+
+
+def know_everything(dataset: Path, model: Path, out: Path) -> None:
+    """Read the sealed answer, which no workflow may."""
+    answer = json.loads((dataset.parent / "answer.json").read_text())
+    hidden = [(entry["effect"], entry["joint"], entry["parameters"]) for entry in answer["effects"]]
+    spec = read_spec(model)
+    joints = tuple(answer["joints"])
+    multiply(spec, Arm("arm", model.read_text(), joints), Base(**answer["base"]))
+    add_effects(spec, [make_effect(*entry) for entry in hidden])
+    spec.compile()
+    out.mkdir(parents=True)
+    (out / "model.xml").write_text(spec.to_xml())
+    report = report_of([entry_of(*entry) for entry in hidden], "explained")
+    (out / "report.json").write_text(json.dumps(report))

@@ -1,0 +1,92 @@
+"""Blind cases: a pure function of their name, sound datasets, no trace of the answer in what is handed over."""
+
+import json
+
+import numpy as np
+import pytest
+from blind_samples import shorten
+
+from nas_data.blind.case import FAMILIES, FLOOR, QUANTUM, Identity
+from nas_data.blind.catalogue import INSIDE, OUTSIDE
+from nas_data.blind.draw import draw_case
+from nas_data.blind.plants.hiding import RULES
+from nas_data.blind.write import ANSWER, DATASET, FRESH, NOMINAL, write_case
+from nas_data.dataset.read import read
+from nas_data.dataset.verify import verify
+from nas_data.effects.base import find_effect
+from nas_data.errors import UnknownName
+
+
+@pytest.fixture(autouse=True)
+def _short(monkeypatch):
+    shorten(monkeypatch)
+
+
+def test_the_same_name_gives_the_same_case():
+    one, other = (draw_case("two", "numpy", 3, 7) for _ in range(2))
+    assert one.answer() == other.answer()
+    np.testing.assert_array_equal(one.recorded.readings, other.recorded.readings)
+    np.testing.assert_array_equal(one.fresh.readings, other.fresh.readings)
+
+
+def test_another_number_seed_or_plant_gives_another_case():
+    names = [("numpy", 0, 0), ("numpy", 1, 0), ("numpy", 0, 1), ("bullet", 0, 0)]
+    draws = [Identity("one", *name).stream("effects").random() for name in names]
+    assert len(set(draws)) == len(names)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_each_family_hides_as_many_visible_effects_as_it_says(family):
+    case = draw_case(family, "numpy", 0, 0)
+    kinds = OUTSIDE if family == "outside" else INSIDE
+    assert len(case.truth.hidden) == FAMILIES[family] == len(case.marks)
+    assert all(mark >= 3 for mark in case.marks)
+    assert all(hidden.effect in kinds for hidden in case.truth.hidden)
+    assert (np.abs(np.array([*vars(case.truth.base).values()]) - 1) <= 0.1).all()
+
+
+def test_faint_cases_may_hide_less(monkeypatch):
+    marks = [draw_case("one", "numpy", number, 0, faint=True).marks[0] for number in range(3)]
+    assert min(marks) >= 0.3
+
+
+def test_a_written_case_is_a_sound_dataset(tmp_path):
+    case = draw_case("one", "numpy", 0, 0)
+    write_case(case, tmp_path / "case")
+    folder = tmp_path / "case" / DATASET
+    assert verify(folder) == []
+    dataset = read(folder)
+    n = len(case.arm.joints)
+    positions = dataset.states[:, :n].astype(float)
+    np.testing.assert_allclose(positions / QUANTUM, np.round(positions / QUANTUM), atol=1e-4)
+    noise = case.recorded.readings - case.recorded.positions
+    assert 0.8 * FLOOR < np.sqrt(np.square(noise).mean()) < 1.6 * FLOOR
+    row = dataset.episode(1).start + 4
+    backward = (dataset.states[row, :n] - dataset.states[row - 1, :n]) * 100
+    np.testing.assert_allclose(dataset.states[row, n:], backward, atol=1e-4)
+
+
+def test_what_is_handed_over_holds_no_trace_of_the_answer(tmp_path):
+    case = draw_case("three", "numpy", 0, 0)
+    write_case(case, tmp_path)
+    told = b"".join(path.read_bytes() for path in (tmp_path / DATASET).rglob("*") if path.is_file())
+    told += (tmp_path / NOMINAL).read_bytes()
+    secret = [hidden.effect for hidden in case.truth.hidden] + [case.identity.name, "answer"]
+    assert not [word for word in secret if word.encode() in told]
+    assert json.loads((tmp_path / ANSWER).read_text())["effects"]
+    with np.load(tmp_path / FRESH) as fresh:
+        assert fresh["readings"].shape[1] == fresh["commands"].shape[1] + 1
+
+
+def test_every_effect_that_can_hide_has_a_rule_and_stands_in_the_contract():
+    assert set(RULES) == {*INSIDE, *OUTSIDE}
+    for name, kind in INSIDE.items():
+        assert {"whole_arm": find_effect(name).whole_arm, "per_joint": find_effect(name).per_joint} == {
+            "whole_arm": kind.whole_arm,
+            "per_joint": kind.per_joint,
+        }
+
+
+def test_there_is_no_such_family():
+    with pytest.raises(UnknownName, match="family"):
+        draw_case("four", "numpy", 0, 0)
