@@ -1,11 +1,12 @@
 """Free play between servo and link."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
 
-from nas_data.effects.base import Effect, Parameter
+from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.effects.edits.series import add_series_joint, angle
 
 HARD_STOP = (0.99, 0.999, 0.001, 0.5, 2.0)  # impedance: under the servo's torque the stop gives way by under 1e-4 rad
@@ -27,6 +28,11 @@ class Backlash(Effect):
         "A dead width after every reversal, the same in degrees at every speed; closed where gravity preloads one side."
     )
     confused_with: ClassVar = ("coulomb_friction", "joint_compliance", "deadband")
+
+    @classmethod
+    def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
+        """Half a degree to four degrees: small gears and worn ones."""
+        return tuple({"half_width": width} for width in (0.008, 0.025, 0.07))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add the play to the model; play that is there already becomes wider."""

@@ -33,6 +33,27 @@ class Parameter:
     neutral: float
 
 
+@dataclass(frozen=True)
+class Scales:
+    """What is big and small at a joint, from which first guesses of an effect's parameters are made.
+
+    Attributes:
+        stiffness: Position gain of the servo [N·m/rad]; for a torque motor its large torque over one radian.
+        damping: Damping of joint and servo [N·m·s/rad].
+        inertia: Inertia about the joint in the reference posture, rotor included [kg·m²].
+        mass: Mass that the last joint moves [kg].
+        torque: Large torque of the actuator [N·m].
+        speed: Large speed of the joint [rad/s].
+    """
+
+    stiffness: float
+    damping: float
+    inertia: float
+    mass: float
+    torque: float
+    speed: float
+
+
 @dataclass(frozen=True, kw_only=True)
 class Effect:
     """Base of the effects; the file `effects/a_b.py` holds the effect `a_b` as class `AB`.
@@ -42,6 +63,7 @@ class Effect:
         whole_arm: Whether it may go without a joint.
         per_joint: Whether it may name a joint.
         in_model: Whether the edited model alone expresses it; otherwise only with its hook.
+        replaces: Base parameter of its joint that it sets itself, so that both are not sought at once; or nothing.
         late: Whether its edit is fitted to what others change (gains, inertia), and so comes after theirs.
     """
 
@@ -52,6 +74,7 @@ class Effect:
     per_joint: ClassVar[bool] = True
     in_model: ClassVar[bool] = True
     late: ClassVar[bool] = False
+    replaces: ClassVar[str] = ""
     equation: ClassVar[str] = ""
     source: ClassVar[str] = ""
     signature: ClassVar[str] = ""
@@ -91,6 +114,15 @@ class Effect:
     def hook(self, model: mujoco.MjModel) -> StepHook | None:
         """Return what must run before each physics step of the edited model; None where the engine does it all."""
         return None
+
+    @classmethod
+    def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
+        """Return first guesses of the parameters, small to large; empty where none is searched for."""
+        return ()
+
+    def native(self, scales: Scales) -> "Effect | None":
+        """Return the effect nearest to this one that a model alone can express; itself where it can."""
+        return self if self.in_model else None
 
     def to_json(self) -> dict[str, object]:
         """Return the effect as `effects.json` holds it."""

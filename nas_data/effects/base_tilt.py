@@ -1,13 +1,14 @@
 """A base that does not stand level."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
 import numpy as np
 
-from nas_data.effects.base import Effect, Parameter
+from nas_data.effects.base import Effect, Parameter, Scales
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,6 +28,11 @@ class BaseTilt(Effect):
     source: ClassVar = "Rigid-body mechanics"
     signature: ClassVar = "Static errors in all joints that share one direction in space, at every speed."
     confused_with: ClassVar = ("payload", "joint_offset")
+
+    @classmethod
+    def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
+        """Two degrees about each axis; the error is proportional to them."""
+        return ({"roll": 0.03, "pitch": 0.0}, {"roll": 0.0, "pitch": 0.03})
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Turn the model's gravity the other way; the base itself stays where it is."""

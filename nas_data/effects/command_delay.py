@@ -1,12 +1,13 @@
 """Dead time between a command and its effect."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
 
-from nas_data.effects.base import Effect, Parameter
+from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.effects.edits.servo import actuators_of
 
 LINEAR = 1  # interpolation between samples, so that a delay need not be a multiple of the timestep
@@ -27,6 +28,11 @@ class CommandDelay(Effect):
     source: ClassVar = "MuJoCo documentation, Modeling, Delays"
     signature: ClassVar = "Every move starts late by the same time, whatever its size, speed or load."
     confused_with: ClassVar = ("rotor_inertia", "viscous_friction", "speed_limit")
+
+    @classmethod
+    def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
+        """Ten to eighty milliseconds."""
+        return tuple({"delay": delay} for delay in (0.01, 0.03, 0.08))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Give the actuators a delay line; a bus's and a joint's delay add up."""

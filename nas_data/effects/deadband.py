@@ -1,11 +1,12 @@
 """A position error that the servo ignores."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
 
-from nas_data.effects.base import Effect, Parameter
+from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.effects.edits.servo import position_servo
 from nas_data.effects.edits.slack import add_slack
 
@@ -30,6 +31,11 @@ class Deadband(Effect):
         "A static error of either sign up to a fixed width, at any load; small moves are not followed."
     )
     confused_with: ClassVar = ("backlash", "coulomb_friction", "stribeck_friction", "joint_offset")
+
+    @classmethod
+    def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
+        """Half a degree to four degrees."""
+        return tuple({"half_width": width} for width in (0.008, 0.025, 0.07))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Put the slack between the servo and its joint; slack that is there already becomes wider."""

@@ -1,12 +1,13 @@
 """An elastic transmission between servo and link, without free play."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
 
-from nas_data.effects.base import Effect, Parameter
+from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.effects.edits.series import SMALLEST_ARMATURE, add_series_joint
 
 LOSS_TIME = 1e-3  # [s] damping over stiffness: a tenth of critical at 100 rad/s, typical of plastic gears
@@ -26,6 +27,11 @@ class JointCompliance(Effect):
         "cannot damp."
     )
     confused_with: ClassVar = ("backlash", "servo_stiffness", "payload")
+
+    @classmethod
+    def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
+        """A spring little stiffer than the servo to one much stiffer."""
+        return tuple({"stiffness": share * scales.stiffness} for share in (1.5, 5.0, 15.0))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add the spring to the model; a second one in the same joint is in series with the first."""

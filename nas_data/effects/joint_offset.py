@@ -1,11 +1,12 @@
 """A constant angle between the commanded and the reached position."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
 
-from nas_data.effects.base import Effect, Parameter
+from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.effects.edits.servo import position_servo, shift_rest
 
 
@@ -20,6 +21,11 @@ class JointOffset(Effect):
     source: ClassVar = "Rhoban/bam, q_offset; horn and encoder zero errors of 0.5 to 4°"
     signature: ClassVar = "A constant static error, the same in every posture, direction and load."
     confused_with: ClassVar = ("base_tilt", "payload", "deadband")
+
+    @classmethod
+    def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
+        """Two degrees; the error is proportional to it."""
+        return ({"offset": 0.03},)
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add the torque that moves the servo's rest by the offset."""

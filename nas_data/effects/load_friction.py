@@ -1,12 +1,14 @@
 """Friction that grows with the torque a servo transmits."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
 
 from nas_data.drives import driving_actuators
-from nas_data.effects.base import Effect, Parameter, joint_actuator
+from nas_data.effects.base import Effect, Parameter, Scales, joint_actuator
+from nas_data.effects.coulomb_friction import CoulombFriction
 from nas_data.effects.edits.holding import hold_firmly
 from nas_data.effects.edits.hook import StepForces, StepHook
 
@@ -26,6 +28,15 @@ class LoadFriction(Effect):
     source: ClassVar = "Rhoban/bam, friction model M3, K_l · |τ_m − τ_ext|; here the actuator's torque on the joint"
     signature: ClassVar = "A jump at every reversal that grows with load: large in heavy postures, none where unloaded."
     confused_with: ClassVar = ("coulomb_friction", "stribeck_friction", "backlash", "torque_limit")
+
+    @classmethod
+    def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
+        """A tenth and a third of the load, the range of small gears (Rhoban/bam: 0.12 to 0.29)."""
+        return tuple({"ratio": ratio} for ratio in (0.1, 0.3))
+
+    def native(self, scales: Scales) -> Effect:
+        """Return constant friction of the size that this has under half of a large torque."""
+        return CoulombFriction(joint=self.joint, torque=0.5 * self.ratio * scales.torque)
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Let the joint's friction hold rather than creep.

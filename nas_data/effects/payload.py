@@ -1,12 +1,13 @@
 """A mass that the model does not know of, carried by the last link."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
 import numpy as np
 
-from nas_data.effects.base import Effect, Parameter
+from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.errors import ModelFileError
 from nas_data.robots.base import actuated_joints
 
@@ -27,6 +28,11 @@ class Payload(Effect):
     source: ClassVar = "Rigid-body mechanics"
     signature: ClassVar = "Droop that goes with the posture, at every joint below it, and slower acceleration."
     confused_with: ClassVar = ("base_tilt", "servo_stiffness", "rotor_inertia", "torque_limit")
+
+    @classmethod
+    def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
+        """Half and twice the last link."""
+        return tuple({"mass": share * scales.mass} for share in (0.5, 2.0))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add the mass to the model; a payload that is there already becomes heavier."""

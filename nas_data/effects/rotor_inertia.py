@@ -1,11 +1,12 @@
 """Reflected inertia of the drive, beyond the model's own."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
 
-from nas_data.effects.base import Effect, Parameter
+from nas_data.effects.base import Effect, Parameter, Scales
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,6 +20,11 @@ class RotorInertia(Effect):
     source: ClassVar = "MuJoCo joint armature; Rhoban/bam, armature"
     signature: ClassVar = "Slower acceleration and lower, longer ringing, the same in every posture; no droop."
     confused_with: ClassVar = ("payload", "command_delay", "torque_limit")
+
+    @classmethod
+    def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
+        """Half to five times the inertia that is there."""
+        return tuple({"inertia": share * scales.inertia} for share in (0.5, 1.5, 5.0))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add the inertia to the joint's armature."""

@@ -1,11 +1,12 @@
 """A position gain other than the model's."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
 
-from nas_data.effects.base import Effect, Parameter
+from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.effects.edits.servo import position_servo, scale_stiffness
 
 
@@ -15,11 +16,17 @@ class ServoStiffness(Effect):
 
     factor: float
 
-    parameters: ClassVar = (Parameter("factor", "", 0.1, 10.0, 1.0),)
+    parameters: ClassVar = (Parameter("factor", "", 0.005, 20.0, 1.0),)
+    replaces: ClassVar = "gain"
     equation: ClassVar = "torque = factor · kp · (command − q) − kv · dq/dt"
     source: ClassVar = "XL-320 e-manual, P gain (register 29)"
     signature: ClassVar = "Droop under load and bandwidth change together, in proportion, in every posture."
     confused_with: ClassVar = ("payload", "coulomb_friction", "joint_compliance")
+
+    @classmethod
+    def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
+        """A thirtieth (models with a gain that only holds still) to three times the gain."""
+        return tuple({"factor": factor} for factor in (0.03, 0.12, 0.35, 0.6, 1.6, 2.8))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Multiply the position gain of the joint's servo; damping and limits stay."""

@@ -1,12 +1,13 @@
 """The servo's internal goal follows the command at a bounded rate."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
 
-from nas_data.effects.base import Effect, Parameter
+from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.effects.edits.servo import position_servo, stiffness
 from nas_data.errors import ModelFileError
 
@@ -24,6 +25,11 @@ class SpeedLimit(Effect):
     source: ClassVar = "MuJoCo 4.0 <pid slewmax>; XL-320 e-manual, Moving Speed (register 32)"
     signature: ClassVar = "Straight ramps of the same slope after every big step, nothing on slow moves, at any load."
     confused_with: ClassVar = ("torque_limit", "viscous_friction", "command_delay")
+
+    @classmethod
+    def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
+        """Below and a little above the speed that was measured."""
+        return tuple({"speed": share * scales.speed} for share in (0.4, 0.8, 1.2))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Turn the position servo into one of the same gains whose setpoint slews; the lower of two limits holds."""

@@ -1,11 +1,12 @@
 """Friction that is largest at rest and falls as motion starts."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
 
-from nas_data.effects.base import Effect, Parameter
+from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.effects.edits.bristles import add_bristles
 from nas_data.effects.edits.holding import hold_firmly
 
@@ -42,6 +43,15 @@ class StribeckFriction(Effect):
     def is_neutral(self) -> bool:
         """Whether there is no torque; its fall with speed then has nothing to act on."""
         return self.torque == 0
+
+    @classmethod
+    def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
+        """Break-away that stops the servo short by two and eight degrees, falling off slowly and fast."""
+        return tuple(
+            {"torque": angle * scales.stiffness, "kinetic_ratio": 0.4, "stribeck_velocity": velocity}
+            for angle in (0.04, 0.15)
+            for velocity in (0.15, 1.0)
+        )
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add the kinetic part to the joint's friction loss and the rest as bristles."""

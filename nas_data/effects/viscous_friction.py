@@ -1,11 +1,12 @@
 """Friction proportional to speed, beyond the model's own damping."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
 
-from nas_data.effects.base import Effect, Parameter
+from nas_data.effects.base import Effect, Parameter, Scales
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,6 +20,11 @@ class ViscousFriction(Effect):
     source: ClassVar = "Rhoban/bam, friction model M1"
     signature: ClassVar = "An error proportional to speed, none at rest; constant-speed moves lag by a constant angle."
     confused_with: ClassVar = ("speed_limit", "command_delay", "servo_stiffness")
+
+    @classmethod
+    def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
+        """Half to four times the damping that is there."""
+        return tuple({"coefficient": share * max(scales.damping, 1e-4)} for share in (0.5, 1.5, 4.0))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add the coefficient to the joint's damping."""

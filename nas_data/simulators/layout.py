@@ -178,6 +178,71 @@ class RestStates:
         return full
 
 
+class SettledStates:
+    """The full state of a model that has long been held in a posture under its own weight.
+
+    Beyond `RestStates`: springs between servo and link are loaded, play lies on the side to which the weight pushes,
+    and delayed or slewing commands are those that hold the weight. Dry friction, which may hold part of it, is not
+    known and taken as none.
+    """
+
+    def __init__(self, model: mujoco.MjModel, layout: Layout, spec: int) -> None:
+        """Prepare the states; arguments as for `RestStates`."""
+        self.model, self.layout, self.spec = model, layout, spec
+        self.data = mujoco.MjData(model)
+
+    def __call__(self, states: np.ndarray) -> np.ndarray:
+        """Return full states (B, size) for positions [rad] then velocities [rad/s] (B, 2n)."""
+        return np.stack([self.settled(row) for row in np.asarray(states, float)])
+
+    def settled(self, state: np.ndarray) -> np.ndarray:
+        """Return the full state for one measured state (2n,)."""
+        model, data, n = self.model, self.data, len(self.layout.joints)
+        mujoco.mj_resetData(model, data)
+        data.qpos[self.layout.qpos] = state[:n]
+        mujoco.mj_forward(model, data)
+        weight = data.qfrc_bias.copy()
+        for place in range(n):
+            self.load_transmission(place, weight)
+        holding = np.zeros(n) if self.layout.commands_effort else self.holding_commands(weight)
+        data.ctrl[:] = self.layout.controls(holding)
+        for actuator in range(len(model.actuator_trntype)):
+            settle_actuator(model, data, actuator)
+        data.qvel[self.layout.dof] = state[n:]
+        full = np.empty(mujoco.mj_stateSize(model, self.spec))
+        mujoco.mj_getState(model, data, full, self.spec)
+        return full
+
+    def load_transmission(self, place: int, weight: np.ndarray) -> None:
+        """Turn the hidden joints between a servo and its link as the weight does; the measured position stays."""
+        model, data, own = self.model, self.data, self.layout.qpos[place]
+        for address in np.flatnonzero(self.layout.position_map[place]):
+            if address == own:
+                continue
+            joint = int(np.flatnonzero(model.jnt_qposadr == address)[0])
+            torque = -float(weight[model.jnt_dofadr[joint]])
+            stiffness = float(model.jnt_stiffness[joint])
+            turned = torque / stiffness if stiffness > 0 else 0.0
+            if model.jnt_limited[joint]:
+                low, high = model.jnt_range[joint]
+                turned = float(np.clip(turned, low, high)) if stiffness > 0 else (high if torque > 0 else low)
+            data.qpos[address] = turned
+            data.qpos[own] -= turned
+
+    def holding_commands(self, weight: np.ndarray) -> np.ndarray:
+        """Return the commanded positions (n,) at which the servos hold the weight; saturation is left out."""
+        model, layout = self.model, self.layout
+        commands = self.data.qpos[layout.qpos].copy()
+        for place, control in enumerate(layout.control):
+            actuator = int(np.flatnonzero((model.actuator_ctrladr == control) & (model.actuator_ctrlnum > 0))[0])
+            stiffness = -float(model.actuator_biasprm[actuator, 1])
+            gear = float(model.actuator_gear[actuator, 0])
+            if stiffness > 0 and gear:
+                bias = float(model.actuator_biasprm[actuator, 0])
+                commands[place] += (float(weight[layout.dof[place]]) / gear - bias) / (stiffness * gear)
+        return commands
+
+
 def slice_of_velocity(model: mujoco.MjModel, spec: int) -> slice:
     """Return where `qvel` lies in a state vector that also holds time and `qpos`."""
     before = spec & int(mujoco.mjtState.mjSTATE_TIME | mujoco.mjtState.mjSTATE_QPOS)

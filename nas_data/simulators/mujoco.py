@@ -15,7 +15,7 @@ from nas_data.engine_warnings import heard_instability
 from nas_data.errors import JointMismatch, ModelFileError
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.hooks import HookedBatch, find_hooks, roll_hooked
-from nas_data.simulators.layout import FULLPHYSICS, INTEGRATION, Layout, RestStates
+from nas_data.simulators.layout import FULLPHYSICS, INTEGRATION, Layout, RestStates, SettledStates
 
 CHUNK_STATES = 250_000  # numbers of simulated state held at once, 2 MB: with its inputs it stays in the cache
 
@@ -73,7 +73,9 @@ class MujocoSimulator:
         self.commands_effort = self.layout.commands_effort
         self.threads = len(os.sched_getaffinity(0)) if threads is None else threads
         self.hooks = find_hooks(self.effects, self.model)
-        self.rest = RestStates(self.model, self.layout, INTEGRATION if self.hooks else FULLPHYSICS)
+        part = INTEGRATION if self.hooks else FULLPHYSICS
+        self.rest = RestStates(self.model, self.layout, part)
+        self.settled = SettledStates(self.model, self.layout, part)
         pooled = self.threads if self.threads > 1 else 0
         self._pool = mujoco.rollout.Rollout(nthread=pooled)
         self._data = [mujoco.MjData(self.model) for _ in range(max(1, pooled))]
@@ -98,19 +100,26 @@ class MujocoSimulator:
         result = np.empty((len(states), states.shape[1]))
         for start in range(0, len(states), chunk):
             rows = slice(start, start + chunk)
-            full = self._roll(np.asarray(states[rows], float), np.asarray(commands[rows], float)[:, None])
+            full = self._roll(self.rest(np.asarray(states[rows], float)), np.asarray(commands[rows], float)[:, None])
             result[rows] = full[:, 0]
         return result
 
-    def rollout(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
-        """Simulate whole episodes in open loop; see `Simulator.rollout`."""
+    def rollout(self, initial: np.ndarray, commands: np.ndarray, settled: bool = False) -> np.ndarray:
+        """Simulate whole episodes in open loop; see `Simulator.rollout`.
+
+        Args:
+            initial: First states, shape (B, 2n).
+            commands: Shape (B, T, n).
+            settled: Whether the arm had settled under its weight in its first pose, play and springs loaded.
+        """
         self._check(initial, commands)
         if not commands.shape[1]:
             return np.empty((len(initial), 0, initial.shape[1]))
         per_row = commands.shape[1] * self.substeps * len(self.rest.base)
-        chunk = max(1, CHUNK_STATES // max(1, per_row))
+        chunk = self.threads * max(1, CHUNK_STATES // max(1, per_row * self.threads))
+        first = (self.settled if settled else self.rest)(np.asarray(initial, float))
         parts = [
-            self._roll(np.asarray(initial[start : start + chunk], float), np.asarray(commands[start : start + chunk]))
+            self._roll(first[start : start + chunk], np.asarray(commands[start : start + chunk]))
             for start in range(0, len(initial), chunk)
         ]
         return np.concatenate(parts) if parts else np.empty((0, commands.shape[1], initial.shape[1]))
@@ -131,11 +140,11 @@ class MujocoSimulator:
             "effects": [effect.to_json() for effect in self.effects],
         }
 
-    def _roll(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
-        """Roll out from rest states (B, 2n) under commands (B, T, n); return states (B, T, 2n)."""
+    def _roll(self, first: np.ndarray, commands: np.ndarray) -> np.ndarray:
+        """Roll out from full states (B, size) under commands (B, T, n); return states (B, T, 2n)."""
         count, steps = commands.shape[:2]
         with heard_instability() as unstable:
-            ends = self._ends(self.rest(initial), self.layout.controls(commands))
+            ends = self._ends(first, self.layout.controls(commands))
         self._check_time(ends, unstable)
         nq, nv = self.model.nq, self.model.nv
         return self.layout.measure(ends[..., 1 : 1 + nq], ends[..., 1 + nq : 1 + nq + nv]).reshape(count, steps, -1)

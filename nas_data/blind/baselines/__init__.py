@@ -1,0 +1,1 @@
+"""Baselines that are given the same blind cases: what other methods would have named."""

@@ -1,0 +1,37 @@
+"""What a baseline answers: names with a confidence, and a prediction of episodes it has not seen."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from nas_data import registry
+from nas_data.blind.findings import Finding
+from nas_data.blind.fresh import Predict
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A baseline's answer.
+
+    Attributes:
+        findings: Effects it names; empty where it names none.
+        predict: Commands (E, T, n) and first positions (E, n) → positions (E, T, n) [rad].
+    """
+
+    findings: tuple[Finding, ...]
+    predict: Predict
+
+
+def claim(effect: str, joint: str | None) -> Finding:
+    """Return a name without parameters; a method without a measure of doubt is sure of it."""
+    return Finding((effect, joint), {}, {}, 1.0, ())
+
+
+def find_baseline(name: str) -> Callable[[Path, Path], Claim]:
+    """Return what answers for a dataset and a nominal model.
+
+    Raises:
+        UnknownName: there is no such baseline; lists those there are.
+    """
+    answer: Callable[[Path, Path], Claim] = registry.module("blind.baselines", name, "baseline").answer
+    return answer

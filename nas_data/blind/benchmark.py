@@ -1,0 +1,108 @@
+"""The blind benchmark: every family on every plant, one JSON file a finished case, which is never done again."""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from nas_data.blind.baselines.base import find_baseline
+from nas_data.blind.case import FAMILIES, Identity
+from nas_data.blind.judge import Investigate, Judge, Record, read_record, store_record
+from nas_data.blind.plants.base import find_plant
+from nas_data.errors import OptionError, UnknownName
+
+RESULTS, FOLDERS = "results", "cases"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is run.
+
+    Attributes:
+        families: Families of cases.
+        plants: Plants that play them.
+        cases: Cases of each family on each plant.
+        seed: Master seed.
+        faint: Whether effects too small to be named may hide, for the power curve.
+        baselines: Methods that are given the same cases.
+        keep: Whether the datasets stay.
+    """
+
+    families: tuple[str, ...]
+    plants: tuple[str, ...]
+    cases: int
+    seed: int
+    faint: bool = False
+    baselines: tuple[str, ...] = ()
+    keep: bool = False
+
+    def check(self) -> None:
+        """Say what is wrong before hours are spent.
+
+        Raises:
+            UnknownName: there is no such family, plant or baseline.
+            OptionError: there is nothing to do.
+        """
+        for family in self.families:
+            if family not in FAMILIES:
+                raise UnknownName("family", family, FAMILIES)
+        for plant in self.plants:
+            find_plant(plant)
+        for name in self.baselines:
+            find_baseline(name)
+        if self.cases < 1 or not self.families or not self.plants:
+            raise OptionError("The benchmark needs at least one family, one plant and one case.")
+
+    def identities(self) -> Iterator[Identity]:
+        """Return the cases, families in turn, so that an interrupted benchmark has some of each."""
+        for number in range(self.cases):
+            for family in self.families:
+                for plant in self.plants:
+                    yield Identity(family, plant, number, self.seed, self.faint)
+
+
+def run(plan: Plan, out: Path, investigate: Investigate, report: Callable[[str], None]) -> list[Record]:
+    """Run every case that is not finished yet and return the records of all.
+
+    Args:
+        plan: What is run.
+        out: `results/` holds a JSON file a finished case, `cases/` their folders.
+        investigate: The workflow under test.
+        report: Told of each case in a sentence.
+
+    Raises:
+        UnknownName, OptionError: the plan cannot be run.
+    """
+    plan.check()
+    judge = Judge(investigate, plan.baselines, plan.keep)
+    identities = list(plan.identities())
+    records, began, judged = [], time.monotonic(), 0
+    for done, identity in enumerate(identities, start=1):
+        path = out / RESULTS / f"{identity.name}.json"
+        record = read_record(path)
+        if record is None or not judge.is_done(record):
+            record = store_record(path, judge.judge(identity, out / FOLDERS / identity.name, record))
+            judged += 1
+            left = (time.monotonic() - began) / judged * (len(identities) - done)
+            report(f"{done} of {len(identities)}, about {left / 60:.0f} min left: {tell(record)}")
+        records.append(record)
+    return records
+
+
+def tell(record: Record) -> str:
+    """Return a finished case in one line."""
+    if "fault" in record:
+        return f"{record['case']}: {record['fault']}"
+    fresh = record["fresh"]
+    assert isinstance(fresh, dict)
+    after, floor = fresh["after"], fresh["floor"]
+    rest = "no usable model" if after is None else f"{after / floor:.1f} floors left"
+    right = "right" if record["exact"] else "CONFIDENTLY WRONG" if record["confident_wrong"] else "not exact"
+    names = f"{words(record['true'])} → {words(record['named'])}"
+    return f"{record['case']}: {right}, {record['verdict']}, {rest}, {record['seconds']:.0f} s: {names}"
+
+
+def words(names: object) -> str:
+    """Return effects as words."""
+    assert isinstance(names, list)
+    return ", ".join(f"{effect} {joint}" if joint else str(effect) for effect, joint in names) or "nothing"

@@ -1,0 +1,58 @@
+"""How well something predicts the episodes that were never handed over."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.blind.resimulate import Delivered, actuators_of
+from nas_data.blind.write import FRESH, NOMINAL
+from nas_data.errors import NasError
+
+Predict = Callable[[np.ndarray, np.ndarray], np.ndarray]  # commands (E, T, n), first (E, n) → positions (E, T, n)
+
+
+@dataclass(frozen=True)
+class Fresh:
+    """Episodes that were kept back.
+
+    Attributes:
+        joints: Names of the measured joints.
+        commands: [rad], shape (E, T, n).
+        positions: True positions [rad], shape (E, T + 1, n).
+        readings: The same with noise and rounding.
+    """
+
+    joints: tuple[str, ...]
+    commands: np.ndarray
+    positions: np.ndarray
+    readings: np.ndarray
+
+    @classmethod
+    def load(cls, folder: Path, joints: tuple[str, ...]) -> "Fresh":
+        """Read them from a case's folder."""
+        with np.load(folder / FRESH) as stored:
+            return cls(joints, stored["commands"], stored["positions"], stored["readings"])
+
+    @property
+    def floor(self) -> float:
+        """RMSE that a perfect prediction would have, of noise and rounding alone [rad]."""
+        return float(np.sqrt(np.square(self.readings - self.positions)[:, 1:].mean()))
+
+    def error(self, predict: Predict) -> float:
+        """Return a prediction's RMSE over all joints and steps [rad]; infinite where it left all bounds."""
+        predicted = predict(self.commands, self.readings[:, 0])
+        error = float(np.sqrt(np.square(predicted - self.readings[:, 1:]).mean()))
+        return error if np.isfinite(error) else float("inf")
+
+    def errors_of_models(self, folder: Path, delivered: Path) -> dict[str, float | str]:
+        """Return the RMSE [rad] of the nominal model, of the delivered one, and the floor."""
+        servos = actuators_of(folder / NOMINAL, self.joints)
+        result: dict[str, float | str] = {"floor": self.floor}
+        result["before"] = self.error(Delivered.load(folder / NOMINAL, self.joints, servos).play)
+        try:
+            result["after"] = self.error(Delivered.load(delivered, self.joints, servos).play)
+        except NasError as error:  # what was delivered is being judged: that it cannot be used is a finding
+            result |= {"after": float("inf"), "fault": str(error)}
+        return result

@@ -1,0 +1,104 @@
+"""Grading one case: what the report says against the sealed answer."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+from nas_data.blind.findings import Finding, Name, listed, mapping, number, read_findings, text
+
+CONFIDENT = 0.8  # from here on a wrong name is the worst outcome
+ABOVE_FLOOR = frozenset({"unexplained", "partly_explained"})
+RIGHT_VERDICTS = {"none": frozenset({"none", "retuned"}), "outside": ABOVE_FLOOR}
+
+
+def grade_names(answer: Mapping[str, object], report: Mapping[str, object]) -> dict[str, object]:
+    """Compare a report with the answer of its case.
+
+    Args:
+        answer: As `answer.json` holds it.
+        report: As the contract has it.
+
+    Returns:
+        What `tables` needs: names, confidences, parameter errors, verdict.
+
+    Raises:
+        DatasetInvalid: the report has not the contract's form.
+    """
+    hidden = listed(answer["effects"])
+    outside = answer["family"] == "outside"
+    true = [] if outside else [name_of(entry) for entry in hidden]
+    findings = read_findings(report)
+    named = [finding.name for finding in findings]
+    return {
+        "true": [name_of(entry) for entry in hidden],
+        "named": named,
+        "marks": [number(entry["mark"]) for entry in hidden],
+        "verdict": report.get("verdict"),
+        "verdict_right": is_verdict_right(str(answer["family"]), report.get("verdict")),
+        **compared(true, findings),
+        "confidences": [{"confidence": finding.confidence, "right": finding.name in true} for finding in findings],
+        "parameters": parameter_errors(hidden, findings),
+        "unexplained_joint_named": joint_named(hidden, report) if outside else None,
+    }
+
+
+def name_of(entry: Mapping[str, object]) -> Name:
+    """Return effect and joint of an entry of the answer."""
+    return str(entry["effect"]), text(entry["joint"])
+
+
+def compared(true: Sequence[Name], findings: Sequence[Finding]) -> dict[str, object]:
+    """Return where the names agree and where not."""
+    named = [finding.name for finding in findings]
+    missing = [name for name in true if name not in named]
+    extra = [name for name in named if name not in true]
+    wrong = [finding for finding in findings if finding.name not in true]
+    beside = {name for finding in findings for name in finding.alternatives}
+    return {
+        "exact": sorted(map(str, true)) == sorted(map(str, named)),
+        "missing": missing,
+        "extra": extra,
+        "wrong_joint": [name for name in extra if name[0] in {effect for effect, _ in missing}],
+        "listed_beside": [name for name in missing if name in beside],
+        "abstained": bool(true) and not named,
+        "confident_wrong": any(finding.confidence >= CONFIDENT for finding in wrong),
+        "confident_wrong_without_the_true_one_beside": any(
+            finding.confidence >= CONFIDENT and not set(finding.alternatives) & set(missing) for finding in wrong
+        ),
+    }
+
+
+def is_verdict_right(family: str, verdict: object) -> bool:
+    """Whether a verdict suits a family; base errors make a retuning right where nothing hides."""
+    return verdict in RIGHT_VERDICTS.get(family, frozenset({"explained"}))
+
+
+def parameter_errors(hidden: Sequence[Mapping[str, object]], findings: Sequence[Finding]) -> list[dict[str, object]]:
+    """Return the error of each parameter of each effect that was named rightly, relative to its true size."""
+    by_name = {finding.name: finding for finding in findings}
+    rows: list[dict[str, object]] = []
+    for entry in hidden:
+        finding = by_name.get(name_of(entry))
+        true = {key: number(value) for key, value in mapping(entry["parameters"]).items()}
+        for key, value in true.items() if finding else ():
+            assert finding is not None
+            found, interval = finding.parameters.get(key, math.nan), finding.intervals.get(key)
+            rows.append(
+                {
+                    "effect": entry["effect"],
+                    "parameter": key,
+                    "relative_error": abs(found - value) / size(str(entry["effect"]), true, value),
+                    "covered": None if interval is None else interval[0] <= value <= interval[1],
+                }
+            )
+    return rows
+
+
+def size(effect: str, true: Mapping[str, float], value: float) -> float:
+    """Return what an error is relative to: a tilt's whole angle, for one of its two may be next to zero."""
+    return math.hypot(*true.values()) if effect == "base_tilt" else abs(value)
+
+
+def joint_named(hidden: Sequence[Mapping[str, object]], report: Mapping[str, object]) -> bool:
+    """Whether the joint that shows what cannot be named stands under `unexplained`."""
+    joints = {text(entry.get("joint")) for entry in listed(report.get("unexplained") or [])}
+    return any(entry["marked_joint"] in joints for entry in hidden)

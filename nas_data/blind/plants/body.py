@@ -1,0 +1,108 @@
+"""The numbers of one arm with everything that hides in it, joint by joint, before they are stacked for a batch."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from nas_data.blind.plants.constants import Constants
+from nas_data.blind.plants.vectors import about
+from nas_data.blind.truth import Base
+
+NEUTRAL = {
+    "viscous": 0.0, "stribeck": 0.0, "kinetic_ratio": 1.0, "stribeck_velocity": 1.0, "load_ratio": 0.0,
+    "delay": 0.0, "speed": np.inf, "offset": 0.0, "deadband": 0.0, "play": 0.0, "spring": np.inf,
+    "cogs": 0.0, "cog_count": 1.0, "cog_phase": 0.0, "cable": 0.0, "cable_angle": 0.0, "cable_side": 1.0,
+}  # fmt: skip
+PENDULUM = {
+    "damping": 2e-5,  # [N m s/rad] a weight on a pin swings for seconds
+    "force": (0.0, 0.0),
+    "control": (-np.inf, np.inf),
+}
+
+
+@dataclass
+class Body:
+    """One arm. Arrays have one row a joint (or its link), in SI units; see `Constants` and the contract's table.
+
+    Attributes:
+        stribeck: Break-away torque that falls to `kinetic_ratio` of it around `stribeck_velocity`.
+        speed: Rate at which the servo's goal moves.
+        play: Half width of the free play.
+        spring: Stiffness of the transmission; infinite for a rigid one.
+        cogs: Amplitude of a torque that goes with the motor's angle, `cog_count` periods a turn.
+        cable: Stiffness of a cable that pulls towards `cable_angle` from the side `cable_side` of it.
+        driven: Number of joints with a servo; a swinging load is one more, undriven.
+    """
+
+    offsets: np.ndarray
+    turns: np.ndarray
+    axes: np.ndarray
+    masses: np.ndarray
+    centres: np.ndarray
+    inertias: np.ndarray
+    gravity: np.ndarray
+    damping: np.ndarray
+    armature: np.ndarray
+    friction: np.ndarray
+    gain: np.ndarray
+    servo_damping: np.ndarray
+    force: np.ndarray
+    control: np.ndarray
+    viscous: np.ndarray
+    stribeck: np.ndarray
+    kinetic_ratio: np.ndarray
+    stribeck_velocity: np.ndarray
+    load_ratio: np.ndarray
+    delay: np.ndarray
+    speed: np.ndarray
+    offset: np.ndarray
+    deadband: np.ndarray
+    play: np.ndarray
+    spring: np.ndarray
+    cogs: np.ndarray
+    cog_count: np.ndarray
+    cog_phase: np.ndarray
+    cable: np.ndarray
+    cable_angle: np.ndarray
+    cable_side: np.ndarray
+    driven: int
+
+    @classmethod
+    def of(cls, constants: Constants, base: Base) -> "Body":
+        """Return the nominal arm with its base parameters multiplied."""
+        n = len(constants.joints)
+        nominal = {key: np.array(value) for key, value in vars(constants).items() if key != "joints"}
+        body = cls(**nominal, **{key: np.full(n, value) for key, value in NEUTRAL.items()}, driven=n)
+        mass, damping = np.array(base.mass), np.array(base.damping)
+        body.masses *= mass
+        body.inertias *= mass[:, None, None]
+        body.damping *= damping
+        body.servo_damping *= damping
+        body.armature *= base.armature
+        body.gain *= base.stiffness
+        return body
+
+    def hang(self, mass: float, length: float, heading: float) -> None:
+        """Hang a weight from the last link's centre of mass: one more link, a rod on a pin.
+
+        Args:
+            mass: Of the weight at the rod's end [kg].
+            length: Of the rod [m].
+            heading: Direction of the pin, as an angle about the last joint's axis [rad].
+        """
+        axis = self.axes[-1]
+        across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+        pin = about(axis, heading) @ (across / np.linalg.norm(across))
+        rod = np.cross(pin, axis)  # perpendicular to the pin, so that the weight swings about it
+        link = {"offsets": self.centres[-1], "turns": np.eye(3), "axes": pin, "masses": mass, "centres": length * rod}
+        size = 1e-4 * mass * np.eye(3) * length**2 + 1e-8 * np.eye(3)
+        rest = dict.fromkeys(("armature", "friction", "gain", "servo_damping"), 0.0)
+        for key, value in (link | {"inertias": size} | rest | NEUTRAL | PENDULUM).items():
+            row = np.asarray(value, float)
+            setattr(self, key, np.concatenate([getattr(self, key), row[None]]))
+
+
+def stacked(bodies: list[Body], repeats: int) -> dict[str, np.ndarray]:
+    """Return each number of several arms with a leading axis, every arm repeated: (B, …)."""
+    names = [field.name for field in fields(Body) if field.name != "driven"]
+    return {name: np.repeat(np.stack([getattr(body, name) for body in bodies]), repeats, axis=0) for name in names}

@@ -1,0 +1,126 @@
+"""The same drives on PyBullet's multibody: its dynamics and its integration, our servos, friction and transmissions."""
+
+import tempfile
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.blind.arms import Arm
+from nas_data.blind.plants.base import alike, starting, told, with_settling
+from nas_data.blind.plants.body import Body, stacked
+from nas_data.blind.plants.drive import REFRESH, STEP, Drive
+from nas_data.blind.plants.motion import Motion
+from nas_data.blind.plants.urdf import to_urdf
+from nas_data.blind.truth import Truth
+from nas_data.simulators.bullet_world import import_pybullet, silence
+
+UNBOUNDED = 1e5  # [rad/s] PyBullet's own bound, 100 rad/s, is no physics
+LEAD = (REFRESH - STEP) / 2  # [s] by which PyBullet's positions run ahead: its step adds the speed at its end
+
+
+def play(arm: Arm, truths: Sequence[Truth], commands: np.ndarray, poses: np.ndarray, period: float) -> np.ndarray:
+    """Play episodes under each truth; see `Play`."""
+    whole, held = with_settling(commands, poses, period)
+    result = np.empty((len(truths), len(commands), whole.shape[1] + 1, commands.shape[2]))
+    for rows, bodies in alike(arm, truths):
+        result[rows] = simulate(bodies, whole, poses, period)
+    return result[:, :, held:]
+
+
+def simulate(bodies: list[Body], commands: np.ndarray, poses: np.ndarray, period: float) -> np.ndarray:
+    """Return positions (C, E, T + 1, n) of C arms alike under commands (E, T, n) from poses (E, n)."""
+    episodes, steps, n = commands.shape
+    starts = [starting(body, poses) for body in bodies]
+    drive = Drive.of(stacked(bodies, episodes))
+    motion = Motion(drive, np.tile(told(bodies[0], commands), (len(bodies), 1, 1)), period, np.concatenate(starts))
+    measured = np.empty((len(motion.q), steps + 1, n))
+    measured[:, 0] = motion.q[:, :n]
+    with ExitStack() as open_worlds:
+        worlds = [open_worlds.enter_context(BulletArms(body, at)) for body, at in zip(bodies, starts, strict=True)]
+        for step in range(steps):
+            for _ in range(round(period / REFRESH)):
+                move(motion, worlds, episodes)
+            measured[:, step + 1] = motion.q[:, :n]
+    return measured.reshape(len(bodies), episodes, steps + 1, n)
+
+
+def move(motion: Motion, worlds: "list[BulletArms]", episodes: int) -> None:
+    """Move on by `REFRESH`: the drives in their small steps, then one step of each world with their mean torques."""
+    rows = [slice(first, first + episodes) for first in range(0, len(motion.q), episodes)]
+    both = [world.dynamics() for world in worlds]
+    mass, bias = (np.concatenate(arrays) for arrays in zip(*both, strict=True))
+    before = motion.v
+    motion.advance(mass, bias)
+    # what the drives gave the links on average, less what their rotors took, which PyBullet knows nothing of
+    torques = (mass @ ((motion.v - before) / REFRESH)[..., None])[..., 0] + bias
+    states = [world.step(torques[part]) for world, part in zip(worlds, rows, strict=True)]
+    motion.q, motion.v = (np.concatenate(arrays) for arrays in zip(*states, strict=True))
+
+
+class BulletArms:
+    """One arm per episode in one PyBullet world, where they pass through each other."""
+
+    def __init__(self, body: Body, start: np.ndarray) -> None:
+        """Load the arms and put them at rest at (E, n) [rad].
+
+        Raises:
+            MissingPackage: PyBullet is not installed.
+        """
+        self.bullet = import_pybullet()
+        self.joints = list(range(len(body.masses)))
+        self.q, self.v = start, np.zeros_like(start)
+        with silence():
+            self.client = self.bullet.connect(self.bullet.DIRECT)
+            self.bullet.setGravity(*body.gravity.tolist(), physicsClientId=self.client)
+            self.bullet.setPhysicsEngineParameter(fixedTimeStep=REFRESH, physicsClientId=self.client)
+            with tempfile.TemporaryDirectory() as folder:
+                file = Path(folder) / "arm.urdf"
+                file.write_text(to_urdf(body), encoding="utf-8")
+                self.arms = [self._load(str(file), row) for row in start.tolist()]
+
+    def __enter__(self) -> "BulletArms":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.bullet.disconnect(physicsClientId=self.client)
+
+    def dynamics(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return PyBullet's mass matrices (E, n, n) and bias torques (E, n) of the present state."""
+        bullet, client, still = self.bullet, self.client, [0.0] * len(self.joints)
+        mass, bias = [], []
+        for arm, angles, speeds in zip(self.arms, self.q.tolist(), self.v.tolist(), strict=True):
+            mass.append(bullet.calculateMassMatrix(arm, angles, physicsClientId=client))
+            bias.append(bullet.calculateInverseDynamics(arm, angles, speeds, still, physicsClientId=client))
+        return np.array(mass), np.array(bias)
+
+    def step(self, torques: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Apply joint torques (E, n) [N m] for one step.
+
+        Returns:
+            Angles [rad], set back by what they run ahead, and speeds [rad/s], shape (E, n) each.
+        """
+        bullet, client = self.bullet, self.client
+        for arm, row in zip(self.arms, torques.tolist(), strict=True):
+            bullet.setJointMotorControlArray(
+                arm, self.joints, bullet.TORQUE_CONTROL, forces=row, physicsClientId=client
+            )
+        bullet.stepSimulation(physicsClientId=client)
+        states = [bullet.getJointStates(arm, self.joints, physicsClientId=client) for arm in self.arms]
+        values = np.array([[state[:2] for state in row] for row in states])
+        self.q, self.v = values[..., 0], values[..., 1]
+        return self.q - LEAD * self.v, self.v
+
+    def _load(self, file: str, angles: list[float]) -> int:
+        """Load one arm without motors, drag and shapes."""
+        bullet, client = self.bullet, self.client
+        arm = int(
+            bullet.loadURDF(file, useFixedBase=True, flags=bullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client)
+        )
+        free = {"linearDamping": 0, "angularDamping": 0, "jointDamping": 0, "maxJointVelocity": UNBOUNDED}
+        for joint, angle in enumerate(angles):
+            bullet.changeDynamics(arm, joint, **free, physicsClientId=client)
+            bullet.setJointMotorControl2(arm, joint, bullet.VELOCITY_CONTROL, force=0, physicsClientId=client)
+            bullet.resetJointState(arm, joint, angle, 0.0, physicsClientId=client)
+        return arm

@@ -1,0 +1,117 @@
+"""The constants of a serial arm as its compiled nominal model has them: links, axes and servos."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from nas_data.blind.plants.vectors import rotation
+from nas_data.errors import ModelFileError
+
+
+@dataclass(frozen=True)
+class Constants:
+    """A serial arm of n hinges, each with a position servo.
+
+    Attributes:
+        joints: Names, from the base on.
+        offsets: Each joint in the frame of the link before it [m], shape (n, 3).
+        turns: Each link's rotation in that frame at angle zero, shape (n, 3, 3).
+        axes: Each joint's axis in its link's frame, shape (n, 3).
+        masses: Of the links [kg], shape (n,).
+        centres: Centres of mass in the links' frames [m], shape (n, 3).
+        inertias: About the centres of mass, in the links' frames [kg m²], shape (n, 3, 3).
+        gravity: [m/s²], shape (3,).
+        damping: Joint damping [N m s/rad], shape (n,).
+        armature: Reflected inertia [kg m²], shape (n,).
+        friction: Coulomb friction [N m], shape (n,).
+        gain: Servo's position gain [N m/rad], shape (n,).
+        servo_damping: Servo's own damping, within its saturation [N m s/rad], shape (n,).
+        force: Lowest and highest torque of the servo [N m], shape (n, 2).
+        control: Lowest and highest command [rad], shape (n, 2).
+    """
+
+    joints: tuple[str, ...]
+    offsets: np.ndarray
+    turns: np.ndarray
+    axes: np.ndarray
+    masses: np.ndarray
+    centres: np.ndarray
+    inertias: np.ndarray
+    gravity: np.ndarray
+    damping: np.ndarray
+    armature: np.ndarray
+    friction: np.ndarray
+    gain: np.ndarray
+    servo_damping: np.ndarray
+    force: np.ndarray
+    control: np.ndarray
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel) -> "Constants":
+        """Read a compiled model.
+
+        Raises:
+            ModelFileError: it is no plain serial arm of hinges with one position servo each.
+        """
+        bodies = serial_bodies(model)
+        turned = [rotation(model.body_iquat[body]) for body in bodies]
+        inertias = [
+            turn @ np.diag(model.body_inertia[body]) @ turn.T for turn, body in zip(turned, bodies, strict=True)
+        ]
+        servos = np.array([servo_of(model, joint) for joint in range(model.njnt)])
+        force, control = model.actuator_forcerange[servos].copy(), model.actuator_ctrlrange[servos].copy()
+        force[model.actuator_forcelimited[servos] == 0] = (-np.inf, np.inf)
+        control[model.actuator_ctrllimited[servos] == 0] = (-np.inf, np.inf)
+        return cls(
+            joints=tuple(model.joint(joint).name for joint in range(model.njnt)),
+            offsets=model.body_pos[bodies].copy(),
+            turns=np.stack([rotation(model.body_quat[body]) for body in bodies]),
+            axes=model.jnt_axis.copy(),
+            masses=model.body_mass[bodies].copy(),
+            centres=model.body_ipos[bodies].copy(),
+            inertias=np.stack(inertias),
+            gravity=model.opt.gravity.copy(),
+            damping=first_coefficients(model.dof_damping, model.nv),
+            armature=model.dof_armature.copy(),
+            friction=model.dof_frictionloss.copy(),
+            gain=-model.actuator_biasprm[servos, 1],
+            servo_damping=-model.actuator_biasprm[servos, 2],
+            force=force,
+            control=control,
+        )
+
+
+def first_coefficients(values: np.ndarray, count: int) -> np.ndarray:
+    """Return the linear coefficient of each degree of freedom where the model may hold a polynomial."""
+    return np.asarray(values, float).reshape(count, -1)[:, 0].copy()
+
+
+def serial_bodies(model: mujoco.MjModel) -> list[int]:
+    """Return the bodies of a serial chain from the base on.
+
+    Raises:
+        ModelFileError: the moving bodies are no chain of one hinge each, or the base is not at the origin.
+    """
+    bodies = [body for body in range(1, model.nbody) if model.body_jntnum[body]]
+    for before, body in zip([None, *bodies[:-1]], bodies, strict=True):
+        parent = int(model.body_parentid[body])
+        rooted = before is None and not model.body_weldid[parent] and not model.body_pos[parent].any()
+        if (parent != before and not rooted) or model.body_jntnum[body] != 1:
+            raise ModelFileError("A plant is a serial chain of bodies with one hinge each, on a base at the origin.")
+    if not (model.jnt_type == int(mujoco.mjtJoint.mjJNT_HINGE)).all() or model.jnt_pos.any():
+        raise ModelFileError("A plant has hinges at the origins of their bodies, and no other joints.")
+    return bodies
+
+
+def servo_of(model: mujoco.MjModel, joint: int) -> int:
+    """Return the position actuator of a joint.
+
+    Raises:
+        ModelFileError: there is not exactly one, or it takes torques.
+    """
+    drives = (model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)) & (model.actuator_trnid[:, 0] == joint)
+    found = np.flatnonzero(drives)
+    if len(found) != 1 or model.actuator_biasprm[found[0], 1] >= 0:
+        raise ModelFileError(f"The joint '{model.joint(joint).name}' of a plant needs exactly one position servo.")
+    return int(found[0])

@@ -1,0 +1,51 @@
+"""The native plant, for comparison only: MuJoCo with this project's own effects, the inverse crime on purpose."""
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from nas_data.blind.arms import Arm
+from nas_data.blind.plants.base import with_settling
+from nas_data.blind.truth import Base, Truth
+from nas_data.effects.base import make_effect
+from nas_data.robots.base import Robot
+from nas_data.simulators.mujoco import MujocoSimulator
+
+
+def play(arm: Arm, truths: Sequence[Truth], commands: np.ndarray, poses: np.ndarray, period: float) -> np.ndarray:
+    """Play episodes under each truth; see `Play`.
+
+    Raises:
+        UnknownName: a truth hides something outside the contract's table.
+    """
+    whole, held = with_settling(commands, poses, period)
+    rest = np.concatenate([poses, np.zeros_like(poses)], axis=1)
+    played = [build(arm, truth, period).rollout(rest, whole) for truth in truths]
+    return np.stack(played)[:, :, held - 1 :, : len(arm.joints)]
+
+
+def build(arm: Arm, truth: Truth, period: float) -> MujocoSimulator:
+    """Return the arm with its base errors and effects as a simulator on one thread."""
+    effects = [make_effect(hidden.effect, hidden.joint, hidden.parameters) for hidden in truth.hidden]
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "arm.xml"
+        file.write_text(arm.xml, encoding="utf-8")
+        robot = Robot(arm.name, file, arm.joints, edit=lambda spec: multiply(spec, arm, truth.base))
+        return MujocoSimulator(robot, period, effects=effects, threads=1)
+
+
+def multiply(spec: mujoco.MjSpec, arm: Arm, base: Base) -> None:
+    """Multiply the model's own parameters."""
+    for row, name in enumerate(arm.joints):
+        joint, servo = spec.joint(name), spec.actuator(name)
+        joint.damping = joint.damping * base.damping[row]
+        joint.armature *= base.armature[row]
+        gain, bias = servo.gainprm.copy(), servo.biasprm.copy()
+        gain[0], bias[1] = gain[0] * base.stiffness[row], bias[1] * base.stiffness[row]
+        bias[2] *= base.damping[row]
+        servo.gainprm, servo.biasprm = gain, bias
+        for geom in joint.parent.geoms:
+            geom.mass *= base.mass[row]

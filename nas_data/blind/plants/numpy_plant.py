@@ -1,0 +1,38 @@
+"""An arm written in NumPy from the equations alone, no physics engine beneath: every episode at once."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from nas_data.blind.arms import Arm
+from nas_data.blind.plants.base import alike, chain_of, starting, told, with_settling
+from nas_data.blind.plants.body import Body, stacked
+from nas_data.blind.plants.drive import REFRESH, Drive
+from nas_data.blind.plants.motion import Motion
+from nas_data.blind.truth import Truth
+
+
+def play(arm: Arm, truths: Sequence[Truth], commands: np.ndarray, poses: np.ndarray, period: float) -> np.ndarray:
+    """Play episodes under each truth; see `Play`."""
+    whole, held = with_settling(commands, poses, period)
+    result = np.empty((len(truths), len(commands), whole.shape[1] + 1, commands.shape[2]))
+    for rows, bodies in alike(arm, truths):
+        result[rows] = simulate(bodies, whole, poses, period)
+    return result[:, :, held:]
+
+
+def simulate(bodies: list[Body], commands: np.ndarray, poses: np.ndarray, period: float) -> np.ndarray:
+    """Return positions (C, E, T + 1, n) of C arms alike under commands (E, T, n) from poses (E, n)."""
+    episodes, steps, n = commands.shape
+    numbers = stacked(bodies, episodes)
+    chain = chain_of(numbers)
+    # C arms times E episodes, an arm's episodes side by side
+    start = np.concatenate([starting(body, poses) for body in bodies])
+    motion = Motion(Drive.of(numbers), np.tile(told(bodies[0], commands), (len(bodies), 1, 1)), period, start)
+    measured = np.empty((len(start), steps + 1, n))
+    measured[:, 0] = motion.q[:, :n]
+    for step in range(steps):
+        for _ in range(round(period / REFRESH)):
+            motion.advance(*chain.dynamics(motion.q, motion.v))
+        measured[:, step + 1] = motion.q[:, :n]
+    return measured.reshape(len(bodies), episodes, steps + 1, n)

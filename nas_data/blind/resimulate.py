@@ -1,0 +1,124 @@
+"""Playing fresh episodes on a delivered model in plain MuJoCo, as anyone could who has only the file."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from nas_data.blind.case import RATE
+from nas_data.errors import JointMismatch, ModelFileError
+from nas_data.simulators.layout import settle_actuator
+
+SENSOR = ".pos"
+
+
+@dataclass(frozen=True)
+class Delivered:
+    """A model as it was delivered.
+
+    Attributes:
+        model: Compiled.
+        substeps: Physics steps per control period.
+        actuators: Index of each joint's actuator.
+        sensors: Where each joint's measured position lies among the sensors.
+        rests: Places in `qpos` that start at the first measured position: the joint's, and what its servo drives.
+    """
+
+    model: mujoco.MjModel
+    substeps: int
+    actuators: tuple[int, ...]
+    sensors: tuple[int, ...]
+    rests: tuple[tuple[int, ...], ...]
+
+    @classmethod
+    def load(cls, file: Path, joints: Sequence[str], actuators: Sequence[str]) -> "Delivered":
+        """Load a model and find what the contract promises in it.
+
+        Args:
+            file: MJCF.
+            joints: Names of the measured joints.
+            actuators: Names of their actuators in the nominal model.
+
+        Raises:
+            ModelFileError: it does not load, or lacks a joint, an actuator or a sensor that it must keep.
+        """
+        try:
+            model = mujoco.MjModel.from_xml_path(str(file))
+        except ValueError as error:
+            raise ModelFileError(f"{file} does not load in plain MuJoCo: {error}") from None
+        return cls.of(model, file, joints, actuators)
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, file: Path, joints: Sequence[str], actuators: Sequence[str]) -> "Delivered":
+        """Find the same in a compiled model; the file is for errors alone."""
+        substeps = int(np.ceil(1 / RATE / model.opt.timestep - 1e-6))
+        model.opt.timestep = 1 / RATE / substeps
+        servos = tuple(find(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name, file) for name in actuators)
+        sensors = [find(model, mujoco.mjtObj.mjOBJ_SENSOR, joint + SENSOR, file) for joint in joints]
+        places = [int(model.jnt_qposadr[find(model, mujoco.mjtObj.mjOBJ_JOINT, joint, file)]) for joint in joints]
+        driven = [driven_place(model, servo) for servo in servos]
+        rests = tuple(tuple({own, *other}) for own, other in zip(places, driven, strict=True))
+        return cls(model, substeps, servos, tuple(int(model.sensor_adr[sensor]) for sensor in sensors), rests)
+
+    def play(self, commands: np.ndarray, first: np.ndarray) -> np.ndarray:
+        """Return `<joint>.pos` after each command.
+
+        Args:
+            commands: Commanded positions [rad], shape (E, T, n).
+            first: First measured positions [rad], where each episode starts at rest with the command held there.
+
+        Returns:
+            Positions [rad], shape (E, T, n); NaN from where a simulation left all bounds.
+        """
+        return np.stack([self._episode(*pair) for pair in zip(commands, first, strict=True)])
+
+    def _episode(self, commands: np.ndarray, first: np.ndarray) -> np.ndarray:
+        model, data = self.model, mujoco.MjData(self.model)
+        controls = model.actuator_ctrladr[list(self.actuators)]
+        data.ctrl[controls] = first
+        for places, position in zip(self.rests, first, strict=True):
+            data.qpos[list(places)] = position
+        for actuator in range(len(model.actuator_trntype)):
+            settle_actuator(model, data, actuator)
+        shown = np.full(commands.shape, np.nan)
+        for step, command in enumerate(commands):
+            data.ctrl[controls] = command
+            mujoco.mj_step(model, data, self.substeps)
+            if abs(data.time - (step + 1) / RATE) > 0.5 / RATE:  # the engine starts over after a divergence
+                break
+            mujoco.mj_fwdPosition(model, data)  # a step leaves the sensors of its beginning
+            mujoco.mj_sensorPos(model, data)
+            shown[step] = data.sensordata[list(self.sensors)]
+        return shown
+
+
+def find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, file: Path) -> int:
+    """Return the index of a named thing."""
+    index = int(mujoco.mj_name2id(model, kind, name))
+    if index < 0:
+        raise ModelFileError(
+            f"{file} has no '{name}' ({kind.name}); a delivered model keeps joints, actuators, sensors."
+        )
+    return index
+
+
+def driven_place(model: mujoco.MjModel, actuator: int) -> tuple[int, ...]:
+    """Return the place in `qpos` of the joint that an actuator drives, which may be a goal beside the arm."""
+    if int(model.actuator_trntype[actuator]) != int(mujoco.mjtTrn.mjTRN_JOINT):
+        return ()
+    return (int(model.jnt_qposadr[model.actuator_trnid[actuator, 0]]),)
+
+
+def actuators_of(file: Path, joints: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the actuators that drive the joints of a nominal model.
+
+    Raises:
+        JointMismatch: a joint has no named actuator.
+    """
+    spec = mujoco.MjSpec.from_file(str(file))
+    names = {actuator.target: actuator.name for actuator in spec.actuators}
+    if missing := [joint for joint in joints if not names.get(joint)]:
+        raise JointMismatch(f"{file} has no named actuator for the joint '{missing[0]}'.")
+    return tuple(names[joint] for joint in joints)

@@ -1,0 +1,81 @@
+"""What is hidden in a plant: effects with their sizes, and base parameters that are a few percent off the model's."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+BASE_SHARE = 0.1  # half range of the factors on the model's own parameters: DESIGN says a few to ten percent
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """One hidden effect.
+
+    Attributes:
+        effect: Its name, as the contract's table has it, or one of those outside the table.
+        joint: Joint that it sits in; None where it belongs to the whole arm.
+        parameters: Values in the units of the table.
+    """
+
+    effect: str
+    joint: str | None
+    parameters: Mapping[str, float]
+
+    def to_json(self) -> dict[str, object]:
+        """Return the effect as the answer holds it."""
+        return {"effect": self.effect, "joint": self.joint, "parameters": dict(self.parameters)}
+
+
+@dataclass(frozen=True)
+class Base:
+    """Factors on the parameters that the model has, one a link or joint.
+
+    Attributes:
+        mass: On mass and inertia of each moving link.
+        damping: On joint damping and the servo's own, together.
+        armature: On the rotors' reflected inertia.
+        stiffness: On the position gains.
+    """
+
+    mass: tuple[float, ...]
+    damping: tuple[float, ...]
+    armature: tuple[float, ...]
+    stiffness: tuple[float, ...]
+
+    @classmethod
+    def nominal(cls, joints: int) -> "Base":
+        """Return factors of one."""
+        ones = (1.0,) * joints
+        return cls(ones, ones, ones, ones)
+
+    @classmethod
+    def draw(cls, joints: int, rng: np.random.Generator) -> "Base":
+        """Draw each factor uniformly."""
+        drawn = rng.uniform(1 - BASE_SHARE, 1 + BASE_SHARE, (4, joints)).tolist()
+        return cls(*(tuple(row) for row in drawn))
+
+    def to_json(self) -> dict[str, object]:
+        """Return the factors as the answer holds them."""
+        return {name: list(values) for name, values in vars(self).items()}
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Everything in which a plant differs from its nominal model.
+
+    Attributes:
+        base: Factors on the model's own parameters.
+        hidden: Effects that the model lacks.
+    """
+
+    base: Base
+    hidden: tuple[Hidden, ...] = ()
+
+    def without(self, index: int) -> "Truth":
+        """Return the truth with one hidden effect taken away."""
+        return replace(self, hidden=self.hidden[:index] + self.hidden[index + 1 :])
+
+    def exchanged(self, index: int, hidden: Hidden) -> "Truth":
+        """Return the truth with one hidden effect exchanged for another."""
+        return replace(self, hidden=(*self.hidden[:index], hidden, *self.hidden[index + 1 :]))

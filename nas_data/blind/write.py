@@ -1,0 +1,78 @@
+"""A case as a folder: a dataset and a nominal model to hand over, and beside them the sealed answer."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.blind.case import NOISE, QUANTUM, RATE, Case, Episodes
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, TIME, position_feature, state_feature, time_feature
+from nas_data.dataset.provenance import Provenance
+from nas_data.dataset.write import write
+
+DATASET, NOMINAL, ANSWER, FRESH = "dataset", "nominal.xml", "answer.json", "fresh.npz"
+
+
+def write_case(case: Case, folder: Path) -> None:
+    """Write a case's folder.
+
+    `dataset/` and `nominal.xml` are what a workflow is given; `answer.json` and `fresh.npz` are what it is judged by.
+
+    Raises:
+        OutputExists: the folder holds a dataset already.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    write(to_dataset(case), folder / DATASET, provenance(case))
+    (folder / NOMINAL).write_text(case.arm.xml, encoding="utf-8")
+    fresh = case.fresh
+    np.savez_compressed(
+        folder / FRESH, commands=fresh.commands, positions=fresh.positions, readings=fresh.readings, poses=fresh.poses
+    )
+    (folder / ANSWER).write_text(json.dumps(case.answer(), indent=1), encoding="utf-8")
+
+
+def provenance(case: Case) -> Provenance:
+    """Return where the dataset comes from, without a trace of the answer: no seed, no plant, no effect."""
+    return Provenance(
+        how="simulated",
+        robot=case.arm.name,
+        target={"name": case.arm.name, "quantum": QUANTUM, "noise": NOISE},
+        signal={"excitation": case.excitation},
+        contiguous=True,
+        notes="Blind benchmark: the target is not described.",
+        packages={},
+    )
+
+
+def to_dataset(case: Case) -> Dataset:
+    """Return the episodes that are handed over as a dataset."""
+    joints, episodes = case.arm.joints, case.recorded
+    count, steps, n = episodes.commands.shape
+    states = measured_states(episodes)
+    columns: dict[str, np.ndarray] = {
+        STATE: states[:, :-1].reshape(-1, 2 * n).astype(np.float32),
+        ACTION: episodes.commands.reshape(-1, n).astype(np.float32),
+        NEXT_STATE: states[:, 1:].reshape(-1, 2 * n).astype(np.float32),
+        TIME: np.tile(np.arange(steps) / RATE, count)[:, None],
+    }
+    features = {
+        STATE: state_feature(joints),
+        ACTION: position_feature(joints),
+        NEXT_STATE: state_feature(joints),
+        TIME: time_feature(),
+    }
+    return Dataset(
+        features=features,
+        columns=columns,
+        lengths=np.full(count, steps),
+        fps=RATE,
+        robot_type=case.arm.name,
+        tasks=(case.excitation,) * count,
+    )
+
+
+def measured_states(episodes: Episodes) -> np.ndarray:
+    """Return readings and their backward differences, zero at the start: (E, T + 1, 2n) [rad, rad/s]."""
+    speeds = np.diff(episodes.readings, axis=1, prepend=episodes.readings[:, :1]) * RATE
+    return np.concatenate([episodes.readings, speeds], axis=2)

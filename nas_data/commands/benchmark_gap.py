@@ -1,0 +1,59 @@
+"""Hide effects in plants of other makes and grade what `nas gap` says about them."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from nas_data.commands.base import Command, Outcome
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchmarkGap(Command):
+    """Draw blind cases, run the gap workflow on each, and compare its report with the sealed answers.
+
+    A finished case is never done again: the same command goes on where it was interrupted.
+
+    Example: nas benchmark gap --families one,outside --plants numpy,bullet --cases 5 --out runs/blind
+    """
+
+    families: str = "one,two,three,none,outside"
+    """What hides: one, two or three effects, none, or something outside the catalogue; with commas."""
+    plants: str = "numpy,bullet"
+    """What plays the robot: numpy, bullet, or mujoco for comparison; with commas."""
+    cases: int = 40
+    """Cases of each family on each plant."""
+    seed: int = 0
+    """Master seed: same seed, same cases."""
+    out: Path = Path("runs/blind")
+    """Folder of the results and the cases."""
+    power: bool = False
+    """Hide effects from 0.3 noise floors upwards, to see which size is found."""
+    baselines: str = ""
+    """Other methods that are given the same cases: sysid, one_step, phi; with commas."""
+    keep: bool = False
+    """Keep the datasets of finished cases."""
+
+    def run(self) -> Outcome:
+        """Run what is not finished, then tabulate everything."""
+        from nas_data.blind.benchmark import Plan, run
+        from nas_data.blind.print_tables import print_tables
+        from nas_data.blind.tables import tables
+
+        families, plants, baselines = (words(text) for text in (self.families, self.plants, self.baselines))
+        plan = Plan(families, plants, self.cases, self.seed, self.power, baselines, self.keep)
+        records = run(plan, self.out, investigate, lambda line: print(line, file=sys.stderr, flush=True))
+        found = tables(records)
+        text = f"{len(records)} blind cases, seed {self.seed}\n\n{print_tables(found)}\n→ {self.out}"
+        return Outcome(text, {"out": self.out, "cases": len(records), "seed": self.seed, "tables": found})
+
+
+def investigate(dataset: Path, model: Path, out: Path) -> None:
+    """Run the workflow under test as its users do."""
+    from nas_data.gap import workflow
+
+    workflow.investigate(dataset, model, out)
+
+
+def words(text: str) -> tuple[str, ...]:
+    """Split a list with commas."""
+    return tuple(word.strip() for word in text.split(",") if word.strip())

@@ -1,0 +1,37 @@
+"""Find where model and recording disagree, name the missing effect, add it to the model, show the gap shrink."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from nas_data.commands.base import Command, Outcome
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gap(Command):
+    """Run find, name, add and show; write report.json, report.html, model.xml, effects.json and figures.
+
+    Example: nas gap datasets/arm --model arm.xml --out runs/gap
+    """
+
+    dataset: tyro.conf.Positional[Path]
+    """Recorded episodes; need not be paired."""
+    model: str
+    """The model as it is: an MJCF or URDF file, or a robot's name."""
+    out: Path
+    """Folder of the report; an earlier report in it is replaced."""
+
+    def run(self) -> Outcome:
+        """Work through all stages."""
+        from nas_data.gap.summary import summary
+        from nas_data.gap.workflow import investigate
+
+        report = investigate(self.dataset, self.model, self.out, say)
+        return Outcome(summary(report, self.out), report)
+
+
+def say(text: str) -> None:
+    """Show on stderr what is being done."""
+    print(text, file=sys.stderr, flush=True)

@@ -1,0 +1,50 @@
+"""Only add named effects to a model: write model.xml from effects.json and score it on held-out episodes."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from nas_data.commands.base import Command, Outcome
+
+
+@dataclass(frozen=True, kw_only=True)
+class GapAdd(Command):
+    """Write the model with the effects of an effects.json, and re-score it from the written file.
+
+    Example: nas gap add datasets/arm --model arm.xml --effects runs/gap/effects.json --out runs/gap
+    """
+
+    dataset: tyro.conf.Positional[Path]
+    """Recorded episodes by which the written model is judged."""
+    model: str
+    """The model as it is: an MJCF or URDF file, or a robot's name."""
+    effects: Path
+    """Effects, as `nas gap name` writes them."""
+    out: Path
+    """Folder for model.xml."""
+
+    def run(self) -> Outcome:
+        """Write and score."""
+        import math
+
+        import numpy as np
+
+        from nas_data.effects.base import read_effects
+        from nas_data.gap.add import read_factors
+        from nas_data.gap.final import Final
+        from nas_data.gap.workflow import Problem, added
+
+        problem = Problem.load(self.dataset, self.model)
+        final = Final(read_effects(self.effects), read_factors(self.effects), ())
+        self.out.mkdir(parents=True, exist_ok=True)
+        outcome = added(problem, final, Final((), {}, ()), self.out)
+        evidence = problem.held.evidence
+        before, after = (
+            math.degrees(float(np.sqrt(evidence.mean_squares(rows).mean()))) for rows in (outcome.before, outcome.after)
+        )
+        text = (
+            f"Open-loop position error on {len(evidence)} held-out episodes: {before:.3f}° before, {after:.3f}° after, "
+            f"from the written file.\n{outcome.model}"
+        )
+        return Outcome(text, {"model": outcome.model, "before": math.radians(before), "after": math.radians(after)})

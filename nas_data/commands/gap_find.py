@@ -1,0 +1,40 @@
+"""Only find where model and recording disagree: by joint and regime, after an audit of the recording."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from nas_data.commands.base import Command, Outcome
+
+
+@dataclass(frozen=True, kw_only=True)
+class GapFind(Command):
+    """Print the gap per joint and regime beside the noise floor, and what is odd in the recording.
+
+    Example: nas gap find datasets/arm --model arm.xml
+    """
+
+    dataset: tyro.conf.Positional[Path]
+    """Recorded episodes; need not be paired."""
+    model: str
+    """The model: an MJCF or URDF file, or a robot's name."""
+    out: Path | None = None
+    """Folder for find.json; nothing is written where not given."""
+
+    def run(self) -> Outcome:
+        """Find and print."""
+        from nas_data.cli import finite
+        from nas_data.gap.find import find
+        from nas_data.gap.workflow import Problem
+
+        problem = Problem.load(self.dataset, self.model)
+        found = find(problem.dataset, problem.evidence, problem.train.nominal, problem.train.floor)
+        text = found.text()
+        if self.out is not None:
+            self.out.mkdir(parents=True, exist_ok=True)
+            path = self.out / "find.json"
+            path.write_text(json.dumps(finite(found.to_json()), indent=1), encoding="utf-8")
+            text += f"\n{path}"
+        return Outcome(text, found.to_json())

@@ -1,0 +1,40 @@
+"""Only name the missing effects: fit, compare and judge them, and write effects.json."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from nas_data.commands.base import Command, Outcome
+from nas_data.commands.gap import say
+
+
+@dataclass(frozen=True, kw_only=True)
+class GapName(Command):
+    """Name the effects that the model lacks; write them and the retuned base parameters to effects.json.
+
+    Example: nas gap name datasets/arm --model arm.xml --out runs/gap
+    """
+
+    dataset: tyro.conf.Positional[Path]
+    """Recorded episodes."""
+    model: str
+    """The model as it is: an MJCF or URDF file, or a robot's name."""
+    out: Path
+    """Folder for effects.json."""
+
+    def run(self) -> Outcome:
+        """Search and write."""
+        from nas_data.gap.add import write_effects
+        from nas_data.gap.name import name
+        from nas_data.gap.report import described
+        from nas_data.gap.summary import finding_text
+        from nas_data.gap.workflow import Problem
+
+        problem = Problem.load(self.dataset, self.model)
+        naming = name(problem.train, problem.held, say)
+        self.out.mkdir(parents=True, exist_ok=True)
+        path = write_effects(self.out, naming.final.effects, naming.final.factors)
+        effects = [described(finding) for finding in naming.findings]
+        lines = [finding_text(entry) for entry in effects] or ["No effect is named."]
+        return Outcome("\n".join([*lines, str(path)]), {"effects": effects, "file": path})

@@ -1,0 +1,31 @@
+"""Only show: draw pictures and page of a gap report anew from report.json and series.npz."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from nas_data.commands.base import Command, Outcome
+
+
+@dataclass(frozen=True, kw_only=True)
+class GapShow(Command):
+    """Draw the figures and write report.html from what `nas gap` wrote.
+
+    Example: nas gap show runs/gap
+    """
+
+    folder: tyro.conf.Positional[Path]
+    """Folder of a gap report."""
+
+    def run(self) -> Outcome:
+        """Draw and write."""
+        from nas_data.errors import OptionError
+        from nas_data.gap.show import show
+
+        if not (self.folder / "report.json").is_file():
+            raise OptionError(
+                f"There is no gap report in {self.folder}; make one with: nas gap DATASET --model MODEL.xml"
+            )
+        page = show(self.folder)
+        return Outcome(f"{page}", {"page": page})

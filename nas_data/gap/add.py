@@ -1,0 +1,78 @@
+"""Add the named effects to the model, as a file that loads in plain MuJoCo."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import mujoco
+
+from nas_data.dataset.features import POSITION
+from nas_data.effects.base import Effect, add_effects
+from nas_data.errors import OptionError
+from nas_data.gap.nominal import Nominal, fine_timestep
+
+MODEL, EFFECTS = "model.xml", "effects.json"
+
+
+def write_model(
+    folder: Path, nominal: Nominal, effects: Sequence[Effect], factors: Mapping[str, float]
+) -> tuple[Path, Path]:
+    """Write `model.xml` and `effects.json`.
+
+    The model keeps names and order of joints and actuators, has one sensor `<joint>.pos` per measured joint, and steps
+    finely enough that its own step is below the noise. Effects that MJCF cannot express are only in `effects.json`.
+
+    Returns:
+        Paths of both files.
+    """
+    spec = nominal.edited(factors)
+    spec.option.timestep = fine_timestep(nominal)
+    add_effects(spec, [effect for effect in effects if effect.in_model])
+    for joint in nominal.joints:
+        measure(spec, joint)
+    keep_assets(spec, nominal.robot.mjcf)
+    spec.compile()
+    model = folder / MODEL
+    model.write_text(spec.to_xml(), encoding="utf-8")
+    return model, write_effects(folder, effects, factors)
+
+
+def write_effects(folder: Path, effects: Sequence[Effect], factors: Mapping[str, float]) -> Path:
+    """Write the named effects and the retuned base parameters; `nas record sim --effects` and `nas pair` read it."""
+    entries = [{**effect.to_json(), "in_model_xml": effect.in_model} for effect in effects]
+    content = {"schema": 1, "effects": entries, "retuned": dict(factors)}
+    path = folder / EFFECTS
+    path.write_text(json.dumps(content, indent=1), encoding="utf-8")
+    return path
+
+
+def read_factors(path: Path) -> dict[str, float]:
+    """Return the retuned base parameters of an effects file, none where it has none.
+
+    Raises:
+        OptionError: they are no numbers.
+    """
+    content = json.loads(path.read_text(encoding="utf-8"))
+    factors = content.get("retuned", {}) if isinstance(content, dict) else {}
+    try:
+        return {str(name): float(factor) for name, factor in factors.items()}
+    except (AttributeError, TypeError, ValueError):
+        raise OptionError(f"'retuned' in {path} must hold one factor per parameter; see `nas gap name`.") from None
+
+
+def measure(spec: mujoco.MjSpec, joint: str) -> None:
+    """Give a joint its sensor where no effect and no author did."""
+    if spec.sensor(joint + POSITION) is not None:
+        return
+    sensor = spec.add_sensor(name=joint + POSITION)
+    sensor.type = mujoco.mjtSensor.mjSENS_JOINTPOS
+    sensor.objtype = mujoco.mjtObj.mjOBJ_JOINT
+    sensor.objname = joint
+
+
+def keep_assets(spec: mujoco.MjSpec, original: Path) -> None:
+    """Let mesh and texture files be found from anywhere: where they were is written out."""
+    for field in ("meshdir", "texturedir"):
+        present = Path(getattr(spec, field) or "")
+        if (spec.meshes or spec.textures) and not present.is_absolute():
+            setattr(spec, field, str((original.resolve().parent / present).resolve()))

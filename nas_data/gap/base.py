@@ -1,0 +1,119 @@
+"""Base parameters: masses, damping, rotor inertia and gain, which a real arm has a little different from its model."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import mujoco
+import numpy as np
+
+from nas_data.effects.base import joint_actuator
+from nas_data.effects.edits.servo import scale_stiffness, stiffness
+
+Kind = Literal["mass", "gain", "damping", "armature", "frictionloss"]
+TOLERANCE = 0.1  # [-] standard deviation of a base parameter's logarithm: a few to ten percent off
+WIDEST = float(np.log(1.25))  # beyond ±25 % a change is a missing effect, not a retuned parameter
+
+
+@dataclass(frozen=True)
+class BaseParameter:
+    """One number of the model that may be off by some percent.
+
+    Attributes:
+        joint: Joint it belongs to; a mass belongs to the joint that moves it.
+        kind: Which.
+        bodies: Bodies whose mass and inertia it scales.
+    """
+
+    joint: str
+    kind: Kind
+    bodies: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Name in reports, for example `m2.damping`."""
+        return f"{self.joint}.{self.kind}"
+
+    def scale(self, spec: mujoco.MjSpec, factor: float) -> None:
+        """Multiply it in a model."""
+        if self.kind == "mass":
+            for name in self.bodies:
+                body = spec.body(name)
+                body.mass *= factor
+                body.inertia = body.inertia * factor
+        elif self.kind == "gain":
+            scale_stiffness(joint_actuator(spec, self.joint), factor)
+        elif self.kind == "damping":
+            scale_damping(spec, self.joint, factor)
+        else:
+            joint = spec.joint(self.joint)
+            setattr(joint, self.kind, getattr(joint, self.kind) * factor)
+
+
+def scale_damping(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
+    """Multiply the damping of a joint and of its servo, which act alike below saturation."""
+    spec.joint(joint).damping = np.array(spec.joint(joint).damping) * factor
+    actuator = joint_actuator(spec, joint)
+    bias = actuator.biasprm.copy()
+    bias[2] *= factor
+    actuator.biasprm = bias
+
+
+def explicit(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """Return the model with every moving body's mass and inertia written out, whatever they were computed from."""
+    result = spec.copy()
+    for number, body in enumerate(result.bodies):
+        body.name = body.name or f"body{number}"
+    model = result.copy().compile()
+    result.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+    for body in result.bodies[1:]:
+        compiled = model.body(body.name)
+        if compiled.mass[0] <= 0:
+            continue
+        body.explicitinertial = True
+        body.mass = float(compiled.mass[0])
+        body.inertia, body.ipos, body.iquat = compiled.inertia, compiled.ipos, compiled.iquat
+        body.fullinertia = np.full(6, np.nan)
+    return result
+
+
+def base_parameters(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[BaseParameter, ...]:
+    """Return the base parameters of a model's measured joints."""
+    model = spec.copy().compile()
+    found = []
+    for joint in joints:
+        bodies = moved_by(model, joint, joints)
+        if bodies:
+            found.append(BaseParameter(joint, "mass", bodies))
+        actuator = joint_actuator(spec, joint)
+        element = spec.joint(joint)
+        if stiffness(actuator) > 0:
+            found.append(BaseParameter(joint, "gain"))
+        if element.damping[0] > 0 or actuator.biasprm[2] < 0:
+            found.append(BaseParameter(joint, "damping"))
+        if element.armature > 0:
+            found.append(BaseParameter(joint, "armature"))
+        if element.frictionloss > 0:
+            found.append(BaseParameter(joint, "frictionloss"))
+    return tuple(found)
+
+
+def moved_by(model: mujoco.MjModel, joint: str, joints: Sequence[str]) -> tuple[str, ...]:
+    """Return the bodies with mass that a joint moves and no later measured joint does."""
+    first = int(model.joint(joint).bodyid[0])
+    others = {int(model.joint(name).bodyid[0]) for name in joints if name != joint}
+    found = []
+    for body in range(1, model.nbody):
+        above = body
+        while above not in (0, first) and above not in others:
+            above = int(model.body_parentid[above])
+        if above == first and model.body_mass[body] > 0:
+            found.append(model.body(body).name)
+    return tuple(found)
+
+
+def apply_base(spec: mujoco.MjSpec, base: Sequence[BaseParameter], factors: Mapping[str, float]) -> None:
+    """Multiply base parameters of an explicit model by their factors, by name."""
+    for parameter in base:
+        if (factor := factors.get(parameter.name, 1.0)) != 1.0:
+            parameter.scale(spec, factor)

@@ -1,0 +1,173 @@
+"""What was measured, as whole episodes: first pose, commands and the positions that followed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.errors import DatasetInvalid
+
+SHORTEST = 10  # control steps below which an episode says nothing about dynamics
+WINDOW = 8.0  # [s] into which longer episodes are cut: errors of a servoed arm do not grow with time
+STILLER = 0.5  # [s] around an even spacing in which the stillest moment is taken as a window's start
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """E episodes of up to T control steps of n joints.
+
+    Attributes:
+        joints: Names of the measured joints.
+        period: Control period [s].
+        starts: First measured positions [rad], shape (E, n).
+        commands: Shape (E, T, n); the last one repeated where an episode is shorter.
+        measured: Positions after each command [rad], shape (E, T, n).
+        counts: Whether a row was recorded, shape (E, T).
+        numbers: Numbers of the episodes in the dataset, shape (E,).
+        speeds: First measured velocities [rad/s], shape (E, n); zero where an episode starts at rest.
+    """
+
+    joints: tuple[str, ...]
+    period: float
+    starts: np.ndarray
+    commands: np.ndarray
+    measured: np.ndarray
+    counts: np.ndarray
+    numbers: np.ndarray
+    speeds: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+
+    def __post_init__(self) -> None:
+        if not self.speeds.size:
+            object.__setattr__(self, "speeds", np.zeros_like(self.starts, dtype=float))
+
+    @classmethod
+    def of(cls, dataset: Dataset) -> "Evidence":
+        """Join a dataset's transitions into episodes.
+
+        Raises:
+            DatasetInvalid: no episode is long enough.
+        """
+        n = len(dataset.joints)
+        chosen = [index for index in range(dataset.n_episodes) if dataset.lengths[index] >= SHORTEST]
+        if not chosen:
+            raise DatasetInvalid(
+                f"No episode has {SHORTEST} frames; a gap cannot be named from isolated transitions: record episodes."
+            )
+        rows = [dataset.episode(index) for index in chosen]
+        longest = max(part.stop - part.start for part in rows)
+        return cls(
+            joints=dataset.joints,
+            period=1 / dataset.fps,
+            starts=np.stack([dataset.states[part.start, :n] for part in rows]).astype(float),
+            commands=np.stack([lengthen(dataset.commands[part], longest) for part in rows]),
+            measured=np.stack([lengthen(dataset.next_states[part, :n], longest) for part in rows]),
+            counts=np.stack([np.arange(longest) < part.stop - part.start for part in rows]),
+            numbers=np.array(chosen),
+        )
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    @property
+    def initial(self) -> np.ndarray:
+        """First states, positions [rad] then velocities [rad/s], shape (E, 2n)."""
+        return np.concatenate([self.starts, self.speeds], axis=1)
+
+    def select(self, episodes: Sequence[int] | np.ndarray) -> "Evidence":
+        """Return some of the episodes, by their place here."""
+        chosen = list(episodes)
+        parts = ("starts", "commands", "measured", "counts", "numbers", "speeds")
+        return replace(self, **{name: getattr(self, name)[chosen] for name in parts})
+
+    def errors(self, predicted: np.ndarray) -> np.ndarray:
+        """Return predicted minus measured positions [rad], shape (E, T, n); zero beyond an episode's end."""
+        return np.where(self.counts[..., None], predicted - self.measured, 0.0)
+
+    def mean_squares(self, predicted: np.ndarray) -> np.ndarray:
+        """Return the mean squared error of each episode and joint [rad²], shape (E, n)."""
+        return np.asarray((self.errors(predicted) ** 2).sum(1) / self.counts.sum(1)[:, None])
+
+
+def lengthen(rows: np.ndarray, steps: int) -> np.ndarray:
+    """Repeat the last row up to a number of rows, as float64."""
+    return np.concatenate([rows, np.repeat(rows[-1:], steps - len(rows), axis=0)]).astype(float)
+
+
+def divide(evidence: Evidence, share: float = 1 / 3) -> tuple[Evidence, Evidence]:
+    """Divide episodes into those that are fitted and those held out, evenly over the recording.
+
+    Args:
+        evidence: All episodes; at least two.
+        share: Part that is held out.
+    """
+    count = len(evidence)
+    held = max(1, round(share * count))
+    places = np.unique(np.floor((np.arange(held) + 0.5) * count / held).astype(int))
+    rest = np.setdiff1d(np.arange(count), places)
+    return evidence.select(rest), evidence.select(places)
+
+
+def windows(evidence: Evidence, rows: int) -> Evidence:
+    """Return windows of at most `WINDOW` seconds, evenly over the recording, of `rows` rows in all.
+
+    Episodes that are short anyway are returned as they are, evenly thinned out where they have more rows.
+
+    Args:
+        evidence: Episodes.
+        rows: How many rows are wanted at most; at least two windows are returned.
+    """
+    steps = min(evidence.commands.shape[1], round(WINDOW / evidence.period))
+    wanted = max(2, rows // steps)
+    if steps == evidence.commands.shape[1]:
+        count = len(evidence)
+        return evidence.select(np.unique(np.linspace(0, count - 1, min(count, wanted)).round().astype(int)))
+    lengths = np.maximum(evidence.counts.sum(1) - steps, 0)
+    ends = np.cumsum(lengths + 1)
+    places = np.unique(np.linspace(0, ends[-1] - 1, wanted).astype(int))
+    parts = []
+    for place in places:
+        episode = int(np.searchsorted(ends, place, side="right"))
+        offset = int(place - (ends[episode] - lengths[episode] - 1))
+        parts.append(window(evidence, episode, stillest(evidence, episode, offset, int(lengths[episode])), steps))
+    return joined(parts)
+
+
+def stillest(evidence: Evidence, episode: int, offset: int, last: int) -> int:
+    """Return the row near an offset at which the joints move least."""
+    reach = round(STILLER / evidence.period)
+    low, high = max(0, offset - reach), min(last, offset + reach)
+    if low == 0:
+        return 0  # an episode's own start is at rest
+    speeds = np.abs(velocities(evidence, episode)).max(1)
+    return low + int(speeds[low : high + 1].argmin())
+
+
+def velocities(evidence: Evidence, episode: int) -> np.ndarray:
+    """Return an episode's velocities by central differences over 100 ms [rad/s], shape (T, n)."""
+    reach = max(1, round(0.05 / evidence.period))
+    rows = evidence.measured[episode]
+    padded = np.concatenate([np.repeat(rows[:1], reach, 0), rows, np.repeat(rows[-1:], reach, 0)])
+    return np.asarray((padded[2 * reach :] - padded[: -2 * reach]) / (2 * reach * evidence.period))
+
+
+def window(evidence: Evidence, episode: int, first: int, steps: int) -> Evidence:
+    """Return a stretch of one episode."""
+    rows = slice(first, first + steps)
+    part = evidence.select([episode])
+    start = part.starts if first == 0 else part.measured[:, first - 1]
+    speed = part.speeds if first == 0 else velocities(evidence, episode)[first - 1][None]
+    return replace(
+        part,
+        starts=start,
+        commands=part.commands[:, rows],
+        measured=part.measured[:, rows],
+        counts=part.counts[:, rows],
+        speeds=speed,
+    )
+
+
+def joined(parts: Sequence[Evidence]) -> Evidence:
+    """Return episodes of the same number of rows as one."""
+    names = ("starts", "commands", "measured", "counts", "numbers", "speeds")
+    return replace(parts[0], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})

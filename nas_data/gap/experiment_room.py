@@ -1,0 +1,95 @@
+"""Within what an experiment moves an arm: its rest pose, its limits, and the stretches of commands between them."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from nas_data.excitations.base import Excitation
+from nas_data.gap.nominal import Nominal
+from nas_data.simulators.limits import command_limits, excitable_limits
+
+SPEED = 0.5  # [rad/s or N·m/s] of a slow approach
+SHORTEST = 1.0  # [s] of a slow approach, in which the arm also settles in its rest pose
+
+
+@dataclass(frozen=True)
+class Room:
+    """What may be commanded.
+
+    Attributes:
+        period: Control period [s].
+        pose: First pose [rad], shape (n,).
+        home: Command that goes with it [rad or N·m], shape (n,).
+        low: Lowest commands, shape (n,).
+        high: Highest commands, shape (n,).
+    """
+
+    period: float
+    pose: np.ndarray
+    home: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+    @classmethod
+    def of(cls, nominal: Nominal) -> "Room":
+        """Read rest pose and limits from a model.
+
+        Raises:
+            OptionError: the model takes torques without limits.
+        """
+        simulator, joints = nominal.simulator(), nominal.joints
+        low, high = command_limits(simulator.model, joints, str(nominal.robot.mjcf))
+        low, high = excitable_limits(low, high, joints, simulator.commands_effort)
+        pose = rest_pose(nominal)
+        home = np.zeros(len(joints)) if simulator.commands_effort else pose
+        return cls(nominal.period, pose, np.clip(home, low, high), low, high)
+
+    @property
+    def middle(self) -> np.ndarray:
+        """Middle of each range, shape (n,)."""
+        return np.asarray((self.low + self.high) / 2)
+
+    @property
+    def span(self) -> np.ndarray:
+        """Half of each range, shape (n,)."""
+        return np.asarray((self.high - self.low) / 2)
+
+    def reduced(self, share: float) -> "Room":
+        """Return the part of the room that is nearest to rest: a share of the way to each limit."""
+        low, high = (self.home + share * (limit - self.home) for limit in (self.low, self.high))
+        return replace(self, low=low, high=high)
+
+    def steps(self, seconds: float) -> int:
+        """Return how many control steps a time takes, at least one."""
+        return max(1, round(seconds / self.period))
+
+    def played(
+        self, excitation: Excitation, seconds: float, moving: np.ndarray, rng: np.random.Generator
+    ) -> np.ndarray:
+        """Draw commands of an excitation for the moving joints (n,), the others at rest; shape (T, n)."""
+        drawn = excitation.commands(rng, 1, self.steps(seconds), self.period, self.low, self.high)[0]
+        return np.where(moving, drawn, self.home)
+
+    def ramp(self, begin: np.ndarray, end: np.ndarray, speed: float, shortest: float = 0.0) -> np.ndarray:
+        """Return commands at constant speed from one pose to another, the last one the other pose; shape (T, n)."""
+        seconds = max(shortest, float(np.abs(end - begin).max()) / speed)
+        parts = np.arange(1, math.ceil(seconds / self.period) + 1) / max(1, math.ceil(seconds / self.period))
+        return np.asarray(begin + parts[:, None] * (end - begin))
+
+    def approached(self, body: np.ndarray) -> np.ndarray:
+        """Return commands (T, n) with a slow approach from rest before them."""
+        whole = np.concatenate([self.home[None], self.ramp(self.home, body[0], SPEED, SHORTEST), body])
+        return np.clip(whole, self.low, self.high)  # the clip only takes rounding errors
+
+
+def rest_pose(nominal: Nominal) -> np.ndarray:
+    """Return the pose in which recordings start [rad], shape (n,): the robot's rest, else zero."""
+    known = dict(zip(nominal.robot.joints, nominal.robot.rest, strict=False))
+    return np.array([known.get(joint, 0.0) for joint in nominal.joints])
+
+
+def moves(joints: Sequence[str], moved: Sequence[str]) -> np.ndarray:
+    """Return which joints move, shape (n,)."""
+    return np.array([joint in moved for joint in joints])

@@ -1,0 +1,47 @@
+"""The noise floor: the smallest error that any model can have on quantised, noisy readings."""
+
+import numpy as np
+
+from nas_data.gap.evidence import Evidence
+
+SMALLEST = 1e-5  # [rad] below which no floor makes sense: float32 and solver tolerances
+THIRD = np.sqrt(20.0)  # standard deviation of a third difference of white noise over that of the noise
+NORMAL = 1.4826  # standard deviation over median absolute deviation of a normal distribution
+MULTIPLES = 1e-3  # how near readings must lie to multiples of a quantum, as a share of it
+
+
+def noise_floor(evidence: Evidence) -> np.ndarray:
+    """Estimate the standard deviation of the position readings' error [rad], shape (n,).
+
+    A quantum Δ gives Δ/√12. Noise beyond it shows in third differences, in which smooth motion hardly does; rounding
+    noise in a still joint does not show at all, hence the larger of both counts, and noise at most twice the quantum's.
+    """
+    return np.array([joint_floor(evidence, joint) for joint in range(len(evidence.joints))])
+
+
+def joint_floor(evidence: Evidence, joint: int) -> float:
+    """Return the floor of one joint [rad]."""
+    readings = [row[seen, joint] for row, seen in zip(evidence.measured, evidence.counts, strict=True)]
+    rounding = quantum(np.concatenate(readings)) / np.sqrt(12.0)
+    jumps = np.concatenate([np.diff(row, 3) for row in readings])
+    noise = NORMAL * float(np.median(np.abs(jumps))) / THIRD
+    if rounding:
+        noise = min(noise, 2 * rounding)
+    return max(rounding, noise, SMALLEST)
+
+
+def quantum(readings: np.ndarray) -> float:
+    """Return the resolution that readings are multiples of [rad], 0 where there is none that stands out."""
+    values = np.unique(readings)
+    if len(values) < 3:
+        return 0.0
+    steps = np.diff(values)
+    step = float(np.median(steps[steps < 1.5 * steps[steps > 1e-6].min()])) if (steps > 1e-6).any() else 0.0
+    if step < SMALLEST:
+        return 0.0
+    origin = values[0]
+    counts = np.round((values - origin) / step)
+    if counts[-1]:
+        step = float((values[-1] - origin) / counts[-1])
+    apart = np.abs((values - origin) / step - np.round((values - origin) / step))
+    return step if apart.max() < MULTIPLES * 20 and counts[-1] >= 2 else 0.0

@@ -1,0 +1,131 @@
+"""Name the effects: what was found, how sure, what came second."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nas_data.effects.base import Effect
+from nas_data.gap.choose import Hypothesis, Search, place
+from nas_data.gap.final import Final, finish
+from nas_data.gap.fit import Task
+
+RIVALS = 3  # that are fitted beside the other effects, for each effect named
+SHARPNESS = 4.0  # how fast doubt falls with the ratio of the runner-up's error to the winner's
+ROUGH = 2.0  # noise floors of rest above which a name is doubted
+ADEQUATE = 1.5  # noise floors of rest up to which a joint counts as explained
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One named effect.
+
+    Attributes:
+        effect: With fitted parameters.
+        interval: Lowest and highest value of each parameter, 95 %.
+        confidence: Probability that name and joint are right.
+        before: Held-out error of its joint (all joints for the arm's effects) without it, the rest fitted anew [rad].
+        after: The same with it [rad].
+        alternatives: What came second and after in its place, with their held-out error [rad].
+    """
+
+    effect: Effect
+    interval: Mapping[str, tuple[float, float]]
+    confidence: float
+    before: float
+    after: float
+    alternatives: tuple[tuple[Effect, float], ...]
+
+
+@dataclass(frozen=True)
+class Naming:
+    """What the search named.
+
+    Attributes:
+        findings: Effects, the surest first.
+        final: Last fit, on all training episodes.
+        null: Base parameters fitted with nothing added.
+        placebo: The runner-up of the first finding in its place, or None.
+    """
+
+    findings: tuple[Finding, ...]
+    final: Final
+    null: Final
+    placebo: Hypothesis | None
+
+
+def name(train: Task, held: Task, say: Callable[[str], None] = lambda text: None) -> Naming:
+    """Search for the missing effects and judge every name.
+
+    Args:
+        train: Model and training episodes.
+        held: Model and held-out episodes.
+        say: Told what is going on.
+    """
+    search = Search(train, held, say)
+    kept = search.run()
+    null = Final((), search.null.fit.factors, ())
+    say("last fit, on all training episodes")
+    final = finish(train, kept.effects, kept.fit.factors)
+    judged = [judge(search, kept, final, number) for number in range(len(kept.effects))]
+    order = sorted(range(len(judged)), key=lambda number: -judged[number][0].confidence)
+    placebo = next((judged[number][1] for number in order if judged[number][1] is not None), None)
+    return Naming(tuple(judged[number][0] for number in order), final, null, placebo)
+
+
+def judge(search: Search, kept: Hypothesis, final: Final, number: int) -> tuple[Finding, Hypothesis | None]:
+    """Compare one effect with nothing and with its rivals; return the finding and the best rival's hypothesis."""
+    effect = kept.effects[number]
+    others = tuple(e for i, e in enumerate(kept.effects) if i != number)
+    without = search.without(kept, number) or search.null
+    fitted = [
+        search.fitted((*others, rival), kept.fit.factors, None, steps=4) for rival in rivals(search, effect, others)
+    ]
+    ranked = sorted((h for h in fitted if h), key=lambda h: h.loss)
+    joints = concerned(search, effect)
+    confidence = surety(search, kept, ranked, without)
+    finding = Finding(
+        effect=final.effects[number],
+        interval=final.intervals[number],
+        confidence=confidence,
+        before=rms(without.heldout, joints),
+        after=rms(kept.heldout, joints),
+        alternatives=tuple((h.effects[-1], rms(h.heldout, joints)) for h in ranked),
+    )
+    return finding, ranked[0] if ranked else None
+
+
+def rivals(search: Search, effect: Effect, others: Sequence[Effect]) -> list[Effect]:
+    """Return what competed with an effect when it was added, the best first, each place once."""
+    taken = {place(effect), *map(place, others)}
+    result = []
+    for rival in search.rivals.get(place(effect), []):
+        if place(rival) not in taken:
+            taken.add(place(rival))
+            result.append(rival)
+    return result[:RIVALS]
+
+
+def concerned(search: Search, effect: Effect) -> list[int]:
+    """Return the indices of the joints by which an effect is judged: its own, or all."""
+    joints = search.train.nominal.joints
+    return list(range(len(joints))) if effect.joint is None else [joints.index(effect.joint)]
+
+
+def rms(heldout: np.ndarray, joints: Sequence[int]) -> float:
+    """Return the error over some joints [rad] from mean squares (E, n)."""
+    return float(np.sqrt(heldout[:, joints].mean()))
+
+
+def surety(search: Search, kept: Hypothesis, ranked: Sequence[Hypothesis], without: Hypothesis) -> float:
+    """Return the confidence in a name: how far its best rival is behind, and how little is left.
+
+    A rival as good as the winner leaves one half. The constants are calibrated on the blind benchmark.
+    """
+    best = 0.0
+    for other in [*ranked, without]:
+        lead = float(search.logs(other, kept).mean(0).min())
+        best = max(best, math.exp(SHARPNESS * lead))
+    rest = float(search.ratio(kept).max())
+    return round(float((1 - 0.5 * min(best, 1.0)) * min(1.0, (ROUGH / rest) ** 0.5 if rest > ROUGH else 1.0)), 3)

@@ -1,0 +1,98 @@
+"""The model that was handed over, with everything that a hypothesis about the gap may change."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from nas_data.effects.base import Effect
+from nas_data.gap.base import BaseParameter, apply_base, base_parameters, explicit
+from nas_data.gap.evidence import Evidence
+from nas_data.robots.base import Robot, find_robot
+from nas_data.simulators.mujoco import MujocoSimulator
+
+
+@dataclass(frozen=True)
+class PreparedRobot(Robot):
+    """A robot whose model is at hand and not read from its file again.
+
+    Attributes:
+        prepared: The model.
+    """
+
+    prepared: mujoco.MjSpec = field(default_factory=mujoco.MjSpec)
+
+    def spec(self) -> mujoco.MjSpec:
+        """Return a fresh, editable copy."""
+        return self.prepared.copy()
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """A robot model as handed over.
+
+    Attributes:
+        robot: Its file, joints and constants.
+        spec: The model with explicit inertias.
+        joints: Measured joints.
+        period: Control period [s].
+        base: Parameters that may be off by some percent.
+    """
+
+    robot: Robot
+    spec: mujoco.MjSpec
+    joints: tuple[str, ...]
+    period: float
+    base: tuple[BaseParameter, ...]
+
+    @classmethod
+    def load(cls, model: str | Path, evidence: Evidence) -> "Nominal":
+        """Read the model.
+
+        Raises:
+            ModelFileError, JointMismatch: it cannot be used, or has other joints than the recording.
+        """
+        robot = find_robot(model)
+        MujocoSimulator(robot, evidence.period, evidence.joints)  # says what is wrong with the model, if anything
+        spec = explicit(robot.spec())
+        return cls(robot, spec, evidence.joints, evidence.period, base_parameters(spec, evidence.joints))
+
+    def edited(self, factors: Mapping[str, float]) -> mujoco.MjSpec:
+        """Return the model with base parameters multiplied by factors, by name."""
+        spec = self.spec.copy()
+        apply_base(spec, self.base, factors)
+        return spec
+
+    def simulator(self, effects: Sequence[Effect] = (), factors: Mapping[str, float] | None = None) -> MujocoSimulator:
+        """Return the model with effects and changed base parameters, ready to simulate."""
+        known = {name: getattr(self.robot, name) for name in ("name", "mjcf", "joints", "rate", "rest")}
+        robot = PreparedRobot(**known, prepared=self.edited(factors or {}))
+        return MujocoSimulator(robot, self.period, self.joints, effects)
+
+    def predict(
+        self, evidence: Evidence, effects: Sequence[Effect] = (), factors: Mapping[str, float] | None = None
+    ) -> np.ndarray:
+        """Roll the episodes out from their first pose, settled in it; return positions [rad], shape (E, T, n).
+
+        Raises:
+            ModelFileError: the model with these effects diverges or does not compile.
+        """
+        simulator = self.simulator(effects, factors)
+        return simulator.rollout(evidence.initial, evidence.commands, settled=True)[..., : len(self.joints)]
+
+
+FINE = 0.0005  # [s] physics step at which what a step of finite length does is below any sensor's noise
+
+
+def fine_timestep(nominal: Nominal) -> float:
+    """Return a physics step of at most half a millisecond of which whole numbers make a control period [s]."""
+    return min(float(nominal.spec.option.timestep), nominal.period / np.ceil(nominal.period / FINE - 1e-6))
+
+
+def with_timestep(nominal: Nominal, timestep: float) -> Nominal:
+    """Return the nominal model with another physics timestep [s]."""
+    spec = nominal.spec.copy()
+    spec.option.timestep = timestep
+    return replace(nominal, spec=spec)

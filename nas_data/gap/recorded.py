@@ -1,0 +1,62 @@
+"""Recorded rows laid out like the evidence, with how the arm was moving around each."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import TIME
+from nas_data.gap.evidence import Evidence, lengthen
+
+AROUND = 0.05  # [s] on either side of a reading over which its speed is averaged: one quantum is not a motion
+STILL = 4.0  # noise floors; a quantum is √12 of them, and a reading that flickers by one has not moved
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """E episodes of up to T rows of n joints.
+
+    Attributes:
+        evidence: The same episodes as commands and what followed them.
+        positions: Measured before each command [rad], shape (E, T, n).
+        velocities: Recorded before each command [rad/s], shape (E, T, n).
+        times: By the recorder's clock [s], shape (E, T); None where it was not kept.
+    """
+
+    evidence: Evidence
+    positions: np.ndarray
+    velocities: np.ndarray
+    times: np.ndarray | None
+
+    @classmethod
+    def of(cls, dataset: Dataset, evidence: Evidence) -> "Recorded":
+        """Take the evidence's episodes out of the dataset that it was made of."""
+        n, longest = len(dataset.joints), evidence.commands.shape[1]
+        rows = [dataset.episode(int(number)) for number in evidence.numbers]
+        states = np.stack([lengthen(dataset.states[part], longest) for part in rows])
+        times = None
+        if TIME in dataset.columns:
+            times = np.stack([lengthen(dataset.columns[TIME][part], longest)[:, 0] for part in rows])
+        return cls(evidence, states[..., :n], states[..., n:], times)
+
+    @cached_property
+    def motion(self) -> np.ndarray:
+        """Mean velocity around each reading after a command [rad/s], shape (E, T, n)."""
+        return self.moved / (2 * self.reach * self.evidence.period)
+
+    @cached_property
+    def moved(self) -> np.ndarray:
+        """How far a joint came in the time around each reading [rad], shape (E, T, n)."""
+        reach = self.reach
+        padded = np.pad(self.evidence.measured, ((0, 0), (reach, reach), (0, 0)), mode="edge")
+        return padded[:, 2 * reach :] - padded[:, : -2 * reach]
+
+    @property
+    def reach(self) -> int:
+        """Rows on either side of a reading over which its speed is averaged."""
+        return max(1, round(AROUND / self.evidence.period))
+
+    def moving(self, floor: np.ndarray) -> np.ndarray:
+        """Return in which rows a joint surely moved, for noise floors [rad] (n,); shape (E, T, n)."""
+        return np.asarray((np.abs(self.moved) > STILL * floor) & self.evidence.counts[..., None])

@@ -1,0 +1,176 @@
+"""Write `report.json` and the series behind the pictures."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from nas_data.effects.base import Effect
+from nas_data.gap.final import retuned, values
+from nas_data.gap.find import Found
+from nas_data.gap.fit import Task
+from nas_data.gap.goes_with import goes_with
+from nas_data.gap.name import ADEQUATE, Finding, Naming
+from nas_data.gap.verdict import RETUNED, above, ratios, verdict
+
+if TYPE_CHECKING:
+    from nas_data.gap.workflow import Problem
+
+REPORT, SERIES = "report.json", "series.npz"
+METRIC = "open-loop position RMSE on held-out episodes"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the models do on the held-out episodes: positions [rad], shape (E, T, n).
+
+    Attributes:
+        before: Model as handed over.
+        retuned: With base parameters fitted, nothing added.
+        after: With the named effects: the written model, read back, where MJCF can express them all.
+        written: The written model, read back.
+        model: Its file.
+    """
+
+    before: np.ndarray
+    retuned: np.ndarray
+    after: np.ndarray
+    written: np.ndarray
+    model: Path
+
+
+def write_report(
+    folder: Path, problem: "Problem", found: Found, naming: Naming, outcome: Outcome, seconds: float
+) -> dict[str, object]:
+    """Write `report.json`; return its content."""
+    held, floor = problem.held, problem.held.floor
+    before = ratios(held.evidence.mean_squares(outcome.before), floor)
+    after = ratios(held.evidence.mean_squares(outcome.after), floor)
+    dataset, model = problem.names
+    report: dict[str, object] = {
+        "schema": 1,
+        "dataset": dataset,
+        "model": model,
+        "verdict": verdict(before, after, len(naming.findings)),
+        "effects": [described(finding) for finding in naming.findings],
+        "retuned": retuned(naming.final.factors),
+        "unexplained": unexplained(held, outcome.after, after, bool(naming.findings)),
+        "gap": gap(held, outcome),
+        "shares": shares(held, outcome),
+        "placebo": placebo(held, naming),
+        "next_experiment": None,
+        "find": found.to_json(),
+        "episodes": {
+            "train": problem.train.evidence.numbers.tolist(),
+            "heldout": held.evidence.numbers.tolist(),
+        },
+        "seed": 0,
+        "seconds": round(seconds, 2),
+    }
+    (folder / REPORT).write_text(json.dumps(report, indent=1, allow_nan=False), encoding="utf-8")
+    return report
+
+
+def described(finding: Finding) -> Mapping[str, object]:
+    """Return a finding as the report lists it."""
+    effect = finding.effect
+    return {
+        "effect": effect.name(),
+        "joint": effect.joint,
+        "parameters": values(effect, finding.interval),
+        "confidence": finding.confidence,
+        "evidence": {"heldout_error_before": finding.before, "heldout_error_after": finding.after},
+        "alternatives": [alternative(rival, error) for rival, error in finding.alternatives],
+        "in_model_xml": effect.in_model,
+    }
+
+
+def alternative(effect: Effect, error: float) -> Mapping[str, object]:
+    """Return what came second as the report lists it."""
+    numbers = {p.name: float(getattr(effect, p.name)) for p in effect.parameters}
+    return {"effect": effect.name(), "joint": effect.joint, "parameters": numbers, "heldout_error_after": error}
+
+
+def unexplained(held: Task, predicted: np.ndarray, after: np.ndarray, named: bool) -> Sequence[Mapping[str, object]]:
+    """Return the joints whose rest is above the floor, and what it goes with."""
+    errors = held.evidence.errors(predicted)
+    return [
+        {
+            "joint": held.evidence.joints[joint],
+            "ratio_to_noise": round(float(after[joint]), 2),
+            "goes_with": goes_with(held.evidence, errors, joint),
+        }
+        for joint in above(after, ADEQUATE if named else RETUNED)
+    ]
+
+
+def gap(held: Task, outcome: Outcome) -> Mapping[str, object]:
+    """Return the gap before and after, pooled and per joint [rad]."""
+    models = (outcome.before, outcome.after, outcome.written)
+    before, after, written = (held.evidence.mean_squares(predicted).mean(0) for predicted in models)
+    joints = held.evidence.joints
+    return {
+        "metric": METRIC,
+        "unit": "rad",
+        "noise_floor": float(np.sqrt((held.floor**2).mean())),
+        "before": float(np.sqrt(before.mean())),
+        "after": float(np.sqrt(after.mean())),
+        "after_model_xml": float(np.sqrt(written.mean())),
+        "per_joint": {
+            joint: {
+                "before": float(np.sqrt(before[place])),
+                "after": float(np.sqrt(after[place])),
+                "noise_floor": float(held.floor[place]),
+            }
+            for place, joint in enumerate(joints)
+        },
+    }
+
+
+def shares(held: Task, outcome: Outcome) -> Mapping[str, float | None]:
+    """Return which share of the squared gap above the floor the names explain, and what is left."""
+    floor = float((held.floor**2).mean())
+    before, after = (float(held.evidence.mean_squares(p).mean()) for p in (outcome.before, outcome.after))
+    above_floor = max(before - floor, 1e-18)
+    left = float(np.clip((after - floor) / above_floor, 0.0, 1.0))
+    return {"names": 1 - left, "learned": None, "left": left}
+
+
+def placebo(held: Task, naming: Naming) -> Mapping[str, object] | None:
+    """Return what the runner-up achieves in the place of the surest finding."""
+    if naming.placebo is None:
+        return None
+    error = float(np.sqrt(naming.placebo.heldout.mean()))
+    rival = naming.placebo.effects[-1]
+    where = f" in {rival.joint}" if rival.joint else ""
+    return {
+        "effects": [effect.to_json() for effect in naming.placebo.effects],
+        "after": error,
+        "text": f"{rival.name()}{where} instead of {naming.findings[0].effect.name()}",
+    }
+
+
+def write_series(folder: Path, problem: "Problem", naming: Naming, outcome: Outcome) -> None:
+    """Write the held-out episodes and what each model makes of them to `series.npz`."""
+    held = problem.held
+    evidence = held.evidence
+    series = {
+        "time": evidence.period * np.arange(1, evidence.commands.shape[1] + 1),
+        "joints": np.array(evidence.joints),
+        "episodes": evidence.numbers,
+        "measured": evidence.measured,
+        "command": evidence.commands,
+        "before": outcome.before,
+        "retuned": outcome.retuned,
+        "after": outcome.after,
+        "counts": evidence.counts,
+        "floor": held.floor,
+    }
+    if naming.placebo is not None:
+        predicted = held.predict(naming.placebo.fit.unknowns, naming.placebo.fit.numbers)
+        if predicted is not None:
+            series["placebo"] = predicted
+    np.savez_compressed(folder / SERIES, allow_pickle=False, **series)

@@ -1,0 +1,50 @@
+"""Natural sizes at a joint, from which the first guesses of an effect's parameters are made."""
+
+import mujoco
+import numpy as np
+
+from nas_data.effects.base import Scales, joint_actuator
+from nas_data.effects.edits.servo import stiffness
+from nas_data.gap.evidence import Evidence
+from nas_data.gap.nominal import Nominal
+
+
+def scales(nominal: Nominal, evidence: Evidence, predicted: np.ndarray) -> tuple[Scales, ...]:
+    """Return the scales of every joint.
+
+    Args:
+        nominal: The model.
+        evidence: What was measured.
+        predicted: The model's positions for it, shape (E, T, n).
+    """
+    model = nominal.simulator().model
+    mass = [p.bodies for p in nominal.base if p.kind == "mass"]
+    last = sum(float(nominal.spec.body(name).mass) for name in mass[-1]) if mass else 0.01
+    return tuple(joint_scales(nominal, model, evidence, predicted, index, last) for index in range(len(nominal.joints)))
+
+
+def joint_scales(
+    nominal: Nominal, model: mujoco.MjModel, evidence: Evidence, predicted: np.ndarray, index: int, mass: float
+) -> Scales:
+    """Return the scales of one joint."""
+    joint = nominal.joints[index]
+    actuator = joint_actuator(nominal.spec, joint)
+    element = nominal.spec.joint(joint)
+    gain = stiffness(actuator)
+    damping = float(element.damping[0]) - float(actuator.biasprm[2])
+    inertia = float(model.dof_M0[model.joint(joint).dofadr[0]])
+    speed = large_speed(evidence, index)
+    if gain > 0:
+        limit = float(np.abs(actuator.forcerange).max()) or np.inf
+        errors = np.abs(evidence.commands[..., index] - predicted[..., index])[evidence.counts]
+        torque = min(limit, gain * float(np.percentile(errors, 98)))
+    else:
+        torque = float(np.percentile(np.abs(evidence.commands[..., index]), 98))
+    return Scales(gain or max(torque, 1e-4), damping, inertia, mass, max(torque, 1e-4), max(speed, 1e-2))
+
+
+def large_speed(evidence: Evidence, index: int) -> float:
+    """Return the 98th percentile of a joint's measured speed over 50 ms [rad/s]."""
+    gap = max(1, round(0.05 / evidence.period))
+    moved = np.abs(evidence.measured[:, gap:, index] - evidence.measured[:, :-gap, index])
+    return float(np.percentile(moved[evidence.counts[:, gap:]], 98)) / (gap * evidence.period)

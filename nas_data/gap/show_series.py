@@ -1,0 +1,90 @@
+"""The held-out episodes behind the pictures: what was measured, and what each model makes of the same commands."""
+
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.errors import OptionError
+
+SERIES = "series.npz"
+
+
+@dataclass(frozen=True)
+class Series:
+    """E held-out episodes of up to T rows of n joints, positions in radians.
+
+    Attributes:
+        time: Since the start of an episode [s], shape (T,).
+        joints: Names.
+        episodes: Numbers in the dataset, shape (E,).
+        measured: Shape (E, T, n).
+        command: Positions [rad] or torques [N·m], shape (E, T, n).
+        before: The model as handed over.
+        retuned: With its own parameters fitted, nothing added.
+        after: As written.
+        placebo: With a wrong name in the right one's place, where there is one.
+        counts: Whether a row was recorded, shape (E, T).
+        floor: Noise floor, shape (n,).
+    """
+
+    time: np.ndarray
+    joints: tuple[str, ...]
+    episodes: np.ndarray
+    measured: np.ndarray
+    command: np.ndarray
+    before: np.ndarray
+    retuned: np.ndarray
+    after: np.ndarray
+    counts: np.ndarray
+    floor: np.ndarray
+    placebo: np.ndarray | None = None
+
+    @classmethod
+    def read(cls, folder: Path) -> "Series":
+        """Read the series of a folder.
+
+        Raises:
+            OptionError: there are none, or a part is missing.
+        """
+        path = folder / SERIES
+        try:
+            with np.load(path, allow_pickle=False) as stored:
+                parts = {name: stored[name] for name in stored.files if name in cls.__dataclass_fields__}
+            parts["joints"] = tuple(str(joint) for joint in parts["joints"])
+            return cls(**parts)
+        except (OSError, ValueError, TypeError, KeyError, zipfile.BadZipFile) as error:
+            raise OptionError(f"{path} has no series to draw ({error}); make it anew with: nas gap") from None
+
+    def squares(self, predicted: np.ndarray) -> np.ndarray:
+        """Return the mean squared error of each episode and joint [rad²], shape (E, n)."""
+        errors = np.where(self.counts[..., None], predicted - self.measured, 0.0)
+        return np.asarray((errors**2).sum(1) / self.counts.sum(1)[:, None])
+
+    def by_joint(self, predicted: np.ndarray) -> np.ndarray:
+        """Return the RMSE of each joint over the episodes [rad], shape (n,)."""
+        return np.asarray(np.sqrt(self.squares(predicted).mean(0)))
+
+    def by_episode(self, predicted: np.ndarray) -> np.ndarray:
+        """Return the RMSE of each episode over the joints [rad], shape (E,)."""
+        return np.asarray(np.sqrt(self.squares(predicted).mean(1)))
+
+    def in_time(self, predicted: np.ndarray, window: float) -> np.ndarray:
+        """Return the RMS error over joints and a sliding window [rad], shape (E, T); NaN where nothing was recorded.
+
+        Args:
+            predicted: Shape (E, T, n).
+            window: Its length [s]; single readings would mostly show their rounding.
+        """
+        errors = np.where(self.counts[..., None], predicted - self.measured, 0.0)
+        width = max(1, min(len(self.time), round(window / float(np.diff(self.time, prepend=0.0).mean()))))
+        box = np.ones(width)
+        sums = np.stack([np.convolve(row, box, "same") for row in (errors**2).mean(-1)])
+        rows = np.stack([np.convolve(row, box, "same") for row in self.counts.astype(float)])
+        return np.where(self.counts, np.sqrt(np.maximum(sums, 0.0) / np.maximum(rows, 1.0)), np.nan)
+
+    @property
+    def overall_floor(self) -> float:
+        """Noise floor over all joints [rad]."""
+        return float(np.sqrt((self.floor**2).mean()))

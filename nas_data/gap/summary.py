@@ -1,0 +1,77 @@
+"""A gap report in a few lines of text."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+VERDICTS = {
+    "none": "No gap above the measurement noise.",
+    "retuned": "Nothing is missing: parameters that the model has, changed a little, bring the gap to the noise.",
+    "explained": "Explained: what is left is at the measurement noise.",
+    "partly_explained": "Partly explained: a rest above the noise remains.",
+    "unexplained": "Unexplained: no effect in the catalogue accounts for the gap.",
+}
+
+
+def summary(report: Mapping[str, object], folder: Path) -> str:
+    """Return what a person wants to read first."""
+    gap = mapping(report["gap"])
+    lines = [VERDICTS[str(report["verdict"])]]
+    lines += [finding_text(entry) for entry in mappings(report["effects"])]
+    lines += [
+        f"{entry['joint']}: still {number(entry['ratio_to_noise']):.1f} times the noise; goes with {entry['goes_with']}"
+        for entry in mappings(report["unexplained"])
+    ]
+    changed = [f"{entry['parameter']} × {number(entry['factor']):.3f}" for entry in mappings(report["retuned"])]
+    if changed:
+        lines.append("retuned: " + ", ".join(changed))
+    lines.append(
+        f"open-loop error on held-out episodes: {degrees(gap['before'])} → {degrees(gap['after'])} "
+        f"(noise floor {degrees(gap['noise_floor'])}), in {number(report['seconds']):.0f} s"
+    )
+    if report.get("next_experiment"):
+        lines.append(f"record next: {report['next_experiment']}")
+    return "\n".join([*lines, f"{folder / 'report.html'}", f"{folder / 'model.xml'}"])
+
+
+def finding_text(entry: Mapping[str, object]) -> str:
+    """Return a finding in a line."""
+    where = entry["joint"] or "whole arm"
+    values = ", ".join(value_text(name, mapping(value)) for name, value in mapping(entry["parameters"]).items())
+    evidence = mapping(entry["evidence"])
+    line = (
+        f"{where}: {entry['effect']} {values}; confidence {number(entry['confidence']):.2f}; "
+        f"error {degrees(evidence['heldout_error_before'])} → {degrees(evidence['heldout_error_after'])}"
+    )
+    second = next(iter(mappings(entry["alternatives"])), None)
+    if second:
+        line += f" (runner-up {second['effect']}: {degrees(second['heldout_error_after'])})"
+    return line
+
+
+def value_text(name: str, value: Mapping[str, object]) -> str:
+    """Return a parameter with its interval."""
+    low, high = (number(end) for end in value["interval95"])  # type: ignore[attr-defined]
+    return f"{name} {number(value['value']):.4g} {value['unit']} [{low:.4g}, {high:.4g}]".replace("  ", " ")
+
+
+def degrees(radians: object) -> str:
+    """Return an angle in degrees."""
+    return f"{math.degrees(number(radians)):.2f}°"
+
+
+def number(value: object) -> float:
+    """Take a JSON value as a number."""
+    return float(value)  # type: ignore[arg-type]
+
+
+def mapping(value: object) -> Mapping[str, object]:
+    """Take a JSON value as an object."""
+    assert isinstance(value, Mapping)
+    return value
+
+
+def mappings(value: object) -> Sequence[Mapping[str, object]]:
+    """Take a JSON value as a list of objects."""
+    assert isinstance(value, Sequence)
+    return [mapping(item) for item in value]

@@ -1,0 +1,35 @@
+"""The verdict: nothing, retuned, explained, partly explained or unexplained."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from nas_data.gap.name import ADEQUATE
+
+NOTHING = 1.25  # noise floors up to which a model as handed over has no gap
+RETUNED = 1.35  # noise floors up to which retuned base parameters leave no gap
+
+
+def verdict(before: np.ndarray, after: np.ndarray, effects: int) -> str:
+    """Return the verdict.
+
+    Args:
+        before: Held-out error over the floor of the model as handed over, shape (n,).
+        after: The same for the model with effects and retuned base, shape (n,).
+        effects: How many effects are named.
+    """
+    if effects:
+        return "explained" if after.max() <= ADEQUATE else "partly_explained"
+    if before.max() <= NOTHING:
+        return "none"
+    return "retuned" if after.max() <= RETUNED else "unexplained"
+
+
+def ratios(squares: np.ndarray, floor: np.ndarray) -> np.ndarray:
+    """Return errors over the floor, the median over episodes, from mean squares (E, n): shape (n,)."""
+    return np.asarray(np.sqrt(np.median(squares, axis=0)) / floor)
+
+
+def above(after: np.ndarray, limit: float) -> Sequence[int]:
+    """Return the joints that stay above a limit, the worst first."""
+    return [int(joint) for joint in np.argsort(-after) if after[joint] > limit]

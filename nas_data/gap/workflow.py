@@ -1,0 +1,157 @@
+"""Find, name, add, show: the whole workflow from a dataset and a model to a report."""
+
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.read import read
+from nas_data.dataset.transitions import as_transitions
+from nas_data.dataset.versions import resolve
+from nas_data.errors import DatasetInvalid
+from nas_data.gap.add import write_effects, write_model
+from nas_data.gap.driven import while_driven
+from nas_data.gap.evidence import Evidence, divide, windows
+from nas_data.gap.final import Final, finish
+from nas_data.gap.find import Found, find
+from nas_data.gap.fit import Task
+from nas_data.gap.floor import noise_floor
+from nas_data.gap.name import name
+from nas_data.gap.nominal import Nominal, fine_timestep, with_timestep
+from nas_data.gap.scales import scales
+from nas_data.gap.report import Outcome, write_report, write_series
+
+TRAIN_STEPS = 120_000  # physics steps that one rollout of all training episodes may take, half a second of work
+HELD_STEPS = 60_000  # the same for the held-out episodes
+
+Say = Callable[[str], None]
+
+
+def silent(text: str) -> None:
+    """Say nothing."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What the workflow is given, ready to work on.
+
+    Attributes:
+        dataset: Transitions, as recorded.
+        evidence: Its episodes.
+        train: Model and episodes that are fitted.
+        held: Model and episodes that judge.
+        names: How report and page call dataset and model.
+    """
+
+    dataset: Dataset
+    evidence: Evidence
+    train: Task
+    held: Task
+    names: tuple[str, str]
+
+    @classmethod
+    def load(cls, dataset: str | Path, model: str | Path) -> "Problem":
+        """Read both files.
+
+        Raises:
+            NasError: one of them cannot be used; the sentence names it.
+        """
+        root = resolve(Path(dataset))
+        transitions, _ = as_transitions(read(root))
+        evidence = Evidence.of(while_driven(transitions))
+        if len(evidence) < 2:
+            raise DatasetInvalid(
+                f"{root} has {len(evidence)} episode; at least two are needed, one to fit and one to judge by: "
+                "record more, or cut it with 'nas split'."
+            )
+        nominal = Nominal.load(model, evidence)
+        floor = noise_floor(evidence)
+        train, held = divide(evidence)
+        substeps = nominal.simulator().substeps
+        train, held = windows(train, TRAIN_STEPS // substeps), windows(held, HELD_STEPS // substeps)
+        names = (root.parent.name if root.name.startswith("v") else root.name, Path(model).name)
+        return cls(transitions, evidence, Task(nominal, train, floor), Task(nominal, held, floor), names)
+
+
+def investigate(dataset: str | Path, model: str | Path, out: str | Path, say: Say = silent) -> dict[str, object]:
+    """Run the whole workflow.
+
+    Args:
+        dataset: Folder of a dataset.
+        model: A robot's name or a model file.
+        out: Folder of the report; files of an earlier report in it are replaced.
+        say: Told what is going on.
+
+    Returns:
+        The content of `report.json`.
+
+    Raises:
+        NasError: the dataset or the model cannot be used.
+    """
+    began = time.monotonic()
+    problem = Problem.load(dataset, model)
+    folder = Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    clear(folder)
+    say("find: where model and recording disagree")
+    found = find(problem.dataset, problem.evidence, problem.train.nominal, problem.train.floor)
+    return conclude(problem, found, folder, began, say)
+
+
+def conclude(problem: Problem, found: Found, folder: Path, began: float, say: Say) -> dict[str, object]:
+    """Name, add, score from the written file and report."""
+    if found.undecidable:
+        say("; ".join(found.undecidable))
+    say("name: which effect is missing")
+    naming = name(problem.train, problem.held, say)
+    say("add: write the model with the effects")
+    outcome = added(problem, naming.final, naming.null, folder)
+    report = write_report(folder, problem, found, naming, outcome, time.monotonic() - began)
+    write_series(folder, problem, naming, outcome)
+    say("show: draw it")
+    show(folder)
+    return report
+
+
+def added(problem: Problem, final: Final, null: Final, folder: Path) -> Outcome:
+    """Write the model and judge it by what the written file does on held-out episodes.
+
+    Where an effect is beyond MJCF, the file holds the nearest one that is not, fitted in its place; the error after
+    is then that of the effects named, which `effects.json` holds, and the file's own is told beside it.
+    """
+    nominal, held = problem.held.nominal, problem.held
+    effects, factors = final.effects, dict(final.factors)
+    native = stand_ins(problem, final)
+    model, _ = write_model(folder, nominal, native.effects, dict(native.factors))
+    write_effects(folder, effects, factors)
+    written = Nominal.load(model, held.evidence).predict(held.evidence)
+    after = written
+    if native is not final:
+        after = with_timestep(nominal, fine_timestep(nominal)).predict(held.evidence, effects, factors)
+    return Outcome(
+        before=nominal.predict(held.evidence),
+        retuned=nominal.predict(held.evidence, (), null.factors),
+        after=after,
+        written=written,
+        model=model,
+    )
+
+
+def stand_ins(problem: Problem, final: Final) -> Final:
+    """Return a hypothesis that a model file can express: the same one, or one with the nearest effects, fitted."""
+    if all(effect.in_model for effect in final.effects):
+        return final
+    train = problem.train
+    sizes = scales(train.nominal, train.evidence, train.nominal.predict(train.evidence))
+    by_joint = dict(zip(train.nominal.joints, sizes, strict=True))
+    near = [effect if effect.joint is None else effect.native(by_joint[effect.joint]) for effect in final.effects]
+    return finish(train, [effect for effect in near if effect is not None], dict(final.factors), rounds=1)
+
+
+def clear(folder: Path) -> None:
+    """Remove what an earlier report left."""
+    for item in ("report.json", "report.html", "effects.json", "model.xml", "series.npz"):
+        (folder / item).unlink(missing_ok=True)
+    shutil.rmtree(folder / "figures", ignore_errors=True)

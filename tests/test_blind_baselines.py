@@ -1,0 +1,60 @@
+"""Baselines of the blind benchmark: each answers a case in its form and predicts what it was not given."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from blind_samples import PERIOD, arms, shorten, steps
+
+from nas_data import registry
+from nas_data.blind.baselines import one_step, phi, sysid
+from nas_data.blind.baselines.base import find_baseline
+from nas_data.blind.case import Episodes
+from nas_data.blind.draw import draw_case, readings
+from nas_data.blind.fresh import Fresh
+from nas_data.blind.plants.base import find_plant
+from nas_data.blind.truth import Base, Hidden, Truth
+from nas_data.blind.write import DATASET, NOMINAL, write_case
+
+
+@pytest.fixture
+def weak_servo(monkeypatch, tmp_path):
+    """Return the folder of a case in which the servo of m3 has half its gain, and nothing else is off."""
+    shorten(monkeypatch)
+    arm = arms()[0]
+    commands, poses = steps(4, 1.0)
+    truth = Truth(Base.nominal(6), (Hidden("servo_stiffness", "m3", {"factor": 0.5}),))
+    positions = find_plant("numpy")(arm, [truth], commands, poses, PERIOD)[0]
+    episodes = Episodes(commands, poses, positions, readings(positions, np.random.default_rng(0)))
+    case = draw_case("none", "numpy", 0, 0)
+    write_case(replace(case, arm=arm, truth=truth, recorded=episodes, fresh=episodes, marks=(9.0,),
+                       marked_joints=("m3",)), tmp_path / "case")  # fmt: skip
+    return tmp_path / "case"
+
+
+def test_every_baseline_can_be_found_by_its_name():
+    assert registry.names("blind.baselines") == ("one_step", "phi", "sysid")
+    assert all(callable(find_baseline(name)) for name in registry.names("blind.baselines"))
+
+
+def test_fitting_all_parameters_closes_the_gap_and_blames_one_of_them(weak_servo, monkeypatch):
+    monkeypatch.setattr(sysid, "EPISODES", 3)
+    claim = sysid.answer(weak_servo / DATASET, weak_servo / NOMINAL)
+    assert [finding.name[0] in sysid.PARAMETERS.values() for finding in claim.findings] == [True]
+    fresh = Fresh.load(weak_servo, arms()[0].joints)
+    before = fresh.errors_of_models(weak_servo, weak_servo / NOMINAL)["before"]
+    assert fresh.error(claim.predict) < 0.5 * before
+
+
+def test_one_step_regression_answers_and_leaves_the_model_alone(weak_servo):
+    claim = one_step.answer(weak_servo / DATASET, weak_servo / NOMINAL)
+    fresh = Fresh.load(weak_servo, arms()[0].joints)
+    assert len(claim.findings) <= 1
+    assert fresh.error(claim.predict) == fresh.errors_of_models(weak_servo, weak_servo / NOMINAL)["before"]
+
+
+def test_the_learned_residual_names_nothing_and_predicts(weak_servo, monkeypatch):
+    monkeypatch.setattr(phi, "SMALL", {"updates": 1, "frames": 50, "horizon": 10, "hidden": 8, "shortcut": False})
+    claim = phi.answer(weak_servo / DATASET, weak_servo / NOMINAL)
+    assert not claim.findings
+    assert np.isfinite(Fresh.load(weak_servo, arms()[0].joints).error(claim.predict))
