@@ -50,7 +50,7 @@ class StribeckFriction(Effect):
         return tuple(
             {"torque": angle * scales.stiffness, "kinetic_ratio": 0.4, "stribeck_velocity": velocity}
             for angle in (0.04, 0.15)
-            for velocity in (0.15, 1.0)
+            for velocity in (0.06, 0.25, 1.0)
         )
 
     def edit(self, spec: mujoco.MjSpec) -> None:

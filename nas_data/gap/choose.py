@@ -17,6 +17,8 @@ SHORTLIST = 6  # candidates that are fitted, of those screened
 FINALISTS = 3  # short fits that are continued
 MOST = 5  # effects in one arm
 AT_FLOOR = 1.12  # noise floors below which nothing is looked for
+UNSATISFIED = 1.25  # noise floors above which other effects are tried in the place of one that was found
+EXCHANGED = 4  # of them
 PROMISE = 3.0  # nats by which the first order must lower the loss, or a candidate is not fitted
 SLACK = 60.0  # nats that the first order may be wrong by around the unfitted model
 CHANCE = 150.0  # nats by which a short fit may lie behind the best and still be continued
@@ -123,7 +125,7 @@ class Search:
             grown = self.grown(kept, ranked)
             if grown is None:
                 break
-            kept = self.refined(grown)
+            kept = self.exchanged(self.refined(grown))
             self.report("added", kept)
             around = kept.fit
         return self.pruned(self.adequate(self.pruned(kept)))
@@ -180,6 +182,26 @@ class Search:
             added = h.effects[-1]
             near = [o.effects[-1] for o in ranked if o is not h and added.joint in (o.effects[-1].joint, None)]
             self.rivals.setdefault(place(added), []).extend(near)
+
+    def exchanged(self, h: Hypothesis) -> Hypothesis:
+        """Try other effects in the place of each whose joint is still above the floor: the first found may stand in."""
+        for number, effect in enumerate(h.effects):
+            joints = self.train.nominal.joints
+            if effect.joint is None or self.ratio(h)[joints.index(effect.joint)] <= UNSATISFIED:
+                continue
+            rest = self.without(h, number)
+            if rest is None:
+                continue
+            found = [c for c in screen(self.sub, rest.fit, self.sizes, {effect.joint}) if c.effect.joint is not None]
+            others = [c for c in found if c.place != place(effect)][:EXCHANGED]
+            quick = [self.fitted((*rest.effects, c.effect), c.factors, rest.fit, steps=3) for c in others]
+            ranked = sorted((other for other in quick if other), key=lambda other: other.loss)
+            best = self.continued(ranked[0]) if ranked else None
+            if best and best.loss < h.loss - GAIN:
+                self.rivals.setdefault(place(best.effects[-1]), []).append(effect)
+                self.report(f"  {effect.name()} exchanged", best)
+                return self.exchanged(self.refined(best))
+        return h
 
     def refined(self, h: Hypothesis) -> Hypothesis:
         """Correct for finer physics steps at the hypothesis and fit on."""

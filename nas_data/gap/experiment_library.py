@@ -82,7 +82,7 @@ def library(nominal: Nominal, room: Room, concerned: Sequence[str], seed: int) -
         seed: Seed of what is random.
     """
     simulator, whole = nominal.simulator(), nominal.joints
-    kinds = [(name, (joint,)) for joint in concerned for name in KINDS]
+    kinds: list[tuple[str, tuple[str, ...]]] = [(name, (joint,)) for joint in concerned for name in KINDS]
     kinds += [(name, whole) for name in (KINDS if set(concerned) == set(whole) else [STEPS])]
     for number, (name, moved) in enumerate(kinds):
 

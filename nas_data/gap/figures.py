@@ -1,6 +1,7 @@
 """Figures of errors: of each joint, of each episode, over time, and what explains how much of them."""
 
 from collections.abc import Mapping, Sequence
+from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,7 +14,7 @@ BEFORE, RETUNED, AFTER, PLACEBO = "before", "retuned", "after", "placebo"
 LOOKS = {
     BEFORE: Stroke(BLUE, "-", 1.6, 4),
     RETUNED: Stroke(PURPLE, "-.", 1.6, 5),
-    AFTER: Stroke(ORANGE, "-", 2.0, 7),
+    AFTER: Stroke(ORANGE, "-", 1.4, 7),
     PLACEBO: Stroke(GREEN, "--", 1.6, 6),
 }
 MARKERS = {BEFORE: "o", RETUNED: "s", AFTER: "D", PLACEBO: "^"}
@@ -38,7 +39,7 @@ def per_joint(series: Series, models: Models) -> Figure:
             draw_dots(axes, name, places, values)
         floor = np.degrees(series.floor)
         axes.hlines(floor, places - 0.35, places + 0.35, color=BLACK, linewidth=1.4, label=FLOOR, zorder=3)
-        axes.set_xticks(places, series.joints, rotation=turned(series.joints))
+        axes.set_xticks(places, series.joints, rotation=turned(series.joints), ha=anchored(series.joints, "right"))
         axes.set_xlim(-0.6, len(places) - 0.4)
         axes.grid(visible=False, axis="x")
         logarithmic(axes, "RMSE on held-out episodes [°]", [stacked.min(), stacked.max(), *floor])
@@ -80,8 +81,15 @@ def over_time(series: Series, models: Models) -> Figure:
             low, middle, high = np.nanquantile(rows, [0.25, 0.5, 0.75], axis=0)
             look = LOOKS[name]
             axes.fill_between(series.time, low, high, color=look.colour, alpha=0.14, linewidth=0, zorder=look.order)
-            style = {"color": look.colour, "linestyle": look.line, "linewidth": look.width}
-            axes.plot(series.time, middle, label=name, zorder=look.order + 10, **style)
+            axes.plot(
+                series.time,
+                middle,
+                label=name,
+                color=look.colour,
+                linestyle=look.line,
+                linewidth=look.width,
+                zorder=look.order + 10,
+            )
             drawn += [np.nanmin(low), np.nanmax(high)]
         floor = float(np.degrees(series.overall_floor))
         axes.axhline(floor, color=BLACK, linewidth=1.2, label=FLOOR, zorder=1)
@@ -96,15 +104,17 @@ def shares_bar(parts: Mapping[str, float]) -> Figure:
     """Draw one bar of what explains how much.
 
     Args:
-        parts: Shares of the squared gap above the noise, at least 0, by what they are.
+        parts: Shares of the squared gap above the noise, at least 0, by what they are; what is left comes last.
     """
-    colours = (ORANGE, GREEN, LIGHT)
     with house_style():
         figure = Figure(figsize=(WIDTH, 1.35))
         axes = figure.subplots()
         left = 0.0
-        for (name, share), colour in zip(parts.items(), colours, strict=False):
-            label = f"{name}: {100 * share:.1f} %"
+        for number, (name, share) in enumerate(parts.items()):
+            label, colour = (
+                f"{name}: {100 * share:.1f} %",
+                LIGHT if number == len(parts) - 1 else (ORANGE, GREEN)[number],
+            )
             axes.barh([0], [100 * share], left=[left], height=0.6, color=colour, edgecolor="white", label=label)
             left += 100 * share
         axes.set_xlim(0.0, max(left, 1.0))
@@ -122,7 +132,8 @@ def draw_dots(axes: Axes, name: str, places: np.ndarray, values: np.ndarray) -> 
         places,
         values,
         marker=MARKERS[name],
-        markersize=6,
+        markersize=9 if name == RETUNED else 6,
+        markerfacecolor="none" if name == RETUNED else None,  # it often lies about another
         linestyle="none",
         color=LOOKS[name].colour,
         label=name,
@@ -146,3 +157,8 @@ def logarithmic(axes: Axes, label: str, values: Sequence[float]) -> None:
 def turned(names: Sequence[str]) -> int:
     """Return by how many degrees the names along an axis are turned so that they don't overlap."""
     return 30 if sum(len(name) for name in names) > 45 or len(names) > MANY + 4 else 0
+
+
+def anchored(names: Sequence[str], side: Literal["left", "right"]) -> Literal["left", "center", "right"]:
+    """Return by which end names hang on their ticks: by one side where they are turned."""
+    return side if turned(names) else "center"

@@ -27,8 +27,8 @@ def joint_motion(series: Series, models: Models, joint: int, torques: bool) -> F
     rows = series.counts[episode]
     time, measured = series.time[rows], np.degrees(series.measured[episode, rows, joint])
     with house_style():
-        figure = Figure(figsize=(WIDTH, 4.6))
-        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2.0, 1.2))
+        figure = Figure(figsize=(WIDTH, 5.0))
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.4, 1.0))
         if not torques:
             command = np.degrees(series.command[episode, rows, joint])
             draw(above, time, command, "command", steps=True)

@@ -1,5 +1,7 @@
 """The noise floor: the smallest error that any model can have on quantised, noisy readings."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from nas_data.gap.evidence import Evidence
@@ -7,6 +9,7 @@ from nas_data.gap.evidence import Evidence
 SMALLEST = 1e-5  # [rad] below which no floor makes sense: float32 and solver tolerances
 THIRD = np.sqrt(20.0)  # standard deviation of a third difference of white noise over that of the noise
 NORMAL = 1.4826  # standard deviation over median absolute deviation of a normal distribution
+ENOUGH = 10  # different repeated readings from which a quantum can be told
 MULTIPLES = 1e-3  # how near readings must lie to multiples of a quantum, as a share of it
 
 
@@ -22,12 +25,21 @@ def noise_floor(evidence: Evidence) -> np.ndarray:
 def joint_floor(evidence: Evidence, joint: int) -> float:
     """Return the floor of one joint [rad]."""
     readings = [row[seen, joint] for row, seen in zip(evidence.measured, evidence.counts, strict=True)]
-    rounding = quantum(np.concatenate(readings)) / np.sqrt(12.0)
+    rounding = quantum(repeated(readings)) / np.sqrt(12.0)
     jumps = np.concatenate([np.diff(row, 3) for row in readings])
     noise = NORMAL * float(np.median(np.abs(jumps))) / THIRD
     if rounding:
         noise = min(noise, 2 * rounding)
     return max(rounding, noise, SMALLEST)
+
+
+def repeated(readings: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the readings that repeat the one before, or all where hardly any does.
+
+    Resampled logs hold values between the sensor's; where the joint was still they are the sensor's own.
+    """
+    plateaus = np.concatenate([row[1:][np.diff(row) == 0] for row in readings])
+    return plateaus if len(np.unique(plateaus)) >= ENOUGH else np.concatenate(readings)
 
 
 def quantum(readings: np.ndarray) -> float:

@@ -57,18 +57,20 @@ def find_joint_gaps(
     open_loop = rmse(evidence, predicted)
     commands = None if simulator.commands_effort else rmse(evidence, evidence.commands)
     repeats = repeatability(evidence, floor)
-    rows = {
-        "floor": floor,
-        "one_step": np.sqrt(((stepped - following) ** 2).mean(0)),
-        "one_step_hold": rmse(evidence, recorded.positions),
-        "open_loop": open_loop,
-        "open_loop_hold": rmse(evidence, np.broadcast_to(evidence.starts[:, None], predicted.shape)),
-        "open_loop_command": commands,
-        "ratio_to_noise": open_loop / floor,
-        "repeatability": repeats,
-    }
+    one_step = np.sqrt(((stepped - following) ** 2).mean(0))
+    one_step_hold = rmse(evidence, recorded.positions)
+    open_loop_hold = rmse(evidence, np.broadcast_to(evidence.starts[:, None], predicted.shape))
     return {
-        joint: JointGap(**{key: None if values is None else float(values[place]) for key, values in rows.items()})
+        joint: JointGap(
+            floor=float(floor[place]),
+            one_step=float(one_step[place]),
+            one_step_hold=float(one_step_hold[place]),
+            open_loop=float(open_loop[place]),
+            open_loop_hold=float(open_loop_hold[place]),
+            open_loop_command=None if commands is None else float(commands[place]),
+            ratio_to_noise=float(open_loop[place] / floor[place]),
+            repeatability=None if repeats is None else float(repeats[place]),
+        )
         for place, joint in enumerate(evidence.joints)
     }
 

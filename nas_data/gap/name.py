@@ -13,6 +13,7 @@ from nas_data.gap.fit import Task
 
 RIVALS = 3  # that are fitted beside the other effects, for each effect named
 SHARPNESS = 4.0  # how fast doubt falls with the ratio of the runner-up's error to the winner's
+SURE = 0.8  # confidence below which an experiment is proposed that would decide
 ROUGH = 2.0  # noise floors of rest above which a name is doubted
 ADEQUATE = 1.5  # noise floors of rest up to which a joint counts as explained
 
@@ -46,13 +47,28 @@ class Naming:
         findings: Effects, the surest first.
         final: Last fit, on all training episodes.
         null: Base parameters fitted with nothing added.
-        placebo: The runner-up of the first finding in its place, or None.
+        rivals: For each finding, the fitted hypothesis with its runner-up in its place, or None.
     """
 
     findings: tuple[Finding, ...]
     final: Final
     null: Final
-    placebo: Hypothesis | None
+    rivals: tuple[Hypothesis | None, ...]
+
+    @property
+    def placebo(self) -> Hypothesis | None:
+        """The runner-up of the surest finding in its place; None where nothing came second."""
+        return next((rival for rival in self.rivals if rival is not None), None)
+
+    @property
+    def doubt(self) -> Hypothesis | None:
+        """The runner-up of the least sure finding, where that is not sure; None where all are."""
+        unsure = [
+            (finding.confidence, rival)
+            for finding, rival in zip(self.findings, self.rivals, strict=True)
+            if finding.confidence < SURE and rival is not None
+        ]
+        return min(unsure, key=lambda pair: pair[0])[1] if unsure else None
 
 
 def name(train: Task, held: Task, say: Callable[[str], None] = lambda text: None) -> Naming:
@@ -70,8 +86,8 @@ def name(train: Task, held: Task, say: Callable[[str], None] = lambda text: None
     final = finish(train, kept.effects, kept.fit.factors)
     judged = [judge(search, kept, final, number) for number in range(len(kept.effects))]
     order = sorted(range(len(judged)), key=lambda number: -judged[number][0].confidence)
-    placebo = next((judged[number][1] for number in order if judged[number][1] is not None), None)
-    return Naming(tuple(judged[number][0] for number in order), final, null, placebo)
+    findings, rivals = [judged[number][0] for number in order], [judged[number][1] for number in order]
+    return Naming(tuple(findings), final, null, tuple(rivals))
 
 
 def judge(search: Search, kept: Hypothesis, final: Final, number: int) -> tuple[Finding, Hypothesis | None]:
@@ -80,7 +96,7 @@ def judge(search: Search, kept: Hypothesis, final: Final, number: int) -> tuple[
     others = tuple(e for i, e in enumerate(kept.effects) if i != number)
     without = search.without(kept, number) or search.null
     fitted = [
-        search.fitted((*others, rival), kept.fit.factors, None, steps=4) for rival in rivals(search, effect, others)
+        search.fitted((*others, rival), kept.fit.factors, None, steps=4) for rival in contenders(search, effect, others)
     ]
     ranked = sorted((h for h in fitted if h), key=lambda h: h.loss)
     joints = concerned(search, effect)
@@ -96,7 +112,7 @@ def judge(search: Search, kept: Hypothesis, final: Final, number: int) -> tuple[
     return finding, ranked[0] if ranked else None
 
 
-def rivals(search: Search, effect: Effect, others: Sequence[Effect]) -> list[Effect]:
+def contenders(search: Search, effect: Effect, others: Sequence[Effect]) -> list[Effect]:
     """Return what competed with an effect when it was added, the best first, each place once."""
     taken = {place(effect), *map(place, others)}
     result = []

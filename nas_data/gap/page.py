@@ -13,8 +13,8 @@ from nas_data.gap.page_tables import (
     regimes_table,
     retuned_table,
 )
-from nas_data.gap.page_verdict import lead, model, rest
-from nas_data.gap.page_words import capital, degrees, finding, titled
+from nas_data.gap.page_verdict import lead, model, rest, scored
+from nas_data.gap.page_words import capital, degrees, finding, listed, spoken, titled
 from nas_data.gap.show_report import Report
 from nas_data.gap.show_series import Series
 from nas_data.reports.page import Block, Page, Section, Text
@@ -30,7 +30,7 @@ READING = (
     "Retuned: masses, gains, damping, rotor inertia and friction of a real arm are some percent off its model. They "
     "were free within ±25 % throughout, so that no effect is named for what they explain.",
     "model.xml is the model with all of this in it. It loads in plain MuJoCo; a sensor <joint>.pos says what is "
-    "measured at each joint. The errors called after were computed from that file.",
+    "measured at each joint.",
 )
 
 
@@ -47,10 +47,10 @@ def build(report: Report, series: Series) -> Page:
         Section("What to record next", next_blocks(report)),
         Section("Where the gap is", where_blocks(report)),
         Section("The recording itself", audit_facts(report)),
-        Section("How to read this", [Text(line) for line in READING]),
+        Section("How to read this", [Text(line) for line in (*READING, scored(report))]),
         Section("What this rests on", [facts(report)]),
     ]
-    return Page(f"What {model(report)} lacks", [section for section in sections if section.blocks])
+    return Page(f"Gap report of {model(report)}", [section for section in sections if section.blocks])
 
 
 def opening(report: Report) -> list[Block]:
@@ -73,7 +73,10 @@ def rest_blocks(report: Report) -> list[Block]:
     open_questions = [Text(sentence) for sentence in (found.get("undecidable") or [] if found else [])]
     if report["unexplained"]:
         return [*[Text(rest(entry)) for entry in report["unexplained"]], *open_questions]
-    return [Text("Nothing: no joint's error on the held-out episodes stays above the noise."), *open_questions]
+    return [
+        Text("Nothing that stands out: no joint's error on the held-out episodes stays clearly above the noise."),
+        *open_questions,
+    ]
 
 
 def retuned_blocks(report: Report) -> list[Block]:
@@ -88,12 +91,11 @@ def placebo_blocks(report: Report) -> list[Block]:
     placebo, gap = report.get("placebo"), report["gap"]
     if not placebo:
         return []
-    names = " and ".join(titled(effect) for effect in placebo["effects"])
+    told = spoken(placebo["text"]).rstrip(".") or listed([titled(effect) for effect in placebo["effects"]])
     return [
         Text(
-            f"A placebo, fitted with the same freedom: {placebo['text']}. Its effects are {names}. It leaves "
-            f"{degrees(placebo['after'])} of the {degrees(gap['before'])} before; what is named leaves "
-            f"{degrees(gap['after'])}."
+            f"{capital(told)}: with the same freedom to fit, this placebo leaves {degrees(placebo['after'])} of the "
+            f"{degrees(gap['before'])} before. What is named leaves {degrees(gap['after'])}."
         )
     ]
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 
-from nas_data.gap.page_words import capital, degrees, figures, listed, titled
+from nas_data.gap.page_words import LIKELY, degrees, figures, listed, titled
 from nas_data.gap.show_report import Factor, Report, Rest
 
 
@@ -16,8 +16,8 @@ def none(report: Report) -> str:
     """Say that there is no gap."""
     gap = report["gap"]
     return (
-        f"Nothing is missing: on held-out episodes {model(report)} errs by {degrees(gap['before'])}, and "
-        f"{degrees(gap['noise_floor'])} of that is the noise of the readings."
+        f"Nothing is missing: on held-out episodes {model(report)} errs by {degrees(gap['before'])}, which is "
+        f"what the noise of the readings, {degrees(gap['noise_floor'])}, lets one expect."
     )
 
 
@@ -26,16 +26,16 @@ def retuned(report: Report) -> str:
     count = len(report["retuned"])
     numbers = "one number that it already has" if count == 1 else f"{count} numbers that it already has"
     return (
-        f"Nothing is missing: {model(report)} only needs {numbers} retuned, by at most {widest(report):.0f} %. "
-        f"{shrunk(report)}, down to the noise of the readings ({degrees(report['gap']['noise_floor'])})."
+        f"Nothing is missing: {model(report)} only needs {numbers} changed, by at most {widest(report):.0f} %. "
+        f"{shrunk(report)}, close to the noise of the readings, {degrees(report['gap']['noise_floor'])}."
     )
 
 
 def explained(report: Report) -> str:
     """Say what is missing, and that this is all."""
     return (
-        f"{missing(report)} {shrunk(report)}; what is left is the noise of the readings "
-        f"({degrees(report['gap']['noise_floor'])})."
+        f"{missing(report)} {shrunk(report)}; what is left is close to the noise of the readings, "
+        f"{degrees(report['gap']['noise_floor'])}."
     )
 
 
@@ -73,13 +73,15 @@ VERDICTS: Mapping[str, Callable[[Report], str]] = {
 
 def model(report: Report) -> str:
     """Return how the model is called."""
-    return report.get("model") or "the model"
+    return f"the model {report['model']}" if report.get("model") else "the model"
 
 
 def missing(report: Report) -> str:
     """Return the sentence that names what is missing."""
     effects = [titled(effect) for effect in report["effects"]]
-    return f"{capital(model(report))} lacks {listed(effects)}."
+    doubt = "probably " if min(effect["confidence"] for effect in report["effects"]) < LIKELY else ""
+    part = "in part " if report["verdict"] == "partly_explained" else ""
+    return f"The gap between {model(report)} and the recording {doubt}comes {part}from {listed(effects)}."
 
 
 def shrunk(report: Report) -> str:
@@ -118,3 +120,15 @@ def change(factor: Factor) -> tuple[str, str, str]:
 def by_size(factor: Factor) -> float:
     """Return how large a change is, in either direction."""
     return -abs(math.log(factor["factor"]))
+
+
+def scored(report: Report) -> str:
+    """Return of what the errors called after are."""
+    gap = report["gap"]
+    alone = gap.get("after_model_xml", gap["after"])
+    if degrees(alone) == degrees(gap["after"]):
+        return "The errors called after were computed from that file, read back."
+    return (
+        f"The errors called after are those of the effects named, of which MJCF cannot express all; the file alone "
+        f"leaves {degrees(alone)}."
+    )

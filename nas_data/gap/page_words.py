@@ -16,6 +16,7 @@ FRIENDLY = {
 }
 EQUAL = 1.05  # error of an alternative over that of the named effect up to which the data hardly tell them apart
 SURE, LIKELY = 0.9, 0.7  # confidences from which a name is called sure, and likely
+CERTAIN = 0.99  # confidence beyond which no digit means anything
 
 
 def figures(value: float, digits: int = 3) -> str:
@@ -76,14 +77,15 @@ def capital(text: str) -> str:
 def confidence(value: float) -> str:
     """Return a confidence and how to take it."""
     word = "sure" if value >= SURE else "likely" if value >= LIKELY else "a guess, not more"
-    return f"{100 * value:.0f} % ({word})"
+    percent = f"{100 * value:.0f} %" if value < CERTAIN else f"over {100 * CERTAIN:.0f} %"
+    return f"{percent} ({word})"
 
 
 def finding(effect: Effect) -> list[str]:
     """Return what was found out about a named effect, a sentence each."""
     values = [
         f"{spoken(name)} {beside(number['value'], number['unit'])}"
-        + (f", between {interval(number)} with 95 %" if interval(number) else "")
+        + (f" (95 % interval: {interval(number)})" if interval(number) else "")
         for name, number in effect["parameters"].items()
     ]
     errors = effect["evidence"]
@@ -97,7 +99,9 @@ def finding(effect: Effect) -> list[str]:
         *signature(effect["effect"]),
     ]
     if not effect["in_model_xml"]:
-        sentences.append("MJCF cannot express it: it is in effects.json, not in model.xml.")
+        sentences.append(
+            "MJCF cannot express it: effects.json holds it, and model.xml the nearest effect that MJCF can express."
+        )
     return sentences
 
 

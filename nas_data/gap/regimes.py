@@ -127,7 +127,7 @@ def chance_between(
     squared: np.ndarray, here: np.ndarray, there: np.ndarray, floor: float, rng: np.random.Generator
 ) -> float:
     """Compare two sets of whole episodes."""
-    return grouped_chance(log_mean(squared, here | there, floor), here.any(1), rng)
+    return grouped_chance(log_mean(squared, here | there, floor), np.asarray(here.any(1)), rng)
 
 
 def log_mean(squared: np.ndarray, rows: np.ndarray, floor: float) -> np.ndarray:

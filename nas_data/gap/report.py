@@ -43,9 +43,25 @@ class Outcome:
 
 
 def write_report(
-    folder: Path, problem: "Problem", found: Found, naming: Naming, outcome: Outcome, seconds: float
+    folder: Path,
+    problem: "Problem",
+    found: Found,
+    naming: Naming,
+    outcome: Outcome,
+    experiment: str | None,
+    seconds: float,
 ) -> dict[str, object]:
-    """Write `report.json`; return its content."""
+    """Write `report.json`; return its content.
+
+    Args:
+        folder: Where.
+        problem: What was given.
+        found: Where the gap is.
+        naming: What was named.
+        outcome: What the models do.
+        experiment: What to record next, or None.
+        seconds: How long it took [s].
+    """
     held, floor = problem.held, problem.held.floor
     before = ratios(held.evidence.mean_squares(outcome.before), floor)
     after = ratios(held.evidence.mean_squares(outcome.after), floor)
@@ -61,7 +77,7 @@ def write_report(
         "gap": gap(held, outcome),
         "shares": shares(held, outcome),
         "placebo": placebo(held, naming),
-        "next_experiment": None,
+        "next_experiment": experiment,
         "find": found.to_json(),
         "episodes": {
             "train": problem.train.evidence.numbers.tolist(),

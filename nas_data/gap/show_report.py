@@ -60,13 +60,14 @@ class Rest(TypedDict):
 
 
 class Gap(TypedDict):
-    """The gap over all joints, in `unit`."""
+    """The gap over all joints, in `unit`; `after_model_xml` is what the written file alone leaves."""
 
     metric: str
     unit: str
     noise_floor: float
     before: float
     after: float
+    after_model_xml: NotRequired[float]
 
 
 class Shares(TypedDict):

@@ -10,19 +10,22 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
 from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.versions import resolve
-from nas_data.errors import DatasetInvalid
+from nas_data.errors import DatasetInvalid, NasError
 from nas_data.gap.add import write_effects, write_model
 from nas_data.gap.driven import while_driven
 from nas_data.gap.evidence import Evidence, divide, windows
+from nas_data.gap.experiment import Rival, next_experiment, write
 from nas_data.gap.final import Final, finish
 from nas_data.gap.find import Found, find
 from nas_data.gap.fit import Task
 from nas_data.gap.floor import noise_floor
-from nas_data.gap.name import name
+from nas_data.gap.name import Naming, name
 from nas_data.gap.nominal import Nominal, fine_timestep, with_timestep
-from nas_data.gap.scales import scales
 from nas_data.gap.report import Outcome, write_report, write_series
+from nas_data.gap.scales import scales
+from nas_data.gap.show import show
 
+EXPERIMENT = "next_experiment.csv"
 TRAIN_STEPS = 120_000  # physics steps that one rollout of all training episodes may take, half a second of work
 HELD_STEPS = 60_000  # the same for the held-out episodes
 
@@ -108,11 +111,29 @@ def conclude(problem: Problem, found: Found, folder: Path, began: float, say: Sa
     naming = name(problem.train, problem.held, say)
     say("add: write the model with the effects")
     outcome = added(problem, naming.final, naming.null, folder)
-    report = write_report(folder, problem, found, naming, outcome, time.monotonic() - began)
+    experiment = proposed(problem, naming, folder)
+    report = write_report(folder, problem, found, naming, outcome, experiment, time.monotonic() - began)
     write_series(folder, problem, naming, outcome)
     say("show: draw it")
     show(folder)
     return report
+
+
+def proposed(problem: Problem, naming: Naming, folder: Path) -> str | None:
+    """Write the command file that would settle the most doubtful name; return what it is, None where all are sure."""
+    rival = naming.doubt
+    if rival is None:
+        return None
+    pair = (
+        Rival(naming.final.effects, dict(naming.final.factors)),
+        Rival(rival.effects, rival.fit.factors),
+    )
+    try:
+        experiment = next_experiment(problem.train.nominal, pair, problem.train.floor, seed=0)
+    except NasError as error:
+        return f"none could be computed: {error}"
+    write(experiment, folder / EXPERIMENT)
+    return f"{experiment.text} (commands in {EXPERIMENT})"
 
 
 def added(problem: Problem, final: Final, null: Final, folder: Path) -> Outcome:
@@ -152,6 +173,6 @@ def stand_ins(problem: Problem, final: Final) -> Final:
 
 def clear(folder: Path) -> None:
     """Remove what an earlier report left."""
-    for item in ("report.json", "report.html", "effects.json", "model.xml", "series.npz"):
+    for item in ("report.json", "report.html", "effects.json", "model.xml", "series.npz", EXPERIMENT):
         (folder / item).unlink(missing_ok=True)
     shutil.rmtree(folder / "figures", ignore_errors=True)
