@@ -25,8 +25,8 @@ class ServoStiffness(Effect):
 
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
-        """A thirtieth (models with a gain that only holds still) to three times the gain."""
-        return tuple({"factor": factor} for factor in (0.03, 0.12, 0.35, 0.6, 1.6, 2.8))
+        """A hundredth (of a model's gain that was made up to hold still) to three times the gain."""
+        return tuple({"factor": factor} for factor in (0.01, 0.04, 0.15, 0.5, 1.6, 2.8))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Multiply the position gain of the joint's servo; damping and limits stay."""

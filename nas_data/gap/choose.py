@@ -1,6 +1,6 @@
 """Choose the effects: add what helps, several joints at once, then drop what held-out episodes do not need."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,12 +14,13 @@ from nas_data.gap.unknowns import Unknowns, free_base
 SCREENED = 6  # episodes on which candidates are compared
 SCREENED_ROWS = 1800  # rows on which they are compared at least, where episodes are short
 SHORTLIST = 6  # candidates that are fitted, of those screened
+BESIDE = 3  # candidates beside the best of each joint
 FINALISTS = 3  # short fits that are continued
-MOST = 5  # effects in one arm
-AT_FLOOR = 1.12  # noise floors below which nothing is looked for
+MOST = 12  # effects in one arm
+AT_FLOOR = 1.15  # noise floors below which nothing is looked for
 UNSATISFIED = 1.25  # noise floors above which other effects are tried in the place of one that was found
 EXCHANGED = 4  # of them
-PROMISE = 3.0  # nats by which the first order must lower the loss, or a candidate is not fitted
+PROMISE = 5.0  # nats by which the first order must lower the loss, or a candidate is not fitted
 SLACK = 60.0  # nats that the first order may be wrong by around the unfitted model
 CHANCE = 150.0  # nats by which a short fit may lie behind the best and still be continued
 GAIN = 8.0  # nats by which an added effect must lower the loss on fitted episodes
@@ -27,8 +28,9 @@ BETTER = 0.90  # held-out error of the most improved joint, with over without th
 WINS = 0.75  # share of held-out episodes in which the effect must help
 MARK = 2.0  # noise floors that an effect must move a joint by, or it is too small to be named
 
+MOVED = 10.0  # noise floors between a joint's extremes in an episode from which it counts as having moved
 POOR = 3.0  # noise floors of rest above which a joint may be called unexplained
-UNEXPLAINED = 0.25  # part of a joint's error that must stay, for it to be called so
+UNEXPLAINED = 0.5  # part of a joint's error that must stay, for it to be called so
 
 Place = tuple[str, str | None]
 
@@ -98,6 +100,7 @@ class Search:
         grad = slopes(self.sub, unknowns, start, predicted, range(unknowns.size))
         self.nominal = self.judged(Fit(unknowns, start, predicted, self.sub.misfit(predicted), grad))
         self.sizes = scales(self.train.nominal, self.sub.evidence, predicted)
+        self.lively = lively(self.train)
         null = self.fitted((), {}, self.nominal.fit, steps=8)
         self.null = self.nominal if null is None or null.loss > self.nominal.loss else null
         self.report("base alone", self.null)
@@ -120,6 +123,8 @@ class Search:
     def run(self) -> Hypothesis:
         """Search and return the hypothesis that is kept."""
         kept, around = self.null, self.nominal.fit
+        if not self.lively:
+            return kept
         while len(kept.effects) < MOST and self.ratio(kept).max() > AT_FLOOR:
             ranked = self.extensions(kept, around)
             grown = self.grown(kept, ranked)
@@ -147,9 +152,9 @@ class Search:
     def extensions(self, kept: Hypothesis, around: Fit) -> list[Hypothesis]:
         """Return the hypotheses that one more effect makes, best first."""
         ratios = zip(self.train.nominal.joints, self.ratio(kept), strict=True)
-        found = screen(self.sub, around, self.sizes, {joint for joint, ratio in ratios if ratio > AT_FLOOR})
-        reach = kept.loss - PROMISE + (SLACK if around is self.nominal.fit else 0.0)
-        shortlist = [c for c in diverse(found) if c.misfit < reach][:SHORTLIST]
+        wanted = {joint for joint, ratio in ratios if ratio > AT_FLOOR and joint in self.lively}
+        found = screen(self.sub, around, self.sizes, wanted)
+        shortlist = shortened(found, kept.loss - PROMISE, SLACK if around is self.nominal.fit else 0.0)
         quick = [self.fitted((*around.effects, c.effect), c.factors, around, steps=2) for c in shortlist]
         ranked = sorted((h for h in quick if h), key=lambda h: h.loss)
         ahead = [h for h in ranked if h.loss < ranked[0].loss + CHANCE][:FINALISTS]
@@ -257,6 +262,14 @@ class Search:
         self.say(f"{word}: {h.text()}; loss {h.loss:.1f}, rest/floor {' '.join(f'{r:.2f}' for r in self.ratio(h))}")
 
 
+def lively(task: Task) -> set[str]:
+    """Return the joints that were commanded to move and moved: a joint that stood still tells no cause."""
+    evidence = task.evidence
+    commanded = np.ptp(evidence.commands, axis=1).max(0) > 0
+    moved = np.ptp(evidence.measured, axis=1).max(0) > MOVED * task.floor
+    return {joint for joint, told in zip(evidence.joints, commanded & moved, strict=True) if told}
+
+
 def lent_slopes(near: Fit | None, unknowns: Unknowns) -> np.ndarray | None:
     """Return another fit's slopes by the base parameters of a hypothesis, None where it lacks one."""
     if near is None:
@@ -268,13 +281,18 @@ def lent_slopes(near: Fit | None, unknowns: Unknowns) -> np.ndarray | None:
     return near.slopes[[known[parameter] for parameter in unknowns.base]]
 
 
-def diverse(found: Iterable[Candidate]) -> list[Candidate]:
-    """Return candidates in their order, at most four of one joint before those of other joints."""
-    first: list[Candidate] = []
-    later: list[Candidate] = []
-    counts: dict[str | None, int] = {}
+def shortened(found: Sequence[Candidate], reach: float, slack: float) -> list[Candidate]:
+    """Return the candidates that are worth a fit: the best of each joint, and the best of all.
+
+    Args:
+        found: Candidates, the most promising first.
+        reach: First-order misfit below which a candidate promises enough.
+        slack: By how much the first order may be too high.
+    """
+    leaders: dict[str | None, Candidate] = {}
     for candidate in found:
-        joint = candidate.effect.joint
-        counts[joint] = counts.get(joint, 0) + 1
-        (first if counts[joint] <= 4 else later).append(candidate)
-    return [*first, *later]
+        if candidate.misfit < reach:
+            leaders.setdefault(candidate.effect.joint, candidate)
+    others = [c for c in found if c.misfit < reach + slack and leaders.get(c.effect.joint) is not c]
+    chosen = [*leaders.values(), *others[: max(SHORTLIST - len(leaders), BESIDE)]]
+    return sorted(chosen, key=lambda candidate: candidate.misfit)

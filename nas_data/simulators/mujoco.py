@@ -3,6 +3,7 @@
 import math
 import os
 from collections.abc import Iterable, Sequence
+from functools import cached_property
 from pathlib import Path
 
 import mujoco
@@ -16,6 +17,7 @@ from nas_data.errors import JointMismatch, ModelFileError
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.hooks import HookedBatch, find_hooks, roll_hooked
 from nas_data.simulators.layout import FULLPHYSICS, INTEGRATION, Layout, RestStates, SettledStates
+from nas_data.simulators.pool import rollout_pool
 
 CHUNK_STATES = 250_000  # numbers of simulated state held at once, 2 MB: with its inputs it stays in the cache
 
@@ -73,12 +75,20 @@ class MujocoSimulator:
         self.commands_effort = self.layout.commands_effort
         self.threads = len(os.sched_getaffinity(0)) if threads is None else threads
         self.hooks = find_hooks(self.effects, self.model)
-        part = INTEGRATION if self.hooks else FULLPHYSICS
-        self.rest = RestStates(self.model, self.layout, part)
-        self.settled = SettledStates(self.model, self.layout, part)
+        self._part = INTEGRATION if self.hooks else FULLPHYSICS
         pooled = self.threads if self.threads > 1 else 0
-        self._pool = mujoco.rollout.Rollout(nthread=pooled)
+        self._pool = rollout_pool(pooled)
         self._data = [mujoco.MjData(self.model) for _ in range(max(1, pooled))]
+
+    @cached_property
+    def rest(self) -> RestStates:
+        """Full states at rest in any posture, nothing loaded."""
+        return RestStates(self.model, self.layout, self._part)
+
+    @cached_property
+    def settled(self) -> SettledStates:
+        """Full states at rest in any posture, settled under the arm's weight."""
+        return SettledStates(self.model, self.layout, self._part)
 
     @classmethod
     def load(
@@ -115,7 +125,7 @@ class MujocoSimulator:
         self._check(initial, commands)
         if not commands.shape[1]:
             return np.empty((len(initial), 0, initial.shape[1]))
-        per_row = commands.shape[1] * self.substeps * len(self.rest.base)
+        per_row = commands.shape[1] * self.substeps * mujoco.mj_stateSize(self.model, self._part)
         chunk = self.threads * max(1, CHUNK_STATES // max(1, per_row * self.threads))
         first = (self.settled if settled else self.rest)(np.asarray(initial, float))
         parts = [
