@@ -16,10 +16,10 @@ from nas_data.errors import DatasetInvalid
 from nas_data.gap.add import write_model
 from nas_data.gap.base import base_parameters, explicit
 from nas_data.gap.evidence import Evidence, divide, windows
-from nas_data.gap.fit import Task, constrained, fit
 from nas_data.gap.floor import noise_floor, quantum
 from nas_data.gap.nominal import Nominal, fine_timestep
-from nas_data.gap.unknowns import Unknowns
+from nas_data.gap.search.fit import Task, constrained, fit
+from nas_data.gap.search.unknowns import Unknowns
 from nas_data.gap.verdict import verdict
 from nas_data.robots.base import find_robot
 from nas_data.simulators.mujoco import MujocoSimulator

@@ -13,11 +13,11 @@ from nas_data.effects.coulomb_friction import CoulombFriction
 from nas_data.effects.payload import Payload
 from nas_data.errors import OptionError
 from nas_data.gap.evidence import Evidence
-from nas_data.gap.experiment import Rival, next_experiment, sentence, write
-from nas_data.gap.experiment_contact import touches
-from nas_data.gap.experiment_library import KINDS
-from nas_data.gap.experiment_rivalry import as_evidence, concerned_joints, separations
-from nas_data.gap.experiment_room import SPEED, Room, moves
+from nas_data.gap.experiments.contact import touches
+from nas_data.gap.experiments.experiment import Rival, next_experiment, sentence, write
+from nas_data.gap.experiments.library import KINDS
+from nas_data.gap.experiments.rivalry import as_evidence, concerned_joints, separations
+from nas_data.gap.experiments.room import SPEED, Room, moves
 from nas_data.gap.nominal import Nominal
 
 JOINTS = ("m1", "m2", "m3", "m4", "m5", "m6")

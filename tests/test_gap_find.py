@@ -13,13 +13,13 @@ from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, TIME, Feature, 
 from nas_data.dataset.transitions import estimate_velocities
 from nas_data.effects.base import parse
 from nas_data.errors import DatasetInvalid
-from nas_data.gap.driven import TORQUE, while_driven
 from nas_data.gap.evidence import Evidence
-from nas_data.gap.find import Found, find
+from nas_data.gap.finding.driven import TORQUE, while_driven
+from nas_data.gap.finding.find import Found, find
+from nas_data.gap.finding.repeatability import repeatability
+from nas_data.gap.finding.significance import episodes_needed, grouped_chance, holm, paired_chance
 from nas_data.gap.floor import noise_floor
 from nas_data.gap.nominal import Nominal
-from nas_data.gap.repeatability import repeatability
-from nas_data.gap.significance import episodes_needed, grouped_chance, holm, paired_chance
 from nas_data.simulators.mujoco import MujocoSimulator
 
 RATE = 100.0  # [Hz]

@@ -10,12 +10,12 @@ import pytest
 from command_samples import nas
 
 from nas_data.errors import OptionError
-from nas_data.gap.figures import AFTER, BEFORE, RETUNED
-from nas_data.gap.page_pictures import ABOVE, models
-from nas_data.gap.page_words import beside, figures, friendly, listed
-from nas_data.gap.show import show
-from nas_data.gap.show_report import read_report
-from nas_data.gap.show_series import Series
+from nas_data.gap.showing.figures import AFTER, BEFORE, RETUNED
+from nas_data.gap.showing.page_pictures import ABOVE, models
+from nas_data.gap.showing.page_words import beside, figures, friendly, listed
+from nas_data.gap.showing.report import read_report
+from nas_data.gap.showing.series import Series
+from nas_data.gap.showing.show import show
 
 JOINTS = ("m1", "m2", "gripper/left")
 FLOOR = np.full(3, 0.0015)

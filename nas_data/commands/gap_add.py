@@ -32,7 +32,7 @@ class GapAdd(Command):
 
         from nas_data.effects.base import read_effects
         from nas_data.gap.add import read_factors
-        from nas_data.gap.final import Final
+        from nas_data.gap.search.final import Final
         from nas_data.gap.workflow import Problem, added
 
         problem = Problem.load(self.dataset, self.model)

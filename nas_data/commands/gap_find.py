@@ -26,7 +26,7 @@ class GapFind(Command):
     def run(self) -> Outcome:
         """Find and print."""
         from nas_data.cli import finite
-        from nas_data.gap.find import find
+        from nas_data.gap.finding.find import find
         from nas_data.gap.workflow import Problem
 
         problem = Problem.load(self.dataset, self.model)

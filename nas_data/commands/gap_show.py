@@ -21,7 +21,7 @@ class GapShow(Command):
     def run(self) -> Outcome:
         """Draw and write."""
         from nas_data.errors import OptionError
-        from nas_data.gap.show import show
+        from nas_data.gap.showing.show import show
 
         if not (self.folder / "report.json").is_file():
             raise OptionError(

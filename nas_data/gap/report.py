@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nas_data.effects.base import Effect
-from nas_data.gap.final import retuned, values
-from nas_data.gap.find import Found
-from nas_data.gap.fit import Task
+from nas_data.gap.finding.find import Found
 from nas_data.gap.goes_with import goes_with
 from nas_data.gap.name import ADEQUATE, Finding, Naming
+from nas_data.gap.search.final import retuned, values
+from nas_data.gap.search.fit import Task
 from nas_data.gap.verdict import RETUNED, above, ratios, verdict
 
 if TYPE_CHECKING:

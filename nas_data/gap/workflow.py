@@ -12,18 +12,18 @@ from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.versions import resolve
 from nas_data.errors import DatasetInvalid, NasError
 from nas_data.gap.add import write_effects, write_model
-from nas_data.gap.driven import while_driven
 from nas_data.gap.evidence import Evidence, divide, windows
-from nas_data.gap.experiment import Rival, next_experiment, write
-from nas_data.gap.final import Final, finish
-from nas_data.gap.find import Found, find
-from nas_data.gap.fit import Task
+from nas_data.gap.experiments.experiment import Rival, next_experiment, write
+from nas_data.gap.finding.driven import while_driven
+from nas_data.gap.finding.find import Found, find
 from nas_data.gap.floor import noise_floor
 from nas_data.gap.name import Naming, name
 from nas_data.gap.nominal import Nominal, fine_timestep, with_timestep
 from nas_data.gap.report import Outcome, write_report, write_series
-from nas_data.gap.scales import scales
-from nas_data.gap.show import show
+from nas_data.gap.search.final import Final, finish
+from nas_data.gap.search.fit import Task
+from nas_data.gap.search.scales import scales
+from nas_data.gap.showing.show import show
 
 EXPERIMENT = "next_experiment.csv"
 TRAIN_STEPS = 120_000  # physics steps that one rollout of all training episodes may take, half a second of work

@@ -1,0 +1,1 @@
+"""What to record next, where two names cannot be told apart."""

@@ -1,0 +1,133 @@
+"""What to record next: the experiment in which two rival explanations of a gap differ most."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.command_file import write_commands
+from nas_data.dataset.features import EFFORT, POSITION
+from nas_data.effects.base import Effect
+from nas_data.gap.experiments.library import Trial, library
+from nas_data.gap.experiments.rivalry import Rival, as_evidence, concerned_joints, separations
+from nas_data.gap.experiments.room import Room
+from nas_data.gap.nominal import Nominal
+
+__all__ = ["Experiment", "Rival", "Tried", "next_experiment", "write"]
+
+VISIBLE = 1.0  # noise floors by which rivals must differ, or the experiment is not worth recording
+
+
+@dataclass(frozen=True)
+class Tried:
+    """An experiment and how well it separates two rivals.
+
+    Attributes:
+        trial: The experiment.
+        separation: RMS difference of the rivals over the noise, on the joint where it is largest.
+        joint: That joint.
+        seconds: How long it takes [s].
+    """
+
+    trial: Trial
+    separation: float
+    joint: str
+    seconds: float
+
+    def to_json(self) -> dict[str, object]:
+        """Return one row of the table of experiments."""
+        return {
+            "name": self.trial.name,
+            "on": list(self.trial.moved),
+            "seconds": self.seconds,
+            "separation": self.separation,
+            "joint": self.joint,
+        }
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """The experiment to record next.
+
+    Attributes:
+        text: What it is and what it separates, in a sentence.
+        names: Columns of its command file, `<joint>.pos` [rad] or `<joint>.effort` [N·m].
+        commands: From the rest pose with a slow approach, shape (T, n).
+        period: Control period [s].
+        table: Every experiment tried, the best first.
+    """
+
+    text: str
+    names: tuple[str, ...]
+    commands: np.ndarray
+    period: float
+    table: tuple[Tried, ...]
+
+    def to_json(self) -> list[dict[str, object]]:
+        """Return the table for a report."""
+        return [row.to_json() for row in self.table]
+
+
+def next_experiment(nominal: Nominal, rivals: tuple[Rival, Rival], floor: np.ndarray, seed: int) -> Experiment:
+    """Choose what to record next.
+
+    Args:
+        nominal: Model as handed over.
+        rivals: Two explanations that the data so far cannot tell apart.
+        floor: Noise floor of each joint [rad], shape (n,).
+        seed: Seed of what is random in the excitations.
+
+    Raises:
+        ModelFileError: a rival diverges.
+        OptionError: the model takes torques without limits.
+    """
+    room = Room.of(nominal)
+    concerned = concerned_joints(rivals, nominal.joints)
+    trials = list(library(nominal, room, concerned, seed))
+    evidence = as_evidence(nominal, [trial.commands for trial in trials], room.pose)
+    apart = separations(nominal, rivals, evidence, floor, concerned)
+    rows = [
+        Tried(trial, float(row.max()), nominal.joints[int(row.argmax())], len(trial.commands) * nominal.period)
+        for trial, row in zip(trials, apart, strict=True)
+    ]
+    table = tuple(sorted(rows, key=lambda row: -row.separation))
+    suffix = EFFORT if nominal.simulator().commands_effort else POSITION
+    names = tuple(joint + suffix for joint in nominal.joints)
+    text = sentence(table[0], rivals, nominal.joints)
+    return Experiment(text, names, table[0].trial.commands, nominal.period, table)
+
+
+def sentence(best: Tried, rivals: tuple[Rival, Rival], joints: Sequence[str]) -> str:
+    """Say what the best experiment is, and what it separates."""
+    one, two = (claim(rival, other) for rival, other in (rivals, rivals[::-1]))
+    if best.separation < VISIBLE:
+        return (
+            f"nothing tried separates {one} from {two}: at best, in {best.trial.name}, the two models would differ by "
+            f"{best.separation:.1f} times the noise; a finer sensor or more load would be needed"
+        )
+    place = "all joints" if len(best.trial.moved) == len(joints) > 1 else " and ".join(best.trial.moved)
+    where = "there" if best.trial.moved == (best.joint,) else f"at {best.joint}"
+    return (
+        f"{best.trial.name} on {place}: separates {one} from {two}; the two models would differ by "
+        f"{best.separation:.1f} times the noise {where}"
+    )
+
+
+def claim(rival: Rival, other: Rival) -> str:
+    """Return in words what a rival has that the other has not."""
+    theirs = {(effect.name(), effect.joint) for effect in other.effects}
+    own = [effect for effect in rival.effects if (effect.name(), effect.joint) not in theirs]
+    names = {effect.name() for effect in other.effects}
+    return " and ".join(called(effect, effect.name() in names) for effect in own) or "no further effect"
+
+
+def called(effect: Effect, with_joint: bool) -> str:
+    """Return an effect's name as a person says it, with its joint where that is the difference."""
+    words = effect.name().replace("_", " ")
+    return f"{words} in {effect.joint or 'the whole arm'}" if with_joint else words
+
+
+def write(experiment: Experiment, path: Path) -> None:
+    """Write the commands as the CSV file that `nas record sim --commands` plays."""
+    write_commands(path, experiment.names, [experiment.commands])

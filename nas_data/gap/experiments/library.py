@@ -1,0 +1,93 @@
+"""The experiments to choose from: each shows one trait of a drive, on one joint or on all."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nas_data.excitations.chirp import Chirp
+from nas_data.excitations.steps import Steps
+from nas_data.excitations.triangle import Triangle
+from nas_data.gap.experiments.contact import without_contact
+from nas_data.gap.experiments.room import Room, moves
+from nas_data.gap.nominal import Nominal
+
+SECONDS = 12.0  # of an experiment, without its approach
+QUICK = 1.0  # [rad/s or N·m/s] between postures
+POSTURES = 4  # of the whole arm, around which small reversals are made
+REACH = 0.5  # part of a half range in which postures lie
+SMALL = 0.04  # amplitude of small reversals, as a part of a half range: a few times a servo's play
+REVERSAL = 1.2  # [s] period of small reversals
+REVERSALS = 2.4  # [s] that they last in each posture
+LEVELS = (-0.6, -0.2, 0.2, 0.6, 0.4, 0.0, -0.4)  # of a hold grid, as parts of a half range: reached from both sides
+HOLD = 1.0  # [s] at each level
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One experiment.
+
+    Attributes:
+        name: What is played.
+        moved: Joints that it excites.
+        commands: From the rest pose [rad or N·m], shape (T, n).
+    """
+
+    name: str
+    moved: tuple[str, ...]
+    commands: np.ndarray
+
+
+def small_reversals(room: Room, moving: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Swing a little around several postures of the whole arm, which load the joints differently."""
+    turns = room.period * np.arange(room.steps(REVERSALS)) / REVERSAL
+    swing = (2 / np.pi * np.arcsin(np.sin(2 * np.pi * turns)))[:, None] * SMALL * room.span * moving
+    here, parts = room.home, []
+    for posture in room.middle + REACH * room.span * rng.uniform(-1, 1, (POSTURES, len(room.home))):
+        parts += [room.ramp(here, posture, QUICK), posture + swing]
+        here = posture
+    return np.concatenate(parts)
+
+
+def hold_grid(room: Room, moving: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Hold levels over the range, each reached slowly, some from below and some from above."""
+    here, parts = room.home, []
+    for level in LEVELS:
+        goal = np.where(moving, room.middle + level * room.span, room.home)
+        parts += [room.ramp(here, goal, QUICK), np.repeat(goal[None], room.steps(HOLD), axis=0)]
+        here = goal
+    return np.concatenate(parts)
+
+
+Draw = Callable[[Room, np.ndarray, np.random.Generator], np.ndarray]
+
+STEPS = "steps held"
+KINDS: Mapping[str, Draw] = {
+    "slow triangle": lambda room, moving, rng: room.played(Triangle(speed=0.4, share=0.5), SECONDS, moving, rng),
+    "small reversals around several postures": small_reversals,
+    STEPS: lambda room, moving, rng: room.played(Steps(seconds=1.5, share=0.6), SECONDS, moving, rng),
+    "chirp": lambda room, moving, rng: room.played(Chirp(share=0.15, fastest=4.0), SECONDS, moving, rng),
+    "fast steps": lambda room, moving, rng: room.played(Steps(seconds=0.3, share=0.4), SECONDS, moving, rng),
+    "hold grid": hold_grid,
+}
+
+
+def library(nominal: Nominal, room: Room, concerned: Sequence[str], seed: int) -> Iterator[Trial]:
+    """Yield experiments for the concerned joints, one at a time, and steps of all joints together.
+
+    Args:
+        nominal: Model as handed over.
+        room: What may be commanded.
+        concerned: Joints in which the rivals differ; where that is all of them, each kind moves all joints too.
+        seed: Seed of what is random.
+    """
+    simulator, whole = nominal.simulator(), nominal.joints
+    kinds: list[tuple[str, tuple[str, ...]]] = [(name, (joint,)) for joint in concerned for name in KINDS]
+    kinds += [(name, whole) for name in (KINDS if set(concerned) == set(whole) else [STEPS])]
+    for number, (name, moved) in enumerate(kinds):
+
+        def draw(part: Room, name: str = name, moved: tuple[str, ...] = moved, number: int = number) -> np.ndarray:
+            rng = np.random.default_rng([seed, number])
+            return part.approached(KINDS[name](part, moves(whole, moved), rng))
+
+        yield Trial(name, moved, without_contact(simulator, room, draw))

@@ -1,0 +1,26 @@
+"""Audits before physics: each file of the folder checks one thing that would otherwise pass for an effect."""
+
+from typing import Protocol, cast
+
+from nas_data import registry
+from nas_data.gap.finding.audits.base import Check, Examined
+
+FIRST = ("timing", "repeated_samples", "command_shift", "velocities")  # time before everything else
+
+
+class Audit(Protocol):
+    """What a file of this folder defines."""
+
+    def check(self, examined: Examined) -> Check:
+        """Look at one recording."""
+
+
+def find_audit(name: str) -> Audit:
+    """Return an audit by its name."""
+    return cast(Audit, registry.module("gap.finding.audits", name, "audit"))
+
+
+def audit(examined: Examined) -> tuple[Check, ...]:
+    """Run every audit, those of time first."""
+    names = [*FIRST, *(name for name in registry.names("gap.finding.audits") if name not in FIRST)]
+    return tuple(find_audit(name).check(examined) for name in names)

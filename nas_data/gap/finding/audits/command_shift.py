@@ -1,0 +1,112 @@
+"""Command shift: whether the arm follows its commands some rows later or earlier than the model says."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from nas_data.errors import ModelFileError
+from nas_data.gap.evidence import Evidence
+from nas_data.gap.finding.audits.base import Check, Examined, listed
+
+NAME = "command shift"
+SHIFTS = (-3, -2, -1, 0, 1, 2, 3)  # [rows] by which commands are moved; positive acts later
+SLIPS = 2  # rows by which a log's order may slip; what fits better still is no slip
+WINDOW = 0.1  # [s] over which motions are compared: a static error is none of the timing's
+BETTER = 0.9  # error with over without the shift that is clearly better
+MOST = 0.75  # share of the episodes in which it must be
+EPISODES = 16  # episodes that are compared
+SECONDS = 20.0  # [s] of each
+VISIBLE = 2.0  # noise of a difference of two readings that an error must exceed to be worth a shift
+
+
+def check(examined: Examined) -> Check:
+    """Say which joints' motion fits clearly better with shifted commands."""
+    best, visible = best_shifts(examined)
+    if not best.any():
+        return Check(NAME, "No joint follows its commands clearly better when they are moved by one or two rows.")
+    said, ok = [], True
+    for shift in np.unique(best[best != 0]).tolist():
+        alike = (np.sign(best) == np.sign(shift)) & (best <= SLIPS)
+        slip = shift <= SLIPS and 2 * alike.sum() > visible.sum()
+        said.append(sentence(named(examined, best == shift), shift, slip, examined.nominal.period))
+        ok &= not slip
+    return Check(NAME, " ".join(said), ok)
+
+
+def named(examined: Examined, chosen: np.ndarray) -> str:
+    """Return the names of chosen joints (n,)."""
+    if chosen.all():
+        return "all joints"
+    return listed([joint for joint, is_chosen in zip(examined.nominal.joints, chosen, strict=True) if is_chosen])
+
+
+def sentence(joints: str, shift: int, slip: bool, period: float) -> str:
+    """Say what a shift of some joints may be; a slip of the log is one where most joints agree."""
+    amount = f"{abs(shift)} row{'s' * (abs(shift) > 1)} ({abs(shift) * period * 1e3:.3g} ms)"
+    if shift > SLIPS:
+        return (
+            f"The motion of {joints} is {amount} or more later than in the model, which is more than a log's order "
+            "slips: a servo slower than the model, or a command_delay."
+        )
+    if not slip:
+        later, slower = ("later", "a command_delay, or a servo slower") if shift > 0 else ("earlier", "a servo faster")
+        return (
+            f"The motion of {joints} starts about {amount} {later} than in the model, that of most joints not "
+            f"clearly: rather {slower} than the model, than a slip of the log."
+        )
+    if shift < 0:
+        return (
+            f"Commands look {amount} late: the motion of {joints} starts before the logged commands would make it. "
+            "No delay does that; check which command was in force when a row was measured, and the model's speed."
+        )
+    return (
+        f"Commands look {amount} early: the motion of {joints} starts later than in the model. The log may pair each "
+        "state with a command sent later, or it is real: a command_delay, or a servo slower than the model."
+    )
+
+
+def best_shifts(examined: Examined) -> tuple[np.ndarray, np.ndarray]:
+    """Return the shift [rows] that clearly fits each joint best, 0 where none does, and which joints have a gap at all.
+
+    Both have the shape (n,).
+    """
+    errors = np.stack([shift_errors(examined, shift) for shift in SHIFTS])
+    usual = errors[SHIFTS.index(0)]
+    ratios = errors / usual
+    visible = np.median(usual, axis=0) > VISIBLE * np.sqrt(2) * examined.floor
+    clear = (np.median(ratios, axis=1) < BETTER) & ((ratios < BETTER).mean(axis=1) >= MOST) & visible
+    best = np.argmin(np.where(clear, np.median(ratios, axis=1), np.inf), axis=0)
+    return np.where(clear.any(axis=0), np.array(SHIFTS)[best], 0), visible
+
+
+def shift_errors(examined: Examined, shift: int) -> np.ndarray:
+    """Return the error of the motion over a short window with shifted commands [rad], shape (E, n)."""
+    evidence = shortened(examined.recorded.evidence)
+    effort = examined.nominal.simulator().commands_effort
+    try:
+        predicted = examined.nominal.predict(shifted(evidence, shift, effort))
+    except ModelFileError:
+        return np.full(evidence.starts.shape, np.inf)
+    rows = max(1, round(WINDOW / evidence.period))
+    error = predicted - evidence.measured
+    moves = np.where(evidence.counts[:, rows:, None], error[:, rows:] - error[:, :-rows], 0.0)
+    seen = np.maximum(evidence.counts[:, rows:].sum(1), 1)[:, None]
+    return np.sqrt((moves**2).sum(1) / seen) + np.finfo(float).eps
+
+
+def shortened(evidence: Evidence) -> Evidence:
+    """Return the beginnings of some episodes, enough to tell a shift."""
+    chosen = np.unique(np.linspace(0, len(evidence) - 1, min(len(evidence), EPISODES)).round().astype(int))
+    part, rows = evidence.select(chosen), slice(0, round(SECONDS / evidence.period))
+    return replace(part, commands=part.commands[:, rows], measured=part.measured[:, rows], counts=part.counts[:, rows])
+
+
+def shifted(evidence: Evidence, shift: int, effort: bool) -> Evidence:
+    """Return episodes whose commands act some rows later; before the first, the first pose was commanded."""
+    commands, steps = evidence.commands, evidence.commands.shape[1]
+    before = commands[:, :1] if effort else evidence.starts[:, None]
+    if shift >= 0:
+        moved = np.concatenate([np.repeat(before, shift, axis=1), commands[:, : steps - shift]], axis=1)
+    else:
+        moved = np.concatenate([commands[:, -shift:], np.repeat(commands[:, -1:], -shift, axis=1)], axis=1)
+    return replace(evidence, commands=moved)

@@ -1,0 +1,37 @@
+"""Excitation: commands that never change, and joints that never move."""
+
+import numpy as np
+
+from nas_data.gap.evidence import Evidence
+from nas_data.gap.finding.audits.base import Check, Examined, listed
+from nas_data.gap.finding.recorded import STILL
+
+NAME = "excitation"
+STEADY = 1e-6  # [rad or N·m] within which a command is constant
+
+
+def check(examined: Examined) -> Check:
+    """Name the joints about which the recording says nothing or little."""
+    evidence = examined.recorded.evidence
+    steady, still = constant(evidence), unmoved(evidence, examined.floor)
+    found = [(steady, "the command never changes"), (still & ~steady, "the joint never moves although commanded to")]
+    said = [f"{names(evidence, chosen)}: {text}" for chosen, text in found if chosen.any()]
+    if said:
+        return Check(NAME, "; ".join(said) + ".", False)
+    return Check(NAME, "Every joint is commanded to move, and moves.")
+
+
+def names(evidence: Evidence, chosen: np.ndarray) -> str:
+    """Return the names of chosen joints (n,)."""
+    return listed([joint for joint, is_chosen in zip(evidence.joints, chosen, strict=True) if is_chosen])
+
+
+def constant(evidence: Evidence) -> np.ndarray:
+    """Return which joints were given one command all the time, shape (n,)."""
+    return np.asarray(np.ptp(evidence.commands[evidence.counts], axis=0) <= STEADY)
+
+
+def unmoved(evidence: Evidence, floor: np.ndarray) -> np.ndarray:
+    """Return which joints stay where they are in every episode, shape (n,)."""
+    span = np.ptp(np.concatenate([evidence.starts[:, None], evidence.measured], axis=1), axis=1)
+    return np.asarray(span.max(axis=0) <= STILL * floor)

@@ -1,0 +1,46 @@
+"""Saturation: how often the model's servos are at their limits, and commands that its control range cuts off."""
+
+import numpy as np
+
+from nas_data.gap.finding.audits.base import Check, Examined, listed, percent
+from nas_data.simulators.limits import command_limits
+
+NAME = "saturation"
+NOTED = 0.01  # share of the rows that is worth a word
+MOSTLY = 0.5  # share of the rows from which the model is hardly a servo any more
+ROUNDING = 1e-5  # [rad or N·m]; commands are stored as float32
+
+
+def check(examined: Examined) -> Check:
+    """Name the joints at their limits."""
+    counts = examined.recorded.evidence.counts
+    saturated = examined.loads.saturated[counts].mean(axis=0)
+    beyond = beyond_range(examined)[counts].mean(axis=0)
+    said = []
+    if (saturated > NOTED).any():
+        said.append(f"the model's servo is at its torque limit in {shares(examined, saturated)}")
+    if (saturated > MOSTLY).any():
+        said.append("most of the time at the limit is a gain (kp) too high for its torque: look at the model")
+    if (beyond > NOTED).any():
+        said.append(
+            f"commands leave the model's range in {shares(examined, beyond)}: the model cuts them off, "
+            "the robot may have done otherwise"
+        )
+    if not said:
+        return Check(NAME, "The model's servos are below their torque limits and the commands within its ranges.")
+    text = "; ".join(said)
+    return Check(NAME, text[0].upper() + text[1:] + ".", not ((saturated > MOSTLY) | (beyond > NOTED)).any())
+
+
+def shares(examined: Examined, values: np.ndarray) -> str:
+    """Return joints with their shares of the rows, those worth a word."""
+    pairs = zip(examined.nominal.joints, values, strict=True)
+    return listed([f"{percent(value)} of the rows of {joint}" for joint, value in pairs if value > NOTED])
+
+
+def beyond_range(examined: Examined) -> np.ndarray:
+    """Return which commands lie outside what the model accepts, shape (E, T, n)."""
+    simulator = examined.nominal.simulator()
+    low, high = command_limits(simulator.model, simulator.joints, str(simulator.robot.mjcf))
+    commands = examined.recorded.evidence.commands
+    return np.asarray((commands < low - ROUNDING) | (commands > high + ROUNDING))

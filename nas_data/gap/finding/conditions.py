@@ -1,0 +1,160 @@
+"""Under what condition each row was recorded: speed, reversal, direction, load, command, saturation, time, limits."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from nas_data.gap.finding.loads import Loads
+from nas_data.gap.finding.recorded import Recorded
+from nas_data.gap.nominal import Nominal
+from nas_data.simulators.layout import joint_index
+
+AFTER = 0.2  # [s] that count as after a reversal
+NEAR = 0.05  # share of a joint's range that counts as near its limits
+SMALLEST_LOAD = 1e-4  # [N·m] between light and heavy postures; less is a joint that gravity does not load
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What conditions are read from.
+
+    Attributes:
+        recorded: Rows of E episodes, T rows, n joints.
+        loads: What the model says of them.
+        nominal: The model.
+        floor: Noise floor [rad], shape (n,).
+    """
+
+    recorded: Recorded
+    loads: Loads
+    nominal: Nominal
+    floor: np.ndarray
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A division of the rows into bins.
+
+    Attributes:
+        name: What divides them.
+        bins: Names of the bins.
+        labels: Number of each row's bin, −1 for none, shape (E, T, n).
+        whole_episodes: Whether an episode lies in one bin as a whole.
+    """
+
+    name: str
+    bins: tuple[str, ...]
+    labels: np.ndarray
+    whole_episodes: bool = False
+
+
+def conditions(setting: Setting) -> tuple[Condition, ...]:
+    """Return every condition, rows that were not recorded in no bin."""
+    counts = setting.recorded.evidence.counts[..., None]
+    found = (make(setting) for make in CONDITIONS)
+    return tuple(Condition(c.name, c.bins, np.where(counts, c.labels, -1), c.whole_episodes) for c in found)
+
+
+def speed(setting: Setting) -> Condition:
+    """Divide rows into those at rest and terciles of those in motion."""
+    moving = setting.recorded.moving(setting.floor)
+    thirds = terciles(np.abs(setting.recorded.motion), moving)
+    return Condition(
+        "speed", ("still", "slow", "medium", "fast"), np.where(moving, np.where(thirds < 0, -1, thirds + 1), 0)
+    )
+
+
+def reversal(setting: Setting) -> Condition:
+    """Divide moved rows into those shortly after the motion turned round and the others."""
+    sign = last_direction(setting)
+    turned = np.zeros(sign.shape, bool)
+    turned[:, 1:] = sign[:, 1:] * sign[:, :-1] < 0
+    rows = max(1, round(AFTER / setting.nominal.period))
+    total = np.cumsum(turned, axis=1)
+    earlier = np.pad(total, ((0, 0), (rows, 0), (0, 0)))[:, : total.shape[1]]
+    return Condition("reversal", ("other times", "after a reversal"), np.where(sign == 0, -1, total > earlier))
+
+
+def direction(setting: Setting) -> Condition:
+    """Divide rows in motion by its sign."""
+    moving = setting.recorded.moving(setting.floor)
+    return Condition("direction", ("negative", "positive"), np.where(moving, setting.recorded.motion > 0, -1))
+
+
+def load(setting: Setting) -> Condition:
+    """Divide rows by the torque that holds the posture; a joint that gravity never loads is in no bin."""
+    size = np.abs(setting.loads.posture)
+    labels = terciles(size, setting.recorded.evidence.counts[..., None], SMALLEST_LOAD)
+    return Condition("load", ("light", "medium", "heavy"), labels)
+
+
+def command_size(setting: Setting) -> Condition:
+    """Divide rows by the distance to the commanded position, or by the commanded torque."""
+    evidence = setting.recorded.evidence
+    effort = setting.nominal.simulator().commands_effort
+    size = np.abs(evidence.commands - (0 if effort else setting.recorded.positions))
+    return Condition("command size", ("small", "medium", "large"), terciles(size, evidence.counts[..., None]))
+
+
+def saturation(setting: Setting) -> Condition:
+    """Divide rows by whether the model's servo gives all it has."""
+    labels = np.where(setting.loads.limited, setting.loads.saturated, -1)
+    return Condition("saturation", ("below the limit", "at the limit"), labels)
+
+
+def recording_time(setting: Setting) -> Condition:
+    """Divide whole episodes by when they were recorded, to show what drifts."""
+    episodes, steps, n = setting.recorded.positions.shape
+    third = np.arange(episodes) * 3 // max(episodes, 3)
+    labels = np.broadcast_to(third[:, None, None], (episodes, steps, n))
+    return Condition("recording time", ("first third", "middle", "last third"), labels, whole_episodes=True)
+
+
+def joint_limits(setting: Setting) -> Condition:
+    """Divide rows by whether the joint was near the end of its range."""
+    model = setting.nominal.simulator().model
+    labels = np.full(setting.recorded.positions.shape, -1)
+    for column, name in enumerate(setting.nominal.joints):
+        joint = joint_index(model, name, name)
+        if model.jnt_limited[joint]:
+            low, high = model.jnt_range[joint]
+            room = np.minimum(
+                setting.recorded.positions[..., column] - low, high - setting.recorded.positions[..., column]
+            )
+            labels[..., column] = room < NEAR * (high - low)
+    return Condition("joint limits", ("away", "near"), labels)
+
+
+CONDITIONS: tuple[Callable[[Setting], Condition], ...] = (
+    speed, reversal, direction, load, command_size, saturation, recording_time, joint_limits,
+)  # fmt: skip
+
+
+def terciles(sizes: np.ndarray, chosen: np.ndarray, apart: float = 1e-9) -> np.ndarray:
+    """Return 0, 1 or 2 by thirds of the chosen rows of each joint, −1 elsewhere and where the thirds are not apart.
+
+    Args:
+        sizes: Shape (E, T, n).
+        chosen: Rows that are divided, shape (E, T, n) or (E, T, 1).
+        apart: Smallest distance between the bounds of the middle third.
+    """
+    chosen = np.broadcast_to(chosen, sizes.shape)
+    labels = np.full(sizes.shape, -1)
+    for joint in range(sizes.shape[-1]):
+        rows = chosen[..., joint]
+        if rows.sum() < 3:
+            continue
+        low, high = np.quantile(sizes[..., joint][rows], (1 / 3, 2 / 3))
+        if high - low > apart:
+            labels[..., joint][rows] = np.digitize(sizes[..., joint][rows], (low, high))
+    return labels
+
+
+def last_direction(setting: Setting) -> np.ndarray:
+    """Return the sign of each joint's last motion up to each row, 0 before the first; shape (E, T, n)."""
+    moving = setting.recorded.moving(setting.floor)
+    rows = np.arange(moving.shape[1])[None, :, None]
+    latest = np.maximum.accumulate(np.where(moving, rows, -1), axis=1)
+    sign = np.take_along_axis(np.sign(setting.recorded.motion), np.maximum(latest, 0), axis=1)
+    return np.where(latest < 0, 0, sign)

@@ -1,0 +1,84 @@
+"""Find where model and recording disagree: by joint, by regime, beside the noise, after an audit of the recording."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.gap.evidence import Evidence
+from nas_data.gap.finding.audits import audit
+from nas_data.gap.finding.audits.base import Check, Examined
+from nas_data.gap.finding.conditions import Setting, conditions
+from nas_data.gap.finding.driven import while_driven
+from nas_data.gap.finding.joint_gaps import JointGap, find_joint_gaps
+from nas_data.gap.finding.loads import find_loads
+from nas_data.gap.finding.recorded import Recorded
+from nas_data.gap.finding.regimes import Bin, find_regimes
+from nas_data.gap.finding.text import found_text
+from nas_data.gap.finding.undecidable import undecidable
+from nas_data.gap.nominal import Nominal
+
+
+@dataclass(frozen=True)
+class Found:
+    """Where the gap is.
+
+    Attributes:
+        joints: The gap of each joint.
+        regimes: The error of each joint in each bin of each condition.
+        audit: What was looked at before physics.
+        undecidable: What the recording cannot tell, a sentence each.
+    """
+
+    joints: Mapping[str, JointGap]
+    regimes: tuple[Bin, ...]
+    audit: tuple[Check, ...]
+    undecidable: tuple[str, ...]
+
+    def to_json(self) -> dict[str, object]:
+        """Return all of it, in SI units."""
+        return {
+            "joints": {joint: gap.to_json() for joint, gap in self.joints.items()},
+            "regimes": [measured.to_json() for measured in self.regimes],
+            "audit": [check.to_json() for check in self.audit],
+            "undecidable": list(self.undecidable),
+        }
+
+    def text(self) -> str:
+        """Return a short table in degrees, and what was noticed."""
+        return found_text(self.joints, self.regimes, self.audit, self.undecidable)
+
+
+def find(dataset: Dataset, evidence: Evidence, nominal: Nominal, floor: np.ndarray) -> Found:
+    """Compare a recording with a model.
+
+    Args:
+        dataset: Transitions with 2n-states, as recorded.
+        evidence: Its episodes, or some of them; rows with the torque off are left out here, whether or not they are
+            left out there.
+        nominal: The model.
+        floor: Noise floor of each joint [rad], shape (n,).
+
+    Raises:
+        DatasetInvalid: the torque is off throughout.
+        ModelFileError: the model diverges.
+    """
+    driven = while_driven(dataset)
+    if driven is not dataset:
+        evidence = chosen(Evidence.of(driven), evidence.numbers)
+    recorded = Recorded.of(driven, evidence)
+    predicted = nominal.predict(evidence)
+    loads = find_loads(nominal, recorded)
+    regimes = find_regimes(evidence, predicted, conditions(Setting(recorded, loads, nominal, floor)), floor)
+    return Found(
+        joints=find_joint_gaps(recorded, nominal, floor, predicted),
+        regimes=regimes,
+        audit=audit(Examined(dataset, recorded, nominal, floor, predicted, loads)),
+        undecidable=undecidable(recorded, floor, regimes),
+    )
+
+
+def chosen(evidence: Evidence, numbers: np.ndarray) -> Evidence:
+    """Return the episodes with some numbers, as far as there are such."""
+    return evidence.select(np.flatnonzero(np.isin(evidence.numbers, numbers)))

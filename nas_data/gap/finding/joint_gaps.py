@@ -1,0 +1,80 @@
+"""The gap of each joint, in one step and in open loop, beside repeating the pose and beside repeating the command."""
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from nas_data.gap.evidence import Evidence
+from nas_data.gap.finding.recorded import Recorded
+from nas_data.gap.finding.repeatability import repeatability
+from nas_data.gap.nominal import Nominal
+
+
+@dataclass(frozen=True)
+class JointGap:
+    """Root mean squared position errors of one joint [rad].
+
+    Attributes:
+        floor: Noise of the readings.
+        one_step: Of the model, reset to each measured state.
+        one_step_hold: Of staying at the measured position.
+        open_loop: Of the model, started once per episode.
+        open_loop_hold: Of staying in the first pose.
+        open_loop_command: Of the command itself; None where commands are torques.
+        ratio_to_noise: `open_loop` over `floor`.
+        repeatability: Spread between repeats of the same commands; None where none was repeated.
+    """
+
+    floor: float
+    one_step: float
+    one_step_hold: float
+    open_loop: float
+    open_loop_hold: float
+    open_loop_command: float | None
+    ratio_to_noise: float
+    repeatability: float | None
+
+    def to_json(self) -> dict[str, float | None]:
+        """Return the form for machines."""
+        return asdict(self)
+
+
+def find_joint_gaps(
+    recorded: Recorded, nominal: Nominal, floor: np.ndarray, predicted: np.ndarray
+) -> dict[str, JointGap]:
+    """Return the gap of each joint.
+
+    Args:
+        recorded: What was measured, E episodes of up to T rows of n joints.
+        nominal: The model.
+        floor: Noise floor [rad], shape (n,).
+        predicted: The model's open-loop positions [rad], shape (E, T, n).
+    """
+    evidence, simulator = recorded.evidence, nominal.simulator()
+    states = np.concatenate([recorded.positions, recorded.velocities], axis=-1)[evidence.counts]
+    stepped = simulator.predict(states, evidence.commands[evidence.counts])[:, : len(floor)]
+    following = evidence.measured[evidence.counts]
+    open_loop = rmse(evidence, predicted)
+    commands = None if simulator.commands_effort else rmse(evidence, evidence.commands)
+    repeats = repeatability(evidence, floor)
+    one_step = np.sqrt(((stepped - following) ** 2).mean(0))
+    one_step_hold = rmse(evidence, recorded.positions)
+    open_loop_hold = rmse(evidence, np.broadcast_to(evidence.starts[:, None], predicted.shape))
+    return {
+        joint: JointGap(
+            floor=float(floor[place]),
+            one_step=float(one_step[place]),
+            one_step_hold=float(one_step_hold[place]),
+            open_loop=float(open_loop[place]),
+            open_loop_hold=float(open_loop_hold[place]),
+            open_loop_command=None if commands is None else float(commands[place]),
+            ratio_to_noise=float(open_loop[place] / floor[place]),
+            repeatability=None if repeats is None else float(repeats[place]),
+        )
+        for place, joint in enumerate(evidence.joints)
+    }
+
+
+def rmse(evidence: Evidence, predicted: np.ndarray) -> np.ndarray:
+    """Return the root mean squared error of each joint over all recorded rows [rad], shape (n,)."""
+    return np.asarray(np.sqrt((evidence.errors(predicted) ** 2).sum((0, 1)) / evidence.counts.sum()))

@@ -1,0 +1,81 @@
+"""What the model says of each measured state: the torque of the posture, and whether the servo is at its limit."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from nas_data.gap.finding.recorded import Recorded
+from nas_data.gap.nominal import Nominal
+from nas_data.simulators.layout import FULLPHYSICS, actuator_index, joint_index
+from nas_data.simulators.mujoco import MujocoSimulator
+
+AT_LIMIT = 1 - 1e-6  # share of the limit from which a servo gives all it has
+
+
+@dataclass(frozen=True)
+class Loads:
+    """Torques of n joints in E episodes of up to T rows.
+
+    Attributes:
+        posture: Torque of gravity and of the motion on each joint [N·m], shape (E, T, n).
+        saturated: Whether the model's actuator is at its limit, shape (E, T, n).
+        limited: Which joints' actuators have a limit, shape (n,).
+    """
+
+    posture: np.ndarray
+    saturated: np.ndarray
+    limited: np.ndarray
+
+
+def find_loads(nominal: Nominal, recorded: Recorded) -> Loads:
+    """Put the model into every measured state, with the command given there."""
+    simulator = nominal.simulator()
+    simulator.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    counts = recorded.evidence.counts
+    states = np.concatenate([recorded.positions, recorded.motion], axis=-1)[counts]
+    posture, force = torques(simulator, states, recorded.evidence.commands[counts])
+    low, high = torque_limits(simulator)
+    saturated = (force <= low * AT_LIMIT) | (force >= high * AT_LIMIT)
+    return Loads(laid_out(posture, counts), laid_out(saturated, counts), np.isfinite(high))
+
+
+def laid_out(rows: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Return the values of counted rows (N, n) in their places (E, T, n), zero elsewhere."""
+    result = np.zeros((*counts.shape, rows.shape[1]), rows.dtype)
+    result[counts] = rows
+    return result
+
+
+def torques(simulator: MujocoSimulator, states: np.ndarray, commands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the load of the posture and the force of the actuator [N·m] for states and commands, shape (N, n) each."""
+    model, layout = simulator.model, simulator.layout
+    data = mujoco.MjData(model)
+    full, controls = simulator.rest(states), layout.controls(commands)
+    load, force = np.zeros_like(commands), np.zeros_like(commands)
+    for row in range(len(states)):
+        mujoco.mj_setState(model, data, full[row], FULLPHYSICS)
+        data.ctrl[:] = controls[row]
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        mujoco.mj_fwdActuation(model, data)
+        load[row] = data.qfrc_bias[layout.dof]
+        force[row] = data.qfrc_actuator[layout.dof]
+    return load, force
+
+
+def torque_limits(simulator: MujocoSimulator) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lowest and highest torque that the actuators can give their joints [N·m], shape (n,) each."""
+    model = simulator.model
+    low, high = np.full(len(simulator.joints), -np.inf), np.full(len(simulator.joints), np.inf)
+    for row, name in enumerate(simulator.joints):
+        joint = joint_index(model, name, str(simulator.robot.mjcf))
+        actuator = actuator_index(model, joint, str(simulator.robot.mjcf))
+        ranges = []
+        if model.actuator_forcelimited[actuator]:
+            ranges.append(np.sort(model.actuator_forcerange[actuator] * model.actuator_gear[actuator, 0]))
+        if model.jnt_actfrclimited[joint]:
+            ranges.append(model.jnt_actfrcrange[joint])
+        for lower, upper in ranges:
+            low[row], high[row] = max(low[row], lower), min(high[row], upper)
+    return low, high

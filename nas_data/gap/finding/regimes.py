@@ -1,0 +1,138 @@
+"""Where a joint's error is: its size in each bin of each condition, beside the rest of that joint's rows."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from nas_data.gap.evidence import Evidence
+from nas_data.gap.finding.conditions import Condition
+from nas_data.gap.finding.significance import grouped_chance, holm, paired_chance
+
+FEWEST = 20  # rows below which a bin or its rest says nothing
+VISIBLE = 1.2  # noise floors that a joint's error must exceed for its bins to be tested: less has no place
+PRESENT = 5  # rows that an episode needs on either side to be compared within
+SEED = 0
+
+
+@dataclass(frozen=True)
+class Bin:
+    """The error of one joint under one condition.
+
+    Attributes:
+        joint: Which.
+        regime: Name of the condition.
+        bin: Name of the bin.
+        rows: Rows in it.
+        rmse: Error there [rad].
+        mean: Mean error there, model minus measured [rad]; of opposite signs in the two directions where friction,
+            play or a lag is missing in the model.
+        rest: Error in the condition's other bins [rad].
+        ratio_to_noise: `rmse` over the noise floor.
+        share: Part of the joint's total squared error.
+        chance: Chance of a difference to the rest as large, were there none; 1 where the joint has no gap to place.
+        significant: Whether it differs from the rest, all bins of the arm considered.
+    """
+
+    joint: str
+    regime: str
+    bin: str
+    rows: int
+    rmse: float
+    mean: float
+    rest: float
+    ratio_to_noise: float
+    share: float
+    chance: float
+    significant: bool
+
+    def to_json(self) -> dict[str, object]:
+        """Return the form for machines."""
+        return asdict(self)
+
+
+def find_regimes(
+    evidence: Evidence, predicted: np.ndarray, conditions: Sequence[Condition], floor: np.ndarray
+) -> tuple[Bin, ...]:
+    """Compare every bin with the other bins of its condition, joint by joint.
+
+    Args:
+        evidence: What was measured.
+        predicted: Open-loop positions [rad], shape (E, T, n).
+        conditions: Divisions of the rows.
+        floor: Noise floor [rad], shape (n,).
+    """
+    errors = evidence.errors(predicted)
+    rng = np.random.default_rng(SEED)
+    found = [
+        measured
+        for joint in range(len(evidence.joints))
+        for condition in conditions
+        for number in range(len(condition.bins))
+        if (measured := measure(evidence, errors[..., joint], condition, joint, number, float(floor[joint]), rng))
+    ]
+    return corrected(found)
+
+
+def corrected(found: Sequence[Bin]) -> tuple[Bin, ...]:
+    """Decide which bins differ, all that were tested considered."""
+    tested = np.array([measured.chance < 1 for measured in found], bool)
+    significant = np.zeros(len(found), bool)
+    significant[tested] = holm(np.array([measured.chance for measured in found])[tested])
+    return tuple(replace(measured, significant=bool(real)) for measured, real in zip(found, significant, strict=True))
+
+
+def measure(
+    evidence: Evidence,
+    errors: np.ndarray,
+    condition: Condition,
+    joint: int,
+    number: int,
+    floor: float,
+    rng: np.random.Generator,
+) -> Bin | None:
+    """Measure one bin of one joint with errors (E, T), not corrected for other bins; None where too few rows are."""
+    labels, squared = condition.labels[..., joint], errors**2
+    here, there = labels == number, (labels >= 0) & (labels != number)
+    if min(here.sum(), there.sum()) < FEWEST:
+        return None
+    rmse, rest = (float(np.sqrt(squared[rows].mean())) for rows in (here, there))
+    compare = chance_between if condition.whole_episodes else chance_within
+    visible = squared[evidence.counts].mean() > (VISIBLE * floor) ** 2
+    return Bin(
+        joint=evidence.joints[joint],
+        regime=condition.name,
+        bin=condition.bins[number],
+        rows=int(here.sum()),
+        rmse=rmse,
+        mean=float(errors[here].mean()),
+        rest=rest,
+        ratio_to_noise=rmse / floor,
+        share=float(squared[here].sum() / max(squared.sum(), np.finfo(float).tiny)),
+        chance=compare(squared, here, there, floor, rng) if visible else 1.0,
+        significant=False,
+    )
+
+
+def chance_within(
+    squared: np.ndarray, here: np.ndarray, there: np.ndarray, floor: float, rng: np.random.Generator
+) -> float:
+    """Compare two sets of rows (E, T) within each episode that has enough of both."""
+    both = (here.sum(1) >= PRESENT) & (there.sum(1) >= PRESENT)
+    logs = [log_mean(squared[both], rows[both], floor) for rows in (here, there)]
+    return paired_chance(logs[0] - logs[1], rng)
+
+
+def chance_between(
+    squared: np.ndarray, here: np.ndarray, there: np.ndarray, floor: float, rng: np.random.Generator
+) -> float:
+    """Compare two sets of whole episodes."""
+    return grouped_chance(log_mean(squared, here | there, floor), np.asarray(here.any(1)), rng)
+
+
+def log_mean(squared: np.ndarray, rows: np.ndarray, floor: float) -> np.ndarray:
+    """Return the logarithm of each episode's mean squared error over some rows, the floor beneath it; shape (E,).
+
+    The logarithm keeps one episode that went astray from ruling the others; differences below the floor vanish.
+    """
+    return np.asarray(np.log(floor**2 + (squared * rows).sum(1) / np.maximum(rows.sum(1), 1)))

@@ -1,0 +1,89 @@
+"""What was found, as a short text in degrees."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from nas_data.gap.finding.audits.base import Check
+from nas_data.gap.finding.joint_gaps import JointGap
+from nas_data.gap.finding.regimes import Bin
+
+SHOWN = 3  # regimes a joint
+LARGER = 1.2  # error in a bin over that in the rest from which it is worth naming
+VISIBLE = 1.5  # noise floors that a joint's gap must exceed for its regimes to be named
+TURNING = 0.3  # mean error over its root mean square from which a sign is worth a word
+COLUMNS = {
+    "noise": "floor",
+    "one step": "one_step",
+    "(hold)": "one_step_hold",
+    "open loop": "open_loop",
+    "(hold) ": "open_loop_hold",
+    "(command)": "open_loop_command",
+    "repeats": "repeatability",
+}
+
+
+def found_text(
+    joints: Mapping[str, JointGap], regimes: Sequence[Bin], audit: Sequence[Check], undecidable: Sequence[str]
+) -> str:
+    """Return all of it, the recording first."""
+    parts = [
+        "Recording\n"
+        + "\n".join(f"  {'ok   ' if check.ok else 'LOOK '}{check.check}: {check.finding}" for check in audit),
+        joint_table(joints),
+        "Where the error is (open loop; larger beyond chance)\n" + regime_lines(joints, regimes),
+    ]
+    if undecidable:
+        parts.append("What cannot be decided\n" + "\n".join(f"  {sentence}" for sentence in undecidable))
+    return "\n\n".join(parts)
+
+
+def joint_table(joints: Mapping[str, JointGap]) -> str:
+    """Return the gap of each joint, a row each."""
+    width = max(len(joint) for joint in joints)
+    used = {head: key for head, key in COLUMNS.items() if any(getattr(gap, key) is not None for gap in joints.values())}
+    lines = [
+        "Gap: RMSE of positions [deg]",
+        f"  {'':<{width}}" + "".join(f"{head:>11}" for head in used) + "  open loop / noise",
+    ]
+    for joint, gap in joints.items():
+        cells = "".join(f"{degrees(getattr(gap, key)):>11}" for key in used.values())
+        lines.append(f"  {joint:<{width}}{cells}{gap.ratio_to_noise:19.1f}")
+    return "\n".join(lines)
+
+
+def degrees(angle: float | None) -> str:
+    """Return an angle [rad] in degrees, a dash where there is none."""
+    return "–" if angle is None else f"{np.degrees(angle):.3f}"
+
+
+def regime_lines(joints: Mapping[str, JointGap], regimes: Sequence[Bin]) -> str:
+    """Return each joint's significant bins with the largest errors, and an error that turns with the motion."""
+    lines = []
+    for joint, gap in joints.items():
+        bins = [measured for measured in regimes if measured.joint == joint]
+        worst = [b for b in bins if b.significant and b.rmse > LARGER * b.rest]
+        worst = sorted(worst, key=lambda measured: -measured.rmse / max(measured.rest, 1e-9))[:SHOWN]
+        said = [place(measured) for measured in worst] + turning(bins, gap.floor)
+        if said and gap.ratio_to_noise > VISIBLE:
+            lines.append(f"  {joint}  " + "; ".join(said))
+    return "\n".join(lines) if lines else "  nowhere in particular"
+
+
+def place(measured: Bin) -> str:
+    """Return where a joint's error is larger, and by how much."""
+    here, rest = np.degrees([measured.rmse, measured.rest])
+    return f"{measured.regime}: {measured.bin} {here:.2f}° (else {rest:.2f}°, {100 * measured.share:.0f} % of all)"
+
+
+def turning(bins: Sequence[Bin], floor: float) -> list[str]:
+    """Return a joint's mean errors in both directions of motion where they are opposite and no noise."""
+    ways = {measured.bin: measured for measured in bins if measured.regime == "direction"}
+    if len(ways) < 2:
+        return []
+    back, forth = ways["negative"], ways["positive"]
+    small = any(abs(way.mean) < max(VISIBLE * floor, TURNING * way.rmse) for way in (back, forth))
+    if small or back.mean * forth.mean > 0:
+        return []
+    ahead = "is ahead of" if forth.mean > 0 else "lags"
+    return [f"the model {ahead} the motion both ways ({np.degrees(back.mean):+.2f}°, {np.degrees(forth.mean):+.2f}°)"]

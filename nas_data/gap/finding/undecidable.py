@@ -1,0 +1,73 @@
+"""What cannot be decided from a recording, whatever is fitted to it, and what to record instead."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from nas_data.gap.finding.audits.excitation import constant, names, unmoved
+from nas_data.gap.finding.audits.timing import episode_rates, periods
+from nas_data.gap.finding.recorded import Recorded
+from nas_data.gap.finding.regimes import Bin
+from nas_data.gap.finding.significance import episodes_needed
+
+SHORT = 5.0  # [s] of recording below which little can be told
+RATES = 0.02  # relative difference between the rates of episodes
+
+
+def undecidable(recorded: Recorded, floor: np.ndarray, regimes: Sequence[Bin]) -> tuple[str, ...]:
+    """Return one sentence for each thing that cannot be decided, with the remedy."""
+    said = [*about_motion(recorded, floor), *about_time(recorded), *about_episodes(recorded, regimes)]
+    return tuple(said)
+
+
+def about_motion(recorded: Recorded, floor: np.ndarray) -> list[str]:
+    """Say about which joints nothing can be told."""
+    evidence = recorded.evidence
+    still = unmoved(evidence, floor)
+    if still.all():
+        return ["No joint moves in any episode, so no gap can be explained: record the arm in motion."]
+    steady = constant(evidence)
+    said = []
+    if steady.any():
+        said.append(
+            f"What is missing at {names(evidence, steady)} cannot be decided, because its command never changes: "
+            "record commands that move it."
+        )
+    if (still & ~steady).any():
+        said.append(
+            f"{names(evidence, still & ~steady)} never moves although it is commanded to, so no effect there can be "
+            "told from a servo that is released, stuck or not connected."
+        )
+    return said
+
+
+def about_time(recorded: Recorded) -> list[str]:
+    """Say where the recording is too short, or has several rates."""
+    said = []
+    seconds = float(recorded.evidence.counts.sum()) * recorded.evidence.period
+    if seconds < SHORT:
+        said.append(f"The recording lasts {seconds:.2g} s, which is too short to tell effects apart: record a minute.")
+    steps = periods(recorded)
+    if steps is not None:
+        rates = episode_rates(recorded, steps)
+        if rates.max() / rates.min() > 1 + RATES:
+            hertz = rates / recorded.evidence.period
+            said.append(
+                f"Episodes run at different rates, {hertz.min():.4g} to {hertz.max():.4g} Hz by their clock, so delays "
+                "and speeds cannot be decided: divide the dataset by rate, or import it with [resample]."
+            )
+    return said
+
+
+def about_episodes(recorded: Recorded, regimes: Sequence[Bin]) -> list[str]:
+    """Say where there are too few episodes."""
+    tested = sum(measured.chance < 1 for measured in regimes)
+    count, needed = len(recorded.evidence), episodes_needed(tested)
+    if count < 2:
+        return ["There is one episode only, so nothing can be checked on another: record several, or divide it."]
+    if tested and count < needed:
+        return [
+            f"In which regimes the gap is larger cannot be decided beyond chance from {count} episodes; "
+            f"{needed} would be enough."
+        ]
+    return []

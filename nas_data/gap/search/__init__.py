@@ -1,0 +1,1 @@
+"""The search for effects: guesses, fits, choices."""

@@ -1,0 +1,298 @@
+"""Choose the effects: add what helps, several joints at once, then drop what held-out episodes do not need."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nas_data.effects.base import Effect
+from nas_data.gap.search.fit import Fit, Task, fit, penalty, slopes
+from nas_data.gap.search.scales import scales
+from nas_data.gap.search.screen import Candidate, screen
+from nas_data.gap.search.unknowns import Unknowns, free_base
+
+SCREENED = 6  # episodes on which candidates are compared
+SCREENED_ROWS = 1800  # rows on which they are compared at least, where episodes are short
+SHORTLIST = 6  # candidates that are fitted, of those screened
+BESIDE = 3  # candidates beside the best of each joint
+FINALISTS = 3  # short fits that are continued
+MOST = 12  # effects in one arm
+AT_FLOOR = 1.15  # noise floors below which nothing is looked for
+UNSATISFIED = 1.25  # noise floors above which other effects are tried in the place of one that was found
+EXCHANGED = 4  # of them
+PROMISE = 5.0  # nats by which the first order must lower the loss, or a candidate is not fitted
+SLACK = 60.0  # nats that the first order may be wrong by around the unfitted model
+CHANCE = 150.0  # nats by which a short fit may lie behind the best and still be continued
+GAIN = 8.0  # nats by which an added effect must lower the loss on fitted episodes
+BETTER = 0.90  # held-out error of the most improved joint, with over without the effect
+WINS = 0.75  # share of held-out episodes in which the effect must help
+MARK = 2.0  # noise floors that an effect must move a joint by, or it is too small to be named
+
+MOVED = 10.0  # noise floors between a joint's extremes in an episode from which it counts as having moved
+POOR = 3.0  # noise floors of rest above which a joint may be called unexplained
+UNEXPLAINED = 0.5  # part of a joint's error that must stay, for it to be called so
+
+Place = tuple[str, str | None]
+
+
+def place(effect: Effect) -> Place:
+    """Return an effect's name and joint."""
+    return effect.name(), effect.joint
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A fitted set of effects, judged on held-out episodes.
+
+    Attributes:
+        fit: Fit on some training episodes.
+        heldout: Mean squares on held-out episodes [rad²], shape (E, n).
+    """
+
+    fit: Fit
+    heldout: np.ndarray
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The fitted effects."""
+        return self.fit.effects
+
+    @property
+    def loss(self) -> float:
+        """Loss on the fitted episodes: misfit and prior."""
+        return self.fit.misfit + penalty(self.fit.unknowns, self.fit.numbers)
+
+    def text(self) -> str:
+        """Say it in a line."""
+        parts = [
+            f"{e.name()}({e.joint or 'arm'}: {', '.join(f'{getattr(e, p.name):.4g}' for p in e.parameters)})"
+            for e in self.effects
+        ]
+        return ", ".join(parts) or "base only"
+
+
+@dataclass
+class Search:
+    """The search for missing effects in one dataset.
+
+    Attributes:
+        train: Model and training episodes.
+        held: Model and held-out episodes.
+        say: Told what is going on.
+        rivals: For each place, hypotheses that competed with it when it was added.
+    """
+
+    train: Task
+    held: Task
+    say: Callable[[str], None] = lambda text: None
+    rivals: dict[Place, list[Effect]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        count, steps = self.train.evidence.commands.shape[:2]
+        wanted = max(SCREENED, SCREENED_ROWS // steps)
+        chosen = np.unique(np.linspace(0, count - 1, min(count, wanted)).round().astype(int))
+        self.sub = self.train.select(chosen).corrected((), {})
+        self.held = self.held.corrected((), {})
+        unknowns = Unknowns((), self.train.nominal.base)
+        start = unknowns.start()
+        predicted = self.sub.predict(unknowns, start)
+        assert predicted is not None, "the model was rolled out before"
+        grad = slopes(self.sub, unknowns, start, predicted, range(unknowns.size))
+        self.nominal = self.judged(Fit(unknowns, start, predicted, self.sub.misfit(predicted), grad))
+        self.sizes = scales(self.train.nominal, self.sub.evidence, predicted)
+        self.lively = lively(self.train)
+        null = self.fitted((), {}, self.nominal.fit, steps=8)
+        self.null = self.nominal if null is None or null.loss > self.nominal.loss else null
+        self.report("base alone", self.null)
+
+    def judged(self, found: Fit) -> Hypothesis:
+        """Roll a fit out on the held-out episodes."""
+        predicted = self.held.predict(found.unknowns, found.numbers)
+        if predicted is None:
+            return Hypothesis(found, np.full((len(self.held.evidence), len(self.held.floor)), np.inf))
+        return Hypothesis(found, self.held.evidence.mean_squares(predicted))
+
+    def fitted(
+        self, effects: Sequence[Effect], factors: dict[str, float], near: Fit | None = None, steps: int = 6
+    ) -> Hypothesis | None:
+        """Fit a set of effects from guesses; `near` lends its slopes by the base. None where the model diverges."""
+        unknowns = Unknowns(tuple(effects), free_base(self.train.nominal.base, effects))
+        found = fit(self.sub, unknowns, unknowns.start(factors), lent_slopes(near, unknowns), steps)
+        return None if found is None else self.judged(found)
+
+    def run(self) -> Hypothesis:
+        """Search and return the hypothesis that is kept."""
+        kept, around = self.null, self.nominal.fit
+        if not self.lively:
+            return kept
+        while len(kept.effects) < MOST and self.ratio(kept).max() > AT_FLOOR:
+            ranked = self.extensions(kept, around)
+            grown = self.grown(kept, ranked)
+            if grown is None:
+                break
+            kept = self.exchanged(self.refined(grown))
+            self.report("added", kept)
+            around = kept.fit
+        return self.pruned(self.adequate(self.pruned(kept)))
+
+    def adequate(self, kept: Hypothesis) -> Hypothesis:
+        """Take back the names in joints of which most stays unexplained: their cause is not in the catalogue."""
+        rest, null = self.ratio(kept), self.ratio(self.judged(self.null.fit))
+        joints = zip(self.train.nominal.joints, rest, null, strict=True)
+        unknown = {joint for joint, left, before in joints if left > POOR and left > UNEXPLAINED * before}
+        sound = tuple(effect for effect in kept.effects if effect.joint not in unknown)
+        if len(sound) == len(kept.effects):
+            return kept
+        other = self.fitted(sound, kept.fit.factors, kept.fit, steps=4) if sound else self.judged(self.null.fit)
+        if other is None:
+            return kept
+        self.report(f"{', '.join(sorted(unknown))} not explained by any effect", other)
+        return other
+
+    def extensions(self, kept: Hypothesis, around: Fit) -> list[Hypothesis]:
+        """Return the hypotheses that one more effect makes, best first."""
+        ratios = zip(self.train.nominal.joints, self.ratio(kept), strict=True)
+        wanted = {joint for joint, ratio in ratios if ratio > AT_FLOOR and joint in self.lively}
+        found = screen(self.sub, around, self.sizes, wanted)
+        shortlist = shortened(found, kept.loss - PROMISE, SLACK if around is self.nominal.fit else 0.0)
+        quick = [self.fitted((*around.effects, c.effect), c.factors, around, steps=2) for c in shortlist]
+        ranked = sorted((h for h in quick if h), key=lambda h: h.loss)
+        ahead = [h for h in ranked if h.loss < ranked[0].loss + CHANCE][:FINALISTS]
+        ranked = sorted([*map(self.continued, ahead), *ranked[len(ahead) :]], key=lambda h: h.loss)
+        for h in ranked[:4]:
+            self.report("  tried", h)
+        return ranked
+
+    def grown(self, kept: Hypothesis, ranked: Sequence[Hypothesis]) -> Hypothesis | None:
+        """Add the best effect, and with it the best of other joints where each lowers the loss by its own; or None."""
+        useful = [h for h in ranked if kept.loss - h.loss > GAIN and self.gain(kept, h) > 0]
+        if not useful:
+            return None
+        self.remember(ranked)
+        best = useful[0]
+        for other in useful[1:]:
+            added = other.effects[-1]
+            if added.joint is None or best.effects[-1].joint is None or len(best.effects) >= MOST:
+                continue
+            if added.joint in {effect.joint for effect in best.effects[len(kept.effects) :]}:
+                continue
+            both = self.fitted((*best.effects, added), best.fit.factors, best.fit, steps=3)
+            if both and best.loss - both.loss > max(GAIN, 0.5 * (kept.loss - other.loss)):
+                best = both
+        return best
+
+    def remember(self, ranked: Sequence[Hypothesis]) -> None:
+        """Note which effects competed for a joint."""
+        for h in ranked:
+            added = h.effects[-1]
+            near = [o.effects[-1] for o in ranked if o is not h and added.joint in (o.effects[-1].joint, None)]
+            self.rivals.setdefault(place(added), []).extend(near)
+
+    def exchanged(self, h: Hypothesis) -> Hypothesis:
+        """Try other effects in the place of each whose joint is still above the floor: the first found may stand in."""
+        for number, effect in enumerate(h.effects):
+            joints = self.train.nominal.joints
+            if effect.joint is None or self.ratio(h)[joints.index(effect.joint)] <= UNSATISFIED:
+                continue
+            rest = self.without(h, number)
+            if rest is None:
+                continue
+            found = [c for c in screen(self.sub, rest.fit, self.sizes, {effect.joint}) if c.effect.joint is not None]
+            others = [c for c in found if c.place != place(effect)][:EXCHANGED]
+            quick = [self.fitted((*rest.effects, c.effect), c.factors, rest.fit, steps=3) for c in others]
+            ranked = sorted((other for other in quick if other), key=lambda other: other.loss)
+            best = self.continued(ranked[0]) if ranked else None
+            if best and best.loss < h.loss - GAIN:
+                self.rivals.setdefault(place(best.effects[-1]), []).append(effect)
+                self.report(f"  {effect.name()} exchanged", best)
+                return self.exchanged(self.refined(best))
+        return h
+
+    def refined(self, h: Hypothesis) -> Hypothesis:
+        """Correct for finer physics steps at the hypothesis and fit on."""
+        self.sub = self.sub.corrected(h.effects, h.fit.factors)
+        self.held = self.held.corrected(h.effects, h.fit.factors)
+        return self.continued(h)
+
+    def continued(self, h: Hypothesis) -> Hypothesis:
+        """Fit further from where a fit ended."""
+        found = fit(self.sub, h.fit.unknowns, h.fit.numbers, None, steps=5)
+        return self.judged(found) if found else h
+
+    def pruned(self, kept: Hypothesis) -> Hypothesis:
+        """Leave out every effect that held-out episodes do not need, the least needed first."""
+        while kept.effects:
+            rests = [self.without(kept, number) for number in range(len(kept.effects))]
+            spare = [rest for rest in rests if rest is not None and not self.needs(rest, kept)]
+            if not spare:
+                return kept
+            kept = min(spare, key=lambda rest: rest.loss)
+            self.report("dropped to", kept)
+        return kept
+
+    def without(self, kept: Hypothesis, number: int) -> Hypothesis | None:
+        """Return the hypothesis with one effect fewer, fitted anew."""
+        rest = tuple(effect for place, effect in enumerate(kept.effects) if place != number)
+        if not rest:
+            return self.judged(self.null.fit)
+        return self.fitted(rest, kept.fit.factors, kept.fit, steps=4)
+
+    def gain(self, without: Hypothesis, with_: Hypothesis) -> float:
+        """Return by how much an effect lowers the log of the held-out error, mean over episodes, summed over joints."""
+        return float(-self.logs(without, with_).sum(1).mean())
+
+    def needs(self, without: Hypothesis, with_: Hypothesis) -> bool:
+        """Whether an effect is worth its name on held-out episodes."""
+        logs = self.logs(without, with_)
+        best = int(logs.mean(0).argmin())
+        wins = float((logs[:, best] < 0).mean())
+        return bool(np.exp(logs.mean(0)[best]) <= BETTER and wins >= WINS)
+
+    def logs(self, without: Hypothesis, with_: Hypothesis) -> np.ndarray:
+        """Return the log of the ratio of held-out errors, shape (E, n); negative where the effect helps."""
+        floor = self.held.floor**2
+        return np.asarray(0.5 * np.log((floor + with_.heldout) / (floor + without.heldout)))
+
+    def ratio(self, hypothesis: Hypothesis) -> np.ndarray:
+        """Return the held-out error over the floor, the median over episodes, shape (n,)."""
+        return np.asarray(np.sqrt(np.median(hypothesis.heldout, axis=0)) / self.held.floor)
+
+    def report(self, word: str, h: Hypothesis) -> None:
+        """Say what was found."""
+        self.say(f"{word}: {h.text()}; loss {h.loss:.1f}, rest/floor {' '.join(f'{r:.2f}' for r in self.ratio(h))}")
+
+
+def lively(task: Task) -> set[str]:
+    """Return the joints that were commanded to move and moved: a joint that stood still tells no cause."""
+    evidence = task.evidence
+    commanded = np.ptp(evidence.commands, axis=1).max(0) > 0
+    moved = np.ptp(evidence.measured, axis=1).max(0) > MOVED * task.floor
+    return {joint for joint, told in zip(evidence.joints, commanded & moved, strict=True) if told}
+
+
+def lent_slopes(near: Fit | None, unknowns: Unknowns) -> np.ndarray | None:
+    """Return another fit's slopes by the base parameters of a hypothesis, None where it lacks one."""
+    if near is None:
+        return None
+    first = len(near.unknowns.sought)
+    known = {parameter: first + number for number, parameter in enumerate(near.unknowns.base)}
+    if not all(parameter in known for parameter in unknowns.base):
+        return None
+    return near.slopes[[known[parameter] for parameter in unknowns.base]]
+
+
+def shortened(found: Sequence[Candidate], reach: float, slack: float) -> list[Candidate]:
+    """Return the candidates that are worth a fit: the best of each joint, and the best of all.
+
+    Args:
+        found: Candidates, the most promising first.
+        reach: First-order misfit below which a candidate promises enough.
+        slack: By how much the first order may be too high.
+    """
+    leaders: dict[str | None, Candidate] = {}
+    for candidate in found:
+        if candidate.misfit < reach:
+            leaders.setdefault(candidate.effect.joint, candidate)
+    others = [c for c in found if c.misfit < reach + slack and leaders.get(c.effect.joint) is not c]
+    chosen = [*leaders.values(), *others[: max(SHORTLIST - len(leaders), BESIDE)]]
+    return sorted(chosen, key=lambda candidate: candidate.misfit)

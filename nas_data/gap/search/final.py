@@ -1,0 +1,89 @@
+"""The last fit, on all training episodes, and how sure it makes of every number."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nas_data.effects.base import Effect, Parameter
+from nas_data.gap.search.fit import Fit, Task, fit
+from nas_data.gap.search.unknowns import Unknowns, free_base
+
+ROUNDS = 2  # fits, each with the correction for finer steps computed where the last one ended
+NORMAL95 = 1.96  # standard deviations on each side that hold 95 % of a normal distribution
+
+
+@dataclass(frozen=True)
+class Final:
+    """A hypothesis fitted to all training episodes.
+
+    Attributes:
+        effects: Effects with fitted parameters.
+        factors: Factors of the base parameters, by name.
+        intervals: For each effect, lowest and highest value of each parameter in 95 % of repetitions.
+    """
+
+    effects: tuple[Effect, ...]
+    factors: Mapping[str, float]
+    intervals: tuple[Mapping[str, tuple[float, float]], ...]
+
+
+def finish(task: Task, effects: Sequence[Effect], factors: dict[str, float], rounds: int = ROUNDS) -> Final:
+    """Fit a chosen hypothesis to all training episodes.
+
+    Args:
+        task: Model and all training episodes.
+        effects: Effects where the search left them.
+        factors: Base factors likewise.
+        rounds: How often.
+    """
+    unknowns = Unknowns(tuple(effects), free_base(task.nominal.base, effects))
+    numbers = unknowns.start(factors)
+    found: Fit | None = None
+    for _ in range(rounds):
+        task = task.corrected(unknowns.effects_at(numbers), unknowns.factors_at(numbers))
+        better = fit(task, unknowns, numbers, None, steps=3)
+        if better is None:
+            break
+        found, numbers = better, better.numbers
+    if found is None:
+        return Final(tuple(effects), factors, tuple({} for _ in effects))
+    return Final(found.effects, found.factors, intervals(task, found))
+
+
+def intervals(task: Task, found: Fit) -> tuple[Mapping[str, tuple[float, float]], ...]:
+    """Return the 95 % intervals of the effects' parameters from the curvature of the loss.
+
+    Errors of a rollout are alike for a while (`CORRELATION`); so many rows count as one, or intervals would be too
+    narrow several times over.
+    """
+    weights = task.weights(found.predicted) * task.evidence.counts[..., None]
+    rows = (found.slopes * weights).reshape(len(found.slopes), -1)
+    square = rows @ rows.T + np.diag(found.unknowns.prior() ** 2) + 1e-9 * np.eye(len(rows))
+    spread = np.sqrt(np.clip(np.diag(np.linalg.inv(square)), 0.0, None))
+    result: list[dict[str, tuple[float, float]]] = [{} for _ in found.effects]
+    for unknown, number, width in zip(found.unknowns.sought, found.numbers, spread, strict=False):
+        ends = [unknown.value(float(number) + sign * NORMAL95 * float(width)) for sign in (-1, 1)]
+        result[unknown.place][unknown.parameter.name] = (min(ends), max(ends))
+    return tuple(result)
+
+
+def retuned(factors: Mapping[str, float], smallest: float = 0.005) -> list[dict[str, object]]:
+    """Return the base parameters that were changed by half a percent or more, as the report lists them."""
+    return [
+        {"parameter": name, "factor": round(factor, 4)}
+        for name, factor in factors.items()
+        if abs(math.log(factor)) > smallest
+    ]
+
+
+def values(effect: Effect, interval: Mapping[str, tuple[float, float]]) -> dict[str, object]:
+    """Return an effect's parameters with units and intervals, as the report lists them."""
+
+    def entry(parameter: Parameter) -> dict[str, object]:
+        value = float(getattr(effect, parameter.name))
+        low, high = interval.get(parameter.name, (value, value))
+        return {"value": value, "unit": parameter.unit, "interval95": [low, high]}
+
+    return {parameter.name: entry(parameter) for parameter in effect.parameters}

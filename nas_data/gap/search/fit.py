@@ -1,0 +1,233 @@
+"""Fit a hypothesis to episodes: Gauss-Newton on open-loop rollouts, robust between episodes and between joints."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from nas_data.effects.base import Effect
+from nas_data.errors import ModelFileError
+from nas_data.gap.evidence import Evidence
+from nas_data.gap.nominal import Nominal, fine_timestep, with_timestep
+from nas_data.gap.search.unknowns import STEP, Unknowns
+
+CORRELATION = 0.15  # [s] over which errors of a rollout are alike: so many rows count as one observation
+DAMPING = (0.0, 0.1, 1.0, 10.0)  # Levenberg-Marquardt: how cautious a step is, tried in this order
+ENOUGH = 1e-3  # relative improvement of the loss below which a fit has converged
+LONGEST_STEP = 1.5  # of any number in one step: a factor of 4.5 in a parameter
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is fitted to what.
+
+    Attributes:
+        nominal: Model.
+        evidence: Episodes.
+        floor: Noise floor of each joint [rad], shape (n,).
+        correction: What finer physics steps would change in the positions [rad], shape (E, T, n), or 0.
+    """
+
+    nominal: Nominal
+    evidence: Evidence
+    floor: np.ndarray
+    correction: np.ndarray | float = 0.0
+
+    def select(self, episodes: Sequence[int] | np.ndarray) -> "Task":
+        """Return the task on some of the episodes."""
+        return Task(self.nominal, self.evidence.select(episodes), self.floor)
+
+    def corrected(self, effects: Sequence[Effect], factors: dict[str, float]) -> "Task":
+        """Return the task with the correction for finer physics steps, computed at a hypothesis.
+
+        A model's own timestep delays it by about half a step, more than the noise shows. Simulating everything in
+        fine steps would cost four times as much; the difference hardly depends on the parameters.
+        """
+        fine = with_timestep(self.nominal, fine_timestep(self.nominal))
+        try:
+            rough = self.nominal.predict(self.evidence, effects, factors)
+            return replace(self, correction=fine.predict(self.evidence, effects, factors) - rough)
+        except ModelFileError:
+            return replace(self, correction=0.0)
+
+    def predict(self, unknowns: Unknowns, numbers: np.ndarray) -> np.ndarray | None:
+        """Return positions (E, T, n) for fitted numbers, None where the model diverges."""
+        try:
+            effects, factors = unknowns.effects_at(numbers), unknowns.factors_at(numbers)
+            return self.nominal.predict(self.evidence, effects, factors) + self.correction
+        except ModelFileError:
+            return None
+
+    @property
+    def observations(self) -> np.ndarray:
+        """How many independent observations an episode is worth, shape (E, 1)."""
+        return np.asarray(self.evidence.counts.sum(1)[:, None] * self.evidence.period / CORRELATION)
+
+    def misfit(self, predicted: np.ndarray | None) -> float:
+        """Return half the log of the mean squared error, summed over episodes and joints, each by its observations.
+
+        It is the likelihood of errors whose size differs by episode and joint: no episode that went astray, and no
+        joint with an effect still unnamed, rules the others.
+        """
+        if predicted is None:
+            return np.inf
+        squares = self.evidence.mean_squares(predicted)
+        return float((0.5 * self.observations * np.log(self.floor**2 + squares)).sum())
+
+    def weights(self, predicted: np.ndarray) -> np.ndarray:
+        """Return the weight of each error in the least squares that the misfit amounts to, shape (E, 1, n)."""
+        squares = self.evidence.mean_squares(predicted)
+        share = self.evidence.period / CORRELATION
+        return np.asarray(np.sqrt(share / (self.floor**2 + squares)))[:, None]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted hypothesis.
+
+    Attributes:
+        unknowns: The hypothesis.
+        numbers: Fitted numbers.
+        predicted: Positions [rad], shape (E, T, n).
+        misfit: Misfit without prior.
+        slopes: Change of the positions per number, shape (size, E, T, n).
+    """
+
+    unknowns: Unknowns
+    numbers: np.ndarray
+    predicted: np.ndarray
+    misfit: float
+    slopes: np.ndarray
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The fitted effects."""
+        return self.unknowns.effects_at(self.numbers)
+
+    @property
+    def factors(self) -> dict[str, float]:
+        """The fitted base factors, by name."""
+        return self.unknowns.factors_at(self.numbers)
+
+
+def penalty(unknowns: Unknowns, numbers: np.ndarray) -> float:
+    """Return the prior's part of the loss."""
+    return float(0.5 * ((unknowns.prior() * numbers) ** 2).sum())
+
+
+def slopes(
+    task: Task, unknowns: Unknowns, numbers: np.ndarray, predicted: np.ndarray, columns: Sequence[int] | range
+) -> np.ndarray:
+    """Return finite differences of the positions by some of the numbers, shape (columns, E, T, n)."""
+    _, high = unknowns.bounds()
+    result = np.zeros((len(columns), *predicted.shape))
+    for row, column in enumerate(columns):
+        step = STEP if numbers[column] + STEP <= high[column] else -STEP
+        moved = numbers.copy()
+        moved[column] += step
+        other = task.predict(unknowns, moved)
+        if other is not None:
+            result[row] = (other - predicted) / step
+    return result
+
+
+def fit(
+    task: Task,
+    unknowns: Unknowns,
+    numbers: np.ndarray,
+    base_slopes: np.ndarray | None = None,
+    steps: int = 6,
+    refresh: int = 3,
+) -> Fit | None:
+    """Fit a hypothesis.
+
+    Args:
+        task: Model and episodes.
+        unknowns: Hypothesis.
+        numbers: Where to start, shape (size,).
+        base_slopes: Slopes by the base's numbers found elsewhere, to start with, shape (base, E, T, n).
+        steps: Most Gauss-Newton steps.
+        refresh: After how many steps all slopes are measured anew; between, they are updated as Broyden does.
+
+    Returns:
+        The fit, None where the model diverges at the start.
+    """
+    low, high = unknowns.bounds()
+    numbers = np.clip(numbers, low, high)
+    predicted = task.predict(unknowns, numbers)
+    if predicted is None:
+        return None
+    sought = len(unknowns.sought)
+    loss = task.misfit(predicted) + penalty(unknowns, numbers)
+    grad = slopes(task, unknowns, numbers, predicted, range(sought if base_slopes is not None else unknowns.size))
+    if base_slopes is not None:
+        grad = np.concatenate([grad, base_slopes])
+    age = 0 if base_slopes is None else 1
+    for _ in range(steps):
+        found = step(task, unknowns, numbers, predicted, grad, loss)
+        if found is None:
+            if age == 0:
+                break
+            grad, age = slopes(task, unknowns, numbers, predicted, range(unknowns.size)), 0
+            continue
+        moved, other, better = found
+        change = moved - numbers
+        grad = grad + broyden(grad, change, other - predicted)
+        converged = loss - better < ENOUGH * max(1.0, abs(float(task.observations.sum())))
+        numbers, predicted, loss, age = moved, other, better, age + 1
+        if converged and age > 0:
+            break
+        if age >= refresh:
+            grad, age = slopes(task, unknowns, numbers, predicted, range(unknowns.size)), 0
+        elif sought:
+            grad[:sought] = slopes(task, unknowns, numbers, predicted, range(sought))
+    return Fit(unknowns, numbers, predicted, task.misfit(predicted), grad)
+
+
+def broyden(grad: np.ndarray, change: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    """Return the smallest correction of slopes that explains how the positions moved, shape (size, E, T, n)."""
+    missing = moved - np.tensordot(change, grad, 1)
+    return np.asarray(change[:, None, None, None] * missing[None] / max(float(change @ change), 1e-12))
+
+
+def step(
+    task: Task, unknowns: Unknowns, numbers: np.ndarray, predicted: np.ndarray, grad: np.ndarray, loss: float
+) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """Return numbers, positions and loss after one step that lowers the loss, None where none does."""
+    low, high = unknowns.bounds()
+    weights = task.weights(predicted)
+    rows = (grad * weights).reshape(len(grad), -1)
+    errors = (task.evidence.errors(predicted) * weights).ravel()
+    rows = rows * np.repeat(task.evidence.counts[..., None], predicted.shape[2], -1).ravel()
+    square = rows @ rows.T
+    prior = unknowns.prior() ** 2
+    pull = rows @ errors + prior * numbers
+    for damping in DAMPING:
+        change = constrained(square + np.diag(prior), pull, damping, low - numbers, high - numbers)
+        change *= min(1.0, LONGEST_STEP / max(float(np.abs(change).max()), 1e-12))
+        moved = np.clip(numbers + change, low, high)
+        other = task.predict(unknowns, moved)
+        better = task.misfit(other) + penalty(unknowns, moved)
+        if other is not None and better < loss:
+            return moved, other, better
+    return None
+
+
+def constrained(square: np.ndarray, pull: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return the damped Gauss-Newton change within bounds: what runs into one stays there, the others go on."""
+    size = len(pull)
+    change = np.zeros(size)
+    free = np.ones(size, bool)
+    lifted = square + np.diag(damping * np.diag(square) + 1e-9 * (1 + np.trace(square) / size))
+    for _ in range(size):
+        fixed = ~free
+        if not free.any():
+            break
+        right = -pull[free] - lifted[np.ix_(free, fixed)] @ change[fixed]
+        change[free] = np.linalg.solve(lifted[np.ix_(free, free)], right)
+        beyond = free & ((change < low - 1e-12) | (change > high + 1e-12))
+        if not beyond.any():
+            break
+        change[beyond] = np.clip(change[beyond], low[beyond], high[beyond])
+        free &= ~beyond
+    return change

@@ -1,0 +1,123 @@
+"""Order candidates by one simulation each: how much of the error would go, to first order, the base following."""
+
+from collections.abc import Container, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nas_data import registry
+from nas_data.effects.base import Effect, Scales, find_effect, make_effect
+from nas_data.errors import NasError
+from nas_data.gap.search.fit import CORRELATION, Fit, Task, constrained
+from nas_data.gap.search.unknowns import Unknowns
+
+STRETCHES = (0.0, 2.0)  # how far a guess may be stretched along its mark, to first order
+SIGNED_STRETCHES = (-6.0, 6.0)  # the same where the parameter has either sign
+SMALLEST_STRETCH = 0.2  # a fit starts no nearer to the neutral value than this share of the guess
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that may be missing, at a first guess.
+
+    Attributes:
+        effect: With guessed parameters.
+        misfit: First-order misfit with the effect, the base following.
+        numbers: Fitted numbers of effects before it, then of the base, where the first order puts them.
+    """
+
+    effect: Effect
+    misfit: float
+    factors: dict[str, float]
+
+    @property
+    def place(self) -> tuple[str, str | None]:
+        """Name and joint."""
+        return self.effect.name(), self.effect.joint
+
+
+def candidates(joints: Sequence[str], sizes: Sequence[Scales]) -> Iterator[Effect]:
+    """Yield every effect of the catalogue at every joint, at its first guesses."""
+    mean = Scales(*(float(np.mean([getattr(s, f) for s in sizes])) for f in Scales.__dataclass_fields__))
+    for name in registry.names("effects"):
+        kind = find_effect(name)
+        places: list[tuple[str | None, Scales]] = [*zip(joints, sizes, strict=True)] if kind.per_joint else []
+        places += [(None, mean)] if kind.whole_arm else []
+        for joint, size in places:
+            for values in kind.guesses(size):
+                clipped = {p.name: float(np.clip(values[p.name], p.low, p.high)) for p in kind.parameters}
+                yield make_effect(name, joint, clipped)
+
+
+def screen(task: Task, state: Fit, sizes: Sequence[Scales], joints: Container[str]) -> list[Candidate]:
+    """Return candidates to add to a fitted hypothesis, the most promising first, each effect and joint once.
+
+    Args:
+        task: Some episodes are enough.
+        state: Hypothesis fitted so far, with predictions and base slopes on the same episodes.
+        sizes: Natural sizes of each joint.
+        joints: Joints to look at.
+    """
+    best: dict[tuple[str, str | None], Candidate] = {}
+    base = state.slopes[len(state.unknowns.sought) :]
+    present = {(effect.name(), effect.joint) for effect in state.effects}
+    for effect in candidates(task.nominal.joints, sizes):
+        if (effect.name(), effect.joint) in present or (effect.joint is not None and effect.joint not in joints):
+            continue
+        found = first_order(task, state, base, effect)
+        if found is not None and (found.place not in best or found.misfit < best[found.place].misfit):
+            best[found.place] = found
+    return sorted(best.values(), key=lambda candidate: candidate.misfit)
+
+
+def first_order(task: Task, state: Fit, base: np.ndarray, effect: Effect) -> Candidate | None:
+    """Simulate one candidate beside the state; None where the model cannot take it or diverges."""
+    try:
+        predicted = task.nominal.predict(task.evidence, (*state.effects, effect), state.factors) + task.correction
+    except NasError:
+        return None
+    unknowns = Unknowns(state.unknowns.effects, state.unknowns.base)
+    logs = state.numbers[len(state.unknowns.sought) :]
+    change = predicted - state.predicted
+    counts = np.repeat(task.evidence.counts[..., None], change.shape[2], -1)
+    errors = task.evidence.errors(state.predicted)
+    guess = errors
+    shift: np.ndarray = np.zeros(len(base))
+    low, high = unknowns.bounds()
+    low, high = low[len(state.unknowns.sought) :] - logs, high[len(state.unknowns.sought) :] - logs
+    prior = unknowns.prior()[len(state.unknowns.sought) :]
+    stretch = 1.0
+    for _ in range(3):
+        squares = (guess**2).sum(1) / task.evidence.counts.sum(1)[:, None]
+        weights = np.sqrt(task.evidence.period / CORRELATION / (task.floor**2 + squares))[:, None] * counts
+        rows = np.concatenate([(change * weights)[None], base * weights]).reshape(len(base) + 1, -1)
+        square = rows @ rows.T + np.diag([1e-9, *prior**2])
+        pull = rows @ (errors * weights).ravel() + np.array([0.0, *(prior**2 * logs)])
+        shortest, longest = SIGNED_STRETCHES if is_signed(effect) else STRETCHES
+        solved = constrained(square, pull, 0.0, np.array([shortest, *low]), np.array([longest, *high]))
+        stretch, shift = float(solved[0]), solved[1:]
+        guess = (errors + stretch * change + np.tensordot(shift, base, 1)) * counts
+    squares = (guess**2).sum(1) / task.evidence.counts.sum(1)[:, None]
+    misfit = float((0.5 * task.observations * np.log(task.floor**2 + squares)).sum())
+    misfit += float(0.5 * ((prior * (logs + shift)) ** 2).sum())
+    names = [parameter.name for parameter in state.unknowns.base]
+    factors = {name: float(np.exp(log)) for name, log in zip(names, logs + shift, strict=True)}
+    return Candidate(stretched(effect, stretch), misfit, factors)
+
+
+def is_signed(effect: Effect) -> bool:
+    """Whether the effect has parameters of either sign, around a neutral zero."""
+    return any(parameter.low < 0 for parameter in effect.parameters)
+
+
+def stretched(effect: Effect, stretch: float) -> Effect:
+    """Return an effect whose mark is, to first order, `stretch` times as large."""
+    if not is_signed(effect):
+        stretch = max(stretch, SMALLEST_STRETCH)
+    values = {}
+    for place, p in enumerate(effect.parameters):
+        value = getattr(effect, p.name)
+        if place == 0 or p.low < 0:
+            value = value / stretch if np.isinf(p.neutral) else p.neutral + stretch * (value - p.neutral)
+        values[p.name] = float(np.clip(value, p.low, p.high))
+    return make_effect(effect.name(), effect.joint, values)

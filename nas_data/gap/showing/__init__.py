@@ -1,0 +1,1 @@
+"""Pictures and page of a gap report, from its files alone."""

@@ -1,0 +1,112 @@
+"""The pictures of a gap report, each with a caption that says what it shows."""
+
+import re
+
+import numpy as np
+
+from nas_data.gap.showing.figures import AFTER, BEFORE, PLACEBO, RETUNED, over_time, per_episode, per_joint, shares_bar
+from nas_data.gap.showing.joint_figures import joint_motion, worst_episode
+from nas_data.gap.showing.page_words import degrees, listed
+from nas_data.gap.showing.regime_figures import regimes
+from nas_data.gap.showing.report import Report
+from nas_data.gap.showing.series import Series
+from nas_data.reports.page import Picture
+from nas_data.reports.style import to_png
+
+ABOVE = 1.25  # noise floors from which a joint's gap is worth a picture of its own
+
+
+def models(report: Report, series: Series) -> dict[str, np.ndarray]:
+    """Return the predictions that are drawn; without a named effect, the written model is the retuned one."""
+    if not report["effects"]:
+        return {BEFORE: series.before, RETUNED: series.after}
+    return {BEFORE: series.before, RETUNED: series.retuned, AFTER: series.after}
+
+
+def with_placebo(report: Report, series: Series) -> dict[str, np.ndarray]:
+    """Return the same with the placebo, where there is one."""
+    return {**models(report, series), **({} if series.placebo is None else {PLACEBO: series.placebo})}
+
+
+def legend(report: Report) -> str:
+    """Return what the names in the legends mean."""
+    parts = ["before: the model as handed over", "retuned: its own numbers fitted, nothing added"]
+    return "; ".join(parts + (["after: with what is named added"] if report["effects"] else []))
+
+
+def shrinking(report: Report, series: Series) -> list[Picture]:
+    """Return the pictures of how the gap shrinks."""
+    shown = with_placebo(report, series)
+    joints = to_png(per_joint(series, models(report, series)))
+    return [
+        Picture("gap_per_joint", joints, f"Error of each joint on the held-out episodes. {legend(report)}."),
+        *shares_picture(report),
+        Picture(
+            "episodes",
+            to_png(per_episode(series, models(report, series))),
+            f"Every one of the {len(series.episodes)} held-out episodes, before and after.",
+        ),
+        Picture(
+            "error_over_time",
+            to_png(over_time(series, shown)),
+            "How the error goes on from the start of an episode: median over the held-out episodes, band from the "
+            "lower to the upper quartile. Every episode is predicted from its first pose and its commands alone.",
+        ),
+    ]
+
+
+def shares_picture(report: Report) -> list[Picture]:
+    """Return the bar of what explains how much, nothing where there was no gap to share."""
+    shares = report.get("shares")
+    if report["verdict"] == "none" or not shares or shares["names"] is None:
+        return []
+    named = "named effects and retuning" if report["effects"] else "retuning"
+    parts = {named: shares["names"], "learned correction φ": shares["learned"], "left": shares["left"]}
+    known = {name: min(max(share, 0.0), 1.0) for name, share in parts.items() if share is not None}
+    caption = "What explains the squared error above the noise, on the held-out episodes."
+    return [Picture("shares", to_png(shares_bar(known)), caption)]
+
+
+def joint_pictures(report: Report, series: Series) -> list[Picture]:
+    """Return a picture of every joint with a gap; of the worst joint where none has one."""
+    ratios = series.by_joint(series.before) / series.floor
+    chosen = [int(place) for place in np.argsort(-ratios) if ratios[place] > ABOVE] or [int(np.argmax(ratios))]
+    return [joint_picture(report, series, place) for place in chosen]
+
+
+def joint_picture(report: Report, series: Series, joint: int) -> Picture:
+    """Return a picture of one joint's worst held-out episode."""
+    shown = {name: values for name, values in with_placebo(report, series).items() if keeps(name, report)}
+    name = series.joints[joint]
+    figure = joint_motion(series, shown, joint, commands_torques(report))
+    errors = listed([f"{label} {degrees(series.by_joint(values)[joint])}" for label, values in shown.items()])
+    caption = (
+        f"{name} in episode {series.episodes[worst_episode(series, joint)]}, which the model as handed over predicts "
+        f"worst of the held-out ones. Over all of them the error of {name} is: {errors}."
+    )
+    return Picture("joint_" + re.sub(r"[^\w.-]", "_", name), to_png(figure), caption)
+
+
+def keeps(name: str, report: Report) -> bool:
+    """Whether a model is drawn in the pictures of joints: where effects are named, they are compared with nothing."""
+    return name != RETUNED or not report["effects"]
+
+
+def commands_torques(report: Report) -> bool:
+    """Whether commands are torques: then there is no error of repeating them."""
+    found = report.get("find")
+    return bool(found and found["joints"]) and all(
+        gap["open_loop_command"] is None for gap in (found["joints"] if found else {}).values()
+    )
+
+
+def regimes_picture(report: Report) -> list[Picture]:
+    """Return the heat map of joints and conditions, where there is one."""
+    found = report.get("find")
+    if not found or not found["regimes"]:
+        return []
+    caption = (
+        "Error of the model as handed over under each condition, in noise floors; 1 is perfect. A star marks what "
+        "differs from the joint's other rows by more than chance."
+    )
+    return [Picture("regimes", to_png(regimes(found["regimes"])), caption)]

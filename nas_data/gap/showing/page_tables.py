@@ -1,0 +1,150 @@
+"""The tables of a gap report."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from nas_data.gap.showing.figures import Models
+from nas_data.gap.showing.page_verdict import by_size, change
+from nas_data.gap.showing.page_words import beside, confidence, degrees, figures, friendly, interval, spoken, titled
+from nas_data.gap.showing.report import Bin, Report
+from nas_data.gap.showing.series import Series
+from nas_data.reports.page import Facts, Table
+
+SHOWN = 3  # conditions of a joint that are listed
+LARGER = 1.2  # error under a condition over that under the others from which it is listed
+MANY = 12  # episodes whose numbers are all listed
+NONE = "–"
+
+
+def effects_table(report: Report) -> Table:
+    """Return a row for each parameter of each named effect."""
+    rows = []
+    for effect in report["effects"]:
+        errors = effect["evidence"]
+        shrink = f"{degrees(errors['heldout_error_before'])} → {degrees(errors['heldout_error_after'])}"
+        for number, (name, value) in enumerate(effect["parameters"].items()):
+            first = (titled(effect), confidence(effect["confidence"]), shrink) if number == 0 else ("", "", "")
+            values = spoken(name), beside(value["value"], value["unit"]), interval(value) or NONE
+            rows.append((first[0], *values, first[1], first[2]))
+    headers = ("", "parameter", "value", "95 % interval", "confidence", "error without → with")
+    return Table(headers, rows, "Errors on held-out episodes: of the effect's joint, or of all joints.")
+
+
+def retuned_table(report: Report) -> Table:
+    """Return the changed numbers, the largest change first."""
+    rows = [change(entry) for entry in sorted(report["retuned"], key=by_size)]
+    return Table(("", "factor", "change"), rows, "Of the value in the model as handed over.")
+
+
+def gap_table(series: Series, models: Models) -> Table:
+    """Return the held-out error of each joint by each model."""
+    errors = {name: series.by_joint(predicted) for name, predicted in models.items()}
+    last = list(errors.values())[-1]
+    rows = [
+        (
+            joint,
+            *(degrees(float(values[place])) for values in errors.values()),
+            degrees(float(series.floor[place])),
+            figures(float(last[place] / series.floor[place])),
+        )
+        for place, joint in enumerate(series.joints)
+    ]
+    headers = ("", *errors, "noise floor", f"{list(errors)[-1]} / noise")
+    return Table(headers, rows, "Open-loop RMSE of positions, over all held-out episodes.")
+
+
+def joints_table(report: Report) -> list[Table]:
+    """Return the gap of the model as handed over beside trivial predictions."""
+    found = report.get("find")
+    if not found or not found["joints"]:
+        return []
+    rows = [
+        (
+            joint,
+            degrees(gap["floor"]),
+            degrees(gap["one_step"]),
+            degrees(gap["one_step_hold"]),
+            degrees(gap["open_loop"]),
+            degrees(gap["open_loop_hold"]),
+            NONE if gap["open_loop_command"] is None else degrees(gap["open_loop_command"]),
+            figures(gap["ratio_to_noise"]),
+        )
+        for joint, gap in found["joints"].items()
+    ]
+    headers = ("", "noise", "one step", "(hold)", "open loop", "(hold)", "(command)", "open loop / noise")
+    note = (
+        "RMSE over the whole recording, model as handed over. One step: set to every measured state anew. Hold "
+        "predicts that nothing moves, command that every joint is where it is told to be."
+    )
+    return [Table(headers, rows, note)]
+
+
+def regimes_table(report: Report) -> list[Table]:
+    """Return under which conditions a joint's error is larger than otherwise, beyond chance."""
+    found = report.get("find")
+    rows = [row(entry) for entry in (largest(found["regimes"]) if found else [])]
+    headers = ("", "condition", "error", "otherwise", "share of squared error")
+    return [Table(headers, rows, "Where the error is larger, beyond chance.")] if rows else []
+
+
+def largest(bins: Sequence[Bin]) -> list[Bin]:
+    """Return the conditions that stand out, some for each joint."""
+    chosen = [b for b in bins if b["significant"] and b["rmse"] > LARGER * b.get("rest", np.inf)]
+    joints = dict.fromkeys(b["joint"] for b in chosen)
+    ranked = sorted(chosen, key=lambda b: -b["rmse"] / max(b.get("rest", 0.0), 1e-9))
+    return [b for joint in joints for b in [b for b in ranked if b["joint"] == joint][:SHOWN]]
+
+
+def row(entry: Bin) -> tuple[str, ...]:
+    """Return a row of the table of conditions."""
+    condition = f"{entry['regime']}: {entry['bin']}"
+    errors = degrees(entry["rmse"]), degrees(entry.get("rest", np.nan))
+    return entry["joint"], condition, *errors, f"{100 * entry['share']:.0f} %"
+
+
+def audit_facts(report: Report) -> list[Facts]:
+    """Return what was looked at in the recording before physics."""
+    found = report.get("find")
+    entries: dict[str, str] = {}
+    for check in found["audit"] if found else []:
+        text = ("ok: " if check["ok"] else "look: ") + check["finding"]
+        entries[check["check"]] = "; ".join([*([entries[check["check"]]] if check["check"] in entries else []), text])
+    return [Facts(entries)] if entries else []
+
+
+def experiments_table(report: Report) -> list[Table]:
+    """Return all experiments that were weighed."""
+    rows = [
+        (
+            entry["name"],
+            ", ".join(entry["on"]),
+            friendly(entry["seconds"], "").strip() + " s",
+            f"{entry['separation']:.1f} × noise at {entry['joint']}",
+        )
+        for entry in report.get("experiments") or []
+    ]
+    note = "Difference of the two best explanations in each experiment, after one was fitted to the other."
+    return [Table(("", "joints", "length", "difference"), rows, note)] if rows else []
+
+
+def facts(report: Report) -> Facts:
+    """Return what the page rests on."""
+    episodes = report["episodes"]
+    entries = {
+        "Dataset": report.get("dataset", ""),
+        "Model": report.get("model", ""),
+        "Gap": f"{report['gap']['metric']}",
+        "Fitted": counted(episodes["train"]),
+        "Held out": counted(episodes["heldout"]),
+        "Seed": str(report["seed"]),
+        "Time": f"{report['seconds']:.0f} s",
+        "Beside this page": "report.json (these numbers), model.xml, effects.json, series.npz, figures/",
+    }
+    return Facts({name: value for name, value in entries.items() if value})
+
+
+def counted(numbers: Sequence[int]) -> str:
+    """Return how many episodes, and which where they are few."""
+    which = f": {', '.join(map(str, numbers))}" if 0 < len(numbers) <= MANY else ""
+    return f"{len(numbers)} episode{'' if len(numbers) == 1 else 's'}{which}"

@@ -1,0 +1,134 @@
+"""The verdict of a gap report in plain sentences: what is missing, how much it shrinks the gap, what stays."""
+
+import math
+from collections.abc import Callable, Mapping
+
+from nas_data.gap.showing.page_words import LIKELY, degrees, figures, listed, titled
+from nas_data.gap.showing.report import Factor, Report, Rest
+
+
+def lead(report: Report) -> str:
+    """Return the verdict in a sentence or two."""
+    return VERDICTS.get(report["verdict"], other)(report)
+
+
+def none(report: Report) -> str:
+    """Say that there is no gap."""
+    gap = report["gap"]
+    return (
+        f"Nothing is missing: on held-out episodes {model(report)} errs by {degrees(gap['before'])}, which is "
+        f"what the noise of the readings, {degrees(gap['noise_floor'])}, lets one expect."
+    )
+
+
+def retuned(report: Report) -> str:
+    """Say that numbers that the model has were off."""
+    count = len(report["retuned"])
+    numbers = "one number that it already has" if count == 1 else f"{count} numbers that it already has"
+    return (
+        f"Nothing is missing: {model(report)} only needs {numbers} changed, by at most {widest(report):.0f} %. "
+        f"{shrunk(report)}, close to the noise of the readings, {degrees(report['gap']['noise_floor'])}."
+    )
+
+
+def explained(report: Report) -> str:
+    """Say what is missing, and that this is all."""
+    return (
+        f"{missing(report)} {shrunk(report)}; what is left is close to the noise of the readings, "
+        f"{degrees(report['gap']['noise_floor'])}."
+    )
+
+
+def partly_explained(report: Report) -> str:
+    """Say what is missing, and that something else is, too."""
+    return (
+        f"{missing(report)} {shrunk(report)}, while the noise of the readings is "
+        f"{degrees(report['gap']['noise_floor'])}: something else is missing, too{places(report)}."
+    )
+
+
+def unexplained(report: Report) -> str:
+    """Say that no name fits."""
+    gap = report["gap"]
+    return (
+        f"Something is missing in {model(report)} that no effect in the catalogue explains{places(report)}. On "
+        f"held-out episodes it errs by {degrees(gap['before'])}, {degrees(gap['after'])} when its own numbers are "
+        f"retuned; the noise of the readings is {degrees(gap['noise_floor'])}."
+    )
+
+
+def other(report: Report) -> str:
+    """Say what there is to say of a verdict that this page does not know."""
+    return f"Verdict: {report['verdict']}. {shrunk(report)}."
+
+
+VERDICTS: Mapping[str, Callable[[Report], str]] = {
+    "none": none,
+    "retuned": retuned,
+    "explained": explained,
+    "partly_explained": partly_explained,
+    "unexplained": unexplained,
+}
+
+
+def model(report: Report) -> str:
+    """Return how the model is called."""
+    return f"the model {report['model']}" if report.get("model") else "the model"
+
+
+def missing(report: Report) -> str:
+    """Return the sentence that names what is missing."""
+    effects = [titled(effect) for effect in report["effects"]]
+    doubt = "probably " if min(effect["confidence"] for effect in report["effects"]) < LIKELY else ""
+    part = "in part " if report["verdict"] == "partly_explained" else ""
+    return f"The gap between {model(report)} and the recording {doubt}comes {part}from {listed(effects)}."
+
+
+def shrunk(report: Report) -> str:
+    """Return how the gap shrinks, without a full stop."""
+    effects = len(report["effects"])
+    gap = report["gap"]
+    added = "With it" if effects == 1 else "With them" if effects else "Retuned"
+    return f"{added}, the error on held-out episodes falls from {degrees(gap['before'])} to {degrees(gap['after'])}"
+
+
+def places(report: Report) -> str:
+    """Return where a rest is, to end a sentence with."""
+    joints = [rest["joint"] for rest in report["unexplained"]]
+    return f", at {listed(joints)}" if joints else ""
+
+
+def widest(report: Report) -> float:
+    """Return the largest change among the retuned numbers [%]."""
+    return max((abs(100 * (entry["factor"] - 1)) for entry in report["retuned"]), default=0.0)
+
+
+def rest(entry: Rest) -> str:
+    """Return what is left at a joint."""
+    ratio = figures(entry["ratio_to_noise"], 2)
+    return f"{entry['joint']}: the error is still {ratio} times the noise; it goes with {entry['goes_with']}."
+
+
+def change(factor: Factor) -> tuple[str, str, str]:
+    """Return a row of the table of retuned numbers."""
+    percent = 100 * (factor["factor"] - 1)
+    joint, _, kind = factor["parameter"].rpartition(".")
+    sign = "+" if percent > 0 else "−"
+    return f"{joint} {kind}".strip(), figures(factor["factor"]), f"{sign}{abs(percent):.1f} %"
+
+
+def by_size(factor: Factor) -> float:
+    """Return how large a change is, in either direction."""
+    return -abs(math.log(factor["factor"]))
+
+
+def scored(report: Report) -> str:
+    """Return of what the errors called after are."""
+    gap = report["gap"]
+    alone = gap.get("after_model_xml", gap["after"])
+    if degrees(alone) == degrees(gap["after"]):
+        return "The errors called after were computed from that file, read back."
+    return (
+        f"The errors called after are those of the effects named, of which MJCF cannot express all; the file alone "
+        f"leaves {degrees(alone)}."
+    )

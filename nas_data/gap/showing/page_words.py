@@ -1,0 +1,123 @@
+"""How numbers and names of a gap report are said in plain words."""
+
+import math
+from collections.abc import Sequence
+
+from nas_data.effects.base import find_effect
+from nas_data.errors import UnknownName
+from nas_data.gap.showing.report import Alternative, Effect, Named, Number
+
+FRIENDLY = {
+    "rad": ("°", 180 / math.pi),
+    "rad/s": ("°/s", 180 / math.pi),
+    "s": (" ms", 1e3),
+    "kg": (" g", 1e3),
+    "kg·m²": (" g·cm²", 1e7),
+}
+EQUAL = 1.05  # error of an alternative over that of the named effect up to which the data hardly tell them apart
+SURE, LIKELY = 0.9, 0.7  # confidences from which a name is called sure, and likely
+CERTAIN = 0.99  # confidence beyond which no digit means anything
+
+
+def figures(value: float, digits: int = 3) -> str:
+    """Return a number with some significant digits, never in powers of ten for what is met here."""
+    if value == 0 or not math.isfinite(value):
+        return f"{value:g}"
+    places = max(0, digits - 1 - math.floor(math.log10(abs(value))))
+    text = f"{value:.{places}f}"
+    return text if places <= 7 else f"{value:.{digits - 1}e}"
+
+
+def degrees(angle: float) -> str:
+    """Return an angle [rad] in degrees."""
+    return figures(math.degrees(angle)) + "°"
+
+
+def friendly(value: float, unit: str) -> str:
+    """Return a value [SI] in the unit that people think in."""
+    name, scale = FRIENDLY.get(unit, (f" {unit}" if unit else "", 1.0))
+    return figures(value * scale) + name
+
+
+def beside(value: float, unit: str) -> str:
+    """Return a value in the unit that people think in, with the SI value behind it where that is another."""
+    plain = f" ({figures(value)} {unit})" if unit in FRIENDLY else ""
+    return friendly(value, unit) + plain
+
+
+def interval(number: Number) -> str:
+    """Return the 95 % interval of a parameter, empty where there is none."""
+    ends = number.get("interval95")
+    if not ends or ends[0] == ends[1]:
+        return ""
+    return f"{friendly(ends[0], number['unit'])} … {friendly(ends[1], number['unit'])}"
+
+
+def spoken(name: str) -> str:
+    """Return an identifier as words."""
+    return name.replace("_", " ")
+
+
+def titled(effect: Effect | Named | Alternative) -> str:
+    """Return an effect with its place, for example `backlash in m3`."""
+    joint = effect.get("joint")
+    return f"{spoken(effect['effect'])} in {joint}" if joint else f"{spoken(effect['effect'])} (whole arm)"
+
+
+def listed(items: Sequence[str]) -> str:
+    """Return items as a sentence lists them."""
+    return " and ".join([", ".join(items[:-1]), items[-1]] if len(items) > 1 else items)
+
+
+def capital(text: str) -> str:
+    """Return a sentence that begins with a capital, whatever it begins with."""
+    return text[:1].upper() + text[1:]
+
+
+def confidence(value: float) -> str:
+    """Return a confidence and how to take it."""
+    word = "sure" if value >= SURE else "likely" if value >= LIKELY else "a guess, not more"
+    percent = f"{100 * value:.0f} %" if value < CERTAIN else f"over {100 * CERTAIN:.0f} %"
+    return f"{percent} ({word})"
+
+
+def finding(effect: Effect) -> list[str]:
+    """Return what was found out about a named effect, a sentence each."""
+    values = [
+        f"{spoken(name)} {beside(number['value'], number['unit'])}"
+        + (f" (95 % interval: {interval(number)})" if interval(number) else "")
+        for name, number in effect["parameters"].items()
+    ]
+    errors = effect["evidence"]
+    where = f"of {effect['joint']}" if effect["joint"] else "of the arm"
+    sentences = [
+        f"{capital(titled(effect))}: {'; '.join(values)}.",
+        f"Confidence in this name: {confidence(effect['confidence'])}.",
+        f"Without it, the held-out error {where} is {degrees(errors['heldout_error_before'])}, everything else fitted "
+        f"anew; with it, {degrees(errors['heldout_error_after'])}.",
+        *rivals(effect),
+        *signature(effect["effect"]),
+    ]
+    if not effect["in_model_xml"]:
+        sentences.append(
+            "MJCF cannot express it: effects.json holds it, and model.xml the nearest effect that MJCF can express."
+        )
+    return sentences
+
+
+def rivals(effect: Effect) -> list[str]:
+    """Return how far the alternatives are behind."""
+    after = effect["evidence"]["heldout_error_after"]
+    told = [f"{titled(other)} ({degrees(other['heldout_error_after'])})" for other in effect["alternatives"]]
+    near = [titled(other) for other in effect["alternatives"] if other["heldout_error_after"] <= EQUAL * after]
+    sentences = [f"In its place, this error would be left by {listed(told)}."] if told else []
+    return sentences + ([f"These data hardly tell it from {listed(near)}."] if near else [])
+
+
+def signature(name: str) -> list[str]:
+    """Return by what an effect is known, nothing where the catalogue no longer holds it."""
+    try:
+        known = find_effect(name).signature
+    except UnknownName:
+        return []
+    return [f"Its mark: {known[:1].lower()}{known[1:]}"] if known else []
