@@ -48,7 +48,7 @@ def write_report(
     found: Found,
     naming: Naming,
     outcome: Outcome,
-    experiment: str | None,
+    experiment: Mapping[str, object],
     seconds: float,
 ) -> dict[str, object]:
     """Write `report.json`; return its content.
@@ -59,7 +59,7 @@ def write_report(
         found: Where the gap is.
         naming: What was named.
         outcome: What the models do.
-        experiment: What to record next, or None.
+        experiment: What to record next.
         seconds: How long it took [s].
     """
     held, floor = problem.held, problem.held.floor
@@ -77,7 +77,7 @@ def write_report(
         "gap": gap(held, outcome),
         "shares": shares(held, outcome),
         "placebo": placebo(held, naming),
-        "next_experiment": experiment,
+        **experiment,
         "find": found.to_json(),
         "episodes": {
             "train": problem.train.evidence.numbers.tolist(),

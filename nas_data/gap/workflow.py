@@ -2,7 +2,7 @@
 
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -119,11 +119,15 @@ def conclude(problem: Problem, found: Found, folder: Path, began: float, say: Sa
     return report
 
 
-def proposed(problem: Problem, naming: Naming, folder: Path) -> str | None:
-    """Write the command file that would settle the most doubtful name; return what it is, None where all are sure."""
+def proposed(problem: Problem, naming: Naming, folder: Path) -> Mapping[str, object]:
+    """Write the command file that would settle the most doubtful name.
+
+    Returns:
+        `next_experiment`, what it is, None where all names are sure; and `experiments`, all that were compared.
+    """
     rival = naming.doubt
     if rival is None:
-        return None
+        return {"next_experiment": None, "experiments": []}
     pair = (
         Rival(naming.final.effects, dict(naming.final.factors)),
         Rival(rival.effects, rival.fit.factors),
@@ -131,9 +135,9 @@ def proposed(problem: Problem, naming: Naming, folder: Path) -> str | None:
     try:
         experiment = next_experiment(problem.train.nominal, pair, problem.train.floor, seed=0)
     except NasError as error:
-        return f"none could be computed: {error}"
+        return {"next_experiment": f"none could be computed: {error}", "experiments": []}
     write(experiment, folder / EXPERIMENT)
-    return f"{experiment.text} (commands in {EXPERIMENT})"
+    return {"next_experiment": f"{experiment.text} (commands in {EXPERIMENT})", "experiments": experiment.to_json()}
 
 
 def added(problem: Problem, final: Final, null: Final, folder: Path) -> Outcome:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nas_data.effects.base import Effect
-from nas_data.gap.search.fit import Fit, Task, fit, penalty, slopes
+from nas_data.gap.search.fit import Fit, Task, fit, slopes
 from nas_data.gap.search.scales import scales
 from nas_data.gap.search.screen import Candidate, screen
 from nas_data.gap.search.unknowns import Unknowns, free_base
@@ -20,10 +20,11 @@ MOST = 12  # effects in one arm
 AT_FLOOR = 1.15  # noise floors below which nothing is looked for
 UNSATISFIED = 1.25  # noise floors above which other effects are tried in the place of one that was found
 EXCHANGED = 4  # of them
-PROMISE = 5.0  # nats by which the first order must lower the loss, or a candidate is not fitted
-SLACK = 60.0  # nats that the first order may be wrong by around the unfitted model
-CHANCE = 150.0  # nats by which a short fit may lie behind the best and still be continued
+PROMISE = 2.5  # nats by which the first order must lower the loss of every other episode, or a candidate is not fitted
+SLACK = 30.0  # nats that the first order may be wrong by there around the unfitted model
+CHANCE = 80.0  # nats by which a short fit may lie behind the best and still be continued
 GAIN = 8.0  # nats by which an added effect must lower the loss on fitted episodes
+NOTICEABLE = 0.95  # held-out error of the most improved joint below which an effect is added for now
 BETTER = 0.90  # held-out error of the most improved joint, with over without the effect
 WINS = 0.75  # share of held-out episodes in which the effect must help
 MARK = 2.0  # noise floors that an effect must move a joint by, or it is too small to be named
@@ -60,7 +61,7 @@ class Hypothesis:
     @property
     def loss(self) -> float:
         """Loss on the fitted episodes: misfit and prior."""
-        return self.fit.misfit + penalty(self.fit.unknowns, self.fit.numbers)
+        return self.fit.loss
 
     def text(self) -> str:
         """Say it in a line."""
@@ -79,13 +80,15 @@ class Search:
         train: Model and training episodes.
         held: Model and held-out episodes.
         say: Told what is going on.
-        rivals: For each place, hypotheses that competed with it when it was added.
+        rivals: For each place, effects that competed with it when it was added.
+        settled: Sets of effects in which exchanges were tried.
     """
 
     train: Task
     held: Task
     say: Callable[[str], None] = lambda text: None
     rivals: dict[Place, list[Effect]] = field(default_factory=dict)
+    settled: set[frozenset[Place]] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         count, steps = self.train.evidence.commands.shape[:2]
@@ -153,8 +156,8 @@ class Search:
         """Return the hypotheses that one more effect makes, best first."""
         ratios = zip(self.train.nominal.joints, self.ratio(kept), strict=True)
         wanted = {joint for joint, ratio in ratios if ratio > AT_FLOOR and joint in self.lively}
-        found = screen(self.sub, around, self.sizes, wanted)
-        shortlist = shortened(found, kept.loss - PROMISE, SLACK if around is self.nominal.fit else 0.0)
+        found, reach = self.screened(around, kept, wanted)
+        shortlist = shortened(found, reach - PROMISE, SLACK if around is self.nominal.fit else 0.0)
         quick = [self.fitted((*around.effects, c.effect), c.factors, around, steps=2) for c in shortlist]
         ranked = sorted((h for h in quick if h), key=lambda h: h.loss)
         ahead = [h for h in ranked if h.loss < ranked[0].loss + CHANCE][:FINALISTS]
@@ -163,9 +166,20 @@ class Search:
             self.report("  tried", h)
         return ranked
 
+    def screened(self, around: Fit, kept: Hypothesis, joints: set[str]) -> tuple[list[Candidate], float]:
+        """Order candidates on every other episode.
+
+        Returns:
+            Candidates around a fit, the most promising first, and the loss on the same episodes of the hypothesis
+            that is kept so far.
+        """
+        half = np.arange(0, len(self.sub.evidence), 2)
+        task = self.sub.select(half)
+        return screen(task, around.select(task, half), self.sizes, joints), kept.fit.select(task, half).loss
+
     def grown(self, kept: Hypothesis, ranked: Sequence[Hypothesis]) -> Hypothesis | None:
         """Add the best effect, and with it the best of other joints where each lowers the loss by its own; or None."""
-        useful = [h for h in ranked if kept.loss - h.loss > GAIN and self.gain(kept, h) > 0]
+        useful = [h for h in ranked if kept.loss - h.loss > GAIN and self.promising(kept, h)]
         if not useful:
             return None
         self.remember(ranked)
@@ -190,6 +204,9 @@ class Search:
 
     def exchanged(self, h: Hypothesis) -> Hypothesis:
         """Try other effects in the place of each whose joint is still above the floor: the first found may stand in."""
+        if (places := frozenset(map(place, h.effects))) in self.settled:
+            return h
+        self.settled.add(places)
         for number, effect in enumerate(h.effects):
             joints = self.train.nominal.joints
             if effect.joint is None or self.ratio(h)[joints.index(effect.joint)] <= UNSATISFIED:
@@ -197,8 +214,8 @@ class Search:
             rest = self.without(h, number)
             if rest is None:
                 continue
-            found = [c for c in screen(self.sub, rest.fit, self.sizes, {effect.joint}) if c.effect.joint is not None]
-            others = [c for c in found if c.place != place(effect)][:EXCHANGED]
+            found, _ = self.screened(rest.fit, rest, {effect.joint})
+            others = [c for c in found if c.effect.joint and c.place != place(effect)][:EXCHANGED]
             quick = [self.fitted((*rest.effects, c.effect), c.factors, rest.fit, steps=3) for c in others]
             ranked = sorted((other for other in quick if other), key=lambda other: other.loss)
             best = self.continued(ranked[0]) if ranked else None
@@ -212,11 +229,12 @@ class Search:
         """Correct for finer physics steps at the hypothesis and fit on."""
         self.sub = self.sub.corrected(h.effects, h.fit.factors)
         self.held = self.held.corrected(h.effects, h.fit.factors)
-        return self.continued(h)
+        found = fit(self.sub, h.fit.unknowns, h.fit.numbers, None, steps=5)
+        return self.judged(found) if found else h
 
     def continued(self, h: Hypothesis) -> Hypothesis:
-        """Fit further from where a fit ended."""
-        found = fit(self.sub, h.fit.unknowns, h.fit.numbers, None, steps=5)
+        """Fit further from where a short fit ended, with its slopes as long as they serve."""
+        found = fit(self.sub, h.fit.unknowns, h.fit.numbers, lent_slopes(h.fit, h.fit.unknowns), steps=6)
         return self.judged(found) if found else h
 
     def pruned(self, kept: Hypothesis) -> Hypothesis:
@@ -237,9 +255,10 @@ class Search:
             return self.judged(self.null.fit)
         return self.fitted(rest, kept.fit.factors, kept.fit, steps=4)
 
-    def gain(self, without: Hypothesis, with_: Hypothesis) -> float:
-        """Return by how much an effect lowers the log of the held-out error, mean over episodes, summed over joints."""
-        return float(-self.logs(without, with_).sum(1).mean())
+    def promising(self, without: Hypothesis, with_: Hypothesis) -> bool:
+        """Whether one more effect lowers the held-out error at all, and of one joint by what could be worth a name."""
+        logs = self.logs(without, with_).mean(0)
+        return bool(logs.sum() < 0 and np.exp(logs.min()) <= NOTICEABLE)
 
     def needs(self, without: Hypothesis, with_: Hypothesis) -> bool:
         """Whether an effect is worth its name on held-out episodes."""

@@ -35,7 +35,8 @@ class Task:
 
     def select(self, episodes: Sequence[int] | np.ndarray) -> "Task":
         """Return the task on some of the episodes."""
-        return Task(self.nominal, self.evidence.select(episodes), self.floor)
+        correction = self.correction if isinstance(self.correction, float) else self.correction[list(episodes)]
+        return Task(self.nominal, self.evidence.select(episodes), self.floor, correction)
 
     def corrected(self, effects: Sequence[Effect], factors: dict[str, float]) -> "Task":
         """Return the task with the correction for finer physics steps, computed at a hypothesis.
@@ -98,6 +99,17 @@ class Fit:
     predicted: np.ndarray
     misfit: float
     slopes: np.ndarray
+
+    def select(self, task: Task, episodes: Sequence[int] | np.ndarray) -> "Fit":
+        """Return the fit as seen on some of its episodes, of which `task` consists."""
+        chosen = list(episodes)
+        predicted = self.predicted[chosen]
+        return replace(self, predicted=predicted, misfit=task.misfit(predicted), slopes=self.slopes[:, chosen])
+
+    @property
+    def loss(self) -> float:
+        """Misfit and prior."""
+        return self.misfit + penalty(self.unknowns, self.numbers)
 
     @property
     def effects(self) -> tuple[Effect, ...]:

@@ -35,7 +35,8 @@ class Unknown:
 
     def value(self, number: float) -> float:
         """Return the parameter's value for the fitted number."""
-        value = self.start + SIGNED_SCALE * number if self.signed else self.start * math.exp(number)
+        factor = math.exp(min(max(number, -DECADES), DECADES))
+        value = self.start + SIGNED_SCALE * number if self.signed else self.start * factor
         return float(np.clip(value, self.parameter.low, self.parameter.high))
 
     def bounds(self) -> tuple[float, float]:
