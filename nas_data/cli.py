@@ -1,22 +1,27 @@
 """The program `nas`: finds the command file that the words name, reads its options with tyro and runs it."""
 
 import ast
+import contextlib
 import importlib
+import io
+import itertools
 import json
 import math
 import os
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nas_data import __version__
-from nas_data.errors import NasError
+from nas_data.errors import NasError, OptionError
 
 if TYPE_CHECKING:
     from nas_data.commands.base import Command
 
 COMMANDS = Path(__file__).parent / "commands"
+ARGUMENT = 4  # columns by which tyro indents an option that is missing; its help text stands deeper
 
 
 def command_files() -> dict[str, Path]:
@@ -87,13 +92,22 @@ def fail(message: str, as_json: bool) -> int:
     return 2
 
 
+def refusal(error: OSError) -> str:
+    """Say in a sentence what the operating system refused, and of which file."""
+    reason = " ".join((error.strerror or str(error)).split())
+    if error.filename is None:
+        return f"A file could not be read or written: {reason}."
+    return f"{error.filename} could not be read or written: {reason[:1].lower()}{reason[1:]}; choose another place."
+
+
 def unknown(arguments: Sequence[str]) -> int:
     """Answer words that are no command: the commands that start alike, or a sentence."""
     word = arguments[0]
     if any(name.startswith(word + " ") for name in command_files()) and set(arguments[1:]) <= {"-h", "--help"}:
         print(overview(word))
         return 0 if len(arguments) > 1 else 2
-    return fail(f"There is no command '{' '.join(arguments[:2])}'; see: nas --help", "--json" in arguments)
+    words = [word for word in arguments if not word.startswith("-")][:2] or arguments[:1]
+    return fail(f"There is no command '{' '.join(words)}'; see: nas --help", "--json" in arguments)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -111,16 +125,46 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return run(name, rest)
 
 
-def run(name: str, rest: list[str]) -> int:
-    """Parse a command's options, run it and print its outcome."""
+def parse(name: str, rest: list[str]) -> "Command":
+    """Read a command's options.
+
+    Raises:
+        OptionError: options are missing or unknown, and the answer is for a machine.
+        SystemExit: the same for a person, who has been told in tyro's words; or help was asked for.
+    """
     import tyro
 
-    kind = command_class(name)
-    command = tyro.cli(kind, args=rest, prog=f"nas {name}", config=(tyro.conf.FlagCreatePairsOff,))
+    kind, said = command_class(name), io.StringIO()
+    heard = contextlib.redirect_stderr(said) if "--json" in rest else contextlib.nullcontext()
+    try:
+        with heard:
+            return tyro.cli(kind, args=rest, prog=f"nas {name}", config=(tyro.conf.FlagCreatePairsOff,))
+    except SystemExit as stop:
+        if stop.code and said.getvalue():
+            raise OptionError(f"{unboxed(said.getvalue())}; see: nas {name} --help") from None
+        raise
+
+
+def unboxed(text: str) -> str:
+    """Return what a box of tyro's says in one line: no frame, no title, no help texts, nothing below its rule."""
+    inside = [line.strip("│ ╭╮╰╯─") and line[2:].rstrip("│ ") for line in text.splitlines()[1:]]
+    above = itertools.takewhile(bool, inside)
+    shallow = [line.strip() for line in above if len(line) - len(line.lstrip()) <= ARGUMENT]
+    return re.sub(r"\s+", " ", " ".join(shallow)).rstrip(".")
+
+
+def run(name: str, rest: list[str]) -> int:
+    """Parse a command's options, run it and print its outcome."""
+    try:
+        command = parse(name, rest)
+    except NasError as error:
+        return fail(str(error), as_json=True)
     try:
         outcome = command.run()
     except NasError as error:
         return fail(str(error), command.json)
+    except OSError as error:  # nobody can repair a full disk or a missing permission, but it has a name
+        return fail(refusal(error), command.json)
     except KeyboardInterrupt:
         return fail("interrupted; what was finished is kept.", command.json) and 130
     text = json.dumps(finite(outcome.data), indent=2, allow_nan=False) if command.json else outcome.text

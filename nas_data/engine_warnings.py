@@ -1,7 +1,7 @@
 """MuJoCo's warnings, heard by us: by itself it prints them and writes MUJOCO_LOG.TXT into the user's folder."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 import mujoco
@@ -28,5 +28,10 @@ def heard_instability() -> Iterator[list[str]]:
     with heard_warnings() as heard:
         yield unstable
     unstable += [warning for warning in heard if UNSTABLE in warning]
+    pass_on(heard)
+
+
+def pass_on(heard: Iterable[str]) -> None:
+    """Say warnings on stderr, each once, but those of unstable simulations."""
     for warning in sorted({warning for warning in heard if UNSTABLE not in warning}):
         print(f"MuJoCo: {warning}", file=sys.stderr)

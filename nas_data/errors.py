@@ -43,6 +43,10 @@ class OutputExists(NasError, FileExistsError):
     """A result would overwrite something that exists."""
 
 
+class CannotWrite(NasError, OSError):
+    """A result cannot be written where it should lie."""
+
+
 class OptionError(NasError, ValueError):
     """A value given by the user is out of its range."""
 

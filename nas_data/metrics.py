@@ -12,7 +12,7 @@ class Errors:
 
     Attributes:
         joints: Names of the joints.
-        squared: Mean squared error of each episode and joint [rad²], shape (E, n).
+        squared: Mean squared error of each episode and joint [rad²], shape (E, n); NaN where it diverged.
         lengths: Frames of each episode, shape (E,).
     """
 
@@ -68,13 +68,19 @@ class Errors:
 
 
 def table(rows: Mapping[str, Errors], title: str) -> str:
-    """Return a table of RMSE in degrees: a row per predictor, a column per joint, the mean of episodes last."""
+    """Return a table of RMSE in degrees: a row per predictor, a column per joint, the mean of episodes last.
+
+    A predictor that diverges in any episode has no mean error; its row says so.
+    """
     joints = next(iter(rows.values())).joints
     widths = [max(7, len(joint)) for joint in joints]
     names = max(len(name) for name in rows)
     head = "  ".join(f"{joint:>{width}}" for joint, width in zip(joints, widths, strict=True))
     lines = [f"{title} [deg]", f"  {'':<{names}}  {head}      all  mean of episodes"]
     for name, errors in rows.items():
+        if not np.isfinite(errors.overall):
+            lines.append(f"  {name:<{names}}  {'diverged':>{len(lines[1]) - names - 4}}")
+            continue
         values = np.degrees(list(errors.per_joint.values()))
         cells = "  ".join(f"{value:{width}.3f}" for value, width in zip(values, widths, strict=True))
         overall, mean = np.degrees([errors.overall, errors.mean_of_episodes])

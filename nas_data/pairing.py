@@ -1,5 +1,6 @@
 """Pairing: what the source predicts for every measured transition, in batched rollouts."""
 
+import mujoco
 import numpy as np
 
 from nas_data.dataset.dataset import Dataset
@@ -9,6 +10,8 @@ from nas_data.simulators.base import Simulator
 
 PROBES = 500  # transitions that tell one source from another
 SAME_SOURCE = 1e-5  # [rad] engines of other versions and machines differ by less
+MARGIN = 0.05  # [rad or m] by which calibrations of real arms and their models differ
+WIDEST = 4 * np.pi  # [rad] two turns; a range of degrees that were read as radians is wider at once
 
 
 def pair(dataset: Dataset, simulator: Simulator) -> Dataset:
@@ -47,6 +50,30 @@ def check_source(dataset: Dataset, simulator: Simulator) -> None:
             f"The source predicts other states than those in the dataset, by {apart:.2g} rad in one step: "
             "the dataset was paired with another one; pair it again with 'nas pair --model'."
         )
+
+
+def range_warnings(dataset: Dataset, model: mujoco.MjModel) -> list[str]:
+    """Say of each joint whose range the measured positions leave, or whose range is none, that the model may be wrong.
+
+    Args:
+        dataset: Transitions with 2n-states, n joints that the model has.
+        model: The source, without its effects.
+    """
+    found = []
+    for place, joint in enumerate(dataset.joints):
+        hinge = int(model.joint(joint).type[0]) == int(mujoco.mjtJoint.mjJNT_HINGE)
+        low, high = model.joint(joint).range
+        if not len(dataset.states) or not model.jnt_limited[model.joint(joint).id]:
+            continue
+        positions = dataset.states[:, place]
+        furthest = float(positions[np.argmax(np.maximum(positions - high, low - positions))])
+        unit, ask = ("rad", "; is the model in degrees?") if hinge else ("m", "; is the model in metres?")
+        reach, limits = f"measured positions of {joint} reach {furthest:.3g} {unit}", f"{low:.3g} to {high:.3g} {unit}"
+        if not low - MARGIN <= furthest <= high + MARGIN:
+            found.append(f"{reach}, outside the model's range {limits}{ask}")
+        elif hinge and high - low > WIDEST:
+            found.append(f"{reach}, the model's range is {limits}{ask}")
+    return found
 
 
 def check_fits(dataset: Dataset, simulator: Simulator) -> None:

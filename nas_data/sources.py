@@ -1,34 +1,67 @@
 """The source of a dataset or checkpoint: the model named on the command line, or the one kept beside the data."""
 
 import json
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.layout import PROVENANCE, read_json
+from nas_data.dataset.layout import PROVENANCE, SOURCE, SOURCE_EFFECTS, read_json
 from nas_data.effects.base import Effect, read_effects
 from nas_data.errors import ModelFileError
+from nas_data.meshless import colliding_shapes, exact_xml, meshless, needs_files
+from nas_data.pairing import check_source
 from nas_data.robots.base import Robot
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.engines import ENGINES, load_simulator
 
-MODEL = "source.xml"
-EFFECTS = "source_effects.json"
+MODEL, EFFECTS = Path(SOURCE).name, Path(SOURCE_EFFECTS).name
 
 
 def source_files(robot: Robot, effects: Sequence[Effect] = ()) -> dict[str, bytes]:
     """Return the files that make a paired dataset or a checkpoint self-contained: the source's MJCF and its effects.
 
-    Empty where the model needs other files (meshes, textures); then `--model` is needed again.
+    Where the model needs other files (meshes, textures), a copy without them is kept: see `meshless`.
     """
-    spec = robot.spec()
-    if any(item.file for group in (spec.meshes, spec.textures, spec.hfields, spec.skins) for item in group):
-        return {}
-    alone = robot.edit is None and b"<include" not in robot.mjcf.read_bytes()
-    files = {MODEL: robot.mjcf.read_bytes() if alone else spec.to_xml().encode()}
+    files = {MODEL: _alone(robot)}
     if effects:
         files[EFFECTS] = json.dumps([effect.to_json() for effect in effects], indent=1).encode()
     return files
+
+
+def _alone(robot: Robot) -> bytes:
+    """Return a robot's model as one file."""
+    spec = robot.spec()
+    if needs_files(spec):
+        return exact_xml(meshless(spec))
+    if robot.edit is None and b"<include" not in robot.mjcf.read_bytes():
+        return robot.mjcf.read_bytes()
+    return exact_xml(spec)
+
+
+def left_out(robot: Robot) -> str | None:
+    """Say what of a robot the kept source lacks and pairing may have felt; None where nothing."""
+    spec = robot.spec()
+    shapes = colliding_shapes(spec) if needs_files(spec) else 0
+    if not shapes:
+        return None
+    meshes = "mesh" if shapes == 1 else "meshes"
+    return (
+        f"the source is kept without its {shapes} colliding {meshes}, so that it needs no other files: "
+        f"what the meshes touch it does not feel; give --model {robot.mjcf} to later commands where that matters"
+    )
+
+
+def check_kept(files: Mapping[str, bytes], paired: Dataset, engine: str) -> None:
+    """Refuse source files that do not predict what a paired dataset holds.
+
+    Raises:
+        JointMismatch: they predict otherwise.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        for name, content in files.items():
+            Path(folder, name).write_bytes(content)
+        check_source(paired, find_source(None, (), paired, [Path(folder)], engine))
 
 
 def kept_files(root: Path) -> dict[str, bytes]:

@@ -1,6 +1,8 @@
 """Bad input costs one sentence and exit code 2: no traceback, nothing printed besides, nothing written."""
 
+import errno
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -51,6 +53,10 @@ def spoilt(place: Place, here: Path) -> None:
     (aside / "torque.xml").write_text(motors().replace('"hinge"', '"pendulum"'))
     (aside / "wild.xml").write_text(unstable().replace('"hinge"', '"pendulum"'))
     (aside / "slow.xml").write_text(hinge().replace('"hinge"', '"pendulum"'))
+    (aside / "nan.xml").write_text(hinge(options='kp="nan"').replace('"hinge"', '"pendulum"'))
+    (aside / "whole.xml").write_text(hinge().replace("<worldbody>", '<include file="part.xml"/><worldbody>'))
+    mesh = '<asset><mesh name="m" file="assets/m.stl"/></asset><worldbody>'
+    (aside / "meshed.xml").write_text(hinge().replace("<worldbody>", mesh))
     (aside / "taken").mkdir()
     (aside / "taken/thesis.tex").write_text("years of work")
     (aside / "effects.json").write_text('{"effects": [{"effect": "gremlins"}]}')
@@ -77,6 +83,16 @@ BAD = {
     "pair: torques": (("pair", "RAW", "--model", "../torque.xml"), "torque"),
     "pair: a model that diverges": (("pair", "RAW", "--model", "../wild.xml"), "wild.xml"),
     "pair: a taken folder": (("pair", "RAW", "--model", "pendulum", "--out", "../taken"), "taken"),
+    "pair: NaN in the model": (("pair", "RAW", "--model", "../nan.xml"), "nan.xml gives NaN"),
+    "pair: a missing part": (("pair", "RAW", "--model", "../whole.xml"), "'part.xml', which is missing: put it beside"),
+    "pair: a missing mesh": (("pair", "RAW", "--model", "../meshed.xml"), "'assets/m.stl', which is missing"),
+    "pair: a file as folder": (("pair", "RAW", "--model", "pendulum", "--out", "../photo.png/x"), "photo.png/x"),
+    "record: a file as folder": (("record", "sim", "--episodes", "1", "--out", "../photo.png/x"), "photo.png/x"),
+    "record: a name too long": (("record", "sim", "--episodes", "1", "--out", "x" * 250), "too long"),
+    "record: a negative seed": (("record", "sim", "--episodes", "1", "--seed", "-1", "--out", "x"), "--seed is -1"),
+    "split: a negative seed": (("split", "RAW", "--share", "0.5", "--seed", "-1"), "--seed is -1"),
+    "compare: a negative seed": (("policy", "compare", "--seed", "0", "-1"), "--seed -1"),
+    "pack: a file as folder": (("pack", "RAW", "--out", "../photo.png/x.tar"), "photo.png"),
     "pair: no such engine": (("pair", "RAW", "--model", "pendulum", "--engine", "unity"), "bullet"),
     "pair: no such effect": (("pair", "RAW", "--model", "pendulum", "--effect", "gremlins:joint=pendulum"), "gremlins"),
     "pair: an effect elsewhere": (
@@ -137,3 +153,56 @@ def test_bad_input_costs_one_sentence_and_writes_nothing(place, here, capfd, cas
     else:
         assert output.out == ""
     assert (tree(here.parent), tree(place.root)) == before
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("pair",), "Missing from nas pair: PATH --model STR; see: nas pair --help"),
+        (("pair", "x", "--modell", "y"), "nas pair --help"),
+        (("record", "sim", "--wings", "2"), "Unrecognized options: --wings, 2; see: nas record sim --help"),
+        (("record", "sim", "--episodes", "many"), "'many'; see: nas record sim --help"),
+        (("nosuch",), "There is no command 'nosuch'; see: nas --help"),
+    ],
+)
+def test_wrong_options_are_told_machines_in_a_sentence(here, capfd, words, said):
+    assert main([*words, "--json"]) == 2
+    output = capfd.readouterr()
+    error = json.loads(output.out)["error"]
+    assert error.endswith(said)
+    assert output.err == f"nas: {error}\n"
+
+
+def test_wrong_options_are_told_people_in_a_box(here, capfd):
+    with pytest.raises(SystemExit) as stopped:
+        main(["record", "sim", "--wings", "2"])
+    assert stopped.value.code == 2
+    assert "Unrecognized options" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["record", "import", "pair"])
+def test_a_place_that_cannot_be_written_is_found_before_the_work(place, here, capfd, monkeypatch, command):
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("the work was begun")
+
+    for work in ("recorders.simulated.record", "recorders.logs.import_logs", "pairing.pair"):
+        monkeypatch.setattr(f"nas_data.{work}", never)
+    Path("file").write_text("")
+    words = {
+        "record": ("record", "sim", "--out", "file/x"),
+        "import": ("import", "log.npz", "--map", "so101_npz", "--out", "file/x"),
+        "pair": ("pair", str(place.raw), "--model", "pendulum", "--out", "file/x"),
+    }
+    assert main([*words[command], "--json"]) == 2
+    assert "file/x cannot be written" in json.loads(capfd.readouterr().out)["error"]
+
+
+def test_a_full_disk_is_one_sentence_that_names_the_place(here, capfd, monkeypatch):
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("nas_data.dataset.staging.os.fsync", full)
+    assert main(["record", "sim", "--episodes", "1", "--seconds", "0.1", "--out", "full"]) == 2
+    said = capfd.readouterr().err.splitlines()[-1]
+    assert said.startswith("nas: full cannot be written: no space left on device")
+    assert not list(here.iterdir())

@@ -306,3 +306,16 @@ def test_without_pybullet_the_remedy_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "pybullet", None)
     with pytest.raises(MissingPackage, match=r"nas_data\[bullet\]"):
         load_simulator("pendulum", PERIOD, engine="bullet")
+
+
+@pytest.mark.bullet
+def test_a_simulation_of_a_batch_that_diverges_is_nan_and_the_others_go_on(bullet):
+    stepper = bullet.stepper(2)
+    states = stepper.states
+    states[0, 6:] = 1e7
+    stepper.set_states(states)
+    after = stepper.step(np.zeros((2, 6)))
+    assert np.isnan(after[0]).all()
+    assert np.isfinite(after[1]).all()
+    stepper.reset(np.zeros((1, 12)), np.array([0]))
+    assert np.isfinite(stepper.step(np.zeros((2, 6)))).all()

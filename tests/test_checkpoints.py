@@ -72,6 +72,8 @@ def spoil(folder: Path, how: str) -> None:
         config.write_text("{")
     elif how == "config is a list":
         config.write_text("[1, 2]")
+    elif how == "config is empty":
+        config.write_text("{}")
     elif how == "config of another program":
         config.write_text(json.dumps({"type": "act", "n_obs_steps": 1, "chunk_size": 100}))
     elif how == "kind that does not exist":
@@ -94,6 +96,22 @@ def spoil(folder: Path, how: str) -> None:
         save_file(
             {key: torch.full_like(value, torch.nan) for key, value in network("forward").state_dict().items()}, weights
         )
+
+
+@pytest.mark.parametrize(
+    ("how", "reason"),
+    [
+        ("config is empty", r"config\.json lacks kind and joints"),
+        ("config of another program", r"config\.json lacks kind and joints"),
+        ("another size", r"inner\.bias has shape \(8,\) in model\.safetensors, \(9,\) by config\.json"),
+        ("weights of another program", r"model\.safetensors has actor\.0\.weight, unlike config\.json"),
+    ],
+)
+def test_a_checkpoint_that_was_edited_is_refused_with_what_is_wrong_in_it(tmp_path, how, reason):
+    folder = checkpoint.save(network("forward"), tmp_path / "checkpoint")
+    spoil(folder, how)
+    with pytest.raises(CheckpointError, match=reason + r".*train it again"):
+        checkpoint.load_frozen(folder)
 
 
 @pytest.mark.parametrize(

@@ -192,6 +192,12 @@ def test_info_stops_where_a_parent_of_that_name_has_other_content(root, tmp_path
     assert len(json.loads(capsys.readouterr().out)["provenance"]) == 1
 
 
+def test_info_of_a_file_says_that_it_is_one(tmp_path, capsys):
+    (tmp_path / "arm.toml").touch()
+    assert main(["info", str(tmp_path / "arm.toml")]) == 2
+    assert "arm.toml is a file, no dataset; give a dataset's folder" in capsys.readouterr().err
+
+
 def test_info_says_what_would_be_derived_or_why_nothing_can_be(tmp_path, capsys):
     plain = recorded(lengths=(20, 30))
     features = {STATE: Feature(("a", "b")), ACTION: Feature(("a", "b"))}

@@ -261,6 +261,8 @@ def test_effects_files_hold_lists_or_reports(tmp_path):
     report.write_text("{}")
     with pytest.raises(OptionError, match=r"effects\.json"):
         read_effects(report)
+    with pytest.raises(OptionError, match=r"There is no file .*none\.json; give the effects\.json of a gap report"):
+        read_effects(tmp_path / "none.json")
 
 
 def test_mistakes_are_answered_with_choices():
@@ -268,6 +270,8 @@ def test_mistakes_are_answered_with_choices():
         parse("gremlins:joint=m1")
     with pytest.raises(OptionError, match="half_width"):
         parse("backlash:joint=m3,width=0.1")
+    with pytest.raises(OptionError, match=r"half_width; given: none\."):
+        parse("backlash:joint=m3")
     with pytest.raises(OptionError, match="sits in a joint"):
         parse("backlash:half_width=0.1")
     with pytest.raises(OptionError, match="whole arm"):

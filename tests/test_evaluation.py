@@ -250,3 +250,82 @@ def test_progress_ends_at_the_total():
     evaluate(paired_pendulum((150, 30)), pendulum(), network("delta", ("pendulum",)), lambda *args: told.append(args))
     assert told[0][0] <= 1
     assert all(done <= total == 150 for done, total in told)
+
+
+# a model that diverges
+
+
+def runaway(joints: tuple[str, ...] = ("a", "b")):
+    """Return a ψ that multiplies the state of every step by eleven: after a while it leaves all bounds."""
+    import torch
+
+    model = silent(network("forward", joints))
+    for name in ("input_mean", "output_mean"):
+        model.get_buffer(name).zero_()
+    for name in ("input_std", "output_std"):
+        model.get_buffer(name).fill_(1)
+    width = 2 * len(joints)
+    with torch.no_grad():
+        model.shortcut.weight[:, :width] = 10 * torch.eye(width)
+    return model
+
+
+def long_and_short() -> Dataset:
+    """Two joints, an episode of 20 frames that starts away from zero, and one of 3 that starts there."""
+    joints = ("a", "b")
+    features = {STATE: state_feature(joints), ACTION: position_feature(joints), NEXT_STATE: state_feature(joints)}
+    states = np.zeros((23, 4), np.float32)
+    states[0] = 1
+    return Dataset(features, {STATE: states, NEXT_STATE: states, ACTION: states[:, :2]}, np.array([20, 3]), 50.0)
+
+
+def test_a_model_that_diverges_is_said_to_by_episode_and_time():
+    result = evaluate(long_and_short(), None, runaway())
+    assert list(result.diverged) == ["ψ"]
+    assert result.diverged["ψ"] == {0: pytest.approx(6 / 50)}, "eleven to the sixth is the first power beyond a million"
+    assert "ψ diverges in 1 of 2 episodes (episode 0 after 0.12 s)" in result.text()
+    lines = [line.split() for line in result.text().splitlines()]
+    assert ["ψ", "diverged"] in lines
+    assert not any("nan" in word for line in lines for word in line)
+    rows = result.episodes_text().splitlines()
+    assert rows[2].split()[:2] == ["0", "diverged"]
+    assert rows[3].split()[:2] == ["1", "0.000"]
+    content = json.loads(json.dumps(finite(result.to_json()), allow_nan=False))
+    assert content["open_loop"]["ψ"]["overall"] is None
+    assert content["diverged"] == {"ψ": [{"episode": 0, "after_s": pytest.approx(0.12)}]}
+
+
+def test_nothing_is_said_to_diverge_that_does_not():
+    result = evaluate(tiny(), ARM, silent(network("delta", ("a", "b"))))
+    assert result.diverged == {}
+    assert "diverge" not in result.text() + result.episodes_text()
+
+
+def test_torch_has_one_thread_while_models_are_evaluated(monkeypatch):
+    import torch
+
+    seen = []
+    monkeypatch.setattr(evaluation_module, "divergences", lambda *_: seen.append(torch.get_num_threads()) or {})
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        evaluate(tiny(), ARM, silent(network("delta", ("a", "b"))))
+        assert set(seen) == {1}
+        evaluation_module.open_loop_model(
+            tiny(), None, silent(network("forward", ("a", "b"))), lambda *_: seen.append(torch.get_num_threads())
+        )
+        assert set(seen) == {1}
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)
+
+
+def test_progress_without_a_terminal_is_a_line_now_and_then(monkeypatch, capsys):
+    from nas_data.commands import _patience
+
+    clock = iter([0.0, 0.5, 1.9, 2.1, 2.1, 3.0, 4.2, 4.2])
+    monkeypatch.setattr(_patience.time, "monotonic", lambda: next(clock))
+    counting = _patience.Counting("rolling out")
+    for done in range(1, 6):
+        counting(done, 5)
+    assert capsys.readouterr().err.splitlines() == ["rolling out 3/5", "rolling out 5/5"]

@@ -10,10 +10,12 @@ from hypothesis import strategies as st
 from import_samples import RATE, Motion, columns_of, map_text, motion, write_log, write_map
 
 from nas_data import registry
+from nas_data.errors import LogError
 from nas_data.importing.audits import audit, find_audit
 from nas_data.importing.finding import Finding
 from nas_data.importing.map_file import ALLOWABLE, load_map
 from nas_data.importing.reading import read_log
+from nas_data.recorders.logs import import_logs
 
 LIMITS = "[limits]\nshoulder = [-1.5, 1.5]\nelbow = [-1.5, 1.5]\n"
 RELEASED = '[signals.torque_enable]\ncolumn = "on"\nunit = "1"'
@@ -306,14 +308,79 @@ def test_rows_without_torque_are_reported(tmp_path):
     assert finding.rows == tuple(range(70, 120))
 
 
+def test_a_hole_in_the_time_divides_the_log(tmp_path):
+    recording = motion()
+    time = recording.time.copy()
+    time[40:] += 3
+    (finding,) = only(findings(tmp_path, recording.edited(time=time)), "time_gap")
+    assert not finding.error and finding.rows == (40,)
+    assert finding.message.startswith("3.02 s are missing before row 40; the log is divided there")
+    log = write_log(tmp_path / "log.npz", columns_of(recording.edited(time=time)))
+    for extra in ("", '[resample]\nrate = 50.0\nmethod = "linear"'):
+        dataset = import_logs([log], load_map(write_map(tmp_path, map_text(extra=extra)))).dataset
+        assert dataset.lengths.tolist() == [39, 79] and dataset.tasks == ("log:1", "log:2")
+    time[119:] += 3
+    with pytest.raises(LogError, match=r"has 1 rows; at least 3 are needed; take out row 119, before which 3.02 s"):
+        findings(tmp_path, recording.edited(time=time))
+
+
+def test_one_uneven_step_is_no_range(tmp_path):
+    time = motion().time.copy()
+    time[40:] += 0.02
+    (finding,) = findings(tmp_path, motion().edited(time=time))
+    assert "is 40 ms instead of 20 ms" in finding.message
+
+
+def test_a_position_that_is_frozen_while_its_velocity_runs_is_reported_by_row(tmp_path):
+    recording = motion(rows=400, amplitude=1.0)
+    position = recording.position.copy()
+    position[100:250, 1] = position[100, 1]
+    found = findings(tmp_path, recording.edited(position=position))
+    (finding,) = [finding for finding in found if finding.check == "position_contradicts_velocity"]
+    assert "the position of elbow" in finding.message and set(range(101, 250)) <= set(finding.rows)
+    always = recording.edited(position=recording.position * [1, 0])
+    (finding,) = only(findings(tmp_path, always), "position_contradicts_velocity")
+    assert len(finding.rows) > 300
+
+
+def test_a_position_that_is_another_joints_is_reported(tmp_path):
+    recording = motion(rows=400)
+    found = findings(tmp_path, recording.edited(position=recording.position[:, [0, 0]]))
+    assert {finding.check for finding in found} == {"position_contradicts_velocity", "joints_swapped"}
+    assert all("the position of elbow" in finding.message and not finding.error for finding in found)
+
+
+def test_joints_that_are_swapped_against_their_commands_are_reported(tmp_path):
+    recording = motion(rows=400)
+    order = [1, 0]
+    swapped = recording.edited(position=recording.position[:, order], velocity=recording.velocity[:, order])
+    found = only(findings(tmp_path, swapped), "joints_swapped")
+    assert "shoulder follows the command of elbow" in found[0].message and len(found) == 2
+
+
+def test_joints_with_one_command_for_all_are_not_taken_for_swapped(tmp_path):
+    recording = motion(rows=400)
+    coupled = {key: getattr(recording, key)[:, [0, 0]] for key in ("position", "velocity", "command")}
+    assert findings(tmp_path, recording.edited(**coupled)) == []
+    resting = {key: values * [1, 0.02] for key, values in coupled.items()}
+    assert findings(tmp_path, recording.edited(**resting)) == []
+
+
+def test_positions_named_as_commands_are_reported(tmp_path):
+    (finding,) = only(findings(tmp_path, motion(), command='column = "q"\nunit = "rad"'), "command_is_position")
+    assert "shoulder, elbow" in finding.message and not finding.error
+
+
 FIRES = {
     "commands": "test_a_command_in_another_unit_than_the_position_is_refused",
+    "following": "test_joints_that_are_swapped_against_their_commands_are_reported",
     "finite": "test_values_that_are_not_finite_are_refused_by_row",
     "jumps": "test_jumps_are_reported_by_joint_and_row",
     "limits": "test_values_beyond_the_limits_are_reported_by_joint_and_row",
     "repeats": "test_single_repeated_samples_are_reported_by_row",
     "timing": "test_time_that_goes_back_is_refused_by_row",
     "torque_off": "test_rows_without_torque_are_reported",
+    "travel": "test_a_position_that_is_frozen_while_its_velocity_runs_is_reported_by_row",
     "unit_slip": "test_degrees_read_as_radians_are_refused_with_the_remedy",
     "velocity": "test_a_velocity_register_in_another_unit_is_refused",
 }

@@ -52,10 +52,22 @@ def test_a_file_that_is_no_toml_is_refused(tmp_path):
 
 
 WRONG = {
-    "unknown key": (map_text() + "[audit]\nspeed = 3", r"\[audit\]: there is no key 'speed' here; the keys are: allow"),
+    "unknown key": (
+        map_text() + "[audit]\nspeed = 3",
+        r"\[audit\]: there is no key 'speed' here .*'max_speed'\?\); the keys are: allow",
+    ),
     "unknown top key": ("jonits = []\n" + map_text(), "there is no key 'jonits' here"),
     "unknown quantity": (map_text(extra="[read.torque]\ncolumn='x'"), r"\[read\]: there is no key 'torque'"),
-    "key of another format": (map_text(top='entries = "rows"'), "no key 'entries'"),
+    "key of another format": (map_text(top='entries = "rows"'), "no key 'entries' here: it belongs to format = 'json'"),
+    "join of one file": (map_text(top='[join]\nmethod = "nearest"'), r"no key 'join' here: it belongs to .*\[files\]"),
+    "misspelt optional key": (
+        map_text(extra="[resampel]\nrate = 50"),
+        r"no key 'resampel' here \(did you mean 'resample'\?\); the keys are: .*delimiter, entries, .*join, .*resample",
+    ),
+    "misspelt needed key": (map_text().replace("rate =", "rates ="), "'rate' is missing \\(is 'rates' meant to be it"),
+    "column twice": (map_text(position='columns = ["q1", "q1"]\nunit = "rad"'), r"\[read.position\]: .*'q1' twice"),
+    "command twice": (map_text(command='columns = ["c", "c"]\nunit = "rad"'), r"\[read.command\]: .*'c' twice"),
+    "component twice": (map_text(position='column = "q"\ncomponents = [1, 1]\nunit = "rad"'), "names 1 twice"),
     "missing key": (map_text().replace('robot = "sample"', ""), "the key 'robot' is missing"),
     "missing table": (map_text().replace("[read.command]", "[read.commands]"), r"\[read.command\]: exactly one of"),
     "format": (map_text(format='"xlsx"'), "'format' is 'xlsx'; choose one of: csv, json, npz, parquet"),
@@ -179,6 +191,7 @@ def test_the_example_map_reads_what_its_comments_describe(tmp_path):
     time = np.arange(rows) * 10.0
     angle = 0.8 * np.sin(np.arange(rows) * 0.05)
     speed = 0.8 * 0.05 * 100 * np.cos(np.arange(rows) * 0.05)
+    goal = 0.8 * np.sin((np.arange(rows) + 1) * 0.05)
     columns = {
         "time": 1e6 + time,
         "take": np.repeat(np.arange(takes), rows // takes),
@@ -186,7 +199,7 @@ def test_the_example_map_reads_what_its_comments_describe(tmp_path):
         "q2": 2048 - angle / (2 * np.pi / 4096),
         "dq1": speed * 60 / (2 * np.pi),
         "dq2": -speed * 60 / (2 * np.pi),
-        "goal": np.column_stack([angle, angle - 0.1]),
+        "goal": np.column_stack([goal, goal - 0.1]),
         "load1": np.full(rows, 100),
         "load2": np.full(rows, 1024 + 100),
         "volts": np.full(rows, 7.5),
@@ -201,7 +214,7 @@ def test_the_example_map_reads_what_its_comments_describe(tmp_path):
     expected = angle[101:201:2]
     np.testing.assert_allclose(dataset.states[first][:, :2], np.column_stack([expected, expected]), atol=1e-5)
     np.testing.assert_allclose(dataset.states[first][:, 2], speed[101:201:2], atol=1e-5)
-    np.testing.assert_allclose(dataset.commands[first], np.column_stack([expected, expected]), atol=1e-5)
+    np.testing.assert_allclose(dataset.commands[first], np.column_stack([goal[101:201:2]] * 2), atol=1e-5)
     assert dataset.columns["nas.load"][0].tolist() == pytest.approx([0.1, -0.1])
     assert dataset.columns["nas.voltage"].shape == (150, 1)
 

@@ -1,6 +1,7 @@
 """Pairing adds what the source predicts and nothing else, and what it made says where it comes from."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from recording_samples import GAP, paired_pendulum, pendulum, positions_only, recorded_on, wander, without
-from simulator_samples import CONTACTS, motors, predict_loop
+from simulator_samples import CONTACTS, SO101, hinge, motors, needs_so101, predict_loop
 
 from nas_data.cli import main
 from nas_data.dataset.content import content_hash
@@ -19,10 +20,10 @@ from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.versions import new_version
 from nas_data.dataset.write import write
 from nas_data.errors import JointMismatch, ModelFileError
-from nas_data.pairing import check_fits, pair
+from nas_data.pairing import check_fits, check_source, pair
 from nas_data.robots.base import find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
-from nas_data.sources import find_source, kept_files, source_files
+from nas_data.sources import find_source, kept_files, left_out, source_files
 
 SIMULATED = Provenance(how="simulated", robot="pendulum")
 
@@ -226,7 +227,7 @@ def test_a_kept_file_is_the_file_itself_so_that_its_hash_is_the_sources():
     assert source_files(robot)["source.xml"] == robot.mjcf.read_bytes()
 
 
-def test_a_source_of_several_files_is_kept_whole_or_not_at_all(tmp_path):
+def test_a_source_of_several_files_is_kept_as_one(tmp_path):
     (tmp_path / "part.xml").write_text('<mujoco><option timestep="0.003"/></mujoco>')
     (tmp_path / "arm.xml").write_text(CONTACTS.replace("<worldbody>", '<include file="part.xml"/><worldbody>'))
     kept = source_files(find_robot(tmp_path / "arm.xml"))
@@ -236,13 +237,116 @@ def test_a_source_of_several_files_is_kept_whole_or_not_at_all(tmp_path):
     one, other = (MujocoSimulator.load(path, 0.02, threads=1) for path in (tmp_path / "arm.xml", alone))
     dataset = recorded_on(one, wander((10,), 2))
     np.testing.assert_allclose(pair(dataset, other).sim_states, pair(dataset, one).sim_states, rtol=0, atol=1e-6)
-    mesh = '<asset><mesh name="m" file="m.stl"/></asset><worldbody><geom type="mesh" mesh="m"/>'
-    (tmp_path / "meshes.xml").write_text(CONTACTS.replace("<worldbody>", mesh, 1))
-    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype="<f4")
+
+
+def tetrahedron(size: float) -> bytes:
+    """Return a mesh in a binary STL file."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype="<f4") * np.float32(size)
     faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
     body = b"".join(bytes(12) + corners[list(face)].tobytes() + bytes(2) for face in faces)
-    (tmp_path / "m.stl").write_bytes(bytes(80) + len(faces).to_bytes(4, "little") + body)
-    assert source_files(find_robot(tmp_path / "meshes.xml")) == {}
+    return bytes(80) + len(faces).to_bytes(4, "little") + body
+
+
+def meshed(folder: Path, options: str, size: float = 0.01) -> Path:
+    """Write a pendulum whose mass lies in a mesh, with a block beside it to push against."""
+    (folder / "m.stl").write_bytes(tetrahedron(size))
+    model = hinge(options='kp="1.234567891" kv="0.02"').replace('"hinge"', '"pendulum"')
+    shape = f'<geom type="mesh" mesh="m" pos="0.05 0 0" mass="0.0123456789" {options}/>'
+    block = '<geom type="box" size="0.02 0.02 0.02" pos="0.08 0 -0.03" contype="2" conaffinity="2"/>'
+    model = model.replace("<body>", f"{block}<body>").replace('mass="0.1"/>', f'mass="0.1"/>{shape}')
+    model = model.replace("<worldbody>", '<asset><mesh name="m" file="m.stl"/></asset><worldbody>')
+    (folder / "meshed.xml").write_text(model)
+    return folder / "meshed.xml"
+
+
+def kept_alone(folder: Path, model: Path) -> Path:
+    """Write the kept source into a folder that holds nothing else."""
+    folder.mkdir()
+    (folder / "source.xml").write_bytes(source_files(find_robot(model))["source.xml"])
+    return folder / "source.xml"
+
+
+def test_a_source_with_meshes_is_kept_without_them_and_moves_the_same(tmp_path):
+    model = meshed(tmp_path, 'contype="0" conaffinity="0"')
+    alone = kept_alone(tmp_path / "elsewhere", model)
+    one, other = (MujocoSimulator.load(path, 0.02, threads=1) for path in (model, alone))
+    rng = np.random.default_rng(0)
+    states, commands = rng.uniform(-1, 1, (50, 2)), rng.uniform(-1, 1, (50, 1))
+    np.testing.assert_allclose(other.predict(states, commands), one.predict(states, commands), rtol=0, atol=1e-9)
+    assert left_out(find_robot(model)) is None
+
+
+@needs_so101
+def test_the_kept_copy_of_the_so101_with_meshes_moves_the_same_where_nothing_touches(tmp_path):
+    original = SO101.with_name("so101_new_calib_original.xml")
+    if not original.is_file():
+        pytest.skip("the SO-101 model with meshes is absent")
+    (tmp_path / "assets").mkdir()
+    for name in re.findall(r'file="([^"]+)"', original.read_text()):
+        (tmp_path / "assets" / name).write_bytes(tetrahedron(0.001))
+    model = tmp_path / "arm.xml"
+    model.write_bytes(original.read_bytes())
+    alone = kept_alone(tmp_path / "elsewhere", model)
+    one, other = (MujocoSimulator.load(path, 0.02, threads=1) for path in (model, alone))
+    rng = np.random.default_rng(0)
+    states, commands = rng.uniform(-1, 1, (50, 12)), rng.uniform(-1, 1, (50, 6))
+    np.testing.assert_allclose(other.predict(states, commands), one.predict(states, commands), rtol=0, atol=1e-9)
+
+
+def test_colliding_meshes_are_left_out_and_that_is_said(here, capsys):
+    write(recorded_on(pendulum(), wander((20,), size=0.1)), here / "raw", SIMULATED)
+    model = meshed(here, 'contype="2" conaffinity="2"')
+    told = nas(capsys, "pair", "raw", "--model", model, "--out", "paired")
+    assert "1 colliding mesh" in told["warnings"][0]
+    assert f"--model {model}" in told["warnings"][0]
+    paired = read(Path("paired"))
+    model.unlink()
+    check_source(paired, find_source(None, (), paired, [Path("paired")]))
+
+
+def test_a_source_whose_meshes_matter_is_not_kept_and_that_is_said(here, capsys):
+    write(recorded_on(pendulum(), wander((40,), size=1.2)), here / "raw", SIMULATED)
+    told = nas(capsys, "pair", "raw", "--model", meshed(here, 'contype="2" conaffinity="2"', 0.1), "--out", "paired")
+    assert "--model" in told["warnings"][0]
+    assert not Path("paired/meta/source.xml").exists()
+
+
+def test_another_source_that_predicts_the_same_is_another_version(here, capsys, recording):
+    root = new_version(recording, "swing", SIMULATED)
+    text = find_robot("pendulum").mjcf.read_text()
+    Path("one.xml").write_text(text)
+    Path("other.xml").write_text(f"<!-- another -->\n{text}")
+    first, second, again = (nas(capsys, "pair", root, "--model", f"{name}.xml") for name in ("one", "other", "one"))
+    assert first["content_hash"] == second["content_hash"]
+    assert first["dataset"] == again["dataset"]
+    assert Path(second["dataset"]).name.startswith("v3-")
+    assert Path(second["dataset"], "meta/source.xml").read_bytes() == Path("other.xml").read_bytes()
+    assert read_provenance(Path(second["dataset"])).source["name"] == "other"
+
+
+# warnings
+
+
+@pytest.mark.parametrize(
+    ("compiler", "limits", "said"),
+    [
+        ("degree", "-1.69 1.69", "outside the model's range -0.0295 to 0.0295 rad; is the model in degrees?"),
+        ("radian", "-97 97", "the model's range is -97 to 97 rad; is the model in degrees?"),
+        ("radian", "-1.69 1.69", None),
+    ],
+)
+def test_a_model_in_the_wrong_unit_is_warned_of(here, capsys, compiler, limits, said):
+    write(recorded_on(pendulum(), wander((40,), size=0.8)), here / "raw", SIMULATED)
+    model = hinge().replace('"hinge"', '"pendulum"').replace("axis=", f'range="{limits}" axis=')
+    Path("arm.xml").write_text(model.replace("<option", f'<compiler angle="{compiler}"/><option'))
+    assert main(["pair", "raw", "--model", "arm.xml", "--out", "paired", "--json"]) == 0
+    output = capsys.readouterr()
+    warnings = json.loads(output.out)["warnings"]
+    assert len(warnings) == (said is not None)
+    for warning in warnings:
+        assert warning.startswith("measured positions of pendulum reach ")
+        assert warning.endswith(said)
+        assert warning in output.err
 
 
 def test_without_a_source_the_remedy_is_named(tmp_path):

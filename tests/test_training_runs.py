@@ -5,13 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from recording_samples import paired_pendulum
+from recording_samples import paired_pendulum, pendulum
 from training_samples import TINY, history, same, train
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.errors import OutputExists
+from nas_data.models.bounds import predict_bounded
 from nas_data.models.checkpoint import load_frozen
 from nas_data.models.phases import FreeRunning, TeacherForcing
+from nas_data.models.run import TrainingRun
 from nas_data.models.training import Training
 
 
@@ -177,3 +179,68 @@ def test_an_unfinished_training_of_something_else_is_left_alone(tmp_path, swings
     with pytest.raises(OutputExists, match="unfinished"):
         train(swings, tmp_path / "run", options=options, provenance=other)
     train(swings, tmp_path / "run", provenance=provenance("a", "b"))
+
+
+def test_a_training_whose_first_state_could_not_be_written_starts_anew(tmp_path, swings, monkeypatch):
+    def full_disk(content, path) -> None:
+        path.write_bytes(b"half")
+        raise OSError(28, "No space left on device", str(path))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(torch, "save", full_disk)
+        with pytest.raises(OSError, match="space"):
+            train(swings, tmp_path / "broken")
+    assert same(train(swings, tmp_path / "broken"), train(swings, tmp_path / "whole"))
+    assert sorted(path.name for path in (tmp_path / "broken").iterdir()) == [
+        "checkpoint",
+        "history.json",
+        "tensorboard",
+    ]
+
+
+def test_a_finished_training_says_that_it_is_and_where_its_checkpoint_lies(tmp_path, swings):
+    train(swings, tmp_path / "run")
+    with pytest.raises(OutputExists, match=r"this training, finished: its checkpoint is .*run/checkpoint"):
+        train(swings, tmp_path / "run")
+    with pytest.raises(OutputExists, match=r"finished training of other options.*run/checkpoint"):
+        train(swings, tmp_path / "run", options=replace(TINY, rate=1e-3))
+
+
+# what diverges
+
+
+def test_a_shortcut_that_diverges_is_softened_until_its_rollouts_are_bounded(tmp_path, swings):
+    options = replace(TINY, updates=12)
+    training = Training("delta", swings, options, pendulum(), device="cpu")
+    without_shortcut = Training("delta", swings, options, pendulum(), device="cpu")
+    with torch.no_grad():
+        without_shortcut.model.shortcut.weight.zero_()
+        training.model.shortcut.weight.mul_(100)
+    assert training.validation_error() == float("inf"), "nothing diverges: the test shows nothing"
+    told: list[str] = []
+    TrainingRun(training, tmp_path / "run", told.append).run()
+    assert "shortcut diverges" in told[0]
+    errors = [row["validation"] for row in history(tmp_path / "run")]
+    assert errors[0] <= without_shortcut.validation_error()
+    assert np.isfinite(errors).all()
+
+
+@pytest.mark.parametrize("kind", ["delta", "forward"])
+def test_windows_that_diverge_cost_no_training(swings, kind):
+    training = Training(kind, swings, replace(TINY, updates=12), pendulum(), device="cpu")
+    with torch.no_grad():
+        training.model.shortcut.weight.mul_(1e4)
+    loss = training.phase.loss(11)  # a long window
+    loss.backward()
+    assert torch.isfinite(loss)
+    assert all(torch.isfinite(parameter.grad).all() for parameter in training.model.parameters())
+
+
+def test_only_the_rows_that_a_source_refuses_are_left_out():
+    states, commands = np.zeros((7, 2)), np.zeros((7, 1))
+    states[:, 0] = np.linspace(0, 0.6, 7)
+    expected = pendulum().predict(states, commands)
+    states[[2, 6]] = np.nan, 1e200
+    predicted, refused = predict_bounded(pendulum(), states, commands)
+    assert refused.tolist() == [False, False, True, False, False, False, True]
+    np.testing.assert_array_equal(predicted[~refused], expected[~refused])

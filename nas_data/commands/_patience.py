@@ -2,10 +2,28 @@
 
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 PATIENCE = 2.0  # [s] of silence
+
+
+class Counting:
+    """A line of progress: rewritten on a terminal; elsewhere a new one at most every two seconds."""
+
+    def __init__(self, what: str) -> None:
+        """Say what is being done once something is counted."""
+        self.what = what
+        self._spoken = time.monotonic()
+
+    def __call__(self, done: int, total: int) -> None:
+        """Show how much of the whole is done."""
+        if sys.stderr.isatty():
+            print(f"\r{self.what} {done}/{total} ", end="\n" if done == total else "", file=sys.stderr, flush=True)
+        elif time.monotonic() - self._spoken >= PATIENCE:
+            self._spoken = time.monotonic()
+            print(f"{self.what} {done}/{total}", file=sys.stderr, flush=True)
 
 
 @contextmanager

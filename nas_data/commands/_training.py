@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
+from nas_data.commands._patience import Counting
 from nas_data.commands.base import Command, Outcome
 
 if TYPE_CHECKING:
@@ -89,7 +90,9 @@ class Train(Command):
         for note in notes:  # only now: bad input is one sentence and nothing else
             report(note)
         model = training_run.run()
-        evaluation = evaluate(training.split.held, simulator, model) if simulator or self.kind == "forward" else None
+        known = simulator is not None or self.kind == "forward"
+        counting = Counting("rolling out what was held out")
+        evaluation = evaluate(training.split.held, simulator, model, counting) if known else None
         text = f"{evaluation.text()}\n\n" if evaluation else ""
         title = f"Held out ({training.split.what}):\n\n" if evaluation else ""
         return Outcome(

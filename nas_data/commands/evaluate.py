@@ -1,11 +1,11 @@
 """Compare φ or ψ with hold, source and command on any dataset."""
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
 
+from nas_data.commands._patience import Counting
 from nas_data.commands.base import Command, Outcome
 
 
@@ -49,16 +49,10 @@ class Evaluate(Command):
             if self.model is not None or model.kind == "delta":
                 raise
             simulator = None
-        evaluation = evaluate(dataset, simulator, model, progress)
+        evaluation = evaluate(dataset, simulator, model, Counting("rolling out"))
         seen = model.provenance.get("dataset")
         name = seen.get("name") if isinstance(seen, dict) else "unknown"
         head = [f"{folder} (trained on {name}) on {root}: {dataset.n_episodes} episodes, {dataset.n_frames} frames"]
         head += [f"derived {key}: {how}" for key, how in derived.items()]
         data = {"checkpoint": folder, "dataset": root, "trained_on": seen, "derived": derived, **evaluation.to_json()}
         return Outcome("\n".join([*head, "", evaluation.text(), "", evaluation.episodes_text()]), data)
-
-
-def progress(done: int, total: int) -> None:
-    """Show how far the rollouts are."""
-    if sys.stderr.isatty():
-        print(f"\rrolling out {done}/{total} ", end="", file=sys.stderr, flush=True)

@@ -15,7 +15,7 @@ class GapShow(Command):
     Example: nas gap show runs/gap
     """
 
-    folder: tyro.conf.Positional[Path]
+    report: tyro.conf.Positional[Path]
     """Folder of a gap report."""
 
     def run(self) -> Outcome:
@@ -23,9 +23,9 @@ class GapShow(Command):
         from nas_data.errors import OptionError
         from nas_data.gap.showing.show import show
 
-        if not (self.folder / "report.json").is_file():
+        if not (self.report / "report.json").is_file():
             raise OptionError(
-                f"There is no gap report in {self.folder}; make one with: nas gap DATASET --model MODEL.xml"
+                f"There is no gap report in {self.report}; make one with: nas gap DATASET --model MODEL.xml"
             )
-        page = show(self.folder)
+        page = show(self.report)
         return Outcome(f"{page}", {"page": page})

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from nas_data.commands.base import Command, Outcome
-from nas_data.errors import OptionError, OutputExists
+from nas_data.errors import OptionError
 
 if TYPE_CHECKING:
     from nas_data.importing.finding import Finding
@@ -48,9 +48,8 @@ class ImportLogs(Command):
 
         if not self.logs:
             raise OptionError("No log is given; say: nas import LOG… --map MAP.toml")
-        if self.out is not None and self.out.exists():
-            raise OutputExists(f"{self.out} exists already; give a folder that does not.")
         mapping = load_map(self.map)
+        versions.check_place(out=self.out, name=self.name or mapping.robot)
         result = import_logs(self.logs, mapping, _Progress())
         root = versions.save(
             result.dataset,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from nas_data.commands.base import Command, Outcome
+from nas_data.errors import DatasetNotFound
 
 if TYPE_CHECKING:
     from nas_data.dataset.summary import Summary
@@ -27,6 +28,8 @@ class Info(Command):
         """Read the dataset and describe it."""
         from nas_data.dataset.summary import summarize
 
+        if self.dataset.is_file():
+            raise DatasetNotFound(f"{self.dataset} is a file, no dataset; give a dataset's folder or datasets/NAME.")
         summary = summarize(self.dataset)
         lines = [*overview(summary), *feature_lines(summary), *provenance_lines(summary)]
         return Outcome("\n".join(lines), summary.to_json())

@@ -1,12 +1,19 @@
 """Add what a source simulator predicts for every transition, as a new version."""
 
+import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from nas_data.commands.base import Command, Outcome
+
+if TYPE_CHECKING:
+    from nas_data.dataset.dataset import Dataset
+    from nas_data.effects.base import Effect
+    from nas_data.robots.base import Robot
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,17 +43,14 @@ class Pair(Command):
         from nas_data.dataset import versions
         from nas_data.dataset.provenance import Provenance, read_provenance
         from nas_data.dataset.read import read
-        from nas_data.dataset.staging import refuse_existing
         from nas_data.dataset.transitions import as_transitions
         from nas_data.effects.base import parse, read_effects
-        from nas_data.pairing import pair
+        from nas_data.pairing import pair, range_warnings
         from nas_data.robots.base import find_robot
         from nas_data.simulators.engines import load_simulator
-        from nas_data.sources import source_files
 
-        if self.out is not None:
-            refuse_existing(self.out)
         root = versions.resolve(self.dataset)
+        versions.check_place(out=self.out, parent=root)
         recorded = read(root)
         dataset, derived = as_transitions(recorded)
         effects = (*map(parse, self.effect), *(read_effects(self.effects) if self.effects else ()))
@@ -67,12 +71,15 @@ class Pair(Command):
             contiguous=before.contiguous,
             notes=before.notes,
         )
-        files = source_files(find_robot(self.model), effects)
+        robot = find_robot(self.model)
+        warnings = range_warnings(dataset, robot.spec().compile())
+        for warning in warnings:
+            print(f"nas: warning: {warning}", file=sys.stderr)
+        files, remark = self._kept_source(robot, effects, paired)
         kept = {f"meta/{name}": content for name, content in files.items()}
         folder = versions.save(paired, provenance, out=self.out, parent=root, attachments=kept)
         notes = [f"  derived {key}: {how}" for key, how in derived.items()]
-        if not files:
-            notes.append("  the source needs other files (meshes): keep it at hand, later commands need --model again")
+        notes += [f"  {remark}"] if remark else []
         text = f"{paired.n_frames} transitions of {paired.n_episodes} episodes paired in {seconds:.1f} s → {folder}"
         return Outcome(
             "\n".join([text, *notes]),
@@ -83,5 +90,25 @@ class Pair(Command):
                 "seconds": seconds,
                 "derived": derived,
                 "source": simulator.describe(),
+                "warnings": [*warnings, *([remark] if remark else [])],
             },
         )
+
+    def _kept_source(
+        self, robot: "Robot", effects: "Sequence[Effect]", paired: "Dataset"
+    ) -> tuple[Mapping[str, bytes], str | None]:
+        """Return the files that keep the source with the dataset, and what they lack; none that predict otherwise."""
+        from nas_data.errors import NasError
+        from nas_data.sources import check_kept, left_out, source_files
+
+        files, remark = source_files(robot, effects), left_out(robot)
+        if remark is None:
+            return files, None
+        try:
+            check_kept(files, paired, self.engine)
+        except NasError:
+            return {}, (
+                "the source's colliding meshes touch something in these motions, and without their files it would "
+                f"predict otherwise: it is not kept, later commands need --model {self.model} again"
+            )
+        return files, remark

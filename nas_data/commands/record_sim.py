@@ -66,13 +66,14 @@ class RecordSim(Command):
     def run(self) -> Outcome:
         """Record and write the dataset."""
         from nas_data.dataset.content import content_hash
-        from nas_data.dataset.versions import save
+        from nas_data.dataset.versions import check_place, save
         from nas_data.recorders.simulated import Session, record, to_dataset
 
         began = time.monotonic()
         session = Session.draw(self._target(), self._protocol())
-        dataset = to_dataset(session, record(session, Progress(len(session.commands))))
         name = self.name or f"{session.target.robot.name}_{session.task}"
+        check_place(out=self.out, name=name)
+        dataset = to_dataset(session, record(session, Progress(len(session.commands))))
         path = save(dataset, session.provenance(self.blind), out=self.out, name=name)
         took = time.monotonic() - began
         text = (

@@ -45,10 +45,12 @@ def draw(count: int, share: float, seed: int) -> list[int]:
         seed: Seed of the draw.
 
     Raises:
-        OptionError: a share that is none, or fewer than two episodes.
+        OptionError: a share that is none, a negative seed, or fewer than two episodes.
     """
     if not 0 < share < 1:
         raise OptionError(f"--share is {share:g}; it must lie between 0 and 1, for example 0.8.")
+    if seed < 0:
+        raise OptionError(f"--seed is {seed}; it must be 0 or more.")
     if count < 2:
         raise OptionError(f"A dataset of {count} episode cannot be divided; at least two are needed.")
     size = min(max(round(share * count), 1), count - 1)

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from nas_data.errors import OutputExists
+from nas_data.errors import CannotWrite, NasError, OutputExists
 
 MARK = ".partial-"
 
@@ -20,25 +20,67 @@ def staged(root: Path) -> Iterator[Path]:
 
     The folder is locked while it is written, so that a leftover of a killed process can be told from it.
     """
-    root.parent.mkdir(parents=True, exist_ok=True)
-    hidden = root.parent / f".{root.name}{MARK}{secrets.token_hex(4)}"
-    hidden.mkdir()
-    descriptor = os.open(hidden, os.O_RDONLY)
+    hidden = _hidden_name(root.parent, root)
+    with _failures_named(root):
+        root.parent.mkdir(parents=True, exist_ok=True)
+        hidden.mkdir()
+        descriptor = os.open(hidden, os.O_RDONLY)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+            yield hidden
+        finally:
+            os.close(descriptor)
+            shutil.rmtree(hidden, ignore_errors=True)
+
+
+def check_creatable(root: Path) -> None:
+    """Find out before any work is done whether a folder could be made; leaves nothing behind.
+
+    Raises:
+        OutputExists: something of that name exists.
+        CannotWrite: a file stands where a folder is needed, permission is missing, the disk is full.
+    """
+    with _failures_named(root):
+        refuse_existing(root)
+        above = next(folder for folder in root.absolute().parents if folder.exists())
+        trial = _hidden_name(above, root)
+        trial.mkdir()  # asking for permissions would not tell of read-only disks and names that are too long
+        trial.rmdir()
+
+
+def _hidden_name(folder: Path, root: Path) -> Path:
+    """Return a fresh name under which `root` is written in a folder."""
+    return folder / f".{root.name}{MARK}{secrets.token_hex(4)}"
+
+
+@contextmanager
+def _failures_named(root: Path) -> Iterator[None]:
+    """Say of a failure to write beside `root` that it is `root` that cannot be written, and why."""
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield hidden
-    finally:
-        os.close(descriptor)
-        shutil.rmtree(hidden, ignore_errors=True)
+        yield
+    except NasError:
+        raise
+    except OSError as error:
+        where = Path(error.filename or root).absolute()
+        if not (where.is_relative_to(root.absolute().parent) or root.absolute().is_relative_to(where.parent)):
+            raise  # something else that was read meanwhile
+        reason = (error.strerror or str(error)).lower()
+        raise CannotWrite(
+            f"{root} cannot be written: {reason}; choose a place with free space in which folders can be made."
+        ) from error
 
 
 def put(path: Path, content: bytes | memoryview) -> None:
     """Write a file and wait until it is on the disk."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
+    try:
+        with path.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        error.filename = error.filename or str(path)  # a full disk does not say which file it had no room for
+        raise
 
 
 def publish(hidden: Path, root: Path) -> None:

@@ -1,6 +1,7 @@
 """Where datasets live: `datasets/<name>/v<N>-<first 8 digits of the content hash>/`, each written once."""
 
 import fcntl
+import hashlib
 import os
 import re
 from collections.abc import Iterator, Mapping
@@ -11,9 +12,9 @@ from pathlib import Path
 from nas_data.dataset.checks import check_storable
 from nas_data.dataset.content import content_hash
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.layout import INFO
+from nas_data.dataset.layout import INFO, SOURCE, SOURCE_EFFECTS
 from nas_data.dataset.provenance import Parent, Provenance, read_provenance
-from nas_data.dataset.staging import publish, staged
+from nas_data.dataset.staging import check_creatable, publish, staged
 from nas_data.dataset.write import fill, write
 from nas_data.errors import DatasetNotFound, OptionError
 
@@ -68,7 +69,7 @@ def new_version(
     attachments: Mapping[str, bytes] | None = None,
     damaged: Path | None = None,
 ) -> Path:
-    """Write a dataset as the next version of its name; one of the same content is returned as it is.
+    """Write a dataset as the next version of its name; one of the same content and source is returned as it is.
 
     Args:
         dataset: What to write.
@@ -86,7 +87,8 @@ def new_version(
     check_storable(dataset, "The dataset to be written")
     digest = content_hash(dataset)
     home = folder / name
-    existing = _same_content(home, digest, damaged)
+    written = {name: hashlib.sha256(content).hexdigest() for name, content in (attachments or {}).items()}
+    existing = _same_content(home, digest, _source_of(written), damaged)
     if existing:
         return existing
     with staged(home / "version") as hidden:
@@ -101,7 +103,7 @@ def check_name(name: str) -> None:
 
 
 def settle(hidden: Path, home: Path, digest: str, number: int = 0, damaged: Path | None = None) -> Path:
-    """Make a staged folder a version, unless there is one of its content.
+    """Make a staged folder a version, unless there is one of its content and source.
 
     Args:
         hidden: The complete folder.
@@ -114,7 +116,9 @@ def settle(hidden: Path, home: Path, digest: str, number: int = 0, damaged: Path
         The version's folder, or that of the same content.
     """
     with _locked(home):
-        existing = _same_content(home, digest, damaged)
+        staged_provenance = read_provenance(hidden)
+        source = _source_of(staged_provenance.files if staged_provenance else {})
+        existing = _same_content(home, digest, source, damaged)
         if existing:
             return existing
         taken = {_number(path) for path in home.iterdir() if VERSION.fullmatch(path.name)}
@@ -175,6 +179,21 @@ def save(
     return new_version(dataset, name, provenance, FOLDER, attachments)
 
 
+def check_place(*, out: Path | None = None, name: str = "dataset", parent: Path | None = None) -> None:
+    """Find out before any work is done whether `save` could write there; arguments as for `save`.
+
+    Raises:
+        OutputExists: the folder exists.
+        CannotWrite: it could not be made.
+        OptionError: the name is no folder's name.
+    """
+    if out is not None:
+        return check_creatable(out)
+    folder, name = (FOLDER, name) if parent is None else home_of(resolve(parent))
+    check_name(name)
+    return check_creatable(folder / name / "version")
+
+
 def _folder_name(root: Path) -> str:
     """Return a folder's name as a dataset's name."""
     return re.sub(r"[^A-Za-z0-9._-]+", "_", root.name).lstrip("._-") or "dataset"
@@ -185,12 +204,19 @@ def _number(path: Path) -> int:
     return int(match.group(1)) if match else 0
 
 
-def _same_content(home: Path, digest: str, damaged: Path | None = None) -> Path | None:
-    """Return the newest version with a content hash."""
+def _source_of(files: Mapping[str, str]) -> dict[str, str]:
+    """Return the hashes of what predicted: equal rows from another source are another version."""
+    return {name: files[name] for name in (SOURCE, SOURCE_EFFECTS) if name in files}
+
+
+def _same_content(home: Path, digest: str, source: Mapping[str, str], damaged: Path | None = None) -> Path | None:
+    """Return the newest version with a content hash and a source."""
     for path in reversed(list_versions(home)):
         if path.name.endswith(digest[:8]) and not (damaged and path.samefile(damaged)):
             provenance = read_provenance(path)
-            if provenance is not None and provenance.content_hash == digest:
+            if provenance is None or provenance.content_hash != digest:
+                continue
+            if _source_of(provenance.files) == source:
                 return path
     return None
 

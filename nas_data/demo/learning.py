@@ -113,6 +113,7 @@ def compare_models(dataset: Dataset, root: Path, demo: Demo) -> Evaluation:
         in_order(first.one_step, second.one_step),
         in_order(first.open_loop, second.open_loop),
         in_order(first.rollouts, second.rollouts),
+        {**second.diverged, **first.diverged},
     )
 
 

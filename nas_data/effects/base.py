@@ -156,7 +156,7 @@ def make_effect(name: str, joint: str | None, values: Mapping[str, float]) -> Ef
     wrong = sorted(set(values) ^ known)
     if wrong:
         raise OptionError(
-            f"{name} takes the parameters {', '.join(sorted(known))}; given: {', '.join(sorted(values))}."
+            f"{name} takes the parameters {', '.join(sorted(known))}; given: {', '.join(sorted(values)) or 'none'}."
         )
     if joint is None and not kind.whole_arm:
         raise OptionError(f"{name} sits in a joint; say which (joint=NAME).")
@@ -199,6 +199,8 @@ def read_effects(path: Path) -> tuple[Effect, ...]:
     Raises:
         OptionError: the file is missing or has another form.
     """
+    if path.is_dir() or not path.exists():
+        raise OptionError(f"There is no file {path}; give the effects.json of a gap report.")
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         entries = content["effects"] if isinstance(content, dict) else content

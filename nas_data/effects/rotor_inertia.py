@@ -16,6 +16,7 @@ class RotorInertia(Effect):
     inertia: float
 
     parameters: ClassVar = (Parameter("inertia", "kg·m²", 0.0, 0.2, 0.0),)
+    replaces: ClassVar = "armature"
     equation: ClassVar = "torque = inertia · d²q/dt²"
     source: ClassVar = "MuJoCo joint armature; Rhoban/bam, armature"
     signature: ClassVar = "Slower acceleration and lower, longer ringing, the same in every posture; no droop."

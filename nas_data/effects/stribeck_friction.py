@@ -29,6 +29,7 @@ class StribeckFriction(Effect):
         Parameter("stribeck_velocity", "rad/s", 0.02, 5.0, 1.0),
     )
     late: ClassVar = True
+    replaces: ClassVar = "frictionloss"
     equation: ClassVar = (
         "friction = torque · (kinetic_ratio + (1 − kinetic_ratio) · exp(−(v / stribeck_velocity)²)) · sign(v), "
         "v = dq/dt"

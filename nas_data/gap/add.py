@@ -15,18 +15,23 @@ MODEL, EFFECTS = "model.xml", "effects.json"
 
 
 def write_model(
-    folder: Path, nominal: Nominal, effects: Sequence[Effect], factors: Mapping[str, float]
+    folder: Path,
+    nominal: Nominal,
+    effects: Sequence[Effect],
+    factors: Mapping[str, float],
+    timestep: float | None = None,
 ) -> tuple[Path, Path]:
     """Write `model.xml` and `effects.json`.
 
-    The model keeps names and order of joints and actuators, has one sensor `<joint>.pos` per measured joint, and steps
-    finely enough that its own step is below the noise. Effects that MJCF cannot express are only in `effects.json`.
+    The model keeps names and order of joints and actuators and has one sensor `<joint>.pos` per measured joint. Its
+    physics step is the one given [s], or so fine that it is below the noise. Effects that MJCF cannot express are only
+    in `effects.json`.
 
     Returns:
         Paths of both files.
     """
     spec = nominal.edited(factors)
-    spec.option.timestep = fine_timestep(nominal)
+    spec.option.timestep = timestep or fine_timestep(nominal)
     add_effects(spec, [effect for effect in effects if effect.in_model])
     for joint in nominal.joints:
         measure(spec, joint)

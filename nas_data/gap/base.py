@@ -9,6 +9,7 @@ import numpy as np
 
 from nas_data.effects.base import joint_actuator
 from nas_data.effects.edits.servo import scale_stiffness, stiffness
+from nas_data.explicit import explicit as explicit
 
 Kind = Literal["mass", "gain", "damping", "armature", "frictionloss"]
 TOLERANCE = 0.1  # [-] standard deviation of a base parameter's logarithm: a few to ten percent off
@@ -57,24 +58,6 @@ def scale_damping(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
     bias = actuator.biasprm.copy()
     bias[2] *= factor
     actuator.biasprm = bias
-
-
-def explicit(spec: mujoco.MjSpec) -> mujoco.MjSpec:
-    """Return the model with every moving body's mass and inertia written out, whatever they were computed from."""
-    result = spec.copy()
-    for number, body in enumerate(result.bodies):
-        body.name = body.name or f"body{number}"
-    model = result.copy().compile()
-    result.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
-    for body in result.bodies[1:]:
-        compiled = model.body(body.name)
-        if compiled.mass[0] <= 0:
-            continue
-        body.explicitinertial = True
-        body.mass = float(compiled.mass[0])
-        body.inertia, body.ipos, body.iquat = compiled.inertia, compiled.ipos, compiled.iquat
-        body.fullinertia = np.full(6, np.nan)
-    return result
 
 
 def base_parameters(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[BaseParameter, ...]:

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from nas_data.effects.base import Effect
-from nas_data.gap.search.choose import Hypothesis, Search, place
+from nas_data.gap.search.choose import Search
 from nas_data.gap.search.final import Final, finish
 from nas_data.gap.search.fit import Task
+from nas_data.gap.search.hypothesis import Hypothesis, place
 
 RIVALS = 3  # that are fitted beside the other effects, for each effect named
 SHARPNESS = 4.0  # how fast doubt falls with the ratio of the runner-up's error to the winner's

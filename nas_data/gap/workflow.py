@@ -149,12 +149,14 @@ def added(problem: Problem, final: Final, null: Final, folder: Path) -> Outcome:
     nominal, held = problem.held.nominal, problem.held
     effects, factors = final.effects, dict(final.factors)
     native = stand_ins(problem, final)
-    model, _ = write_model(folder, nominal, native.effects, dict(native.factors))
+    model, _ = write_model(folder, nominal, native.effects, dict(native.factors), final.timestep)
     write_effects(folder, effects, factors)
     written = Nominal.load(model, held.evidence).predict(held.evidence)
     after = written
     if native is not final:
-        after = with_timestep(nominal, fine_timestep(nominal)).predict(held.evidence, effects, factors)
+        after = with_timestep(nominal, final.timestep or fine_timestep(nominal)).predict(
+            held.evidence, effects, factors
+        )
     return Outcome(
         before=nominal.predict(held.evidence),
         retuned=nominal.predict(held.evidence, (), null.factors),

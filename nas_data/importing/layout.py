@@ -41,6 +41,7 @@ def parse_layout(top: Section, formats: tuple[str, ...]) -> Layout:
     files = top.table("files")
     tables = {key: files.text(key) for key in files.values}
     several = len(tables) > 1
+    _refuse_keys_of_others(top, name, several)
     join = top.table("join") if several else Section({}, top.file)
     layout = Layout(
         format=name,
@@ -53,3 +54,13 @@ def parse_layout(top: Section, formats: tuple[str, ...]) -> Layout:
     )
     join.finish()
     return layout
+
+
+def _refuse_keys_of_others(top: Section, name: str, several: bool) -> None:
+    """Refuse keys of other formats and layouts."""
+    if name != "json":
+        top.refuse("entries", "format = 'json'")
+    if name != "csv":
+        top.refuse("delimiter", "format = 'csv'")
+    if not several:
+        top.refuse("join", "logs of several [files]")

@@ -123,10 +123,22 @@ def _parse_source(section: Section, layout: Layout, width: int, may_be_constant:
     columns = section.texts("columns") if given == ["columns"] else (section.text(given[0]),)
     if given == ["columns"] and len(columns) != width:
         raise section.error(f"'columns' names {len(columns)} columns; {width} are needed, one a joint.")
+    # A signal may belong to several joints, a state or command to one.
+    if not may_be_constant:
+        _refuse_twice(section, "columns", columns)
     components = section.integers("components") if section.has("components") else ()
     if components and (given != ["column"] or len(components) != width):
         raise section.error(f"'components' picks {width} components out of one 'column', one a joint.")
+    if not may_be_constant:
+        _refuse_twice(section, "components", components)
     return Source(columns, _parse_table_name(section, layout), components, constant=given == ["constant"])
+
+
+def _refuse_twice(section: Section, key: str, chosen: Sequence[str | int]) -> None:
+    """Refuse a column or component that is named for two joints."""
+    twice = [one for one in chosen if chosen.count(one) > 1]
+    if twice:
+        raise section.error(f"'{key}' names {twice[0]!r} twice; each joint has its own.")
 
 
 def _parse_table_name(section: Section, layout: Layout) -> str:
@@ -147,9 +159,10 @@ def _parse_episode(section: Section, layout: Layout) -> Source:
 
 def _parse_clock(section: Section) -> Clock:
     """Read where the time stands; that rows are even without a clock must be said."""
+    given = section.has("column")
     if section.flag("uniform"):
         clock = Clock("", "s")
-    elif section.has("column"):
+    elif given:
         clock = Clock(section.text("column"), section.text("unit", choices=tuple(TIME_UNITS)))
     else:
         raise section.error("'column' is missing; name the time column, or say uniform = true where the log has none.")

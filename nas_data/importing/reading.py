@@ -10,6 +10,7 @@ import pyarrow as pa
 from nas_data.errors import LogError, MapError
 from nas_data.importing.conversion import TIME_UNITS, decode
 from nas_data.importing.formats import read_table
+from nas_data.importing.gaps import divide
 from nas_data.importing.joining import common_rows, match_rows
 from nas_data.importing.map import Map, Quantity, Source
 from nas_data.importing.recording import Recording
@@ -64,11 +65,20 @@ def read_log(log: Path, mapping: Map) -> list[Recording]:
         rows=np.arange(len(time))[shared],
         constants={name: _constant(tables, name, mapping) for name in mapping.constants},
     )
-    recordings = _split(whole, tables, mapping) if mapping.episode else [whole]
+    episodes = _split(whole, tables, mapping) if mapping.episode else [whole]
+    recordings = [part for episode in episodes for part in divide(episode, mapping.rate)]
     for recording in recordings:
         if len(recording) < ENOUGH:
-            raise LogError(f"{recording.place} has {len(recording)} rows; at least {ENOUGH} are needed.")
+            raise _too_short(recording)
     return recordings
+
+
+def _too_short(recording: Recording) -> LogError:
+    """Say which rows are too few for an episode."""
+    sentence = f"{recording.place} has {len(recording)} rows; at least {ENOUGH} are needed"
+    if recording.gap:
+        sentence += f"; take out {rows_text(recording.rows)}, before which {recording.gap:.3g} s are missing"
+    return LogError(sentence + ".")
 
 
 def _read_tables(log: Path, mapping: Map) -> dict[str, Table]:
@@ -189,7 +199,11 @@ def _check_joint_names(table: Table, mapping: Map) -> None:
     names = np.asarray(column.to_pylist() if isinstance(column, pa.Array) else column).ravel()
     found = tuple(str(name) for name in names)
     if found != mapping.joints:
-        raise MapError(f"{table.path} has the joints {', '.join(found)}, but the map {', '.join(mapping.joints)}.")
+        order = "in this order" if set(found) == set(mapping.joints) else "so"
+        raise MapError(
+            f"{table.path} has the joints {', '.join(found)}, but the map {', '.join(mapping.joints)}; "
+            f"name them {order} in 'joints' of the map, and what it lists by joint with them."
+        )
 
 
 def _split(whole: Recording, tables: dict[str, Table], mapping: Map) -> list[Recording]:

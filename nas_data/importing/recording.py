@@ -22,6 +22,7 @@ class Recording:
         signals: What else is kept, shape (N, n) or (N, 1) each.
         rows: Row of the log for each row here, shape (N,).
         constants: What the log holds once.
+        gap: Time that the log lacks before the first row [s]; zero where no hole divided it there.
     """
 
     file: str
@@ -34,6 +35,7 @@ class Recording:
     signals: Mapping[str, np.ndarray]
     rows: np.ndarray
     constants: Mapping[str, object] = field(default_factory=dict)
+    gap: float = 0.0
 
     @property
     def place(self) -> str:

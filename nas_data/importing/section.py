@@ -1,6 +1,7 @@
 """Strict reading of one table of a TOML file: every key has its type, and a key that nobody asked for is an error."""
 
 from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
 
 from nas_data.errors import MapError
 
@@ -19,6 +20,7 @@ class Section:
         self.file = file
         self.name = name
         self._taken: set[str] = set()
+        self._known: set[str] = set()
 
     def error(self, sentence: str) -> MapError:
         """Return an error that names the file and the table."""
@@ -26,8 +28,14 @@ class Section:
         return MapError(f"{place}: {sentence}")
 
     def has(self, key: str) -> bool:
-        """Return whether the key is given."""
+        """Return whether the key is given; a key that is asked for is one that this table may have."""
+        self._known.add(key)
         return key in self.values
+
+    def refuse(self, key: str, owner: str) -> None:
+        """Complain where a key is given that belongs to another setting, for example to another file format."""
+        if self.has(key):
+            raise self.error(f"there is no key '{key}' here: it belongs to {owner}.")
 
     def text(self, key: str, default: str | None = None, choices: Sequence[str] = ()) -> str:
         """Take a string."""
@@ -104,14 +112,18 @@ class Section:
         """
         unknown = [key for key in self.values if key not in self._taken]
         if unknown:
-            known = ", ".join(sorted(self._taken)) or "none"
-            raise self.error(f"there is no key '{unknown[0]}' here; the keys are: {known}.")
+            known = sorted(self._taken | self._known)
+            near = get_close_matches(unknown[0], known, n=1)
+            hint = f" (did you mean '{near[0]}'?)" if near else ""
+            raise self.error(f"there is no key '{unknown[0]}' here{hint}; the keys are: {', '.join(known) or 'none'}.")
 
     def _take(self, key: str, default: object) -> object:
         self._taken.add(key)
         value = self.values.get(key, default)
         if value is None:
-            raise self.error(f"the key '{key}' is missing.")
+            near = get_close_matches(key, [name for name in self.values if name not in self._taken], n=1)
+            hint = f" (is '{near[0]}' meant to be it?)" if near else ""
+            raise self.error(f"the key '{key}' is missing{hint}.")
         return value
 
 

@@ -1,7 +1,7 @@
 """One file of a log as named columns, each turned into numbers when it is asked for."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeAlias
@@ -24,18 +24,23 @@ class Table:
         path: The file.
         columns: Columns by name, as the format holds them.
         constants: What the file holds once, not per row.
+        unreadable: Why a column that is there cannot be read, and the remedy, by name.
     """
 
     path: Path
     columns: Mapping[str, Column]
     constants: Mapping[str, object] = field(default_factory=dict)
+    unreadable: Mapping[str, str] = field(default_factory=dict)
 
     def column(self, name: str) -> Column:
         """Return a column as it is.
 
         Raises:
             MapError: there is none of that name; names those there are.
+            LogError: it is there but cannot be read.
         """
+        if name in self.unreadable:
+            raise LogError(f"{self.path}: '{name}' {self.unreadable[name]}.")
         if name not in self.columns:
             there = ", ".join(self.columns) or "none"
             raise MapError(f"{self.path} has no column '{name}', which the map names; it has: {there}.")
@@ -151,7 +156,10 @@ class Table:
         except pa.ArrowInvalid:
             cells = column.to_pylist()
             row = next(row for row, cell in enumerate(cells) if cell is not None and not _is_number(cell))
-            raise LogError(f"{self.path}: the column '{name}' holds {cells[row]!r} in row {row}, no number.") from None
+            comma = "; write numbers with a decimal point" if _is_number(cells[row].replace(",", ".")) else ""
+            raise LogError(
+                f"{self.path}: the column '{name}' holds {cells[row]!r} in row {row}, no number{comma}."
+            ) from None
 
     def _from_json_cells(self, name: str, cells: list[str]) -> np.ndarray:
         try:
@@ -182,6 +190,18 @@ class Table:
         if column.null_count:
             rows = np.flatnonzero(column.is_null().to_numpy(zero_copy_only=False))
             raise LogError(f"{self.path}: the column '{name}' is empty in {rows_text(rows)}; take these rows out.")
+
+
+def refuse_twice(path: Path, names: Sequence[str]) -> None:
+    """Refuse a header that names a column twice: which of them is meant cannot be known.
+
+    Raises:
+        LogError: names the column and its places.
+    """
+    twice = next((name for name in names if name and names.count(name) > 1), None)
+    if twice is not None:
+        places = " and ".join(str(place) for place, name in enumerate(names, start=1) if name == twice)
+        raise LogError(f"{path} has the column '{twice}' twice, as columns {places}; give each its own name.")
 
 
 def number_or_text(value: object) -> object:

@@ -4,6 +4,7 @@ import numpy as np
 import torch
 
 from nas_data.errors import CheckpointError, JointMismatch
+from nas_data.models.bounds import out_of_bounds
 from nas_data.models.lstm import DynamicsModel
 from nas_data.simulators.base import Stepper
 
@@ -13,7 +14,8 @@ class LearnedStepper:
 
     φ: the source takes one step from the corrected state, φ corrects the result, and the source is set to it, so
     that bodies, sites and contacts agree with the corrected state (algorithm 2 of the paper). ψ: the source is
-    not stepped, only set, and serves for the places of bodies and sites.
+    not stepped, only set, and serves for the places of bodies and sites. Where the model leaves all bounds the states
+    are NaN until the next reset, and the source is left where it was: it could not be simulated there.
     """
 
     def __init__(self, source: Stepper, model: DynamicsModel) -> None:
@@ -37,10 +39,11 @@ class LearnedStepper:
         self.size = source.size
         self._states = source.states
         self._memory = model.no_memory(self.size)
+        self._lost = np.zeros(self.size, bool)
 
     @property
     def states(self) -> np.ndarray:
-        """Corrected positions [rad] then velocities [rad/s], shape (B, 2n)."""
+        """Corrected positions [rad] then velocities [rad/s], shape (B, 2n); NaN where the model diverged."""
         return self._states
 
     def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
@@ -49,6 +52,7 @@ class LearnedStepper:
         chosen = slice(None) if rows is None else rows
         for memory in self._memory:
             memory[:, chosen] = 0
+        self._lost[chosen] = False
         self._states = self.source.states
 
     def step(self, commands: np.ndarray) -> np.ndarray:
@@ -60,7 +64,12 @@ class LearnedStepper:
             )
         # added in float64: a model that changes nothing leaves the source as it is, to the last bit
         self._states = base + change[:, 0].numpy()
-        self.source.set_states(self._states)
+        self._lost |= out_of_bounds(self._states)
+        if self._lost.any():
+            self.source.set_states(np.where(self._lost[:, None], self.source.states, self._states))
+            self._states[self._lost] = np.nan
+        else:
+            self.source.set_states(self._states)
         return self._states
 
     def set_states(self, states: np.ndarray) -> None:

@@ -1,5 +1,6 @@
 """Checkpoints: a folder with `config.json` and `model.safetensors`, loaded frozen and without pickle."""
 
+import inspect
 import json
 import shutil
 from collections.abc import Mapping
@@ -45,13 +46,48 @@ def load_frozen(folder: Path | str) -> DynamicsModel:
     if missing:
         raise CheckpointError(f"{folder} holds no {' and no '.join(missing)}; give a folder written by `nas train`.")
     try:
-        config = json.loads((folder / CONFIG).read_text(encoding="utf-8"))
-        model = DynamicsModel(**config)
-        model.load_state_dict(load_weights(folder / WEIGHTS))
+        model = read_config(folder / CONFIG)
+        weights = load_weights(folder / WEIGHTS)
+        check_shapes(model, weights)
+        model.load_state_dict(weights)
     except (OSError, ValueError, TypeError, RuntimeError, SafetensorError) as error:
-        reason = str(error).splitlines()[0]
-        raise CheckpointError(f"{folder} is no checkpoint of `nas train` ({reason}); train it again.") from None
+        reason = str(error).splitlines()[0].rstrip(".")
+        raise CheckpointError(
+            f"{folder} is no checkpoint as `nas train` wrote it ({reason}); restore its files or train it again."
+        ) from None
     return model.eval().requires_grad_(False)
+
+
+def read_config(path: Path) -> DynamicsModel:
+    """Build the untrained model that a configuration describes.
+
+    Raises:
+        ValueError: it is no JSON object, or lacks options of a model, or has others.
+    """
+    config = json.loads(path.read_text(encoding="utf-8"))
+    if not isinstance(config, dict):
+        raise ValueError(f"{CONFIG} is no JSON object")
+    known = inspect.signature(DynamicsModel.__init__).parameters
+    lacking = [name for name in ("kind", "joints") if name not in config]
+    if lacking or not set(config) <= set(known):
+        wrong = f"lacks {' and '.join(lacking)}" if lacking else f"has {', '.join(sorted(set(config) - set(known)))}"
+        raise ValueError(f"{CONFIG} {wrong}")
+    return DynamicsModel(**config)
+
+
+def check_shapes(model: DynamicsModel, weights: Mapping[str, torch.Tensor]) -> None:
+    """Refuse weights of another model than the configuration's.
+
+    Raises:
+        ValueError: names the first weight that does not fit.
+    """
+    wanted = model.state_dict()
+    for name in sorted(set(wanted) | set(weights)):
+        if name not in weights or name not in wanted:
+            raise ValueError(f"{WEIGHTS} {'lacks' if name in wanted else 'has'} {name}, unlike {CONFIG}")
+        here, there = (tuple(values[name].shape) for values in (weights, wanted))
+        if here != there:
+            raise ValueError(f"{name} has shape {here} in {WEIGHTS}, {there} by {CONFIG}")
 
 
 def load_weights(path: Path) -> dict[str, torch.Tensor]:

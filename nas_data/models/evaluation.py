@@ -1,7 +1,7 @@
 """One-step and open-loop errors of a learned model, beside hold, source and command."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
@@ -12,12 +12,14 @@ from nas_data.metrics import Errors, table
 from nas_data.models.augmented import LearnedStepper
 from nas_data.models.episodes import pad, read_episodes
 from nas_data.models.lstm import DynamicsModel
+from nas_data.models.threads import one_thread
 from nas_data.pairing import check_fits, pair
 from nas_data.simulators.base import Simulator, Stepper
 
 MODEL = {"delta": "source + φ", "forward": "ψ"}
 ROLLOUT_BATCH = 64
 EPISODES_SHOWN = 50
+DIVERGED_SHOWN = 5  # episodes named in the sentence; JSON names all
 
 
 @dataclass(frozen=True)
@@ -28,24 +30,27 @@ class Evaluation:
         one_step: From the measured state, by predictor.
         open_loop: From the first measured state of the episode on, by predictor.
         rollouts: Open-loop states of each episode, shape (T, 2n), by predictor; for pictures.
+        diverged: Which episodes a predictor left all bounds in, and when [s after the start], by predictor.
     """
 
     one_step: dict[str, Errors]
     open_loop: dict[str, Errors]
     rollouts: dict[str, list[np.ndarray]]
+    diverged: dict[str, dict[int, float]] = field(default_factory=dict)
 
     def text(self) -> str:
-        """Return both tables."""
+        """Return both tables, and below them what diverged."""
         steps = table(self.one_step, "One step: RMSE of the next position")
         loop = table(self.open_loop, "Open loop: RMSE of positions, started once per episode")
-        return f"{steps}\n\n{loop}"
+        said = [divergence(name, times, len(self.rollouts[name])) for name, times in self.diverged.items()]
+        return "\n".join([f"{steps}\n\n{loop}", *said])
 
     def episodes_text(self) -> str:
         """Return the open-loop errors of each episode [deg], a column per predictor."""
         names = list(self.open_loop)
         rows = zip(*(np.degrees(self.open_loop[name].per_episode) for name in names), strict=True)
         lines = ["Open loop, each episode [deg]", "  episode" + "".join(f"{name:>13}" for name in names)]
-        lines += [f"  {i:7d}" + "".join(f"{value:13.3f}" for value in row) for i, row in enumerate(rows)]
+        lines += [f"  {i:7d}" + "".join(cell(value) for value in row) for i, row in enumerate(rows)]
         return "\n".join(lines[: 2 + EPISODES_SHOWN] + (["  …"] if len(lines) > 2 + EPISODES_SHOWN else []))
 
     def to_json(self) -> dict[str, object]:
@@ -54,9 +59,30 @@ class Evaluation:
             "unit": "rad",
             "one_step": {name: errors.to_json() for name, errors in self.one_step.items()},
             "open_loop": {name: errors.to_json() for name, errors in self.open_loop.items()},
+            "diverged": {
+                name: [{"episode": episode, "after_s": seconds} for episode, seconds in times.items()]
+                for name, times in self.diverged.items()
+            },
         }
 
 
+def divergence(name: str, times: Mapping[int, float], episodes: int) -> str:
+    """Say in a sentence in which episodes a learned model diverges, and when."""
+    places = [f"episode {episode} after {seconds:.2f} s" for episode, seconds in times.items()]
+    more = [f"and {len(places) - DIVERGED_SHOWN} more"] if len(places) > DIVERGED_SHOWN else []
+    who = "φ, not the source," if name == MODEL["delta"] else name
+    return (
+        f"{name} diverges in {len(times)} of {episodes} episodes ({', '.join([*places[:DIVERGED_SHOWN], *more])}): "
+        f"{who} leaves all bounds; train it longer or on more data."
+    )
+
+
+def cell(value: float) -> str:
+    """Return an error [deg] for the table of episodes."""
+    return f"{value:13.3f}" if np.isfinite(value) else f"{'diverged':>13}"
+
+
+@one_thread()
 def evaluate(
     dataset: Dataset,
     simulator: Simulator | None,
@@ -87,7 +113,14 @@ def evaluate(
         {name: Errors.of(joints, predicted, measured) for name, predicted in one_step.items()},
         {name: Errors.of(joints, predicted, measured) for name, predicted in rollouts.items()},
         rollouts,
+        {name: times for name, predicted in rollouts.items() if (times := divergences(predicted, dataset.fps))},
     )
+
+
+def divergences(rollouts: Sequence[np.ndarray], rate: float) -> dict[int, float]:
+    """Return by episode when [s] its rollout of shape (T, 2n) is first not finite, at a control rate [Hz]."""
+    finite = [np.isfinite(states).all(axis=1) for states in rollouts]
+    return {episode: float(np.argmin(row) + 1) / rate for episode, row in enumerate(finite) if not row.all()}
 
 
 def baselines(
@@ -131,6 +164,7 @@ def one_step_model(dataset: Dataset, model: DynamicsModel) -> list[np.ndarray]:
     return result
 
 
+@one_thread()
 def open_loop_model(
     dataset: Dataset,
     simulator: Simulator | None,
@@ -156,7 +190,7 @@ def open_loop_model(
         for step in range(commands.shape[1]):
             states[:, step] = stepper.step(commands[:, step])
             done += 1
-            if step % 100 == 0:
+            if step % 100 == 0 or done == total:
                 progress(done, total)
         for row, episode in enumerate(batch):
             result[episode] = states[row, : dataset.lengths[episode]]

@@ -1,5 +1,8 @@
 """What is known before any gradient: normalisation from the training episodes and the best linear shortcut."""
 
+import math
+from collections.abc import Callable
+
 import torch
 from torch import Tensor
 
@@ -8,6 +11,7 @@ from nas_data.models.lstm import DynamicsModel
 
 CONSTANT = 1e-6  # standard deviations below this are rounding
 RIDGE = 1e-3  # relative to unit variance; keeps joints that never moved from growing large weights
+HALVINGS = 8  # of a shortcut that diverges in closed loop, before it is given up
 
 
 def prepare(model: DynamicsModel, transitions: Episode) -> None:
@@ -31,6 +35,35 @@ def prepare(model: DynamicsModel, transitions: Episode) -> None:
             model.shortcut.bias.copy_(bias)
             model.outer.weight.mul_(0.1)  # start near the linear solution, and let the LSTM grow from there
             model.outer.bias.zero_()
+
+
+def soften(model: DynamicsModel, error: Callable[[], float]) -> tuple[float, float]:
+    """Halve a shortcut that diverges in closed loop until its rollouts stay bounded and beat those without it.
+
+    The best fit of single steps may be unstable when it reads its own states: on short or noisy data it is.
+
+    Args:
+        model: Model with a shortcut; changed in place.
+        error: Returns the error of the model's rollouts [rad]; infinite where they diverge.
+
+    Returns:
+        The share of the shortcut that is kept, and the error with it.
+    """
+    assert model.shortcut is not None
+    weight = model.shortcut.weight
+    full = weight.detach().clone()
+
+    def with_share(share: float) -> float:
+        with torch.no_grad():
+            weight.copy_(share * full)
+        return error()
+
+    without = with_share(0.0)
+    for share in (0.5**halving for halving in range(1, HALVINGS + 1)):
+        found = with_share(share)
+        if math.isfinite(found) and found <= without:
+            return share, found
+    return 0.0, with_share(0.0)
 
 
 def spread(values: Tensor, constant: float) -> Tensor:

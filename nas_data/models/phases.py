@@ -9,6 +9,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from nas_data.errors import DatasetInvalid
+from nas_data.models.bounds import predict_bounded
 from nas_data.models.episodes import Episode, cut, join, pad
 from nas_data.models.lstm import DynamicsModel, Memory
 from nas_data.models.presets import TrainingOptions
@@ -20,6 +21,7 @@ BURN_IN = 100  # frames read before a window, so that it starts with a memory
 POSITION_STEP = 0.03  # [rad] large enough to average over friction and saturation
 VELOCITY_STEP = 0.3  # [rad/s]
 VELOCITY_WEIGHT = 0.02  # of squared, normalised velocity errors beside position errors
+FAR = 30.0  # spreads of positions or velocities off what was measured: a rollout that diverged
 POSITION_SCALE = 0.1  # of the positions' spread: errors beyond three times this count linearly
 
 
@@ -85,7 +87,8 @@ class FreeRunning:
 
     A window begins where an episode does, the memory empty, or later, after the model has read what was measured
     before. The gradient runs through the whole window: through the network exactly, through the source by its
-    Jacobian at the measured transition of the same time.
+    Jacobian at the measured transition of the same time. A rollout that diverges, or that the source cannot
+    follow, goes on along what was measured: from there on its error stays as it was, without a gradient.
     """
 
     name = "free running"
@@ -145,21 +148,34 @@ class FreeRunning:
         states = batch.states[:, 0].to(self.device)
         commands = batch.commands.to(self.device)
         memory = self._memories(places)
-        errors = []
+        lost = torch.zeros(len(states), dtype=torch.bool, device=self.device)
+        errors: list[Tensor] = []
         for step in range(commands.shape[1]):
             slope = None if slopes is None else slopes[:, step]
-            predicted = self._predict(states, commands[:, step], slope)
+            predicted, refused = self._predict(states, commands[:, step], slope)
             corrected, memory = self.model.next_states(
                 states[:, None], commands[:, step, None], predicted[:, None], memory
             )
-            states = corrected[:, 0]
-            errors.append(states - batch.targets[:, step].to(self.device))
+            states, target = corrected[:, 0], batch.targets[:, step].to(self.device)
+            error = states - target
+            lost = lost | refused.to(self.device) | self._far(error.detach())
+            if lost.any():
+                states = torch.where(lost[:, None], target, states)
+                held = errors[-1].detach() if errors else torch.zeros_like(error)
+                error = torch.where(lost[:, None], held, error)
+            errors.append(error)
         n = len(self.model.joints)
         error = torch.stack(errors, dim=1)
         position = error[..., :n] / self.position_scale
         velocity = error[..., n:] / self.velocity_scale
         smooth = functional.smooth_l1_loss(position, torch.zeros_like(position), beta=3.0)
         return smooth + VELOCITY_WEIGHT * velocity.square().mean()
+
+    def _far(self, error: Tensor) -> Tensor:
+        """Return which rollouts are lost, shape (B,): what they do from here on would only drown the others."""
+        n = len(self.model.joints)
+        near = (error[:, :n].abs() < FAR * self.position_scale / POSITION_SCALE).all(dim=1)
+        return ~(near & (error[:, n:].abs() < FAR * self.velocity_scale).all(dim=1))
 
     def _draw(self, update: int) -> list[Place]:
         """Draw windows of equal length, longer ones later; many begin where an episode does, as rollouts will."""
@@ -194,15 +210,21 @@ class FreeRunning:
                 memory[0][:, places_in_batch], memory[1][:, places_in_batch] = hidden, cell
         return memory
 
-    def _predict(self, states: Tensor, commands: Tensor, slope: Tensor | None) -> Tensor:
-        """Return the source's next states, differentiable by its Jacobian; the states themselves for ψ."""
+    def _predict(self, states: Tensor, commands: Tensor, slope: Tensor | None) -> tuple[Tensor, Tensor]:
+        """Return the source's next states, differentiable by its Jacobian, and which rows it refused.
+
+        For ψ these are the states themselves.
+        """
         if self.simulator is None or slope is None:
-            return states
-        exact = self.simulator.predict(
-            states.detach().cpu().numpy().astype(np.float64), commands.cpu().numpy().astype(np.float64)
+            return states, torch.zeros(len(states), dtype=torch.bool)
+        exact, refused = predict_bounded(
+            self.simulator,
+            states.detach().cpu().numpy().astype(np.float64),
+            commands.cpu().numpy().astype(np.float64),
         )
         followed = (slope @ states[:, :, None])[:, :, 0]
-        return followed + (torch.from_numpy(exact).float().to(self.device) - followed).detach()
+        predicted = followed + (torch.from_numpy(exact).float().to(self.device) - followed).detach()
+        return predicted, torch.from_numpy(refused)
 
     def _slopes(self, places: Sequence[Place]) -> Tensor | None:
         """Return the source's Jacobians along the windows, shape (B, T, 2n, 2n)."""

@@ -1,9 +1,9 @@
 """Running a training: updates, early stopping, checkpoints, TensorBoard, and going on after an interruption."""
 
 import json
+import math
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -14,11 +14,13 @@ from nas_data.errors import OutputExists
 from nas_data.models import checkpoint
 from nas_data.models.lstm import DynamicsModel
 from nas_data.models.phases import Phase
+from nas_data.models.threads import one_thread
 from nas_data.models.training import Training
 
 CHECKPOINT = "checkpoint"
 HISTORY = "history.json"
 STATE = "training_state.pt"
+PARTIAL = f".{STATE}"
 
 
 @dataclass
@@ -115,8 +117,9 @@ class TrainingRun:
 
     def _validate(self, loss: float) -> None:
         """Measure the validation error, keep the best model, store where the training stands."""
-        error = self.training.validation_error()
-        progress = self.progress
+        error, progress = self.training.validation_error(), self.progress
+        if not progress.history and not math.isfinite(error):
+            error = self._soften()
         progress.stale += 1
         progress.seconds = time.monotonic() - self._clock
         if error < progress.best or not progress.history:
@@ -135,31 +138,36 @@ class TrainingRun:
         )
         self._store()
 
-    def _identity(self) -> dict[str, object]:
-        """Return what must be equal for a training to go on."""
-        provenance = self.training.model.provenance
-        data = {key: provenance.get(key) for key in ("dataset", "source")}
-        return {"options": asdict(self.training.options), "kind": self.training.model.kind, **data}
+    def _soften(self) -> float:
+        """Make the start bounded where it diverges, say so, and return the validation error from there."""
+        share, error = self.training.soften()
+        if share < 1:
+            self.report(
+                f"the linear shortcut diverges in closed loop on these data: training starts from {share:.1%} of it"
+            )
+        return error
+
+    def _identity(self) -> str:
+        return identity(self.training.model, asdict(self.training.options))
 
     def _store(self) -> None:
         content = {
-            "identity": json.dumps(self._identity(), sort_keys=True, default=str),
+            "identity": self._identity(),
             "progress": asdict(self.progress),
             "model": self.training.model.state_dict(),
             "optimiser": self.optimiser.state_dict(),
         }
-        partial = self.folder / f".{STATE}"
+        partial = self.folder / PARTIAL
         torch.save(content, partial)
         partial.replace(self.folder / STATE)
 
     def _restore(self) -> None:
         path = self.folder / STATE
         if not path.is_file():
-            if self.folder.is_file() or (self.folder.exists() and any(self.folder.iterdir())):
-                raise OutputExists(f"{self.folder} exists and holds something else; choose another --out or remove it.")
+            self._check_free()
             return
         content = torch.load(path, weights_only=True, map_location=self.training.device)
-        if content["identity"] != json.dumps(self._identity(), sort_keys=True, default=str):
+        if content["identity"] != self._identity():
             raise OutputExists(
                 f"{self.folder} holds an unfinished training of other options, data or source; remove it."
             )
@@ -168,13 +176,28 @@ class TrainingRun:
         self.progress = Progress(**content["progress"])
         self.report(f"going on at update {self.progress.update} of {self.folder}")
 
+    def _check_free(self) -> None:
+        """Refuse a folder that holds something; what a first state that could not be written left does not count."""
+        if self.folder.is_dir() and all(entry.name == PARTIAL for entry in self.folder.iterdir()):
+            return
+        if (self.folder / HISTORY).is_file() and (self.folder / CHECKPOINT / checkpoint.CONFIG).is_file():
+            raise OutputExists(self._finished())
+        if self.folder.exists():
+            raise OutputExists(f"{self.folder} exists and holds something else; choose another --out or remove it.")
 
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Run torch on one thread: networks this small lose more than they win on two."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
+    def _finished(self) -> str:
+        """Say that the training was done before, or that the folder holds the result of another."""
+        place = self.folder / CHECKPOINT
+        model = checkpoint.load_frozen(place)
+        if identity(model, model.provenance.get("training")) == self._identity():
+            return f"{self.folder} holds this training, finished: its checkpoint is {place}; to train again, remove it."
+        return (
+            f"{self.folder} holds a finished training of other options, data or source (checkpoint {place}); "
+            "choose another --out or remove it."
+        )
+
+
+def identity(model: DynamicsModel, options: object) -> str:
+    """Return what must be equal for a training to go on: options, kind, data and source."""
+    data = {key: model.provenance.get(key) for key in ("dataset", "source")}
+    return json.dumps({"options": options, "kind": model.kind, **data}, sort_keys=True, default=str)

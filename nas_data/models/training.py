@@ -11,7 +11,7 @@ from nas_data.errors import DatasetInvalid, JointMismatch, OptionError
 from nas_data.metrics import Errors
 from nas_data.models.episodes import cut, join, pad, read_episodes
 from nas_data.models.evaluation import open_loop_model
-from nas_data.models.fitting import prepare
+from nas_data.models.fitting import prepare, soften
 from nas_data.models.holding_out import hold_out, rows_of
 from nas_data.models.lstm import DynamicsModel, Kind
 from nas_data.models.phases import FreeRunning, Phase, TeacherForcing, one_step_loss
@@ -102,6 +102,12 @@ class Training:
             error = self._open_loop_error() if self.free else self._one_step_error()
         self.model.train()
         return error
+
+    def soften(self) -> tuple[float, float]:
+        """Take back as much of the shortcut as diverges; see `fitting.soften`."""
+        if self.model.shortcut is None:
+            return 1.0, self.validation_error()
+        return soften(self.model, self.validation_error)
 
     def _open_loop_error(self) -> float:
         model = self.model.to("cpu")

@@ -110,12 +110,14 @@ def compare(study: Study, folder: Path, workers: int = 1, report: Report = to_st
         report: Told of each finished run in a sentence.
 
     Raises:
-        OptionError: there is no method or no seed.
+        OptionError: there is no method or no seed, or a seed is negative.
         UnknownName: an environment or a dynamics does not exist.
         OutputExists: the folder holds a run of another study under the same name.
     """
     if not study.methods or not study.seeds:
         raise OptionError("A comparison needs at least one method and one seed.")
+    if min(study.seeds) < 0:
+        raise OptionError(f"--seed {min(study.seeds)} is negative; seeds must be 0 or more.")
     for plant in (study.target, *study.methods.values()):
         plant.check()  # says what is wrong before hours are spent
     runs = [

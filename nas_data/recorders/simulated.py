@@ -121,6 +121,10 @@ class Protocol:
     seed: int = 0
     joints: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise OptionError(f"--seed is {self.seed}; it must be 0 or more.")
+
 
 @dataclass(frozen=True)
 class Session:

@@ -1,6 +1,7 @@
 """What a robot is: an MJCF with named joints, and the constants that recording and control need."""
 
 import hashlib
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,11 +10,13 @@ import mujoco
 
 from nas_data import registry
 from nas_data.drives import driven_joint
-from nas_data.engine_warnings import heard_instability
+from nas_data.engine_warnings import heard_warnings, pass_on
 from nas_data.errors import ModelFileError
 from nas_data.servos import add_position_servos
 
 FOLDER = Path(__file__).parent
+MISSING = re.compile(r"Error opening file '([^']+)'")  # how MuJoCo speaks of meshes, textures and included files
+NOT_A_NUMBER = "'NaN'"  # in MuJoCo's warning, after which it reads the number as not given
 
 
 @dataclass(frozen=True)
@@ -60,18 +63,36 @@ def read_spec(path: Path) -> mujoco.MjSpec:
     """Read an MJCF or URDF file.
 
     Raises:
-        ModelFileError: there is no such file, or MuJoCo cannot use it as a model.
+        ModelFileError: there is no such file, one that it names is missing, or MuJoCo cannot use it as a model.
     """
     if not path.is_file():
         raise ModelFileError(f"There is no model file {path}; give an MJCF or URDF file, or a robot's name.")
     try:
-        with heard_instability():
+        with heard_warnings() as heard:
             spec = mujoco.MjSpec.from_file(str(path))
             spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        reason = " ".join(str(error).split()).rstrip(".")
-        raise ModelFileError(f"{path} cannot be used as a robot model: {reason}; give an MJCF or URDF file.") from None
+        raise ModelFileError(_explained(path, " ".join(str(error).split()).rstrip("."))) from None
+    if any(NOT_A_NUMBER in warning for warning in heard):
+        raise ModelFileError(f"{path} gives NaN where a number should stand{_line_of_nan(path)}; put a number there.")
+    pass_on(heard)
     return spec
+
+
+def _explained(path: Path, reason: str) -> str:
+    """Say why a model cannot be used, and what to do about it."""
+    missing = MISSING.search(reason)
+    if missing:
+        wanted = path.parent / missing[1]
+        return f"{path} needs the file '{missing[1]}', which is missing: put it beside the model, at {wanted}."
+    return f"{path} cannot be used as a robot model: {reason}; give an MJCF or URDF file."
+
+
+def _line_of_nan(path: Path) -> str:
+    """Say in which line of a file the first NaN stands, where it is not in a file that this one includes."""
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    found = [number for number, line in enumerate(lines, 1) if re.search(r"[\s\"']nan[\s\"']", line, re.IGNORECASE)]
+    return f" (line {found[0]})" if found else ""
 
 
 def actuated_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 import copy
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from importlib import metadata
 from pathlib import Path
 
@@ -212,8 +212,8 @@ class BulletStepper:
 
     @property
     def states(self) -> np.ndarray:
-        """Measured positions [rad] then velocities [rad/s], shape (B, 2n)."""
-        return np.stack([arm.measure() for arm in self._arms])
+        """Measured positions [rad] then velocities [rad/s], shape (B, 2n); NaN where a simulation diverged."""
+        return np.stack([self._unless_lost(arm.measure) for arm in self._arms])
 
     def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
         """Start simulations anew; see `Stepper.reset`."""
@@ -224,12 +224,20 @@ class BulletStepper:
     def step(self, commands: np.ndarray) -> np.ndarray:
         """Hold the commands for one control period; see `Stepper.step`."""
         controls = self.simulator.layout.controls(np.asarray(commands, float))
-        return np.stack([arm.step(row) for arm, row in zip(self._arms, controls, strict=True)])
+        return np.stack([self._unless_lost(arm.step, row) for arm, row in zip(self._arms, controls, strict=True)])
 
     def set_states(self, states: np.ndarray) -> None:
         """Move the servos so that the measured state becomes `states`; play and other hidden joints keep theirs."""
         for arm, change in zip(self._arms, states - self.states, strict=True):
-            arm.shift(change)
+            if np.isfinite(change).all():
+                arm.shift(change)
+
+    def _unless_lost(self, tell: Callable[..., np.ndarray], *controls: np.ndarray) -> np.ndarray:
+        """Return a state (2n,); NaN where this simulation diverged, so that the others of the batch go on."""
+        try:
+            return tell(*controls)
+        except SimulationDiverged:
+            return np.full(2 * len(self.joints), np.nan)
 
     def site_positions(self, name: str) -> np.ndarray:
         """Return where a site is in the world [m], shape (B, 3).

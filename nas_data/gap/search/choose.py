@@ -5,20 +5,20 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nas_data.effects.base import Effect
+from nas_data.effects.base import Effect, find_effect
 from nas_data.gap.search.fit import Fit, Task, fit, slopes
+from nas_data.gap.search.hypothesis import Hypothesis, Place, lent_slopes, lively, place, shortened
 from nas_data.gap.search.scales import scales
 from nas_data.gap.search.screen import Candidate, screen
 from nas_data.gap.search.unknowns import Unknowns, free_base
 
 SCREENED = 6  # episodes on which candidates are compared
 SCREENED_ROWS = 1800  # rows on which they are compared at least, where episodes are short
-SHORTLIST = 6  # candidates that are fitted, of those screened
-BESIDE = 3  # candidates beside the best of each joint
 FINALISTS = 3  # short fits that are continued
 MOST = 12  # effects in one arm
 AT_FLOOR = 1.15  # noise floors below which nothing is looked for
 UNSATISFIED = 1.25  # noise floors above which other effects are tried in the place of one that was found
+SIMPLER = 2  # effects of fewer parameters that are tried in the place of one
 EXCHANGED = 4  # of them
 PROMISE = 2.5  # nats by which the first order must lower the loss of every other episode, or a candidate is not fitted
 SLACK = 30.0  # nats that the first order may be wrong by there around the unfitted model
@@ -29,47 +29,8 @@ BETTER = 0.90  # held-out error of the most improved joint, with over without th
 WINS = 0.75  # share of held-out episodes in which the effect must help
 MARK = 2.0  # noise floors that an effect must move a joint by, or it is too small to be named
 
-MOVED = 10.0  # noise floors between a joint's extremes in an episode from which it counts as having moved
 POOR = 3.0  # noise floors of rest above which a joint may be called unexplained
 UNEXPLAINED = 0.5  # part of a joint's error that must stay, for it to be called so
-
-Place = tuple[str, str | None]
-
-
-def place(effect: Effect) -> Place:
-    """Return an effect's name and joint."""
-    return effect.name(), effect.joint
-
-
-@dataclass(frozen=True)
-class Hypothesis:
-    """A fitted set of effects, judged on held-out episodes.
-
-    Attributes:
-        fit: Fit on some training episodes.
-        heldout: Mean squares on held-out episodes [rad²], shape (E, n).
-    """
-
-    fit: Fit
-    heldout: np.ndarray
-
-    @property
-    def effects(self) -> tuple[Effect, ...]:
-        """The fitted effects."""
-        return self.fit.effects
-
-    @property
-    def loss(self) -> float:
-        """Loss on the fitted episodes: misfit and prior."""
-        return self.fit.loss
-
-    def text(self) -> str:
-        """Say it in a line."""
-        parts = [
-            f"{e.name()}({e.joint or 'arm'}: {', '.join(f'{getattr(e, p.name):.4g}' for p in e.parameters)})"
-            for e in self.effects
-        ]
-        return ", ".join(parts) or "base only"
 
 
 @dataclass
@@ -136,7 +97,25 @@ class Search:
             kept = self.exchanged(self.refined(grown))
             self.report("added", kept)
             around = kept.fit
-        return self.pruned(self.adequate(self.pruned(kept)))
+        return self.pruned(self.adequate(self.simplified(self.pruned(kept))))
+
+    def simplified(self, kept: Hypothesis) -> Hypothesis:
+        """Put an effect of fewer parameters in the place of each that needs its more of them hardly at all."""
+        for number, effect in enumerate(kept.effects):
+            simpler = [find_effect(name) for name in effect.confused_with]
+            names = {kind.name() for kind in simpler if len(kind.parameters) < len(effect.parameters)}
+            rest = self.without(kept, number) if names and effect.joint else None
+            if rest is None or effect.joint is None:
+                continue
+            found, _ = self.screened(rest.fit, rest, {effect.joint})
+            chosen = [c for c in found if c.effect.name() in names and c.effect.joint == effect.joint][:SIMPLER]
+            fitted = [self.fitted((*rest.effects, c.effect), c.factors, rest.fit, steps=6) for c in chosen]
+            for other in sorted((h for h in fitted if h), key=lambda h: h.loss):
+                if np.exp(self.logs(other, kept).mean(0).min()) > NOTICEABLE:
+                    self.rivals.setdefault(place(other.effects[-1]), []).append(effect)
+                    self.report(f"{effect.name()} simplified", other)
+                    return self.simplified(other)
+        return kept
 
     def adequate(self, kept: Hypothesis) -> Hypothesis:
         """Take back the names in joints of which most stays unexplained: their cause is not in the catalogue."""
@@ -279,39 +258,3 @@ class Search:
     def report(self, word: str, h: Hypothesis) -> None:
         """Say what was found."""
         self.say(f"{word}: {h.text()}; loss {h.loss:.1f}, rest/floor {' '.join(f'{r:.2f}' for r in self.ratio(h))}")
-
-
-def lively(task: Task) -> set[str]:
-    """Return the joints that were commanded to move and moved: a joint that stood still tells no cause."""
-    evidence = task.evidence
-    commanded = np.ptp(evidence.commands, axis=1).max(0) > 0
-    moved = np.ptp(evidence.measured, axis=1).max(0) > MOVED * task.floor
-    return {joint for joint, told in zip(evidence.joints, commanded & moved, strict=True) if told}
-
-
-def lent_slopes(near: Fit | None, unknowns: Unknowns) -> np.ndarray | None:
-    """Return another fit's slopes by the base parameters of a hypothesis, None where it lacks one."""
-    if near is None:
-        return None
-    first = len(near.unknowns.sought)
-    known = {parameter: first + number for number, parameter in enumerate(near.unknowns.base)}
-    if not all(parameter in known for parameter in unknowns.base):
-        return None
-    return near.slopes[[known[parameter] for parameter in unknowns.base]]
-
-
-def shortened(found: Sequence[Candidate], reach: float, slack: float) -> list[Candidate]:
-    """Return the candidates that are worth a fit: the best of each joint, and the best of all.
-
-    Args:
-        found: Candidates, the most promising first.
-        reach: First-order misfit below which a candidate promises enough.
-        slack: By how much the first order may be too high.
-    """
-    leaders: dict[str | None, Candidate] = {}
-    for candidate in found:
-        if candidate.misfit < reach:
-            leaders.setdefault(candidate.effect.joint, candidate)
-    others = [c for c in found if c.misfit < reach + slack and leaders.get(c.effect.joint) is not c]
-    chosen = [*leaders.values(), *others[: max(SHORTLIST - len(leaders), BESIDE)]]
-    return sorted(chosen, key=lambda candidate: candidate.misfit)

@@ -22,11 +22,13 @@ class Final:
         effects: Effects with fitted parameters.
         factors: Factors of the base parameters, by name.
         intervals: For each effect, lowest and highest value of each parameter in 95 % of repetitions.
+        timestep: Physics step that explains the recording best [s]; None for a fine one.
     """
 
     effects: tuple[Effect, ...]
     factors: Mapping[str, float]
     intervals: tuple[Mapping[str, tuple[float, float]], ...]
+    timestep: float | None = None
 
 
 def finish(task: Task, effects: Sequence[Effect], factors: dict[str, float], rounds: int = ROUNDS) -> Final:
@@ -49,7 +51,7 @@ def finish(task: Task, effects: Sequence[Effect], factors: dict[str, float], rou
         found, numbers = better, better.numbers
     if found is None:
         return Final(tuple(effects), factors, tuple({} for _ in effects))
-    return Final(found.effects, found.factors, intervals(task, found))
+    return Final(found.effects, found.factors, intervals(task, found), task.timestep)
 
 
 def intervals(task: Task, found: Fit) -> tuple[Mapping[str, tuple[float, float]], ...]:

@@ -42,14 +42,23 @@ class Task:
         """Return the task with the correction for finer physics steps, computed at a hypothesis.
 
         A model's own timestep delays it by about half a step, more than the noise shows. Simulating everything in
-        fine steps would cost four times as much; the difference hardly depends on the parameters.
+        fine steps would cost four times as much; the difference hardly depends on the parameters. Where the model's
+        own steps explain the recording better (it was simulated with them), nothing is corrected.
         """
         fine = with_timestep(self.nominal, fine_timestep(self.nominal))
         try:
             rough = self.nominal.predict(self.evidence, effects, factors)
-            return replace(self, correction=fine.predict(self.evidence, effects, factors) - rough)
+            finer = fine.predict(self.evidence, effects, factors)
         except ModelFileError:
             return replace(self, correction=0.0)
+        better = self.misfit(finer) <= self.misfit(rough)
+        return replace(self, correction=finer - rough if better else 0.0)
+
+    @property
+    def timestep(self) -> float:
+        """The physics step for which the predictions stand [s]."""
+        own = float(self.nominal.spec.option.timestep)
+        return own if isinstance(self.correction, float) else fine_timestep(self.nominal)
 
     def predict(self, unknowns: Unknowns, numbers: np.ndarray) -> np.ndarray | None:
         """Return positions (E, T, n) for fitted numbers, None where the model diverges."""

@@ -31,7 +31,19 @@ def check(recording: Recording, mapping: Map) -> list[Finding]:
         kept = "resampling takes the last of them" if mapping.resample else "they are kept as rows of their own"
         message = f"the time does not go on in {rows_text(repeated)}: {kept}."
         found.append(Finding("repeated_time", recording.place, message, repeated))
-    return found + _rate(recording, steps, mapping) + _steps(recording, steps, mapping)
+    return _gap(recording) + found + _rate(recording, steps, mapping) + _steps(recording, steps, mapping)
+
+
+def _gap(recording: Recording) -> list[Finding]:
+    """Report the hole before a recording's first row, at which its log was divided."""
+    if not recording.gap:
+        return []
+    row = (int(recording.rows[0]),)
+    message = (
+        f"{recording.gap:.3g} s are missing before {rows_text(row)}; the log is divided there into two episodes, "
+        "because nothing was measured in between."
+    )
+    return [Finding("time_gap", recording.place, message, row)]
 
 
 def _rate(recording: Recording, steps: np.ndarray, mapping: Map) -> list[Finding]:
@@ -65,8 +77,14 @@ def _steps(recording: Recording, steps: np.ndarray, mapping: Map) -> list[Findin
     if not rows:
         return []
     message = (
-        f"the step before {rows_text(rows)} is {steps[uneven].min() * 1e3:.4g} to {steps[uneven].max() * 1e3:.4g} ms "
+        f"the step before {rows_text(rows)} is {_milliseconds(steps[uneven])} ms "
         f"instead of {1e3 / mapping.rate:.4g} ms; add [resample] to the map to space rows evenly"
         + (", because velocities are derived as if they were." if mapping.derive_velocity else ".")
     )
     return [Finding("irregular_time", recording.place, message, rows)]
+
+
+def _milliseconds(steps: np.ndarray) -> str:
+    """Return the range of some steps, or their one length."""
+    low, high = f"{steps.min() * 1e3:.4g}", f"{steps.max() * 1e3:.4g}"
+    return low if low == high else f"{low} to {high}"

@@ -47,7 +47,7 @@ def check(recording: Recording, mapping: Map) -> list[Finding]:
     fits = {
         joint: fit
         for index, joint in enumerate(recording.joints)
-        if (fit := _fit(recording, index, 1 / mapping.rate)) is not None
+        if (fit := fit_register(recording, index, 1 / mapping.rate)) is not None
     }
     found = _silent(recording, mapping) + _scales(recording, fits)
     late = [fit.delay for fit in fits.values() if fit.delay >= LATE]
@@ -61,7 +61,7 @@ def check(recording: Recording, mapping: Map) -> list[Finding]:
     return found
 
 
-def _fit(recording: Recording, index: int, period: float) -> Fit | None:
+def fit_register(recording: Recording, index: int, period: float) -> Fit | None:
     """Fit the register to the delayed difference; None where the motion is too small to tell."""
     assert recording.velocities is not None
     once = np.concatenate([[True], np.diff(recording.time) > 0])

@@ -1,21 +1,82 @@
 """CSV: one line of column names, then one line a row; a cell holds a number or a JSON list of numbers."""
 
+import codecs
+from contextlib import suppress
 from pathlib import Path
 
 import pyarrow as pa
 from pyarrow import csv
 
+from nas_data.errors import LogError
 from nas_data.importing.layout import Layout
-from nas_data.importing.table import Table
+from nas_data.importing.table import Table, refuse_twice
 
 SUFFIXES = (".csv", ".tsv", ".txt")
+DELIMITERS = {",": "','", ";": "';'", "\t": "'\\t'"}  # as they are written in a map
+NOT_UTF_8 = "cannot be read as csv: it is not in UTF-8; save it in that encoding."
+UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 def read(path: Path, layout: Layout) -> Table:
     """Read a file; a cell stays text until its column is asked for, so that no type is guessed from the first rows."""
+    _check_start(path, layout.delimiter)
     parsing = csv.ParseOptions(delimiter=layout.delimiter)
-    with csv.open_csv(path, parse_options=parsing) as reader:
-        names = reader.schema.names
-    converting = csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string()), strings_can_be_null=True)
-    table = csv.read_csv(path, parse_options=parsing, convert_options=converting)
+    try:
+        with csv.open_csv(path, parse_options=parsing) as reader:
+            names = reader.schema.names
+        refuse_twice(path, [name.strip() for name in names])
+        converting = csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string()), strings_can_be_null=True)
+        table = csv.read_csv(path, parse_options=parsing, convert_options=converting)
+    except pa.ArrowInvalid as error:
+        if "UTF8" in str(error):
+            raise LogError(f"{path} {NOT_UTF_8}") from None
+        _refuse_ragged(path, layout.delimiter)
+        raise
     return Table(path, {name.strip(): table.column(i).combine_chunks() for i, name in enumerate(names)})
+
+
+def _check_start(path: Path, delimiter: str) -> None:
+    """Refuse an encoding that is not UTF-8, and a header that another delimiter divides.
+
+    Raises:
+        LogError: names the encoding, or the delimiter to say.
+    """
+    with path.open("rb") as file:
+        line = file.readline()
+    try:
+        header = line.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        header = ""
+    if line.startswith(UTF_16) or not header or "\0" in header:
+        raise LogError(f"{path} {NOT_UTF_8}")
+    other = next((sign for sign in DELIMITERS if sign in header), None)
+    if delimiter not in header and other is not None:
+        raise LogError(
+            f"{path} separates its columns by {DELIMITERS[other]}, "
+            f"but the map by {DELIMITERS.get(delimiter, repr(delimiter))}; "
+            f"say delimiter = {DELIMITERS[other]} in the map."
+        )
+
+
+def _refuse_ragged(path: Path, delimiter: str) -> None:
+    """Find the row for which parsing failed.
+
+    Raises:
+        LogError: names the row, its line and how many cells it has.
+    """
+    bad: list[csv.InvalidRow] = []
+
+    def keep(row: csv.InvalidRow) -> str:
+        bad.append(row)
+        return "skip"
+
+    # Only a reader with one thread knows the numbers of lines.
+    parsing = csv.ParseOptions(delimiter=delimiter, invalid_row_handler=keep)
+    with suppress(pa.ArrowInvalid):
+        csv.read_csv(path, read_options=csv.ReadOptions(use_threads=False), parse_options=parsing)
+    if bad:
+        raise LogError(
+            f"{path}: line {bad[0].number} has {bad[0].actual_columns} cells, "
+            f"but the header {bad[0].expected_columns}; the line is damaged or cut off: "
+            "repair it or take it out, and write numbers with a decimal point."
+        )

@@ -14,7 +14,7 @@ SUFFIXES = (".json",)
 
 def read(path: Path, layout: Layout) -> Table:
     """Read a file."""
-    content = json.loads(path.read_text(encoding="utf-8"))
+    content = _parse(path)
     if isinstance(content, list):
         return Table(path, _from_rows(path, content))
     if not isinstance(content, dict):
@@ -29,6 +29,25 @@ def read(path: Path, layout: Layout) -> Table:
     lists = {key: value for key, value in content.items() if isinstance(value, list)}
     columns = {key: _column(path, key, value) for key, value in lists.items()}
     return Table(path, columns, {key: value for key, value in content.items() if key not in lists})
+
+
+def _parse(path: Path) -> object:
+    """Parse a file; what is wrong with its text is said by line."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise LogError(f"{path} cannot be read as json: it is not in UTF-8; save it in that encoding.") from None
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        # A file that stops early is complained about at its end, or at the start of the text that never closes.
+        if error.pos >= len(text.rstrip()) - 1 or error.msg.startswith("Unterminated"):
+            raise LogError(
+                f"{path} is cut off in line {error.lineno}; copy it again, or let the recorder close its file."
+            ) from None
+        raise LogError(
+            f"{path} cannot be read as json: line {error.lineno}, column {error.colno} is no JSON; repair it there."
+        ) from None
 
 
 def _from_rows(path: Path, rows: object) -> dict[str, pa.Array]:

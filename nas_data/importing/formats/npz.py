@@ -11,11 +11,15 @@ from nas_data.importing.layout import Layout
 from nas_data.importing.table import Table
 
 SUFFIXES = (".npz",)
+ZIP = b"PK\x03\x04"  # how a ZIP archive begins
+OBJECTS = "holds Python objects, which are not read from files; save it as numbers, for example with astype(float)"
 
 
 def read(path: Path, layout: Layout) -> Table:
-    """Read a file without unpickling anything: arrays of objects are left out."""
+    """Read a file without unpickling anything: arrays of objects are refused where the map names them."""
     if not zipfile.is_zipfile(path):
+        if path.read_bytes()[: len(ZIP)] == ZIP:
+            raise LogError(f"{path} is cut off: its last part is missing; copy it again from where it was recorded.")
         raise LogError(f"{path} is not an NPZ archive; write it with numpy.savez.")
     try:
         with np.load(path, allow_pickle=False) as archive:
@@ -24,7 +28,8 @@ def read(path: Path, layout: Layout) -> Table:
         raise LogError(f"{path} is damaged: {error}; take it from a copy.") from None
     found = {name: array for name, array in arrays.items() if array is not None}
     columns = {name: array for name, array in found.items() if array.ndim}
-    return Table(path, columns, {name: array.item() for name, array in found.items() if not array.ndim})
+    constants = {name: array.item() for name, array in found.items() if not array.ndim}
+    return Table(path, columns, constants, dict.fromkeys(arrays.keys() - found.keys(), OBJECTS))
 
 
 def _array(archive: np.lib.npyio.NpzFile, name: str) -> np.ndarray | None:

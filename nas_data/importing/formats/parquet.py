@@ -4,14 +4,22 @@ from pathlib import Path
 
 from pyarrow import parquet
 
+from nas_data.errors import LogError
 from nas_data.importing.layout import Layout
-from nas_data.importing.table import Table, number_or_text
+from nas_data.importing.table import Table, number_or_text, refuse_twice
 
 SUFFIXES = (".parquet", ".pq")
+MAGIC = b"PAR1"  # how a Parquet file begins and ends
 
 
 def read(path: Path, layout: Layout) -> Table:
     """Read a file; its own key-value metadata are the log's constants."""
+    content = path.read_bytes()
+    if content.startswith(MAGIC) and not content.endswith(MAGIC):
+        raise LogError(f"{path} is cut off: its end is missing; copy it again, or let the recorder close its file.")
+    if not content.startswith(MAGIC):
+        raise LogError(f"{path} cannot be read as parquet: it is no Parquet file; give one, or correct 'format'.")
+    refuse_twice(path, parquet.read_schema(path).names)
     table = parquet.read_table(path)
     metadata = table.schema.metadata or {}
     constants = {key.decode(): number_or_text(value.decode(errors="replace")) for key, value in metadata.items()}

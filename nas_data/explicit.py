@@ -1,0 +1,22 @@
+"""Masses and inertias written out, so that a model no longer depends on the shapes that they were computed from."""
+
+import mujoco
+import numpy as np
+
+
+def explicit(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """Return the model with every moving body's mass and inertia written out, whatever they were computed from."""
+    result = spec.copy()
+    for number, body in enumerate(result.bodies):
+        body.name = body.name or f"body{number}"
+    model = result.copy().compile()
+    result.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+    for body in result.bodies[1:]:
+        compiled = model.body(body.name)
+        if compiled.mass[0] <= 0:
+            continue
+        body.explicitinertial = True
+        body.mass = float(compiled.mass[0])
+        body.inertia, body.ipos, body.iquat = compiled.inertia, compiled.ipos, compiled.iquat
+        body.fullinertia = np.full(6, np.nan)
+    return result

@@ -1,0 +1,89 @@
+"""A fitted set of effects, and which candidates are worth fitting next."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nas_data.effects.base import Effect
+from nas_data.gap.search.fit import Fit, Task
+from nas_data.gap.search.screen import Candidate
+from nas_data.gap.search.unknowns import Unknowns
+
+SHORTLIST = 6  # candidates that are fitted, of those screened
+BESIDE = 3  # candidates beside the best of each joint
+MOVED = 10.0  # noise floors between a joint's extremes in an episode from which it counts as having moved
+
+Place = tuple[str, str | None]
+
+
+def place(effect: Effect) -> Place:
+    """Return an effect's name and joint."""
+    return effect.name(), effect.joint
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A fitted set of effects, judged on held-out episodes.
+
+    Attributes:
+        fit: Fit on some training episodes.
+        heldout: Mean squares on held-out episodes [rad²], shape (E, n).
+    """
+
+    fit: Fit
+    heldout: np.ndarray
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The fitted effects."""
+        return self.fit.effects
+
+    @property
+    def loss(self) -> float:
+        """Loss on the fitted episodes: misfit and prior."""
+        return self.fit.loss
+
+    def text(self) -> str:
+        """Say it in a line."""
+        parts = [
+            f"{e.name()}({e.joint or 'arm'}: {', '.join(f'{getattr(e, p.name):.4g}' for p in e.parameters)})"
+            for e in self.effects
+        ]
+        return ", ".join(parts) or "base only"
+
+
+def lively(task: Task) -> set[str]:
+    """Return the joints that were commanded to move and moved: a joint that stood still tells no cause."""
+    evidence = task.evidence
+    commanded = np.ptp(evidence.commands, axis=1).max(0) > 0
+    moved = np.ptp(evidence.measured, axis=1).max(0) > MOVED * task.floor
+    return {joint for joint, told in zip(evidence.joints, commanded & moved, strict=True) if told}
+
+
+def lent_slopes(near: Fit | None, unknowns: Unknowns) -> np.ndarray | None:
+    """Return another fit's slopes by the base parameters of a hypothesis, None where it lacks one."""
+    if near is None:
+        return None
+    first = len(near.unknowns.sought)
+    known = {parameter: first + number for number, parameter in enumerate(near.unknowns.base)}
+    if not all(parameter in known for parameter in unknowns.base):
+        return None
+    return near.slopes[[known[parameter] for parameter in unknowns.base]]
+
+
+def shortened(found: Sequence[Candidate], reach: float, slack: float) -> list[Candidate]:
+    """Return the candidates that are worth a fit: the best of each joint, and the best of all.
+
+    Args:
+        found: Candidates, the most promising first.
+        reach: First-order misfit below which a candidate promises enough.
+        slack: By how much the first order may be too high.
+    """
+    leaders: dict[str | None, Candidate] = {}
+    for candidate in found:
+        if candidate.misfit < reach:
+            leaders.setdefault(candidate.effect.joint, candidate)
+    others = [c for c in found if c.misfit < reach + slack and leaders.get(c.effect.joint) is not c]
+    chosen = [*leaders.values(), *others[: max(SHORTLIST - len(leaders), BESIDE)]]
+    return sorted(chosen, key=lambda candidate: candidate.misfit)

@@ -1,0 +1,36 @@
+"""Where a rollout of a learned model is lost, and what a source says of states that may be beyond it."""
+
+import numpy as np
+
+from nas_data.errors import ModelFileError, SimulationDiverged
+from nas_data.simulators.base import Simulator
+
+BOUND = 1e6  # [rad or rad/s] far beyond any joint; float32 tells angles there no finer than 0.06 rad
+
+
+def out_of_bounds(states: np.ndarray) -> np.ndarray:
+    """Return which states (…, 2n) are not finite or left all bounds, shape (…)."""
+    return ~(np.abs(states) < BOUND).all(axis=-1)
+
+
+def predict_bounded(simulator: Simulator, states: np.ndarray, commands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Predict transitions of which some may start where the source cannot be simulated.
+
+    A simulator refuses a batch as a whole; halving it finds the rows that it refuses.
+
+    Args:
+        simulator: Source.
+        states: Positions [rad] then velocities [rad/s], shape (N, 2n).
+        commands: Shape (N, n).
+
+    Returns:
+        Next states, shape (N, 2n), those of refused rows being the states before; and which were refused, shape (N,).
+    """
+    try:
+        return simulator.predict(states, commands), np.zeros(len(states), bool)
+    except (ModelFileError, SimulationDiverged):
+        if len(states) == 1:
+            return states.copy(), np.ones(1, bool)
+    half = len(states) // 2
+    parts = [predict_bounded(simulator, states[rows], commands[rows]) for rows in (slice(half), slice(half, None))]
+    return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
