@@ -51,6 +51,14 @@ class BaseParameter:
             setattr(joint, self.kind, getattr(joint, self.kind) * factor)
 
 
+def own_size(spec: mujoco.MjSpec, joint: str, kind: str) -> float:
+    """Return what the model has of something that effects add to: damping, armature or frictionloss, in SI units."""
+    element = spec.joint(joint)
+    if kind == "damping":
+        return float(element.damping[0]) - float(joint_actuator(spec, joint).biasprm[2])
+    return float(getattr(element, kind)) if kind in {"armature", "frictionloss"} else 0.0
+
+
 def scale_damping(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
     """Multiply the damping of a joint and of its servo, which act alike below saturation."""
     spec.joint(joint).damping = np.array(spec.joint(joint).damping) * factor

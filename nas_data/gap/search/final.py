@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nas_data.effects.base import Effect, Parameter
+from nas_data.gap.base import TOLERANCE, own_size
 from nas_data.gap.search.fit import Fit, Task, fit
 from nas_data.gap.search.unknowns import Unknowns, free_base
 
@@ -58,7 +59,8 @@ def intervals(task: Task, found: Fit) -> tuple[Mapping[str, tuple[float, float]]
     """Return the 95 % intervals of the effects' parameters from the curvature of the loss.
 
     Errors of a rollout are alike for a while (`CORRELATION`); so many rows count as one, or intervals would be too
-    narrow several times over.
+    narrow several times over. What an effect adds to something that the model has (damping, say) is known no better
+    than the model's own part of it.
     """
     weights = task.weights(found.predicted) * task.evidence.counts[..., None]
     rows = (found.slopes * weights).reshape(len(found.slopes), -1)
@@ -66,9 +68,18 @@ def intervals(task: Task, found: Fit) -> tuple[Mapping[str, tuple[float, float]]
     spread = np.sqrt(np.clip(np.diag(np.linalg.inv(square)), 0.0, None))
     result: list[dict[str, tuple[float, float]]] = [{} for _ in found.effects]
     for unknown, number, width in zip(found.unknowns.sought, found.numbers, spread, strict=False):
-        ends = [unknown.value(float(number) + sign * NORMAL95 * float(width)) for sign in (-1, 1)]
+        effect = found.effects[unknown.place]
+        doubt = NORMAL95 * TOLERANCE * shared(task, effect, unknown.parameter)
+        ends = [unknown.value(float(number) + sign * NORMAL95 * float(width)) + sign * doubt for sign in (-1, 1)]
         result[unknown.place][unknown.parameter.name] = (min(ends), max(ends))
     return tuple(result)
+
+
+def shared(task: Task, effect: Effect, parameter: Parameter) -> float:
+    """Return how much of what an effect's first parameter adds to the model has already, in its unit."""
+    if not effect.replaces or effect.joint is None or parameter is not effect.parameters[0]:
+        return 0.0
+    return own_size(task.nominal.spec, effect.joint, effect.replaces)
 
 
 def retuned(factors: Mapping[str, float], smallest: float = 0.005) -> list[dict[str, object]]:
