@@ -161,11 +161,12 @@ def placebo(held: Task, naming: Naming) -> Mapping[str, object] | None:
         return None
     error = float(np.sqrt(naming.placebo.heldout.mean()))
     rival = naming.placebo.effects[-1]
+    replaced = naming.findings[naming.rivals.index(naming.placebo)].effect
     where = f" in {rival.joint}" if rival.joint else ""
     return {
         "effects": [effect.to_json() for effect in naming.placebo.effects],
         "after": error,
-        "text": f"{rival.name()}{where} instead of {naming.findings[0].effect.name()}",
+        "text": f"{rival.name()}{where} instead of {replaced.name()}",
     }
 
 

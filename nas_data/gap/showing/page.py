@@ -21,7 +21,8 @@ from nas_data.reports.page import Block, Page, Section, Text
 
 READING = (
     "Gap: every held-out episode is simulated from its first pose with the recorded commands alone (open loop), and "
-    "compared with the positions that were measured. No number was fitted to these episodes.",
+    "compared with the positions that were measured. No number was fitted to these "
+    "episodes; they did decide which effects were kept.",
     "Noise floor: the readings themselves are rounded and noisy; no model can come closer than that. Every picture "
     "shows it.",
     "Confidence: how likely name and joint are right. Of names given with 90 %, nine in ten should be. A gap that "
