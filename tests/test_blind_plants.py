@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import mujoco
@@ -24,7 +25,8 @@ NATIVE = "mujoco_plant.py"
 NOMINAL = Truth(Base.nominal(6))
 FINE = 1e-4  # [s] timestep of the reference
 CLOSE = np.radians(0.1)
-INDEPENDENT = ("numpy", "bullet")
+WITHOUT_BULLET = pytest.mark.skipif(find_spec("pybullet") is None, reason="PyBullet is not installed")
+INDEPENDENT = ("numpy", pytest.param("bullet", marks=WITHOUT_BULLET))
 
 
 def imported(path: Path) -> set[str]:
@@ -110,6 +112,7 @@ def test_each_effect_moves_the_joint_it_sits_in(plant, effect):
     assert np.sqrt(np.square(whole - without).mean(axis=(0, 1)))[1] > np.radians(0.02)
 
 
+@WITHOUT_BULLET
 def test_both_independent_plants_agree_on_hidden_effects():
     arm, rng = arms()[0], np.random.default_rng(6)
     commands, poses = steps(1, 0.8, hold=40)
