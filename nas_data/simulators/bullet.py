@@ -1,7 +1,6 @@
 """PyBullet as a simulator: the same models and servos on another physics engine."""
 
 import copy
-import math
 from collections.abc import Callable, Iterable, Sequence
 from importlib import metadata
 from pathlib import Path
@@ -9,13 +8,13 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from nas_data.effects.base import Effect, add_effects
+from nas_data.effects.base import Effect
 from nas_data.effects.edits.hook import StepForces
-from nas_data.errors import JointMismatch, ModelFileError, SimulationDiverged
+from nas_data.errors import ModelFileError, SimulationDiverged
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.bullet_world import BulletWorld
-from nas_data.simulators.hooks import find_hooks
-from nas_data.simulators.layout import INTEGRATION, Layout, RestStates
+from nas_data.simulators.compiled import Compiled
+from nas_data.simulators.layout import INTEGRATION, RestStates
 
 BOUND = 1e4  # [rad or rad/s] beyond which a simulation has diverged
 
@@ -45,21 +44,12 @@ class BulletSimulator:
         Raises:
             MissingPackage: PyBullet is not installed.
         """
-        self.robot = robot
-        self.period = period
-        self.effects = tuple(effects)
-        spec = robot.spec()
-        self.substeps = max(1, math.ceil(period / spec.option.timestep - 1e-6))
-        spec.option.timestep = period / self.substeps
-        add_effects(spec, self.effects)
-        try:
-            self.model = spec.compile()
-        except ValueError as error:
-            raise ModelFileError(f"{robot.mjcf} does not compile with its effects: {error}") from None
-        self.layout = Layout.of(self.model, joints or robot.joints, str(robot.mjcf))
+        self.compiled = Compiled.of(robot, period, joints, effects)
+        self.robot, self.effects, self.period = robot, self.compiled.effects, period
+        self.model, self.layout = self.compiled.model, self.compiled.layout
+        self.substeps, self.hooks = self.compiled.substeps, self.compiled.hooks
         self.joints = self.layout.joints
         self.commands_effort = self.layout.commands_effort
-        self.hooks = find_hooks(self.effects, self.model)
         self.rest = RestStates(self.model, self.layout, INTEGRATION)
         self._arm = BulletArm(self)
 
@@ -76,12 +66,12 @@ class BulletSimulator:
 
     def predict(self, states: np.ndarray, commands: np.ndarray) -> np.ndarray:
         """Simulate independent transitions; see `Simulator.predict`."""
-        self._check(states, commands)
+        self.compiled.check(states, commands)
         return self._roll(states, np.asarray(commands)[:, None])[:, 0]
 
     def rollout(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
         """Simulate whole episodes in open loop; see `Simulator.rollout`."""
-        self._check(initial, commands)
+        self.compiled.check(initial, commands)
         return self._roll(initial, commands)
 
     def stepper(self, size: int) -> "BulletStepper":
@@ -90,15 +80,7 @@ class BulletSimulator:
 
     def describe(self) -> dict[str, object]:
         """Return the source for provenance."""
-        return {
-            "name": self.robot.name,
-            "sha256": self.robot.sha256,
-            "engine": self.engine,
-            "engine_version": metadata.version("pybullet"),
-            "timestep": self.model.opt.timestep,
-            "substeps": self.substeps,
-            "effects": [effect.to_json() for effect in self.effects],
-        }
+        return self.compiled.describe(self.engine, metadata.version("pybullet"))
 
     def close(self) -> None:
         """Close the simulator's world; garbage collection does so, too."""
@@ -114,14 +96,6 @@ class BulletSimulator:
             for step in range(commands.shape[1]):
                 result[row, step] = self._arm.step(controls[row, step])
         return result
-
-    def _check(self, states: np.ndarray, commands: np.ndarray) -> None:
-        n = len(self.joints)
-        if states.shape[-1] != 2 * n or commands.shape[-1] != n:
-            raise JointMismatch(
-                f"States of {states.shape[-1]} and commands of {commands.shape[-1]} components do not fit "
-                f"{n} joints ({', '.join(self.joints)}): {2 * n} and {n} are needed."
-            )
 
 
 class BulletArm:

@@ -1,6 +1,5 @@
 """MuJoCo as a simulator: batched one-step predictions, open-loop rollouts and closed loops of one model."""
 
-import math
 import os
 from collections.abc import Iterable, Sequence
 from functools import cached_property
@@ -11,12 +10,13 @@ import mujoco.batch
 import mujoco.rollout
 import numpy as np
 
-from nas_data.effects.base import Effect, add_effects
+from nas_data.effects.base import Effect
 from nas_data.engine_warnings import heard_instability
-from nas_data.errors import JointMismatch, ModelFileError
+from nas_data.errors import ModelFileError
 from nas_data.robots.base import Robot, find_robot
-from nas_data.simulators.hooks import HookedBatch, find_hooks, roll_hooked
-from nas_data.simulators.layout import FULLPHYSICS, INTEGRATION, Layout, RestStates, SettledStates
+from nas_data.simulators.compiled import Compiled
+from nas_data.simulators.hooks import HookedBatch, roll_hooked
+from nas_data.simulators.layout import FULLPHYSICS, INTEGRATION, RestStates, SettledStates
 from nas_data.simulators.pool import rollout_pool
 
 CHUNK_STATES = 250_000  # numbers of simulated state held at once, 2 MB: with its inputs it stays in the cache
@@ -43,38 +43,22 @@ class MujocoSimulator:
         effects: Iterable[Effect] = (),
         threads: int | None = None,
     ) -> None:
-        """Compile the model.
-
-        The physics timestep is the model's own, shortened where needed so that a whole number of steps makes one
-        control period.
+        """Compile the model; see `Compiled.of` for the other arguments and the errors.
 
         Args:
             robot: Model, joints and constants.
             period: Control period [s].
-            joints: Joints to measure and command, by name; the robot's where None.
+            joints: Joints to measure and command.
             effects: Effects to add to the model.
             threads: Threads for batched work; all cores where None.
-
-        Raises:
-            JointMismatch: a joint is not in the model or nothing drives it.
-            ModelFileError: the model with its effects does not compile.
         """
-        self.robot = robot
-        self.period = period
-        self.effects = tuple(effects)
-        spec = robot.spec()
-        self.substeps = max(1, math.ceil(period / spec.option.timestep - 1e-6))
-        spec.option.timestep = period / self.substeps
-        add_effects(spec, self.effects)
-        try:
-            self.model = spec.compile()
-        except ValueError as error:
-            raise ModelFileError(f"{robot.mjcf} does not compile with its effects: {error}") from None
-        self.layout = Layout.of(self.model, joints or robot.joints, str(robot.mjcf))
+        self.compiled = Compiled.of(robot, period, joints, effects)
+        self.robot, self.effects, self.period = robot, self.compiled.effects, period
+        self.model, self.layout = self.compiled.model, self.compiled.layout
+        self.substeps, self.hooks = self.compiled.substeps, self.compiled.hooks
         self.joints = self.layout.joints
         self.commands_effort = self.layout.commands_effort
         self.threads = len(os.sched_getaffinity(0)) if threads is None else threads
-        self.hooks = find_hooks(self.effects, self.model)
         self._part = INTEGRATION if self.hooks else FULLPHYSICS
         pooled = self.threads if self.threads > 1 else 0
         self._pool = rollout_pool(pooled)
@@ -104,7 +88,7 @@ class MujocoSimulator:
 
     def predict(self, states: np.ndarray, commands: np.ndarray) -> np.ndarray:
         """Simulate independent transitions; see `Simulator.predict`."""
-        self._check(states, commands)
+        self.compiled.check(states, commands)
         per_row = self.substeps * len(self.rest.base)
         chunk = max(1, CHUNK_STATES // per_row)
         result = np.empty((len(states), states.shape[1]))
@@ -122,7 +106,7 @@ class MujocoSimulator:
             commands: Shape (B, T, n).
             settled: Whether the arm had settled under its weight in its first pose, play and springs loaded.
         """
-        self._check(initial, commands)
+        self.compiled.check(initial, commands)
         if not commands.shape[1]:
             return np.empty((len(initial), 0, initial.shape[1]))
         per_row = commands.shape[1] * self.substeps * mujoco.mj_stateSize(self.model, self._part)
@@ -140,15 +124,7 @@ class MujocoSimulator:
 
     def describe(self) -> dict[str, object]:
         """Return the source for provenance."""
-        return {
-            "name": self.robot.name,
-            "sha256": self.robot.sha256,
-            "engine": self.engine,
-            "engine_version": mujoco.__version__,
-            "timestep": self.model.opt.timestep,
-            "substeps": self.substeps,
-            "effects": [effect.to_json() for effect in self.effects],
-        }
+        return self.compiled.describe(self.engine, mujoco.__version__)
 
     def _roll(self, first: np.ndarray, commands: np.ndarray) -> np.ndarray:
         """Roll out from full states (B, size) under commands (B, T, n); return states (B, T, 2n)."""
@@ -183,14 +159,6 @@ class MujocoSimulator:
             f"{self.robot.mjcf} diverges in MuJoCo ({where}); "
             "shorten its timestep, soften its gains or check its inertias."
         )
-
-    def _check(self, states: np.ndarray, commands: np.ndarray) -> None:
-        n = len(self.joints)
-        if states.shape[-1] != 2 * n or commands.shape[-1] != n:
-            raise JointMismatch(
-                f"States of {states.shape[-1]} and commands of {commands.shape[-1]} components do not fit "
-                f"{n} joints ({', '.join(self.joints)}): {2 * n} and {n} are needed."
-            )
 
 
 class MujocoStepper:

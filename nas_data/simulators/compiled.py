@@ -1,0 +1,91 @@
+"""A robot with effects, compiled at a control period: what every engine starts from."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from nas_data.effects.base import Effect, add_effects
+from nas_data.effects.edits.hook import StepHook
+from nas_data.errors import JointMismatch, ModelFileError
+from nas_data.robots.base import Robot
+from nas_data.simulators.hooks import find_hooks
+from nas_data.simulators.layout import Layout
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """A compiled model and where its joints are.
+
+    Attributes:
+        robot: Robot it was made from.
+        effects: Effects that were added.
+        model: Compiled model.
+        layout: Its measured joints.
+        substeps: Physics steps per control period.
+        hooks: What acts between the physics steps.
+    """
+
+    robot: Robot
+    effects: tuple[Effect, ...]
+    model: mujoco.MjModel
+    layout: Layout
+    substeps: int
+    hooks: tuple[StepHook, ...]
+
+    @classmethod
+    def of(cls, robot: Robot, period: float, joints: Sequence[str] | None, effects: Iterable[Effect]) -> "Compiled":
+        """Compile a robot with effects.
+
+        The physics timestep is the model's own, shortened where needed so that a whole number of steps makes one
+        control period.
+
+        Args:
+            robot: Model, joints and constants.
+            period: Control period [s].
+            joints: Joints to measure and command, by name; the robot's where None.
+            effects: Effects to add to the model.
+
+        Raises:
+            JointMismatch: a joint is not in the model or nothing drives it.
+            ModelFileError: the model with its effects does not compile.
+        """
+        effects = tuple(effects)
+        spec = robot.spec()
+        substeps = max(1, math.ceil(period / spec.option.timestep - 1e-6))
+        spec.option.timestep = period / substeps
+        add_effects(spec, effects)
+        try:
+            model = spec.compile()
+        except ValueError as error:
+            raise ModelFileError(f"{robot.mjcf} does not compile with its effects: {error}") from None
+        layout = Layout.of(model, joints or robot.joints, str(robot.mjcf))
+        return cls(robot, effects, model, layout, substeps, find_hooks(effects, model))
+
+    def check(self, states: np.ndarray, commands: np.ndarray) -> None:
+        """Refuse states and commands of another number of joints.
+
+        Raises:
+            JointMismatch: with both numbers.
+        """
+        joints = self.layout.joints
+        n = len(joints)
+        if states.shape[-1] != 2 * n or commands.shape[-1] != n:
+            raise JointMismatch(
+                f"States of {states.shape[-1]} and commands of {commands.shape[-1]} components do not fit "
+                f"{n} joints ({', '.join(joints)}): {2 * n} and {n} are needed."
+            )
+
+    def describe(self, engine: str, version: str) -> dict[str, object]:
+        """Return what provenance records."""
+        return {
+            "name": self.robot.name,
+            "sha256": self.robot.sha256,
+            "engine": engine,
+            "engine_version": version,
+            "timestep": self.model.opt.timestep,
+            "substeps": self.substeps,
+            "effects": [effect.to_json() for effect in self.effects],
+        }
