@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from command_samples import FAST, SIMULATED, Place, furnish
+from command_samples import FAST, SIMULATED, Place
 from linear_samples import network
 from recording_samples import pendulum, recorded_on, wander
 from simulator_samples import CONTACTS, hinge, motors, unstable
@@ -23,20 +23,6 @@ def tree(folder: Path) -> dict[str, bytes | None]:
     """Return every path below a folder with its content."""
     found = folder.rglob("*")
     return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in found}
-
-
-@pytest.fixture(scope="module")
-def place(tmp_path_factory) -> Place:
-    return furnish(tmp_path_factory.mktemp("place"))
-
-
-@pytest.fixture
-def here(tmp_path, monkeypatch) -> Path:
-    """An empty folder to work in."""
-    folder = tmp_path / "here"
-    folder.mkdir()
-    monkeypatch.chdir(folder)
-    return folder
 
 
 def spoilt(place: Place, here: Path) -> None:

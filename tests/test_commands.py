@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_samples import FAST, SIMULATED, Place, done, furnish, nas
+from command_samples import FAST, SIMULATED, done, nas
 from recording_samples import pendulum, positions_only
 from simulator_samples import SO101, needs_so101
 
@@ -22,20 +22,6 @@ from nas_data.models.phases import TeacherForcing
 
 RECORDINGS = Path(__file__).parents[2] / "shared/realdata/sage_so101"
 COMMANDS = command_files()
-
-
-@pytest.fixture(scope="module")
-def place(tmp_path_factory) -> Place:
-    return furnish(tmp_path_factory.mktemp("place"))
-
-
-@pytest.fixture
-def here(tmp_path, monkeypatch) -> Path:
-    """An empty folder to work in."""
-    folder = tmp_path / "here"
-    folder.mkdir()
-    monkeypatch.chdir(folder)
-    return folder
 
 
 # the program itself

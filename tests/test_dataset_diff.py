@@ -7,33 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from dataset_samples import any_dataset, recorded
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from version_samples import FEW, SIMULATED, original
 
 from nas_data.cli import main
-from nas_data.dataset.content import content_hash
 from nas_data.dataset.diff import diff
 from nas_data.dataset.features import ACTION, SIM_STATE, STATE
-from nas_data.dataset.inheritance import Original
-from nas_data.dataset.provenance import Provenance
-from nas_data.dataset.versions import new_version
 from nas_data.dataset.write import write
-
-SIMULATED = Provenance(how="simulated", robot="ergojr", seeds=(3,), contiguous=True, signal={"name": "steps"})
-FEW = settings(max_examples=20, deadline=None)
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """The folder in which a user works."""
-    monkeypatch.chdir(tmp_path)
-    return Path("datasets")
-
-
-def original(dataset, provenance=SIMULATED, attachments=None, name=None):
-    """Write a dataset as the first version of a name and open it."""
-    name = name or f"d{content_hash(dataset)[:6]}"
-    return Original.read(new_version(dataset, name, provenance, Path("datasets"), attachments))
 
 
 @FEW

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from dataset_samples import any_dataset, recorded, same
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
+from version_samples import FEW, SIMULATED, original
 
 from nas_data.cli import main
 from nas_data.dataset import layout
@@ -19,29 +20,13 @@ from nas_data.dataset.features import ACTION, SIM_STATE, STATE, Feature
 from nas_data.dataset.inheritance import Original
 from nas_data.dataset.merge import merge
 from nas_data.dataset.pack import pack
-from nas_data.dataset.provenance import Parent, Provenance, read_provenance
+from nas_data.dataset.provenance import Parent, read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.split import draw, listed, parse_episodes, split
 from nas_data.dataset.verify import verify
-from nas_data.dataset.versions import list_versions, new_version
+from nas_data.dataset.versions import list_versions
 from nas_data.dataset.write import write
 from nas_data.errors import DatasetInvalid, JointMismatch, OutputExists
-
-SIMULATED = Provenance(how="simulated", robot="ergojr", seeds=(3,), contiguous=True, signal={"name": "steps"})
-FEW = settings(max_examples=20, deadline=None)
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """The folder in which a user works."""
-    monkeypatch.chdir(tmp_path)
-    return Path("datasets")
-
-
-def original(dataset, provenance=SIMULATED, attachments=None, name=None):
-    """Write a dataset as the first version of a name and open it."""
-    name = name or f"d{content_hash(dataset)[:6]}"
-    return Original.read(new_version(dataset, name, provenance, Path("datasets"), attachments))
 
 
 def several(dataset):

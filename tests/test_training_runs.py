@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from recording_samples import paired_pendulum, pendulum
+from recording_samples import pendulum
 from training_samples import TINY, history, same, train
 
-from nas_data.dataset.dataset import Dataset
 from nas_data.errors import OutputExists
 from nas_data.models.bounds import predict_bounded
 from nas_data.models.checkpoint import load_frozen
@@ -16,18 +15,7 @@ from nas_data.models.phases import FreeRunning, TeacherForcing
 from nas_data.models.run import TrainingRun
 from nas_data.models.training import Training
 
-
-@pytest.fixture(scope="module", autouse=True)
-def one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
-
-
-@pytest.fixture(scope="module")
-def swings() -> Dataset:
-    return paired_pendulum((60,) * 24)
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 # the same seed, the same bits

@@ -1,0 +1,49 @@
+"""What several files of tests start from."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from command_samples import Place, furnish
+from recording_samples import paired_pendulum
+
+from nas_data.dataset.dataset import Dataset
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the folder of datasets in which a user works."""
+    monkeypatch.chdir(tmp_path)
+    return Path("datasets")
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Place:
+    """Return a place with a dataset, a model and a checkpoint."""
+    return furnish(tmp_path_factory.mktemp("place"))
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return an empty folder to work in."""
+    folder = tmp_path / "here"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def one_thread() -> Iterator[None]:
+    """Let torch use one thread: the same bits on every machine."""
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.fixture(scope="module")
+def swings() -> Dataset:
+    """Return paired episodes of a pendulum."""
+    return paired_pendulum((60,) * 24)
