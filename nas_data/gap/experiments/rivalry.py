@@ -77,9 +77,10 @@ def separations(
     start = unknowns.start(dict(follower.factors))
     second = task.nominal.predict(evidence, follower.effects, unknowns.factors_at(start))
     # found for all experiments in one batch: from here on, each has numbers of its own
-    base = slopes(task, unknowns, start, second, range(len(unknowns.sought), unknowns.size))
+    base = range(len(unknowns.sought), unknowns.size)
+    lent = dict(zip(base, slopes(task, unknowns, start, second, base), strict=True))
     followed = [
-        fit(task.select([episode]), unknowns, start, base[:, [episode]], steps=STEPS)
+        fit(task.select([episode]), unknowns, start, {column: lent[column][[episode]] for column in base}, steps=STEPS)
         for episode in range(len(evidence))
     ]
     squares = np.concatenate([squared(task.select([episode]), found) for episode, found in enumerate(followed)])

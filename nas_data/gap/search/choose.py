@@ -22,6 +22,7 @@ SIMPLER = 2  # effects of fewer parameters that are tried in the place of one
 EXCHANGED = 4  # of them
 PROMISE = 2.5  # nats by which the first order must lower the loss of every other episode, or a candidate is not fitted
 SLACK = 30.0  # nats that the first order may be wrong by there around the unfitted model
+FAR_BEHIND = 60.0  # nats by which a rival may lie behind after a few steps and still be fitted to the end
 CHANCE = 80.0  # nats by which a short fit may lie behind the best and still be continued
 GAIN = 8.0  # nats by which an added effect must lower the loss on fitted episodes
 NOTICEABLE = 0.95  # held-out error of the most improved joint below which an effect is added for now
@@ -43,6 +44,7 @@ class Search:
         say: Told what is going on.
         rivals: For each place, effects that competed with it when it was added.
         settled: Sets of effects in which exchanges were tried.
+        fewer: What was fitted with one effect fewer, by the effects and the number of the one left out.
     """
 
     train: Task
@@ -50,6 +52,7 @@ class Search:
     say: Callable[[str], None] = lambda text: None
     rivals: dict[Place, list[Effect]] = field(default_factory=dict)
     settled: set[frozenset[Place]] = field(default_factory=set)
+    fewer: dict[tuple[tuple[Effect, ...], int], Hypothesis | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         count, steps = self.train.evidence.commands.shape[:2]
@@ -65,7 +68,7 @@ class Search:
         self.nominal = self.judged(Fit(unknowns, start, predicted, self.sub.misfit(predicted), grad))
         self.sizes = scales(self.train.nominal, self.sub.evidence, predicted)
         self.lively = lively(self.train)
-        null = self.fitted((), {}, self.nominal.fit, steps=8)
+        null = self.fitted((), {}, self.nominal.fit, steps=8, renewals=1)
         self.null = self.nominal if null is None or null.loss > self.nominal.loss else null
         self.report("base alone", self.null)
 
@@ -77,12 +80,22 @@ class Search:
         return Hypothesis(found, self.held.evidence.mean_squares(predicted))
 
     def fitted(
-        self, effects: Sequence[Effect], factors: dict[str, float], near: Fit | None = None, steps: int = 6
+        self,
+        effects: Sequence[Effect],
+        factors: dict[str, float],
+        near: Fit | None = None,
+        steps: int = 6,
+        renewals: int = 0,
     ) -> Hypothesis | None:
         """Fit a set of effects from guesses; `near` lends its slopes by the base. None where the model diverges."""
         unknowns = Unknowns(tuple(effects), free_base(self.train.nominal.base, effects))
-        found = fit(self.sub, unknowns, unknowns.start(factors), lent_slopes(near, unknowns), steps)
+        found = fit(self.sub, unknowns, unknowns.start(factors), lent_slopes(near, unknowns), steps, renewals)
         return None if found is None else self.judged(found)
+
+    def rival(self, effects: Sequence[Effect], kept: Hypothesis, steps: int = 4) -> Hypothesis | None:
+        """Fit other effects in the place of those kept, thoroughly where they come near."""
+        found = self.fitted(effects, kept.fit.factors, kept.fit, steps)
+        return found if found is None or found.loss > kept.loss + FAR_BEHIND else self.continued(found)
 
     def run(self) -> Hypothesis:
         """Search and return the hypothesis that is kept."""
@@ -109,7 +122,7 @@ class Search:
                 continue
             found, _ = self.screened(rest.fit, rest, {effect.joint})
             chosen = [c for c in found if c.effect.name() in names and c.effect.joint == effect.joint][:SIMPLER]
-            fitted = [self.fitted((*rest.effects, c.effect), c.factors, rest.fit, steps=6) for c in chosen]
+            fitted = [self.fitted((*rest.effects, c.effect), c.factors, rest.fit, renewals=1) for c in chosen]
             for other in sorted((h for h in fitted if h), key=lambda h: h.loss):
                 if np.exp(self.logs(other, kept).mean(0).min()) > NOTICEABLE:
                     self.rivals.setdefault(place(other.effects[-1]), []).append(effect)
@@ -208,12 +221,12 @@ class Search:
         """Correct for finer physics steps at the hypothesis and fit on."""
         self.sub = self.sub.corrected(h.effects, h.fit.factors)
         self.held = self.held.corrected(h.effects, h.fit.factors)
-        found = fit(self.sub, h.fit.unknowns, h.fit.numbers, None, steps=5)
+        found = fit(self.sub, h.fit.unknowns, h.fit.numbers, steps=5, renewals=1)
         return self.judged(found) if found else h
 
     def continued(self, h: Hypothesis) -> Hypothesis:
         """Fit further from where a short fit ended, with its slopes as long as they serve."""
-        found = fit(self.sub, h.fit.unknowns, h.fit.numbers, lent_slopes(h.fit, h.fit.unknowns), steps=6)
+        found = fit(self.sub, h.fit.unknowns, h.fit.numbers, lent_slopes(h.fit, h.fit.unknowns), renewals=1)
         return self.judged(found) if found else h
 
     def pruned(self, kept: Hypothesis) -> Hypothesis:
@@ -232,7 +245,9 @@ class Search:
         rest = tuple(effect for place, effect in enumerate(kept.effects) if place != number)
         if not rest:
             return self.judged(self.null.fit)
-        return self.fitted(rest, kept.fit.factors, kept.fit, steps=4)
+        if (kept.effects, number) not in self.fewer:
+            self.fewer[kept.effects, number] = self.rival(rest, kept)
+        return self.fewer[kept.effects, number]
 
     def promising(self, without: Hypothesis, with_: Hypothesis) -> bool:
         """Whether one more effect lowers the held-out error at all, and of one joint by what could be worth a name."""

@@ -9,6 +9,7 @@ import numpy as np
 from nas_data.effects.base import Effect, Parameter
 from nas_data.gap.base import TOLERANCE, own_size
 from nas_data.gap.search.fit import Fit, Task, fit
+from nas_data.gap.search.hypothesis import lent_slopes
 from nas_data.gap.search.unknowns import Unknowns, free_base
 
 ROUNDS = 2  # fits, each with the correction for finer steps computed where the last one ended
@@ -46,7 +47,7 @@ def finish(task: Task, effects: Sequence[Effect], factors: dict[str, float], rou
     found: Fit | None = None
     for _ in range(rounds):
         task = task.corrected(unknowns.effects_at(numbers), unknowns.factors_at(numbers))
-        better = fit(task, unknowns, numbers, None, steps=3)
+        better = fit(task, unknowns, numbers, lent_slopes(found, unknowns), steps=3, renewals=0)
         if better is None:
             break
         found, numbers = better, better.numbers

@@ -1,6 +1,6 @@
 """Fit a hypothesis to episodes: Gauss-Newton on open-loop rollouts, robust between episodes and between joints."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from nas_data.gap.search.unknowns import STEP, Unknowns
 CORRELATION = 0.15  # [s] over which errors of a rollout are alike: so many rows count as one observation
 DAMPING = (0.0, 0.1, 1.0, 10.0)  # Levenberg-Marquardt: how cautious a step is, tried in this order
 ENOUGH = 1e-3  # relative improvement of the loss below which a fit has converged
+LONGEST_LIFE = 3  # steps after which slopes are measured anew, where they may be
 LONGEST_STEP = 1.5  # of any number in one step: a factor of 4.5 in a parameter
 
 
@@ -137,7 +138,7 @@ def penalty(unknowns: Unknowns, numbers: np.ndarray) -> float:
 
 
 def slopes(
-    task: Task, unknowns: Unknowns, numbers: np.ndarray, predicted: np.ndarray, columns: Sequence[int] | range
+    task: Task, unknowns: Unknowns, numbers: np.ndarray, predicted: np.ndarray, columns: Sequence[int]
 ) -> np.ndarray:
     """Return finite differences of the positions by some of the numbers, shape (columns, E, T, n)."""
     _, high = unknowns.bounds()
@@ -156,19 +157,22 @@ def fit(
     task: Task,
     unknowns: Unknowns,
     numbers: np.ndarray,
-    base_slopes: np.ndarray | None = None,
+    lent: Mapping[int, np.ndarray] | None = None,
     steps: int = 6,
-    refresh: int = 3,
+    renewals: int = 2,
 ) -> Fit | None:
     """Fit a hypothesis.
+
+    The slopes by the effects' parameters are measured before each step, those by the base's are updated as Broyden
+    does: they hardly change, and measuring them costs a rollout each.
 
     Args:
         task: Model and episodes.
         unknowns: Hypothesis.
         numbers: Where to start, shape (size,).
-        base_slopes: Slopes by the base's numbers found elsewhere, to start with, shape (base, E, T, n).
+        lent: Slopes by base numbers that were found elsewhere, by the number's index, each of shape (E, T, n).
         steps: Most Gauss-Newton steps.
-        refresh: After how many steps all slopes are measured anew; between, they are updated as Broyden does.
+        renewals: How often all slopes may be measured anew, where a step with old ones brings little.
 
     Returns:
         The fit, None where the model diverges at the start.
@@ -178,30 +182,29 @@ def fit(
     predicted = task.predict(unknowns, numbers)
     if predicted is None:
         return None
-    sought = len(unknowns.sought)
+    every, sought, lent = range(unknowns.size), range(len(unknowns.sought)), lent or {}
     loss = task.misfit(predicted) + penalty(unknowns, numbers)
-    grad = slopes(task, unknowns, numbers, predicted, range(sought if base_slopes is not None else unknowns.size))
-    if base_slopes is not None:
-        grad = np.concatenate([grad, base_slopes])
-    age = 0 if base_slopes is None else 1
-    for _ in range(steps):
+    grad = np.zeros((unknowns.size, *predicted.shape))
+    grad[list(lent)] = [lent[column] for column in lent] if lent else 0.0
+    missing = [column for column in every if column not in lent]
+    grad[missing] = slopes(task, unknowns, numbers, predicted, missing)
+    age, measured = 0, not lent
+    for number in range(steps):
+        if number and sought and not measured:
+            grad[: len(sought)] = slopes(task, unknowns, numbers, predicted, sought)
         found = step(task, unknowns, numbers, predicted, grad, loss)
-        if found is None:
-            if age == 0:
-                break
-            grad, age = slopes(task, unknowns, numbers, predicted, range(unknowns.size)), 0
-            continue
-        moved, other, better = found
-        change = moved - numbers
-        grad = grad + broyden(grad, change, other - predicted)
-        converged = loss - better < ENOUGH * max(1.0, abs(float(task.observations.sum())))
-        numbers, predicted, loss, age = moved, other, better, age + 1
-        if converged and age > 0:
+        little = found is None
+        if found is not None:
+            moved, other, better = found
+            grad = grad + broyden(grad, moved - numbers, other - predicted)
+            little = loss - better < ENOUGH * max(1.0, float(task.observations.sum()))
+            numbers, predicted, loss = moved, other, better
+        if little and (measured or not renewals):
             break
-        if age >= refresh:
-            grad, age = slopes(task, unknowns, numbers, predicted, range(unknowns.size)), 0
-        elif sought:
-            grad[:sought] = slopes(task, unknowns, numbers, predicted, range(sought))
+        age, measured = age + 1, False
+        if renewals and (little or age >= LONGEST_LIFE) and number + 1 < steps:
+            grad = slopes(task, unknowns, numbers, predicted, every)
+            renewals, age, measured = renewals - 1, 0, True
     return Fit(unknowns, numbers, predicted, task.misfit(predicted), grad)
 
 

@@ -61,15 +61,13 @@ def lively(task: Task) -> set[str]:
     return {joint for joint, told in zip(evidence.joints, commanded & moved, strict=True) if told}
 
 
-def lent_slopes(near: Fit | None, unknowns: Unknowns) -> np.ndarray | None:
-    """Return another fit's slopes by the base parameters of a hypothesis, None where it lacks one."""
+def lent_slopes(near: Fit | None, unknowns: Unknowns) -> dict[int, np.ndarray]:
+    """Return another fit's slopes by the base parameters of a hypothesis, by the index of its number."""
     if near is None:
-        return None
-    first = len(near.unknowns.sought)
-    known = {parameter: first + number for number, parameter in enumerate(near.unknowns.base)}
-    if not all(parameter in known for parameter in unknowns.base):
-        return None
-    return near.slopes[[known[parameter] for parameter in unknowns.base]]
+        return {}
+    first, own = len(near.unknowns.sought), len(unknowns.sought)
+    known = {parameter: near.slopes[first + number] for number, parameter in enumerate(near.unknowns.base)}
+    return {own + index: known[base] for index, base in enumerate(unknowns.base) if base in known}
 
 
 def shortened(found: Sequence[Candidate], reach: float, slack: float) -> list[Candidate]:
