@@ -23,6 +23,7 @@ from nas_data.gap.search.unknowns import Unknowns
 from nas_data.gap.verdict import verdict
 from nas_data.robots.base import find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
+from nas_data.simulators.settled import Hold
 
 JOINTS = ("m1", "m2", "m3", "m4", "m5", "m6")
 SAMPLE = Path(__file__).parent.parent / "datasets" / "ergojr_sample"
@@ -96,7 +97,7 @@ def test_short_episodes_are_no_evidence():
 def test_writing_out_inertias_changes_nothing():
     evidence = commanded()
     nominal = Nominal.load("ergojr", evidence)
-    plain = MujocoSimulator.load("ergojr", 0.01).rollout(evidence.initial, evidence.commands, settled=True)
+    plain = MujocoSimulator.load("ergojr", 0.01).rollout(evidence.initial, evidence.commands, evidence.holds)
     assert np.array_equal(nominal.predict(evidence), plain[..., :6])
 
 
@@ -123,13 +124,13 @@ def test_a_settled_arm_stays_where_it_is(effects: tuple[str, ...]):
     simulator = MujocoSimulator.load("ergojr", 0.01, effects=[parse(text) for text in effects])
     pose = np.array([0.2, 0.6, -0.4, 0.1, 0.5, -0.3])
     state = np.concatenate([pose, np.zeros(6)])[None]
-    full = simulator.settled(state)
+    full = simulator.settled(state, np.full((1, 6), Hold.WEIGHT))
     data = mujoco.MjData(simulator.model)
     mujoco.mj_setState(simulator.model, data, full[0], int(mujoco.mjtState.mjSTATE_FULLPHYSICS))
     assert np.allclose(simulator.layout.measure(data.qpos, data.qvel)[:6], pose, atol=1e-9)
     mujoco.mj_forward(simulator.model, data)
     held = pose + data.qfrc_bias[simulator.layout.dof] / 0.336
-    moved = simulator.rollout(state, np.tile(held, (1, 50, 1)), settled=True)[0, :, :6]
+    moved = simulator.rollout(state, np.tile(held, (1, 50, 1)), np.full((1, 6), Hold.WEIGHT))[0, :, :6]
     assert np.abs(moved - pose).max() < 2e-3
 
 

@@ -12,7 +12,7 @@ from nas_data.effects.edits.servo import scale_stiffness, stiffness
 from nas_data.explicit import explicit as explicit
 
 Kind = Literal["mass", "gain", "damping", "armature", "frictionloss"]
-TOLERANCE = 0.1  # [-] standard deviation of a base parameter's logarithm: a few to ten percent off
+TOLERANCE = 0.06  # [-] standard deviation of a base parameter's logarithm: a few to ten percent off
 WIDEST = float(np.log(1.25))  # beyond ±25 % a change is a missing effect, not a retuned parameter
 
 

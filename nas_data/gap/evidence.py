@@ -7,6 +7,7 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.errors import DatasetInvalid
+from nas_data.simulators.settled import Hold
 
 SHORTEST = 10  # control steps below which an episode says nothing about dynamics
 WINDOW = 8.0  # [s] into which longer episodes are cut: errors of a servoed arm do not grow with time
@@ -26,6 +27,7 @@ class Evidence:
         counts: Whether a row was recorded, shape (E, T).
         numbers: Numbers of the episodes in the dataset, shape (E,).
         speeds: First measured velocities [rad/s], shape (E, n); zero where an episode starts at rest.
+        holds: What held each joint before, which nobody measured (a `Hold`), shape (E, n).
     """
 
     joints: tuple[str, ...]
@@ -36,10 +38,13 @@ class Evidence:
     counts: np.ndarray
     numbers: np.ndarray
     speeds: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    holds: np.ndarray = field(default_factory=lambda: np.empty((0, 0), int))
 
     def __post_init__(self) -> None:
         if not self.speeds.size:
             object.__setattr__(self, "speeds", np.zeros_like(self.starts, dtype=float))
+        if not self.holds.size:
+            object.__setattr__(self, "holds", np.full(self.starts.shape, Hold.WEIGHT))
 
     @classmethod
     def of(cls, dataset: Dataset) -> "Evidence":
@@ -74,10 +79,14 @@ class Evidence:
         """First states, positions [rad] then velocities [rad/s], shape (E, 2n)."""
         return np.concatenate([self.starts, self.speeds], axis=1)
 
+    def held(self, holds: np.ndarray | Hold) -> "Evidence":
+        """Return the episodes with what held the joints before."""
+        return replace(self, holds=np.broadcast_to(np.asarray(holds), self.starts.shape))
+
     def select(self, episodes: Sequence[int] | np.ndarray) -> "Evidence":
         """Return some of the episodes, by their place here."""
         chosen = list(episodes)
-        parts = ("starts", "commands", "measured", "counts", "numbers", "speeds")
+        parts = ("starts", "commands", "measured", "counts", "numbers", "speeds", "holds")
         return replace(self, **{name: getattr(self, name)[chosen] for name in parts})
 
     def errors(self, predicted: np.ndarray) -> np.ndarray:
@@ -169,5 +178,5 @@ def window(evidence: Evidence, episode: int, first: int, steps: int) -> Evidence
 
 def joined(parts: Sequence[Evidence]) -> Evidence:
     """Return episodes of the same number of rows as one."""
-    names = ("starts", "commands", "measured", "counts", "numbers", "speeds")
+    names = ("starts", "commands", "measured", "counts", "numbers", "speeds", "holds")
     return replace(parts[0], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})

@@ -76,13 +76,13 @@ class Nominal:
     def predict(
         self, evidence: Evidence, effects: Sequence[Effect] = (), factors: Mapping[str, float] | None = None
     ) -> np.ndarray:
-        """Roll the episodes out from their first pose, settled in it; return positions [rad], shape (E, T, n).
+        """Roll the episodes out from their first pose, held as they say; return positions [rad], shape (E, T, n).
 
         Raises:
             ModelFileError: the model with these effects diverges or does not compile.
         """
         simulator = self.simulator(effects, factors)
-        return simulator.rollout(evidence.initial, evidence.commands, settled=True)[..., : len(self.joints)]
+        return simulator.rollout(evidence.initial, evidence.commands, evidence.holds)[..., : len(self.joints)]
 
 
 def unneeded(model: mujoco.MjModel) -> int:

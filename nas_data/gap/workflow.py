@@ -146,20 +146,18 @@ def added(problem: Problem, final: Final, null: Final, folder: Path) -> Outcome:
     Where an effect is beyond MJCF, the file holds the nearest one that is not, fitted in its place; the error after
     is then that of the effects named, which `effects.json` holds, and the file's own is told beside it.
     """
-    nominal, held = problem.held.nominal, problem.held
+    nominal, held = problem.held.nominal, problem.held.evidence.held(final.hold)
     effects, factors = final.effects, dict(final.factors)
     native = stand_ins(problem, final)
     model, _ = write_model(folder, nominal, native.effects, dict(native.factors), final.timestep)
     write_effects(folder, effects, factors)
-    written = Nominal.load(model, held.evidence).predict(held.evidence)
+    written = Nominal.load(model, held).predict(held)
     after = written
     if native is not final:
-        after = with_timestep(nominal, final.timestep or fine_timestep(nominal)).predict(
-            held.evidence, effects, factors
-        )
+        after = with_timestep(nominal, final.timestep or fine_timestep(nominal)).predict(held, effects, factors)
     return Outcome(
-        before=nominal.predict(held.evidence),
-        retuned=nominal.predict(held.evidence, (), null.factors),
+        before=nominal.predict(held),
+        retuned=nominal.predict(held, (), null.factors),
         after=after,
         written=written,
         model=model,

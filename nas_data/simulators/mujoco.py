@@ -16,8 +16,9 @@ from nas_data.errors import ModelFileError
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.compiled import Compiled
 from nas_data.simulators.hooks import HookedBatch, roll_hooked
-from nas_data.simulators.layout import FULLPHYSICS, INTEGRATION, RestStates, SettledStates
+from nas_data.simulators.layout import FULLPHYSICS, INTEGRATION, RestStates
 from nas_data.simulators.pool import rollout_pool
+from nas_data.simulators.settled import SettledStates
 
 CHUNK_STATES = 250_000  # numbers of simulated state held at once, 2 MB: with its inputs it stays in the cache
 
@@ -74,6 +75,12 @@ class MujocoSimulator:
         """Full states at rest in any posture, settled under the arm's weight."""
         return SettledStates(self.model, self.layout, self._part)
 
+    @property
+    def remembers(self) -> bool:
+        """Whether a start has more than what is measured: a play, a spring, a command under way."""
+        hidden = self.model.nq > len(self.joints) or self.model.na > 0
+        return bool(hidden or (self.model.actuator_history[:, 0] > 0).any())
+
     @classmethod
     def load(
         cls,
@@ -98,20 +105,21 @@ class MujocoSimulator:
             result[rows] = full[:, 0]
         return result
 
-    def rollout(self, initial: np.ndarray, commands: np.ndarray, settled: bool = False) -> np.ndarray:
+    def rollout(self, initial: np.ndarray, commands: np.ndarray, holds: np.ndarray | None = None) -> np.ndarray:
         """Simulate whole episodes in open loop; see `Simulator.rollout`.
 
         Args:
             initial: First states, shape (B, 2n).
             commands: Shape (B, T, n).
-            settled: Whether the arm had settled under its weight in its first pose, play and springs loaded.
+            holds: What held each joint in the first pose (a `Hold`), shape (B, n); nothing where None.
         """
         self.compiled.check(initial, commands)
         if not commands.shape[1]:
             return np.empty((len(initial), 0, initial.shape[1]))
         per_row = commands.shape[1] * self.substeps * mujoco.mj_stateSize(self.model, self._part)
         chunk = self.threads * max(1, CHUNK_STATES // max(1, per_row * self.threads))
-        first = (self.settled if settled else self.rest)(np.asarray(initial, float))
+        states = np.asarray(initial, float)
+        first = self.rest(states) if holds is None else self.settled(states, holds)
         parts = [
             self._roll(first[start : start + chunk], np.asarray(commands[start : start + chunk]))
             for start in range(0, len(initial), chunk)

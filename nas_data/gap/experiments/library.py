@@ -20,6 +20,7 @@ SMALL = 0.04  # amplitude of small reversals, as a part of a half range: a few t
 REVERSAL = 1.2  # [s] period of small reversals
 REVERSALS = 2.4  # [s] that they last in each posture
 LEVELS = (-0.6, -0.2, 0.2, 0.6, 0.4, 0.0, -0.4)  # of a hold grid, as parts of a half range: reached from both sides
+MOST_CONCERNED = 2  # joints that are moved one at a time
 HOLD = 1.0  # [s] at each level
 
 
@@ -78,12 +79,14 @@ def library(nominal: Nominal, room: Room, concerned: Sequence[str], seed: int) -
     Args:
         nominal: Model as handed over.
         room: What may be commanded.
-        concerned: Joints in which the rivals differ; where that is all of them, each kind moves all joints too.
+        concerned: Joints in which the rivals differ; where they are many, each kind moves all joints at once.
         seed: Seed of what is random.
     """
     simulator, whole = nominal.simulator(), nominal.joints
-    kinds: list[tuple[str, tuple[str, ...]]] = [(name, (joint,)) for joint in concerned for name in KINDS]
-    kinds += [(name, whole) for name in (KINDS if set(concerned) == set(whole) else [STEPS])]
+    everywhere = len(concerned) > MOST_CONCERNED or set(concerned) == set(whole)
+    kinds: list[tuple[str, tuple[str, ...]]] = [(name, whole) for name in (KINDS if everywhere else [STEPS])]
+    if not everywhere or len(whole) == 1:
+        kinds = [*((name, (joint,)) for joint in concerned for name in KINDS), *kinds]
     for number, (name, moved) in enumerate(kinds):
 
         def draw(part: Room, name: str = name, moved: tuple[str, ...] = moved, number: int = number) -> np.ndarray:

@@ -80,7 +80,7 @@ def separations(
     base = range(len(unknowns.sought), unknowns.size)
     lent = dict(zip(base, slopes(task, unknowns, start, second, base), strict=True))
     followed = [
-        fit(task.select([episode]), unknowns, start, {column: lent[column][[episode]] for column in base}, steps=STEPS)
+        fit(task.select([episode]), unknowns, start, {column: lent[column][[episode]] for column in base}, STEPS, 0)
         for episode in range(len(evidence))
     ]
     squares = np.concatenate([squared(task.select([episode]), found) for episode, found in enumerate(followed)])

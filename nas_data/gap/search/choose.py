@@ -7,7 +7,7 @@ import numpy as np
 
 from nas_data.effects.base import Effect, find_effect
 from nas_data.gap.search.fit import Fit, Task, fit, slopes
-from nas_data.gap.search.hypothesis import Hypothesis, Place, lent_slopes, lively, place, shortened
+from nas_data.gap.search.hypothesis import Hypothesis, Place, lent_slopes, lively, place, shortened, strained
 from nas_data.gap.search.scales import scales
 from nas_data.gap.search.screen import Candidate, screen
 from nas_data.gap.search.unknowns import Unknowns, free_base
@@ -18,20 +18,28 @@ FINALISTS = 3  # short fits that are continued
 MOST = 12  # effects in one arm
 AT_FLOOR = 1.15  # noise floors below which nothing is looked for
 UNSATISFIED = 1.25  # noise floors above which other effects are tried in the place of one that was found
+BUNDLED = 2  # effects that are tried in all joints at once
 SIMPLER = 2  # effects of fewer parameters that are tried in the place of one
 EXCHANGED = 4  # of them
 PROMISE = 2.5  # nats by which the first order must lower the loss of every other episode, or a candidate is not fitted
 SLACK = 30.0  # nats that the first order may be wrong by there around the unfitted model
 FAR_BEHIND = 60.0  # nats by which a rival may lie behind after a few steps and still be fitted to the end
 CHANCE = 80.0  # nats by which a short fit may lie behind the best and still be continued
-GAIN = 8.0  # nats by which an added effect must lower the loss on fitted episodes
+GAIN = 12.0  # nats by which an added effect must lower the loss on fitted episodes
 NOTICEABLE = 0.95  # held-out error of the most improved joint below which an effect is added for now
+PLAUSIBLE = 12.0  # nats by which an effect may lower the loss instead, by what it spares the base
 BETTER = 0.90  # held-out error of the most improved joint, with over without the effect
+MUCH_BETTER = 0.80  # the same where much of that joint's error stays: something else is there
 WINS = 0.75  # share of held-out episodes in which the effect must help
 MARK = 2.0  # noise floors that an effect must move a joint by, or it is too small to be named
 
 POOR = 3.0  # noise floors of rest above which a joint may be called unexplained
 UNEXPLAINED = 0.5  # part of a joint's error that must stay, for it to be called so
+
+
+def worth(h: Hypothesis) -> float:
+    """Return the loss with what each effect has to lower it by."""
+    return h.loss + GAIN * len(h.effects)
 
 
 @dataclass
@@ -102,9 +110,8 @@ class Search:
         kept, around = self.null, self.nominal.fit
         if not self.lively:
             return kept
-        while len(kept.effects) < MOST and self.ratio(kept).max() > AT_FLOOR:
-            ranked = self.extensions(kept, around)
-            grown = self.grown(kept, ranked)
+        while len(kept.effects) < MOST and (self.ratio(kept).max() > AT_FLOOR or strained(kept)):
+            grown = self.grown(kept, self.extensions(kept, around))
             if grown is None:
                 break
             kept = self.exchanged(self.refined(grown))
@@ -147,16 +154,31 @@ class Search:
     def extensions(self, kept: Hypothesis, around: Fit) -> list[Hypothesis]:
         """Return the hypotheses that one more effect makes, best first."""
         ratios = zip(self.train.nominal.joints, self.ratio(kept), strict=True)
-        wanted = {joint for joint, ratio in ratios if ratio > AT_FLOOR and joint in self.lively}
+        wanted = {joint for joint, ratio in ratios if ratio > AT_FLOOR} | strained(kept)
+        wanted &= self.lively
         found, reach = self.screened(around, kept, wanted)
         shortlist = shortened(found, reach - PROMISE, SLACK if around is self.nominal.fit else 0.0)
         quick = [self.fitted((*around.effects, c.effect), c.factors, around, steps=2) for c in shortlist]
         ranked = sorted((h for h in quick if h), key=lambda h: h.loss)
         ahead = [h for h in ranked if h.loss < ranked[0].loss + CHANCE][:FINALISTS]
         ranked = sorted([*map(self.continued, ahead), *ranked[len(ahead) :]], key=lambda h: h.loss)
+        ranked = sorted([*ranked, *self.bundles(kept, ranked, found, reach, around)], key=worth)
         for h in ranked[:4]:
             self.report("  tried", h)
         return ranked
+
+    def bundles(
+        self, kept: Hypothesis, ranked: Sequence[Hypothesis], found: Sequence[Candidate], reach: float, around: Fit
+    ) -> list[Hypothesis]:
+        """Return what the best effects do in all joints at once: servos of one make lack the same."""
+        names = dict.fromkeys(h.effects[-1].name() for h in ranked if h.effects[-1].joint and kept.loss - h.loss > GAIN)
+        chosen = []
+        for name in list(names)[:BUNDLED]:
+            alike = [c for c in found if c.effect.name() == name and c.effect.joint and c.misfit < reach - GAIN]
+            if len(alike) > 1:
+                effects = (*around.effects, *(c.effect for c in alike))
+                chosen.append(self.fitted(effects, alike[0].factors, around, steps=4))
+        return [h for h in chosen if h]
 
     def screened(self, around: Fit, kept: Hypothesis, joints: set[str]) -> tuple[list[Candidate], float]:
         """Order candidates on every other episode.
@@ -165,30 +187,35 @@ class Search:
             Candidates around a fit, the most promising first, and the loss on the same episodes of the hypothesis
             that is kept so far.
         """
+        task, halved = self.halved(around)
+        return screen(task, halved, self.sizes, joints), self.halved(kept.fit)[1].loss
+
+    def halved(self, found: Fit) -> tuple[Task, Fit]:
+        """Return every other episode, and a fit as seen on them."""
         half = np.arange(0, len(self.sub.evidence), 2)
         task = self.sub.select(half)
-        return screen(task, around.select(task, half), self.sizes, joints), kept.fit.select(task, half).loss
+        return task, found.select(task, half)
 
     def grown(self, kept: Hypothesis, ranked: Sequence[Hypothesis]) -> Hypothesis | None:
         """Add the best effect, and with it the best of other joints where each lowers the loss by its own; or None."""
-        useful = [h for h in ranked if kept.loss - h.loss > GAIN and self.promising(kept, h)]
+        useful = [h for h in ranked if worth(kept) - worth(h) > 0 and self.promising(kept, h)]
         if not useful:
             return None
-        self.remember(ranked)
+        self.remember(kept, ranked)
         best = useful[0]
         for other in useful[1:]:
-            added = other.effects[-1]
-            if added.joint is None or best.effects[-1].joint is None or len(best.effects) >= MOST:
+            added, before = other.effects[len(kept.effects) :], best.effects[len(kept.effects) :]
+            taken = {effect.joint for effect in before}
+            if len(added) > 1 or added[0].joint in {None, *taken} or None in taken or len(best.effects) >= MOST:
                 continue
-            if added.joint in {effect.joint for effect in best.effects[len(kept.effects) :]}:
-                continue
-            both = self.fitted((*best.effects, added), best.fit.factors, best.fit, steps=3)
+            both = self.fitted((*best.effects, *added), best.fit.factors, best.fit, steps=3)
             if both and best.loss - both.loss > max(GAIN, 0.5 * (kept.loss - other.loss)):
                 best = both
         return best
 
-    def remember(self, ranked: Sequence[Hypothesis]) -> None:
+    def remember(self, kept: Hypothesis, ranked: Sequence[Hypothesis]) -> None:
         """Note which effects competed for a joint."""
+        ranked = [h for h in ranked if len(h.effects) == len(kept.effects) + 1]
         for h in ranked:
             added = h.effects[-1]
             near = [o.effects[-1] for o in ranked if o is not h and added.joint in (o.effects[-1].joint, None)]
@@ -206,8 +233,9 @@ class Search:
             rest = self.without(h, number)
             if rest is None:
                 continue
-            found, _ = self.screened(rest.fit, rest, {effect.joint})
+            found, reach = self.screened(rest.fit, h, {effect.joint})
             others = [c for c in found if c.effect.joint and c.place != place(effect)][:EXCHANGED]
+            others = [c for c in others if c.misfit < reach + FAR_BEHIND]
             quick = [self.fitted((*rest.effects, c.effect), c.factors, rest.fit, steps=3) for c in others]
             ranked = sorted((other for other in quick if other), key=lambda other: other.loss)
             best = self.continued(ranked[0]) if ranked else None
@@ -219,8 +247,8 @@ class Search:
 
     def refined(self, h: Hypothesis) -> Hypothesis:
         """Correct for finer physics steps at the hypothesis and fit on."""
-        self.sub = self.sub.corrected(h.effects, h.fit.factors)
-        self.held = self.held.corrected(h.effects, h.fit.factors)
+        self.sub = self.sub.held(h.effects, h.fit.factors).corrected(h.effects, h.fit.factors)
+        self.held = self.held.held(h.effects, h.fit.factors).corrected(h.effects, h.fit.factors)
         found = fit(self.sub, h.fit.unknowns, h.fit.numbers, steps=5, renewals=1)
         return self.judged(found) if found else h
 
@@ -250,16 +278,24 @@ class Search:
         return self.fewer[kept.effects, number]
 
     def promising(self, without: Hypothesis, with_: Hypothesis) -> bool:
-        """Whether one more effect lowers the held-out error at all, and of one joint by what could be worth a name."""
+        """Whether more effects lower the held-out error at all, and of one joint by what could be worth a name."""
         logs = self.logs(without, with_).mean(0)
-        return bool(logs.sum() < 0 and np.exp(logs.min()) <= NOTICEABLE)
+        noticed = np.exp(logs.min()) <= NOTICEABLE or self.relieves(without, with_)
+        return bool(logs.sum() < 0 and noticed)
 
     def needs(self, without: Hypothesis, with_: Hypothesis) -> bool:
-        """Whether an effect is worth its name on held-out episodes."""
+        """Whether an effect is worth its name: on held-out episodes, or for a base that it leaves as it should be."""
         logs = self.logs(without, with_)
         best = int(logs.mean(0).argmin())
         wins = float((logs[:, best] < 0).mean())
-        return bool(np.exp(logs.mean(0)[best]) <= BETTER and wins >= WINS)
+        enough = BETTER if self.ratio(with_)[best] < POOR else MUCH_BETTER
+        better = np.exp(logs.mean(0)[best]) <= enough and wins >= WINS
+        return bool(better or (logs.sum() < 0 and self.relieves(without, with_)))
+
+    @staticmethod
+    def relieves(without: Hypothesis, with_: Hypothesis) -> bool:
+        """Whether the base had to go further from the model without an effect than a real arm's does."""
+        return without.loss - with_.loss > PLAUSIBLE and bool(strained(without))
 
     def logs(self, without: Hypothesis, with_: Hypothesis) -> np.ndarray:
         """Return the log of the ratio of held-out errors, shape (E, n); negative where the effect helps."""

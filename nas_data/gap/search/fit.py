@@ -10,7 +10,10 @@ from nas_data.errors import ModelFileError
 from nas_data.gap.evidence import Evidence
 from nas_data.gap.nominal import Nominal, fine_timestep, with_timestep
 from nas_data.gap.search.unknowns import STEP, Unknowns
+from nas_data.simulators.settled import Hold
 
+BEGINNING = 1.0  # [s] by which the start of an episode is told
+FAMILIAR = 0.8  # mean square of the likeliest start that counts as equal to another's
 CORRELATION = 0.15  # [s] over which errors of a rollout are alike: so many rows count as one observation
 DAMPING = (0.0, 0.1, 1.0, 10.0)  # Levenberg-Marquardt: how cautious a step is, tried in this order
 ENOUGH = 1e-3  # relative improvement of the loss below which a fit has converged
@@ -38,6 +41,26 @@ class Task:
         """Return the task on some of the episodes."""
         correction = self.correction if isinstance(self.correction, float) else self.correction[list(episodes)]
         return Task(self.nominal, self.evidence.select(episodes), self.floor, correction)
+
+    def held(self, effects: Sequence[Effect], factors: dict[str, float]) -> "Task":
+        """Return the task with what best explains how each joint of each episode began.
+
+        Whether friction held a part of the weight, and on which side a play lay, is measured by nobody; where a
+        hypothesis has such hidden states, they are told by the first second.
+        """
+        evidence = self.evidence
+        try:
+            simulator = self.nominal.simulator(effects, factors)
+            if not simulator.remembers:
+                return replace(self, evidence=evidence.held(Hold.WEIGHT))
+            rolled = [self.nominal.predict(evidence.held(hold), effects, factors) for hold in Hold]
+        except ModelFileError:
+            return self
+        begun = evidence.counts & (np.arange(evidence.counts.shape[1]) < BEGINNING / evidence.period)
+        early = replace(evidence, counts=begun)
+        squares = np.stack([early.mean_squares(predicted) for predicted in rolled]) + self.floor**2
+        squares[Hold.WEIGHT] *= FAMILIAR
+        return replace(self, evidence=evidence.held(squares.argmin(0)))
 
     def corrected(self, effects: Sequence[Effect], factors: dict[str, float]) -> "Task":
         """Return the task with the correction for finer physics steps, computed at a hypothesis.

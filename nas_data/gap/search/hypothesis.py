@@ -6,12 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from nas_data.effects.base import Effect
+from nas_data.gap.base import TOLERANCE
 from nas_data.gap.search.fit import Fit, Task
 from nas_data.gap.search.screen import Candidate
 from nas_data.gap.search.unknowns import Unknowns
 
 SHORTLIST = 6  # candidates that are fitted, of those screened
 BESIDE = 3  # candidates beside the best of each joint
+STRAINED = 2.5 * TOLERANCE  # logarithm of a base parameter's factor from which it is hardly to be believed
 MOVED = 10.0  # noise floors between a joint's extremes in an episode from which it counts as having moved
 
 Place = tuple[str, str | None]
@@ -59,6 +61,12 @@ def lively(task: Task) -> set[str]:
     commanded = np.ptp(evidence.commands, axis=1).max(0) > 0
     moved = np.ptp(evidence.measured, axis=1).max(0) > MOVED * task.floor
     return {joint for joint, told in zip(evidence.joints, commanded & moved, strict=True) if told}
+
+
+def strained(h: Hypothesis) -> set[str]:
+    """Return the joints whose base parameters had to go beyond what a real arm's do."""
+    factors = h.fit.factors
+    return {base.joint for base in h.fit.unknowns.base if abs(np.log(factors[base.name])) > STRAINED}
 
 
 def lent_slopes(near: Fit | None, unknowns: Unknowns) -> dict[int, np.ndarray]:

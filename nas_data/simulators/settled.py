@@ -1,0 +1,94 @@
+"""Starts of rollouts from a measured pose: the arm at rest in it, its hidden parts loaded as they would be."""
+
+from enum import IntEnum
+
+import mujoco
+import numpy as np
+
+from nas_data.simulators.layout import Layout, settle_actuator
+
+WEIGHTLESS = 1e-4  # [N m] below which a load decides nothing about the side of a play
+
+
+class Hold(IntEnum):
+    """What held a joint in its first pose: no sensor tells."""
+
+    WEIGHT = 0  # the servo held the arm's weight
+    NOTHING = 1  # the arm was put there and nothing had settled
+    LESS = 2  # friction held a part of the weight
+    MORE = 3  # the servo held the weight and friction, too
+
+
+class SettledStates:
+    """The full state of a model that has long been held in a posture under its own weight.
+
+    Beyond `RestStates`: springs between servo and link are loaded, play lies on the side to which the load pushes
+    (in the middle where nothing does), and delayed or slewing commands are those that hold the load. How much of the
+    weight dry friction holds is not known: a `Hold` says what is assumed of each joint.
+    """
+
+    def __init__(self, model: mujoco.MjModel, layout: Layout, spec: int) -> None:
+        """Prepare the states; arguments as for `RestStates`."""
+        self.model, self.layout, self.spec = model, layout, spec
+        self.data = mujoco.MjData(model)
+
+    def __call__(self, states: np.ndarray, holds: np.ndarray) -> np.ndarray:
+        """Return full states (B, size) for positions [rad] then velocities [rad/s] (B, 2n) and holds (B, n)."""
+        return np.stack([self.settled(row, held) for row, held in zip(np.asarray(states, float), holds, strict=True)])
+
+    def settled(self, state: np.ndarray, holds: np.ndarray) -> np.ndarray:
+        """Return the full state for one measured state (2n,) and its holds (n,)."""
+        model, data, n = self.model, self.data, len(self.layout.joints)
+        mujoco.mj_resetData(model, data)
+        data.qpos[self.layout.qpos] = state[:n]
+        mujoco.mj_forward(model, data)
+        loads = self.loads(data.qfrc_bias, holds)
+        for place in range(n):
+            self.load_transmission(place, float(loads[place]))
+        holding = np.zeros(n) if self.layout.commands_effort else self.holding_commands(loads)
+        data.ctrl[:] = self.layout.controls(holding)
+        for actuator in range(len(model.actuator_trntype)):
+            settle_actuator(model, data, actuator)
+        data.qvel[self.layout.dof] = state[n:]
+        full = np.empty(mujoco.mj_stateSize(model, self.spec))
+        mujoco.mj_getState(model, data, full, self.spec)
+        return full
+
+    def loads(self, weight: np.ndarray, holds: np.ndarray) -> np.ndarray:
+        """Return the torques [N m] that the servos hold, shape (n,), for the weight on each degree of freedom."""
+        friction = np.maximum(self.model.dof_frictionloss[self.layout.dof], 2 * WEIGHTLESS)
+        weights = weight[self.layout.dof]
+        return np.select(
+            [holds == Hold.NOTHING, holds == Hold.LESS, holds == Hold.MORE],
+            [np.zeros_like(weights), weights - friction, weights + friction],
+            weights,
+        )
+
+    def load_transmission(self, place: int, load: float) -> None:
+        """Turn the hidden joints between a servo and its link as the load does; the measured position stays."""
+        model, data, own = self.model, self.data, self.layout.qpos[place]
+        for address in np.flatnonzero(self.layout.position_map[place]):
+            if address == own:
+                continue
+            joint = int(np.flatnonzero(model.jnt_qposadr == address)[0])
+            stiffness = float(model.jnt_stiffness[joint])
+            turned = -load / stiffness if stiffness > 0 else 0.0
+            if model.jnt_limited[joint]:
+                low, high = model.jnt_range[joint]
+                fallen = 0.0 if abs(load) < WEIGHTLESS else low if load > 0 else high
+                turned = float(np.clip(turned, low, high)) if stiffness > 0 else fallen
+            data.qpos[address] = turned
+            data.qpos[own] -= turned
+
+    def holding_commands(self, loads: np.ndarray) -> np.ndarray:
+        """Return the commanded positions (n,) at which the servos hold the loads; saturation is left out."""
+        model, layout = self.model, self.layout
+        commands = self.data.qpos[layout.qpos].copy()
+        for place, control in enumerate(layout.control):
+            actuator = int(np.flatnonzero((model.actuator_ctrladr == control) & (model.actuator_ctrlnum > 0))[0])
+            stiffness = -float(model.actuator_biasprm[actuator, 1])
+            gear = float(model.actuator_gear[actuator, 0])
+            if stiffness > 0 and gear:
+                bias = float(model.actuator_biasprm[actuator, 0])
+                commands[place] += (float(loads[place]) / gear - bias) / (stiffness * gear)
+        return commands
