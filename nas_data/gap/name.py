@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from nas_data.effects.base import Effect
-from nas_data.gap.search.choose import Search
+from nas_data.gap.search.choose import choose
 from nas_data.gap.search.final import Final, finish
 from nas_data.gap.search.fit import Task
 from nas_data.gap.search.hypothesis import Hypothesis, place
+from nas_data.gap.search.state import Search
 
 RIVALS = 3  # that are fitted beside the other effects, for each effect named
 SHARPNESS = 4.0  # how fast doubt falls with the ratio of the runner-up's error to the winner's
@@ -81,7 +82,7 @@ def name(train: Task, held: Task, say: Callable[[str], None] = lambda text: None
         say: Told what is going on.
     """
     search = Search(train, held, say)
-    kept = search.run()
+    kept = choose(search)
     null = Final((), search.null.fit.factors, ())
     say("last fit, on all training episodes")
     final = finish(train, kept.effects, kept.fit.factors)

@@ -14,6 +14,8 @@ from nas_data.gap.search.unknowns import Unknowns
 SHORTLIST = 6  # candidates that are fitted, of those screened
 BESIDE = 3  # candidates beside the best of each joint
 STRAINED = 2.5 * TOLERANCE  # logarithm of a base parameter's factor from which it is hardly to be believed
+GAIN = 12.0  # nats by which an added effect must lower the loss on fitted episodes
+PLAUSIBLE = 12.0  # nats by which an effect may lower the loss by what it spares the base
 MOVED = 10.0  # noise floors between a joint's extremes in an episode from which it counts as having moved
 
 Place = tuple[str, str | None]
@@ -67,6 +69,16 @@ def strained(h: Hypothesis) -> set[str]:
     """Return the joints whose base parameters had to go beyond what a real arm's do."""
     factors = h.fit.factors
     return {base.joint for base in h.fit.unknowns.base if abs(np.log(factors[base.name])) > STRAINED}
+
+
+def worth(h: Hypothesis) -> float:
+    """Return the loss with what each effect has to lower it by."""
+    return h.loss + GAIN * len(h.effects)
+
+
+def relieves(without: Hypothesis, with_: Hypothesis) -> bool:
+    """Whether the base had to go further from the model without an effect than a real arm's does."""
+    return without.loss - with_.loss > PLAUSIBLE and bool(strained(without))
 
 
 def lent_slopes(near: Fit | None, unknowns: Unknowns) -> dict[int, np.ndarray]:

@@ -1,0 +1,71 @@
+"""Leave out what the data do not need: effects that help too little, parameters to spare, names that explain little."""
+
+import numpy as np
+
+from nas_data.effects.base import find_effect
+from nas_data.gap.search.grow import NOTICEABLE
+from nas_data.gap.search.hypothesis import Hypothesis, place, relieves
+from nas_data.gap.search.state import Search
+
+SIMPLER = 2  # effects of fewer parameters that are tried in the place of one
+BETTER = 0.90  # held-out error of the most improved joint, with over without the effect
+MUCH_BETTER = 0.80  # the same where much of that joint's error stays: something else is there
+WINS = 0.75  # share of held-out episodes in which the effect must help
+POOR = 3.0  # noise floors of rest above which a joint may be called unexplained
+UNEXPLAINED = 0.5  # part of a joint's error that must stay, for it to be called so
+
+
+def pruned(search: Search, kept: Hypothesis) -> Hypothesis:
+    """Leave out every effect that held-out episodes do not need, the least needed first."""
+    while kept.effects:
+        rests = [search.without(kept, number) for number in range(len(kept.effects))]
+        spare = [rest for rest in rests if rest is not None and not needs(search, rest, kept)]
+        if not spare:
+            return kept
+        kept = min(spare, key=lambda rest: rest.loss)
+        search.report("dropped to", kept)
+    return kept
+
+
+def needs(search: Search, without: Hypothesis, with_: Hypothesis) -> bool:
+    """Whether an effect is worth its name: on held-out episodes, or for a base that it leaves as it should be."""
+    logs = search.logs(without, with_)
+    best = int(logs.mean(0).argmin())
+    wins = float((logs[:, best] < 0).mean())
+    enough = BETTER if search.ratio(with_)[best] < POOR else MUCH_BETTER
+    better = np.exp(logs.mean(0)[best]) <= enough and wins >= WINS
+    return bool(better or (logs.sum() < 0 and relieves(without, with_)))
+
+
+def simplified(search: Search, kept: Hypothesis) -> Hypothesis:
+    """Put an effect of fewer parameters in the place of each that needs its more of them hardly at all."""
+    for number, effect in enumerate(kept.effects):
+        simpler = [find_effect(name) for name in effect.confused_with]
+        names = {kind.name() for kind in simpler if len(kind.parameters) < len(effect.parameters)}
+        rest = search.without(kept, number) if names and effect.joint else None
+        if rest is None or effect.joint is None:
+            continue
+        found, _ = search.screened(rest.fit, rest, {effect.joint})
+        chosen = [c for c in found if c.effect.name() in names and c.effect.joint == effect.joint][:SIMPLER]
+        fitted = [search.fitted((*rest.effects, c.effect), c.factors, rest.fit, renewals=1) for c in chosen]
+        for other in sorted((h for h in fitted if h), key=lambda h: h.loss):
+            if np.exp(search.logs(other, kept).mean(0).min()) > NOTICEABLE:
+                search.rivals.setdefault(place(other.effects[-1]), []).append(effect)
+                search.report(f"{effect.name()} simplified", other)
+                return simplified(search, other)
+    return kept
+
+
+def adequate(search: Search, kept: Hypothesis) -> Hypothesis:
+    """Take back the names in joints of which most stays unexplained: their cause is not in the catalogue."""
+    rest, null = search.ratio(kept), search.ratio(search.judged(search.null.fit))
+    joints = zip(search.train.nominal.joints, rest, null, strict=True)
+    unknown = {joint for joint, left, before in joints if left > POOR and left > UNEXPLAINED * before}
+    sound = tuple(effect for effect in kept.effects if effect.joint not in unknown)
+    if len(sound) == len(kept.effects):
+        return kept
+    other = search.fitted(sound, kept.fit.factors, kept.fit, steps=4) if sound else search.judged(search.null.fit)
+    if other is None:
+        return kept
+    search.report(f"{', '.join(sorted(unknown))} not explained by any effect", other)
+    return other
