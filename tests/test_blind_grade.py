@@ -36,6 +36,18 @@ def test_the_right_names_in_any_order_are_exact():
     assert all(row["covered"] for row in found["parameters"])
 
 
+def test_a_gain_is_relative_to_the_model_handed_over_not_to_the_plant():
+    """The plant's own gain is 8 % low, the hidden factor doubles it: a report can only say 1.84."""
+    answer = {
+        "family": "one",
+        "joints": ["m1", "m2"],
+        "base": {"stiffness": [1.0, 0.92]},
+        "effects": [{"effect": "servo_stiffness", "joint": "m2", "parameters": {"factor": 2.0}, "mark": 5.0}],
+    }
+    found = grade([entry_of("servo_stiffness", "m2", {"factor": 1.84})], answer=answer)
+    assert found["parameters"][0]["relative_error"] == pytest.approx(0.0)
+
+
 def test_the_right_effect_in_a_wrong_joint_is_confidently_wrong():
     found = grade([RIGHT[0], entry_of("backlash", "m4", {"half_width": 0.02})])
     assert not found["exact"] and found["confident_wrong"]

@@ -3,6 +3,7 @@
 import functools
 import json
 import math
+import tempfile
 from pathlib import Path
 
 import mujoco
@@ -35,6 +36,7 @@ TYPICAL = {
     ("load_friction", "ratio"): 0.2,
     ("rotor_inertia", "inertia"): 0.002,
     ("servo_stiffness", "factor"): 0.7,
+    ("servo_damping", "factor"): 0.4,
     ("torque_limit", "torque"): 0.1,
     ("speed_limit", "speed"): 2.0,
     ("command_delay", "delay"): 0.025,
@@ -61,7 +63,16 @@ def neutral(name: str) -> Effect:
 
 def scene(name: str) -> str:
     """Where an effect can act."""
-    return str(TABLE) if name in OF_OBJECTS else "ergojr"
+    return str(TABLE) if name in OF_OBJECTS else damped() if name == "servo_damping" else "ergojr"
+
+
+@functools.cache
+def damped() -> str:
+    """The ErgoJr with servos that have velocity feedback."""
+    text = find_robot("ergojr").mjcf.read_text(encoding="utf-8")
+    path = Path(tempfile.mkdtemp()) / "damped.xml"
+    path.write_text(text.replace('kp="0.3360"', 'kp="0.3360" kv="0.05"'), encoding="utf-8")
+    return str(path)
 
 
 def arm(*effects: Effect, model: str | None = None) -> MujocoSimulator:
@@ -312,6 +323,7 @@ def test_no_effect_fails_but_with_a_sentence(name):
         add_effects(spec, [typical(name, joint="j")])
     except NasError as error:
         reasons = {
+            "servo_damping": "needs kv or dampratio",
             "speed_limit": "filters its command already",
             "object_mass": "has none",
             "object_friction": "has none",

@@ -81,10 +81,10 @@ def test_windows_are_stretches_of_the_recording():
         JOINTS, 0.01, evidence.starts, evidence.commands, evidence.commands, evidence.counts, np.arange(2)
     )
     cut = windows(evidence, 2400)
-    assert cut.commands.shape == (3, 800, 6)
+    assert cut.commands.shape == (4, 500, 6)
     for row, number in enumerate(cut.numbers):
         whole = evidence.commands[number]
-        assert any(np.array_equal(whole[k : k + 800], cut.commands[row]) for k in range(len(whole) - 799))
+        assert any(np.array_equal(whole[k : k + 500], cut.commands[row]) for k in range(len(whole) - 499))
 
 
 def test_short_episodes_are_no_evidence():

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from nas_data.blind.findings import Finding, Name, listed, mapping, number, read_findings, text
+from nas_data.blind.findings import Finding, Name, listed, mapping, number, read_findings, sequence, text
 
 CONFIDENT = 0.8  # from here on a wrong name is the worst outcome
 ABOVE_FLOOR = frozenset({"unexplained", "partly_explained"})
@@ -36,7 +36,7 @@ def grade_names(answer: Mapping[str, object], report: Mapping[str, object]) -> d
         "verdict_right": is_verdict_right(str(answer["family"]), report.get("verdict")),
         **compared(true, findings),
         "confidences": [{"confidence": finding.confidence, "right": finding.name in true} for finding in findings],
-        "parameters": parameter_errors(hidden, findings),
+        "parameters": parameter_errors([as_the_model_sees(entry, answer) for entry in hidden], findings),
         "unexplained_joint_named": joint_named(hidden, report) if outside else None,
     }
 
@@ -91,6 +91,18 @@ def parameter_errors(hidden: Sequence[Mapping[str, object]], findings: Sequence[
                 }
             )
     return rows
+
+
+def as_the_model_sees(entry: Mapping[str, object], answer: Mapping[str, object]) -> Mapping[str, object]:
+    """Return a hidden effect with a gain that is relative to the model handed over, as the contract has it.
+
+    The plant's own gain is off, too, and no data tells the two factors apart.
+    """
+    if entry["effect"] != "servo_stiffness":
+        return entry
+    own = sequence(mapping(answer["base"])["stiffness"])[sequence(answer["joints"]).index(entry["joint"])]
+    factor = number(mapping(entry["parameters"])["factor"]) * number(own)
+    return {**entry, "parameters": {"factor": factor}}
 
 
 def size(effect: str, true: Mapping[str, float], value: float) -> float:

@@ -7,11 +7,14 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.errors import DatasetInvalid
+from nas_data.gap.finding.driven import driven_rows
+from nas_data.gap.gains import relative_gains
 from nas_data.simulators.settled import Hold
 
 SHORTEST = 10  # control steps below which an episode says nothing about dynamics
-WINDOW = 8.0  # [s] into which longer episodes are cut: errors of a servoed arm do not grow with time
+WINDOW = 5.0  # [s] into which longer episodes are cut: errors of a servoed arm do not grow with time
 STILLER = 0.5  # [s] around an even spacing in which the stillest moment is taken as a window's start
+PARTS = ("starts", "commands", "measured", "counts", "numbers", "speeds", "holds", "gains", "driven")  # by episode
 
 
 @dataclass(frozen=True)
@@ -28,6 +31,8 @@ class Evidence:
         numbers: Numbers of the episodes in the dataset, shape (E,).
         speeds: First measured velocities [rad/s], shape (E, n); zero where an episode starts at rest.
         holds: What held each joint before, which nobody measured (a `Hold`), shape (E, n).
+        gains: Position gain of each joint's servo as a multiple of the model's, shape (E, n).
+        driven: Rows after which the torque was off and the arm fell, shape (E,); T where it stayed on.
     """
 
     joints: tuple[str, ...]
@@ -39,16 +44,22 @@ class Evidence:
     numbers: np.ndarray
     speeds: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     holds: np.ndarray = field(default_factory=lambda: np.empty((0, 0), int))
+    gains: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    driven: np.ndarray = field(default_factory=lambda: np.empty(0, int))
 
     def __post_init__(self) -> None:
         if not self.speeds.size:
             object.__setattr__(self, "speeds", np.zeros_like(self.starts, dtype=float))
         if not self.holds.size:
             object.__setattr__(self, "holds", np.full(self.starts.shape, Hold.WEIGHT))
+        if not self.gains.size:
+            object.__setattr__(self, "gains", np.ones(self.starts.shape))
+        if not self.driven.size:
+            object.__setattr__(self, "driven", np.full(len(self.starts), self.commands.shape[1]))
 
     @classmethod
     def of(cls, dataset: Dataset) -> "Evidence":
-        """Join a dataset's transitions into episodes.
+        """Join a dataset's transitions into episodes, with their gains and how long the torque was on.
 
         Raises:
             DatasetInvalid: no episode is long enough.
@@ -61,6 +72,7 @@ class Evidence:
             )
         rows = [dataset.episode(index) for index in chosen]
         longest = max(part.stop - part.start for part in rows)
+        driven, lengths = driven_rows(dataset)[chosen], dataset.lengths[chosen]
         return cls(
             joints=dataset.joints,
             period=1 / dataset.fps,
@@ -69,6 +81,8 @@ class Evidence:
             measured=np.stack([lengthen(dataset.next_states[part, :n], longest) for part in rows]),
             counts=np.stack([np.arange(longest) < part.stop - part.start for part in rows]),
             numbers=np.array(chosen),
+            gains=relative_gains(dataset)[chosen],
+            driven=np.where(driven < lengths, driven, longest),
         )
 
     def __len__(self) -> int:
@@ -86,8 +100,7 @@ class Evidence:
     def select(self, episodes: Sequence[int] | np.ndarray) -> "Evidence":
         """Return some of the episodes, by their place here."""
         chosen = list(episodes)
-        parts = ("starts", "commands", "measured", "counts", "numbers", "speeds", "holds")
-        return replace(self, **{name: getattr(self, name)[chosen] for name in parts})
+        return replace(self, **{name: getattr(self, name)[chosen] for name in PARTS})
 
     def errors(self, predicted: np.ndarray) -> np.ndarray:
         """Return predicted minus measured positions [rad], shape (E, T, n); zero beyond an episode's end."""
@@ -173,10 +186,10 @@ def window(evidence: Evidence, episode: int, first: int, steps: int) -> Evidence
         measured=part.measured[:, rows],
         counts=part.counts[:, rows],
         speeds=speed,
+        driven=np.clip(part.driven - first, 0, steps),
     )
 
 
 def joined(parts: Sequence[Evidence]) -> Evidence:
     """Return episodes of the same number of rows as one."""
-    names = ("starts", "commands", "measured", "counts", "numbers", "speeds", "holds")
-    return replace(parts[0], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+    return replace(parts[0], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in PARTS})

@@ -38,7 +38,7 @@ def quantities(evidence: Evidence, joint: int) -> Mapping[str, np.ndarray]:
     positions = position_bins(middle[..., joint])
 
     def flat(rows: np.ndarray) -> np.ndarray:
-        return rows.reshape(-1, rows.shape[-1])
+        return rows.reshape(rows.shape[0] * rows.shape[1], rows.shape[2])
 
     own = speed[..., [joint]]
     return {

@@ -12,6 +12,7 @@ from nas_data.gap.search.final import Final, finish
 from nas_data.gap.search.fit import Task
 from nas_data.gap.search.hypothesis import Hypothesis, place
 from nas_data.gap.search.state import Search
+from nas_data.gap.side_by_side import side_by_side
 
 RIVALS = 3  # that are fitted beside the other effects, for each effect named
 SHARPNESS = 4.0  # how fast doubt falls with the ratio of the runner-up's error to the winner's
@@ -97,7 +98,8 @@ def judge(search: Search, kept: Hypothesis, final: Final, number: int) -> tuple[
     effect = kept.effects[number]
     others = tuple(e for i, e in enumerate(kept.effects) if i != number)
     without = search.without(kept, number) or search.null
-    fitted = [search.rival((*others, rival), kept) for rival in contenders(search, effect, others)]
+    rivals = contenders(search, effect, others)
+    fitted = side_by_side(lambda rival: search.rival((*others, rival), kept), rivals)
     ranked = sorted((h for h in fitted if h), key=lambda h: h.loss)
     joints = concerned(search, effect)
     confidence = surety(search, kept, ranked, without)

@@ -8,8 +8,10 @@ import mujoco
 import numpy as np
 
 from nas_data.effects.base import Effect
+from nas_data.effects.edits.servo import position_servo, scale_stiffness
 from nas_data.gap.base import BaseParameter, apply_base, base_parameters, explicit
 from nas_data.gap.evidence import Evidence
+from nas_data.gap.side_by_side import shares_cores
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
 
@@ -69,7 +71,7 @@ class Nominal:
         """Return the model with effects and changed base parameters, ready to simulate."""
         known = {name: getattr(self.robot, name) for name in ("name", "mjcf", "joints", "rate", "rest")}
         robot = PreparedRobot(**known, prepared=self.edited(factors or {}))
-        simulator = MujocoSimulator(robot, self.period, self.joints, effects)
+        simulator = MujocoSimulator(robot, self.period, self.joints, effects, 1 if shares_cores() else None)
         simulator.model.opt.disableflags |= unneeded(simulator.model)
         return simulator
 
@@ -78,11 +80,34 @@ class Nominal:
     ) -> np.ndarray:
         """Roll the episodes out from their first pose, held as they say; return positions [rad], shape (E, T, n).
 
+        Each episode is simulated at its own gain, and falls freely where its torque is off.
+
         Raises:
             ModelFileError: the model with these effects diverges or does not compile.
         """
-        simulator = self.simulator(effects, factors)
-        return simulator.rollout(evidence.initial, evidence.commands, evidence.holds)[..., : len(self.joints)]
+        if (evidence.gains == 1).all():
+            return self.rolled(evidence, effects, factors)
+        predicted = np.empty(evidence.measured.shape)
+        for gains in np.unique(evidence.gains, axis=0):
+            chosen = np.flatnonzero((evidence.gains == gains).all(axis=1))
+            predicted[chosen] = self.with_gains(gains).rolled(evidence.select(chosen), effects, factors)
+        return predicted
+
+    def rolled(
+        self, evidence: Evidence, effects: Sequence[Effect], factors: Mapping[str, float] | None = None
+    ) -> np.ndarray:
+        """Roll the episodes out at the model's own gain; see `predict`."""
+        driven = None if (evidence.driven >= evidence.commands.shape[1]).all() else evidence.driven
+        rolled = self.simulator(effects, factors).rollout(evidence.initial, evidence.commands, evidence.holds, driven)
+        return rolled[..., : len(self.joints)]
+
+    def with_gains(self, gains: np.ndarray) -> "Nominal":
+        """Return the model with the position gains of its servos multiplied, shape (n,); limits and damping stay."""
+        spec = self.spec.copy()
+        for joint, gain in zip(self.joints, gains, strict=True):
+            if gain != 1:
+                scale_stiffness(position_servo(spec, joint, "A position gain of the recording"), float(gain))
+        return replace(self, spec=spec)
 
 
 def unneeded(model: mujoco.MjModel) -> int:

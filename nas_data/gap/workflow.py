@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from threadpoolctl import threadpool_limits
+
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
 from nas_data.dataset.transitions import as_transitions
@@ -14,9 +16,10 @@ from nas_data.errors import DatasetInvalid, NasError
 from nas_data.gap.add import write_effects, write_model
 from nas_data.gap.evidence import Evidence, divide, windows
 from nas_data.gap.experiments.experiment import Rival, next_experiment, write
-from nas_data.gap.finding.driven import while_driven
+from nas_data.gap.finding.driven import until_driven_again
 from nas_data.gap.finding.find import Found, find
 from nas_data.gap.floor import noise_floor
+from nas_data.gap.gains import with_relative_gains
 from nas_data.gap.name import Naming, name
 from nas_data.gap.nominal import Nominal, fine_timestep, with_timestep
 from nas_data.gap.report import Outcome, write_report, write_series
@@ -62,8 +65,9 @@ class Problem:
             NasError: one of them cannot be used; the sentence names it.
         """
         root = resolve(Path(dataset))
-        transitions, _ = as_transitions(read(root))
-        evidence = Evidence.of(while_driven(transitions))
+        recorded, _ = as_transitions(read(root))
+        transitions = with_relative_gains(recorded, model, root)
+        evidence = Evidence.of(until_driven_again(transitions))
         if len(evidence) < 2:
             raise DatasetInvalid(
                 f"{root} has {len(evidence)} episode; at least two are needed, one to fit and one to judge by: "
@@ -78,6 +82,7 @@ class Problem:
         return cls(transitions, evidence, Task(nominal, train, floor), Task(nominal, held, floor), names)
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # it would wait busily on the cores that the rollouts need
 def investigate(dataset: str | Path, model: str | Path, out: str | Path, say: Say = silent) -> dict[str, object]:
     """Run the whole workflow.
 

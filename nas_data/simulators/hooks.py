@@ -1,6 +1,7 @@
 """Effects that the engine lacks, at work between the physics steps of a whole batch."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import mujoco
 import mujoco.batch
@@ -16,6 +17,19 @@ def find_hooks(effects: Iterable[Effect], model: mujoco.MjModel) -> tuple[StepHo
     """Return the hooks of those effects that have one, for the model with the effects in it."""
     hooks = (effect.hook(model) for effect in effects if not effect.is_neutral)
     return tuple(hook for hook in hooks if hook is not None)
+
+
+@dataclass(frozen=True)
+class Switching:
+    """When the servos of each simulation are switched off.
+
+    Attributes:
+        powered: What the model disables while they are on, as `opt.disableactuator` does.
+        driven: Control steps until then, shape (B,).
+    """
+
+    powered: int
+    driven: np.ndarray
 
 
 class HookedBatch:
@@ -50,16 +64,18 @@ def roll_hooked(
     controls: np.ndarray,
     substeps: int,
     threads: int,
+    switching: Switching | None = None,
 ) -> np.ndarray:
     """Roll out simulations as one batch.
 
     Args:
-        model: Compiled model.
+        model: Compiled model; where servos are switched off, the one in which they are.
         hooks: What runs between the steps.
         states: First full states, shape (B, size of INTEGRATION).
         controls: Shape (B, T, nu), each held for `substeps`.
         substeps: Physics steps per control step.
         threads: Threads of the batch.
+        switching: When servos are switched off; never where None.
 
     Returns:
         Time [s], qpos and qvel after each control step, shape (B, T, 1 + nq + nv).
@@ -68,11 +84,21 @@ def roll_hooked(
     batch = mujoco.batch.Batch(model, nsim=len(states), nthread=threads if len(states) >= WORTH_THREADS else 1)
     hooked = HookedBatch(batch, hooks)
     control = batch.bind("ctrl")
+    disabled = batch.expand("opt.disableactuator") if switching else None
     batch.state[:] = states
+    switch(disabled, model, switching, 0)
     hooked.refresh()
     ends = np.empty((*controls.shape[:2], 1 + model.nq + model.nv))
     for step in range(controls.shape[1]):
         control[:] = controls[:, step]
+        switch(disabled, model, switching, step)
         hooked.step(substeps)
         ends[:, step] = batch.state[:, : ends.shape[2]]
     return ends
+
+
+def switch(disabled: np.ndarray | None, model: mujoco.MjModel, switching: Switching | None, step: int) -> None:
+    """Switch off the servos of those simulations in a batch whose time has come."""
+    if disabled is not None and switching is not None:
+        off = switching.driven <= step
+        disabled[:] = np.where(off, model.opt.disableactuator, switching.powered).reshape(disabled.shape)

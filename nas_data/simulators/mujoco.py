@@ -1,5 +1,6 @@
 """MuJoCo as a simulator: batched one-step predictions, open-loop rollouts and closed loops of one model."""
 
+import copy
 import os
 from collections.abc import Iterable, Sequence
 from functools import cached_property
@@ -15,11 +16,12 @@ from nas_data.engine_warnings import heard_instability
 from nas_data.errors import ModelFileError
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.compiled import Compiled
-from nas_data.simulators.hooks import HookedBatch, roll_hooked
+from nas_data.simulators.hooks import HookedBatch, Switching, roll_hooked
 from nas_data.simulators.layout import FULLPHYSICS, INTEGRATION, RestStates
 from nas_data.simulators.pool import rollout_pool
 from nas_data.simulators.settled import SettledStates
 
+SERVOS = 30  # actuator group, the engine's last, of what is without power where the torque is off
 CHUNK_STATES = 250_000  # numbers of simulated state held at once, 2 MB: with its inputs it stays in the cache
 
 
@@ -75,6 +77,14 @@ class MujocoSimulator:
         """Full states at rest in any posture, settled under the arm's weight."""
         return SettledStates(self.model, self.layout, self._part)
 
+    @cached_property
+    def unpowered(self) -> mujoco.MjModel:
+        """The same model with its servos switched off: neither feedback nor back-EMF; friction stays as it is."""
+        model = copy.copy(self.model)
+        model.actuator_group[model.actuator_ctrlnum > 0] = SERVOS
+        model.opt.disableactuator |= 1 << SERVOS
+        return model
+
     @property
     def remembers(self) -> bool:
         """Whether a start has more than what is measured: a play, a spring, a command under way."""
@@ -105,13 +115,20 @@ class MujocoSimulator:
             result[rows] = full[:, 0]
         return result
 
-    def rollout(self, initial: np.ndarray, commands: np.ndarray, holds: np.ndarray | None = None) -> np.ndarray:
+    def rollout(
+        self,
+        initial: np.ndarray,
+        commands: np.ndarray,
+        holds: np.ndarray | None = None,
+        driven: np.ndarray | None = None,
+    ) -> np.ndarray:
         """Simulate whole episodes in open loop; see `Simulator.rollout`.
 
         Args:
             initial: First states, shape (B, 2n).
             commands: Shape (B, T, n).
             holds: What held each joint in the first pose (a `Hold`), shape (B, n); nothing where None.
+            driven: Rows after which the servos are switched off, shape (B,); never where None.
         """
         self.compiled.check(initial, commands)
         if not commands.shape[1]:
@@ -120,9 +137,10 @@ class MujocoSimulator:
         chunk = self.threads * max(1, CHUNK_STATES // max(1, per_row * self.threads))
         states = np.asarray(initial, float)
         first = self.rest(states) if holds is None else self.settled(states, holds)
+        chunks = [slice(start, start + chunk) for start in range(0, len(initial), chunk)]
         parts = [
-            self._roll(first[start : start + chunk], np.asarray(commands[start : start + chunk]))
-            for start in range(0, len(initial), chunk)
+            self._roll(first[rows], np.asarray(commands[rows]), None if driven is None else driven[rows])
+            for rows in chunks
         ]
         return np.concatenate(parts) if parts else np.empty((0, commands.shape[1], initial.shape[1]))
 
@@ -134,11 +152,12 @@ class MujocoSimulator:
         """Return the source for provenance."""
         return self.compiled.describe(self.engine, mujoco.__version__)
 
-    def _roll(self, first: np.ndarray, commands: np.ndarray) -> np.ndarray:
-        """Roll out from full states (B, size) under commands (B, T, n); return states (B, T, 2n)."""
+    def _roll(self, first: np.ndarray, commands: np.ndarray, driven: np.ndarray | None = None) -> np.ndarray:
+        """Roll out from full states (B, size) under commands (B, T, n), driven for (B,) rows; return (B, T, 2n)."""
         count, steps = commands.shape[:2]
         with heard_instability() as unstable:
-            ends = self._ends(first, self.layout.controls(commands))
+            controls = self.layout.controls(commands)
+            ends = self._ends(first, controls) if driven is None else self._released(first, controls, driven)
         self._check_time(ends, unstable)
         nq, nv = self.model.nq, self.model.nv
         return self.layout.measure(ends[..., 1 : 1 + nq], ends[..., 1 + nq : 1 + nq + nv]).reshape(count, steps, -1)
@@ -147,9 +166,29 @@ class MujocoSimulator:
         """Return time, qpos, qvel (and more) after each control step, shape (B, T, …), for controls (B, T, nu)."""
         if self.hooks:
             return roll_hooked(self.model, self.hooks, states, controls, self.substeps, self.threads)
+        return self._plain_ends(self.model, states, controls)
+
+    def _plain_ends(self, model: mujoco.MjModel, states: np.ndarray, controls: np.ndarray) -> np.ndarray:
+        """Return full states after each control step, shape (B, T, size), of a model without hooks."""
         controls = np.repeat(controls, self.substeps, axis=1)
-        full, _ = self._pool.rollout(self.model, self._data, states, controls, nstep=controls.shape[1])
+        full, _ = self._pool.rollout(model, self._data, states, controls, nstep=controls.shape[1])
         return np.asarray(full[:, self.substeps - 1 :: self.substeps])
+
+    def _released(self, states: np.ndarray, controls: np.ndarray, driven: np.ndarray) -> np.ndarray:
+        """Return what `_ends` does where the servos are switched off after some rows, shape (B,)."""
+        if self.hooks:
+            rolled = (states, controls, self.substeps, self.threads)
+            return roll_hooked(self.unpowered, self.hooks, *rolled, Switching(self.model.opt.disableactuator, driven))
+        ends = np.empty((*controls.shape[:2], states.shape[1]))
+        for count in np.unique(np.clip(driven, 0, controls.shape[1])):
+            chosen = np.clip(driven, 0, controls.shape[1]) == count
+            last = states[chosen]
+            if count:
+                ends[chosen, :count] = self._plain_ends(self.model, last, controls[chosen, :count])
+                last = ends[chosen, count - 1]
+            if count < controls.shape[1]:
+                ends[chosen, count:] = self._plain_ends(self.unpowered, last, controls[chosen, count:])
+        return ends
 
     def _check_time(self, ends: np.ndarray, unstable: list[str]) -> None:
         """Refuse rollouts that the engine gave up: their clock stands still, or was reset in the very first step."""

@@ -1,5 +1,6 @@
 """Rows in which the servos were powered: where the torque was off, a command explains nothing."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -26,12 +27,34 @@ def while_driven(dataset: Dataset) -> Dataset:
     Raises:
         DatasetInvalid: no row was driven.
     """
+    return cut(dataset, longest_run)
+
+
+def until_driven_again(dataset: Dataset) -> Dataset:
+    """Cut each episode to its longest stretch with the torque on and what follows it with the torque off.
+
+    How an arm falls is told by its model alone, from wherever it was when it was let go.
+
+    Raises:
+        DatasetInvalid: no row was driven.
+    """
+    return cut(dataset, run_and_fall)
+
+
+def driven_rows(dataset: Dataset) -> np.ndarray:
+    """Return how many rows of each episode come before its torque is first switched off, shape (E,)."""
+    on = torque_on(dataset)
+    return np.array([np.append(on[rows], False).argmin() for rows in dataset.episodes()])
+
+
+def cut(dataset: Dataset, keep: Callable[[np.ndarray], np.ndarray]) -> Dataset:
+    """Keep some rows of each episode, chosen by where its torque is on, shape (T,)."""
     on = torque_on(dataset)
     if on.all():
         return dataset
     if not on.any():
         raise DatasetInvalid(f"The torque is off in every row ({TORQUE} is 0): record with the servos switched on.")
-    kept = np.concatenate([longest_run(on[rows]) for rows in dataset.episodes()])
+    kept = np.concatenate([keep(on[rows]) for rows in dataset.episodes()])
     ends = np.cumsum(kept)[dataset.starts + dataset.lengths - 1]
     return replace(
         dataset,
@@ -48,4 +71,13 @@ def longest_run(chosen: np.ndarray) -> np.ndarray:
     if len(first):
         longest = int(np.argmax(after - first))
         kept[first[longest] : after[longest]] = True
+    return kept
+
+
+def run_and_fall(on: np.ndarray) -> np.ndarray:
+    """Return the longest run of true values and the false ones right behind it as a mask, shape (T,)."""
+    kept = longest_run(on)
+    if kept.any():
+        end = int(np.flatnonzero(kept)[-1]) + 1
+        kept[end : end + int(np.append(on[end:], True).argmax())] = True
     return kept

@@ -1,7 +1,7 @@
 """Choose the effects: add what helps, several joints at once, then drop what held-out episodes do not need."""
 
 from nas_data.gap.search.exchange import exchanged
-from nas_data.gap.search.grow import AT_FLOOR, MOST, extensions, grown
+from nas_data.gap.search.grow import AT_FLOOR, extensions, grown, is_full
 from nas_data.gap.search.hypothesis import Hypothesis, strained
 from nas_data.gap.search.prune import adequate, pruned, simplified
 from nas_data.gap.search.state import Search
@@ -12,7 +12,7 @@ def choose(search: Search) -> Hypothesis:
     kept, around = search.null, search.nominal.fit
     if not search.lively:
         return kept
-    while len(kept.effects) < MOST and (search.ratio(kept).max() > AT_FLOOR or strained(kept)):
+    while not is_full(search, kept) and (search.ratio(kept).max() > AT_FLOOR or strained(kept)):
         larger = grown(search, kept, extensions(search, kept, around))
         if larger is None:
             break

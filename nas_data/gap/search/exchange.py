@@ -1,10 +1,15 @@
 """Exchange effects that may only stand in for others: the first found is not always the right one."""
 
+from functools import partial
+
 from nas_data.gap.search.hypothesis import GAIN, Hypothesis, place
+from nas_data.gap.search.screen import Candidate
 from nas_data.gap.search.state import FAR_BEHIND, Search
+from nas_data.gap.side_by_side import side_by_side
 
 UNSATISFIED = 1.25  # noise floors above which other effects are tried in the place of one that was found
-EXCHANGED = 4  # of them
+DOUBTED = 3  # effects in whose place others are tried
+EXCHANGED = 4  # effects that are tried there
 
 
 def exchanged(search: Search, h: Hypothesis) -> Hypothesis:
@@ -12,17 +17,14 @@ def exchanged(search: Search, h: Hypothesis) -> Hypothesis:
     if (places := frozenset(map(place, h.effects))) in search.settled:
         return h
     search.settled.add(places)
-    for number, effect in enumerate(h.effects):
-        joints = search.train.nominal.joints
-        if effect.joint is None or search.ratio(h)[joints.index(effect.joint)] <= UNSATISFIED:
-            continue
-        rest = search.without(h, number)
-        if rest is None:
+    for number in doubtful(search, h):
+        effect, rest = h.effects[number], search.without(h, number)
+        if rest is None or effect.joint is None:
             continue
         found, reach = search.screened(rest.fit, h, {effect.joint})
         others = [c for c in found if c.effect.joint and c.place != place(effect)][:EXCHANGED]
         others = [c for c in others if c.misfit < reach + FAR_BEHIND]
-        quick = [search.fitted((*rest.effects, c.effect), c.factors, rest.fit, steps=3) for c in others]
+        quick = side_by_side(partial(tried, search, rest), others)
         ranked = sorted((other for other in quick if other), key=lambda other: other.loss)
         best = search.continued(ranked[0]) if ranked else None
         if best and best.loss < h.loss - GAIN:
@@ -30,3 +32,15 @@ def exchanged(search: Search, h: Hypothesis) -> Hypothesis:
             search.report(f"  {effect.name()} exchanged", best)
             return exchanged(search, search.refined(best))
     return h
+
+
+def doubtful(search: Search, h: Hypothesis) -> list[int]:
+    """Return the numbers of the effects whose joints are furthest above the floor."""
+    rest = dict(zip(search.train.nominal.joints, search.ratio(h), strict=True))
+    above = [(rest[e.joint], number) for number, e in enumerate(h.effects) if e.joint and rest[e.joint] > UNSATISFIED]
+    return [number for _, number in sorted(above, reverse=True)[:DOUBTED]]
+
+
+def tried(search: Search, rest: Hypothesis, candidate: Candidate) -> Hypothesis | None:
+    """Fit a candidate for a few steps beside the effects that stay."""
+    return search.fitted((*rest.effects, candidate.effect), candidate.factors, rest.fit, steps=3)

@@ -14,6 +14,7 @@ from nas_data.gap.search.unknowns import Unknowns, free_base
 from nas_data.simulators.settled import Hold
 
 ROUNDS = 2  # fits, each with the correction for finer steps computed where the last one ended
+LIKENESS = 0.01  # standard deviation of a parameter between two descriptions of one effect, as a part of it
 NORMAL95 = 1.96  # standard deviations on each side that hold 95 % of a normal distribution
 
 
@@ -49,9 +50,8 @@ def finish(task: Task, effects: Sequence[Effect], factors: dict[str, float], rou
     numbers = unknowns.start(factors)
     found: Fit | None = None
     for _ in range(rounds):
-        effects, factors = unknowns.effects_at(numbers), unknowns.factors_at(numbers)
-        task = task.held(effects, factors).corrected(effects, factors)
-        better = fit(task, unknowns, numbers, lent_slopes(found, unknowns), steps=3, renewals=0)
+        task = task.focused(unknowns, numbers)
+        better = fit(task, unknowns, numbers, lent_slopes(found, unknowns, len(unknowns.effects)), steps=3, renewals=0)
         if better is None:
             break
         found, numbers = better, better.numbers
@@ -70,23 +70,38 @@ def usual_hold(task: Task, found: Fit) -> Hold:
 
 
 def intervals(task: Task, found: Fit) -> tuple[Mapping[str, tuple[float, float]], ...]:
-    """Return the 95 % intervals of the effects' parameters from the curvature of the loss.
+    """Return the 95 % intervals of the effects' parameters.
 
-    Errors of a rollout are alike for a while (`CORRELATION`); so many rows count as one, or intervals would be too
-    narrow several times over. What an effect adds to something that the model has (damping, say) is known no better
-    than the model's own part of it.
+    Three doubts are added: the curvature of the loss, with the base free; how differently single episodes pull, which
+    holds whatever the errors look like (White, 1982); and how much two descriptions of one effect differ. What an
+    effect adds to something that the model has (damping, say) is known no better than the model's own part of it.
     """
-    weights = task.weights(found.predicted) * task.evidence.counts[..., None]
-    rows = (found.slopes * weights).reshape(len(found.slopes), -1)
-    square = rows @ rows.T + np.diag(found.unknowns.prior() ** 2) + 1e-9 * np.eye(len(rows))
-    spread = np.sqrt(np.clip(np.diag(np.linalg.inv(square)), 0.0, None))
+    spread = np.hypot(*deviations(task, found))
     result: list[dict[str, tuple[float, float]]] = [{} for _ in found.effects]
     for unknown, number, width in zip(found.unknowns.sought, found.numbers, spread, strict=False):
         effect = found.effects[unknown.place]
+        likeness = LIKENESS * abs(float(number) if unknown.signed else 1.0)
+        reach = NORMAL95 * float(np.hypot(width, likeness))
         doubt = NORMAL95 * TOLERANCE * shared(task, effect, unknown.parameter)
-        ends = [unknown.value(float(number) + sign * NORMAL95 * float(width)) + sign * doubt for sign in (-1, 1)]
+        ends = [unknown.value(float(number) + sign * reach) + sign * doubt for sign in (-1, 1)]
         result[unknown.place][unknown.parameter.name] = (min(ends), max(ends))
     return tuple(result)
+
+
+def deviations(task: Task, found: Fit) -> tuple[np.ndarray, np.ndarray]:
+    """Return the standard deviations of the numbers by the loss's curvature and by the episodes' pulls, (size,) each.
+
+    Errors of a rollout are alike for a while (`CORRELATION`); in the curvature, so many rows count as one.
+    """
+    size, episodes = len(found.slopes), len(task.evidence)
+    weights = task.weights(found.predicted) * task.evidence.counts[..., None]
+    rows = (found.slopes * weights).reshape(size, episodes, -1)
+    flat = rows.reshape(size, -1)
+    inverse = np.linalg.inv(flat @ flat.T + np.diag(found.unknowns.prior() ** 2) + 1e-9 * np.eye(size))
+    errors = (task.evidence.errors(found.predicted) * weights).reshape(episodes, -1)
+    pulls = inverse @ np.einsum("pet,et->pe", rows, errors)
+    by_episode = np.sqrt((pulls**2).sum(1) * episodes / max(1, episodes - 1))
+    return np.sqrt(np.clip(np.diag(inverse), 0.0, None)), by_episode
 
 
 def shared(task: Task, effect: Effect, parameter: Parameter) -> float:

@@ -10,10 +10,12 @@ from nas_data.errors import ModelFileError
 from nas_data.gap.evidence import Evidence
 from nas_data.gap.nominal import Nominal, fine_timestep, with_timestep
 from nas_data.gap.search.unknowns import STEP, Unknowns
+from nas_data.gap.side_by_side import side_by_side
 from nas_data.simulators.settled import Hold
 
 BEGINNING = 1.0  # [s] by which the start of an episode is told
 FAMILIAR = 0.8  # mean square of the likeliest start that counts as equal to another's
+COARSE = 0.1  # part of a joint's error that does not matter before the rest is explained
 CORRELATION = 0.15  # [s] over which errors of a rollout are alike: so many rows count as one observation
 DAMPING = (0.0, 0.1, 1.0, 10.0)  # Levenberg-Marquardt: how cautious a step is, tried in this order
 ENOUGH = 1e-3  # relative improvement of the loss below which a fit has converged
@@ -30,17 +32,38 @@ class Task:
         evidence: Episodes.
         floor: Noise floor of each joint [rad], shape (n,).
         correction: What finer physics steps would change in the positions [rad], shape (E, T, n), or 0.
+        coarseness: Errors of each joint that do not matter yet, while larger ones are explained [rad], shape (n,).
     """
 
     nominal: Nominal
     evidence: Evidence
     floor: np.ndarray
     correction: np.ndarray | float = 0.0
+    coarseness: np.ndarray | float = 0.0
 
     def select(self, episodes: Sequence[int] | np.ndarray) -> "Task":
         """Return the task on some of the episodes."""
         correction = self.correction if isinstance(self.correction, float) else self.correction[list(episodes)]
-        return Task(self.nominal, self.evidence.select(episodes), self.floor, correction)
+        return replace(self, evidence=self.evidence.select(episodes), correction=correction)
+
+    @property
+    def tolerated(self) -> np.ndarray:
+        """Mean square of each joint's errors below which all are alike [rad²], shape (n,)."""
+        return np.asarray(self.floor**2 + self.coarseness**2)
+
+    def focused(self, unknowns: Unknowns, numbers: np.ndarray) -> "Task":
+        """Return the task as seen from a hypothesis: how episodes began, what finer steps change, what matters now.
+
+        A tenth of the error that is left does not matter yet. Where a joint stands still, a model may be wrong by a
+        tenth of a degree or a hundredth: as long as it is wrong by degrees where the joint moves, that is no reason
+        to prefer one cause to another.
+        """
+        effects, factors = unknowns.effects_at(numbers), unknowns.factors_at(numbers)
+        task = self.held(effects, factors).corrected(effects, factors)
+        predicted = task.predict(unknowns, numbers)
+        if predicted is None:
+            return task
+        return replace(task, coarseness=COARSE * np.sqrt(task.evidence.mean_squares(predicted).mean(0)))
 
     def held(self, effects: Sequence[Effect], factors: dict[str, float]) -> "Task":
         """Return the task with what best explains how each joint of each episode began.
@@ -106,13 +129,13 @@ class Task:
         if predicted is None:
             return np.inf
         squares = self.evidence.mean_squares(predicted)
-        return float((0.5 * self.observations * np.log(self.floor**2 + squares)).sum())
+        return float((0.5 * self.observations * np.log(self.tolerated + squares)).sum())
 
     def weights(self, predicted: np.ndarray) -> np.ndarray:
         """Return the weight of each error in the least squares that the misfit amounts to, shape (E, 1, n)."""
         squares = self.evidence.mean_squares(predicted)
         share = self.evidence.period / CORRELATION
-        return np.asarray(np.sqrt(share / (self.floor**2 + squares)))[:, None]
+        return np.asarray(np.sqrt(share / (self.tolerated + squares)))[:, None]
 
 
 @dataclass(frozen=True)
@@ -165,15 +188,16 @@ def slopes(
 ) -> np.ndarray:
     """Return finite differences of the positions by some of the numbers, shape (columns, E, T, n)."""
     _, high = unknowns.bounds()
-    result = np.zeros((len(columns), *predicted.shape))
-    for row, column in enumerate(columns):
+
+    def slope(column: int) -> np.ndarray:
         step = STEP if numbers[column] + STEP <= high[column] else -STEP
         moved = numbers.copy()
         moved[column] += step
         other = task.predict(unknowns, moved)
-        if other is not None:
-            result[row] = (other - predicted) / step
-    return result
+        return np.zeros_like(predicted) if other is None else (other - predicted) / step
+
+    found = side_by_side(slope, columns)
+    return np.stack(found) if found else np.zeros((0, *predicted.shape))
 
 
 def fit(
@@ -186,14 +210,14 @@ def fit(
 ) -> Fit | None:
     """Fit a hypothesis.
 
-    The slopes by the effects' parameters are measured before each step, those by the base's are updated as Broyden
-    does: they hardly change, and measuring them costs a rollout each.
+    The slopes by the effects' parameters are measured before each step, those by the base's and those that are lent
+    are updated as Broyden does: they hardly change, and measuring them costs a rollout each.
 
     Args:
         task: Model and episodes.
         unknowns: Hypothesis.
         numbers: Where to start, shape (size,).
-        lent: Slopes by base numbers that were found elsewhere, by the number's index, each of shape (E, T, n).
+        lent: Slopes that were found elsewhere, by the number's index, each of shape (E, T, n).
         steps: Most Gauss-Newton steps.
         renewals: How often all slopes may be measured anew, where a step with old ones brings little.
 
@@ -205,7 +229,8 @@ def fit(
     predicted = task.predict(unknowns, numbers)
     if predicted is None:
         return None
-    every, sought, lent = range(unknowns.size), range(len(unknowns.sought)), lent or {}
+    every, lent = range(unknowns.size), lent or {}
+    sought = [column for column in range(len(unknowns.sought)) if column not in lent]
     loss = task.misfit(predicted) + penalty(unknowns, numbers)
     grad = np.zeros((unknowns.size, *predicted.shape))
     grad[list(lent)] = [lent[column] for column in lent] if lent else 0.0
@@ -214,7 +239,7 @@ def fit(
     age, measured = 0, not lent
     for number in range(steps):
         if number and sought and not measured:
-            grad[: len(sought)] = slopes(task, unknowns, numbers, predicted, sought)
+            grad[sought] = slopes(task, unknowns, numbers, predicted, sought)
         found = step(task, unknowns, numbers, predicted, grad, loss)
         little = found is None
         if found is not None:

@@ -8,15 +8,21 @@ from nas_data.gap.search.fit import Fit
 from nas_data.gap.search.hypothesis import GAIN, Hypothesis, place, relieves, shortened, strained, worth
 from nas_data.gap.search.screen import Candidate
 from nas_data.gap.search.state import Search
+from nas_data.gap.side_by_side import side_by_side
 
 FINALISTS = 3  # short fits that are continued
-MOST = 12  # effects in one arm
+MOST = 4  # effects for each joint of an arm
 AT_FLOOR = 1.15  # noise floors below which nothing is looked for
 BUNDLED = 2  # effects that are tried in all joints at once
 PROMISE = 2.5  # nats by which the first order must lower the loss of every other episode, or a candidate is not fitted
 SLACK = 30.0  # nats that the first order may be wrong by there around the unfitted model
 CHANCE = 80.0  # nats by which a short fit may lie behind the best and still be continued
 NOTICEABLE = 0.95  # held-out error of the most improved joint below which an effect is added for now
+
+
+def is_full(search: Search, h: Hypothesis) -> bool:
+    """Whether a hypothesis has as many effects as any arm is given."""
+    return len(h.effects) >= MOST * len(search.train.nominal.joints)
 
 
 def grown(search: Search, kept: Hypothesis, ranked: Sequence[Hypothesis]) -> Hypothesis | None:
@@ -29,7 +35,7 @@ def grown(search: Search, kept: Hypothesis, ranked: Sequence[Hypothesis]) -> Hyp
     for other in useful[1:]:
         added, before = other.effects[len(kept.effects) :], best.effects[len(kept.effects) :]
         taken = {effect.joint for effect in before}
-        if len(added) > 1 or added[0].joint in {None, *taken} or None in taken or len(best.effects) >= MOST:
+        if len(added) > 1 or added[0].joint in {None, *taken} or None in taken or is_full(search, best):
             continue
         both = search.fitted((*best.effects, *added), best.fit.factors, best.fit, steps=3)
         if both and best.loss - both.loss > max(GAIN, 0.5 * (kept.loss - other.loss)):
@@ -44,10 +50,13 @@ def extensions(search: Search, kept: Hypothesis, around: Fit) -> list[Hypothesis
     wanted &= search.lively
     found, reach = search.screened(around, kept, wanted)
     shortlist = shortened(found, reach - PROMISE, SLACK if around is search.nominal.fit else 0.0)
-    quick = [search.fitted((*around.effects, c.effect), c.factors, around, steps=2) for c in shortlist]
+    quick = side_by_side(
+        lambda c: search.fitted((*around.effects, c.effect), c.factors, around, steps=2),
+        shortlist,
+    )
     ranked = sorted((h for h in quick if h), key=lambda h: h.loss)
     ahead = [h for h in ranked if h.loss < ranked[0].loss + CHANCE][:FINALISTS]
-    ranked = sorted([*map(search.continued, ahead), *ranked[len(ahead) :]], key=lambda h: h.loss)
+    ranked = sorted([*side_by_side(search.continued, ahead), *ranked[len(ahead) :]], key=lambda h: h.loss)
     ranked = sorted([*ranked, *bundles(search, kept, ranked, found, reach, around)], key=worth)
     for h in ranked[:4]:
         search.report("  tried", h)
@@ -64,13 +73,14 @@ def bundles(
 ) -> list[Hypothesis]:
     """Return what the best effects do in all joints at once: servos of one make lack the same."""
     names = dict.fromkeys(h.effects[-1].name() for h in ranked if h.effects[-1].joint and kept.loss - h.loss > GAIN)
-    chosen = []
-    for name in list(names)[:BUNDLED]:
-        alike = [c for c in found if c.effect.name() == name and c.effect.joint and c.misfit < reach - GAIN]
-        if len(alike) > 1:
-            effects = (*around.effects, *(c.effect for c in alike))
-            chosen.append(search.fitted(effects, alike[0].factors, around, steps=4))
-    return [h for h in chosen if h]
+    useful = [c for c in found if c.effect.joint and c.misfit < reach - GAIN]
+    alike = [[c for c in useful if c.effect.name() == name] for name in list(names)[:BUNDLED]]
+    fitted = [
+        search.fitted((*around.effects, *(c.effect for c in group)), group[0].factors, around, steps=4)
+        for group in alike
+        if len(group) > 1
+    ]
+    return [h for h in fitted if h]
 
 
 def remember(search: Search, kept: Hypothesis, ranked: Sequence[Hypothesis]) -> None:

@@ -81,13 +81,27 @@ def relieves(without: Hypothesis, with_: Hypothesis) -> bool:
     return without.loss - with_.loss > PLAUSIBLE and bool(strained(without))
 
 
-def lent_slopes(near: Fit | None, unknowns: Unknowns) -> dict[int, np.ndarray]:
-    """Return another fit's slopes by the base parameters of a hypothesis, by the index of its number."""
+def lent_slopes(near: Fit | None, unknowns: Unknowns, fresh: int = 0) -> dict[int, np.ndarray]:
+    """Return another fit's slopes by the numbers that a hypothesis shares with it, by the number's index.
+
+    Args:
+        near: The other fit.
+        unknowns: The hypothesis.
+        fresh: How many of its last effects are to be measured anyway.
+    """
     if near is None:
         return {}
-    first, own = len(near.unknowns.sought), len(unknowns.sought)
-    known = {parameter: near.slopes[first + number] for number, parameter in enumerate(near.unknowns.base)}
-    return {own + index: known[base] for index, base in enumerate(unknowns.base) if base in known}
+    known = dict(zip(labels(near.unknowns), near.slopes, strict=True))
+    last = len(unknowns.effects) - fresh
+    places = [unknown.place for unknown in unknowns.sought] + [-1] * len(unknowns.base)
+    own = enumerate(zip(labels(unknowns), places, strict=True))
+    return {index: known[label] for index, (label, number) in own if label in known and number < last}
+
+
+def labels(unknowns: Unknowns) -> list[tuple[str | None, ...]]:
+    """Return what each number stands for: effect, joint and parameter, or a base parameter."""
+    sought = [(*place(unknowns.effects[u.place]), u.parameter.name) for u in unknowns.sought]
+    return [*sought, *((parameter.name,) for parameter in unknowns.base)]
 
 
 def shortened(found: Sequence[Candidate], reach: float, slack: float) -> list[Candidate]:

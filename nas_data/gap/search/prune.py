@@ -1,11 +1,14 @@
 """Leave out what the data do not need: effects that help too little, parameters to spare, names that explain little."""
 
+from functools import partial
+
 import numpy as np
 
 from nas_data.effects.base import find_effect
 from nas_data.gap.search.grow import NOTICEABLE
 from nas_data.gap.search.hypothesis import Hypothesis, place, relieves
 from nas_data.gap.search.state import Search
+from nas_data.gap.side_by_side import side_by_side
 
 SIMPLER = 2  # effects of fewer parameters that are tried in the place of one
 BETTER = 0.90  # held-out error of the most improved joint, with over without the effect
@@ -18,7 +21,7 @@ UNEXPLAINED = 0.5  # part of a joint's error that must stay, for it to be called
 def pruned(search: Search, kept: Hypothesis) -> Hypothesis:
     """Leave out every effect that held-out episodes do not need, the least needed first."""
     while kept.effects:
-        rests = [search.without(kept, number) for number in range(len(kept.effects))]
+        rests = side_by_side(partial(search.without, kept), range(len(kept.effects)))
         spare = [rest for rest in rests if rest is not None and not needs(search, rest, kept)]
         if not spare:
             return kept
@@ -31,9 +34,10 @@ def needs(search: Search, without: Hypothesis, with_: Hypothesis) -> bool:
     """Whether an effect is worth its name: on held-out episodes, or for a base that it leaves as it should be."""
     logs = search.logs(without, with_)
     best = int(logs.mean(0).argmin())
-    wins = float((logs[:, best] < 0).mean())
+    lost, episodes = int((logs[:, best] >= 0).sum()), len(logs)
+    often = lost <= max((1 - WINS) * episodes, min(1, episodes - 1))  # one may always be lost, but not the only one
     enough = BETTER if search.ratio(with_)[best] < POOR else MUCH_BETTER
-    better = np.exp(logs.mean(0)[best]) <= enough and wins >= WINS
+    better = np.exp(logs.mean(0)[best]) <= enough and often
     return bool(better or (logs.sum() < 0 and relieves(without, with_)))
 
 

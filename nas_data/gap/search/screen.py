@@ -10,6 +10,7 @@ from nas_data.effects.base import Effect, Scales, find_effect, make_effect
 from nas_data.errors import NasError
 from nas_data.gap.search.fit import CORRELATION, Fit, Task, constrained
 from nas_data.gap.search.unknowns import Unknowns
+from nas_data.gap.side_by_side import side_by_side
 
 STRETCHES = (0.0, 2.0)  # how far a guess may be stretched along its mark, to first order
 SIGNED_STRETCHES = (-6.0, 6.0)  # the same where the parameter has either sign
@@ -61,10 +62,12 @@ def screen(task: Task, state: Fit, sizes: Sequence[Scales], joints: Container[st
     best: dict[tuple[str, str | None], Candidate] = {}
     base = state.slopes[len(state.unknowns.sought) :]
     present = {(effect.name(), effect.joint) for effect in state.effects}
-    for effect in candidates(task.nominal.joints, sizes):
-        if (effect.name(), effect.joint) in present or (effect.joint is not None and effect.joint not in joints):
-            continue
-        found = first_order(task, state, base, effect)
+    wanted = [
+        effect
+        for effect in candidates(task.nominal.joints, sizes)
+        if (effect.name(), effect.joint) not in present and (effect.joint is None or effect.joint in joints)
+    ]
+    for found in side_by_side(lambda effect: first_order(task, state, base, effect), wanted):
         if found is not None and (found.place not in best or found.misfit < best[found.place].misfit):
             best[found.place] = found
     return sorted(best.values(), key=lambda candidate: candidate.misfit)
@@ -89,7 +92,7 @@ def first_order(task: Task, state: Fit, base: np.ndarray, effect: Effect) -> Can
     stretch = 1.0
     for _ in range(3):
         squares = (guess**2).sum(1) / task.evidence.counts.sum(1)[:, None]
-        weights = np.sqrt(task.evidence.period / CORRELATION / (task.floor**2 + squares))[:, None] * counts
+        weights = np.sqrt(task.evidence.period / CORRELATION / (task.tolerated + squares))[:, None] * counts
         rows = np.concatenate([(change * weights)[None], base * weights]).reshape(len(base) + 1, -1)
         square = rows @ rows.T + np.diag([1e-9, *prior**2])
         pull = rows @ (errors * weights).ravel() + np.array([0.0, *(prior**2 * logs)])
@@ -98,7 +101,7 @@ def first_order(task: Task, state: Fit, base: np.ndarray, effect: Effect) -> Can
         stretch, shift = float(solved[0]), solved[1:]
         guess = (errors + stretch * change + np.tensordot(shift, base, 1)) * counts
     squares = (guess**2).sum(1) / task.evidence.counts.sum(1)[:, None]
-    misfit = float((0.5 * task.observations * np.log(task.floor**2 + squares)).sum())
+    misfit = float((0.5 * task.observations * np.log(task.tolerated + squares)).sum())
     misfit += float(0.5 * ((prior * (logs + shift)) ** 2).sum())
     names = [parameter.name for parameter in state.unknowns.base]
     factors = {name: float(np.exp(log)) for name, log in zip(names, logs + shift, strict=True)}

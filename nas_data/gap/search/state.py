@@ -41,10 +41,10 @@ class Search:
         count, steps = self.train.evidence.commands.shape[:2]
         wanted = max(SCREENED, SCREENED_ROWS // steps)
         chosen = np.unique(np.linspace(0, count - 1, min(count, wanted)).round().astype(int))
-        self.sub = self.train.select(chosen).corrected((), {})
-        self.held = self.held.corrected((), {})
         unknowns = Unknowns((), self.train.nominal.base)
         start = unknowns.start()
+        self.sub = self.train.select(chosen).focused(unknowns, start)
+        self.held = self.held.focused(unknowns, start)
         predicted = self.sub.predict(unknowns, start)
         assert predicted is not None, "the model was rolled out before"
         grad = slopes(self.sub, unknowns, start, predicted, range(unknowns.size))
@@ -82,13 +82,13 @@ class Search:
 
     def continued(self, h: Hypothesis) -> Hypothesis:
         """Fit further from where a short fit ended, with its slopes as long as they serve."""
-        found = fit(self.sub, h.fit.unknowns, h.fit.numbers, lent_slopes(h.fit, h.fit.unknowns), renewals=1)
+        found = fit(self.sub, h.fit.unknowns, h.fit.numbers, lent_slopes(h.fit, h.fit.unknowns, fresh=1), renewals=1)
         return self.judged(found) if found else h
 
     def refined(self, h: Hypothesis) -> Hypothesis:
         """Correct for finer physics steps at the hypothesis and fit on."""
-        self.sub = self.sub.held(h.effects, h.fit.factors).corrected(h.effects, h.fit.factors)
-        self.held = self.held.held(h.effects, h.fit.factors).corrected(h.effects, h.fit.factors)
+        self.sub = self.sub.focused(h.fit.unknowns, h.fit.numbers)
+        self.held = self.held.focused(h.fit.unknowns, h.fit.numbers)
         found = fit(self.sub, h.fit.unknowns, h.fit.numbers, steps=5, renewals=1)
         return self.judged(found) if found else h
 
@@ -119,8 +119,8 @@ class Search:
 
     def logs(self, without: Hypothesis, with_: Hypothesis) -> np.ndarray:
         """Return the log of the ratio of held-out errors, shape (E, n); negative where the effect helps."""
-        floor = self.held.floor**2
-        return np.asarray(0.5 * np.log((floor + with_.heldout) / (floor + without.heldout)))
+        same = self.held.tolerated
+        return np.asarray(0.5 * np.log((same + with_.heldout) / (same + without.heldout)))
 
     def ratio(self, hypothesis: Hypothesis) -> np.ndarray:
         """Return the held-out error over the floor, the median over episodes, shape (n,)."""

@@ -1,0 +1,93 @@
+"""Score models of the XL330 pendulum on logs that none of them was fitted to; the commands are in xl330.md."""
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.dataset.read import read
+from nas_data.dataset.transitions import as_transitions
+from nas_data.dataset.versions import resolve
+from nas_data.effects.base import Effect, read_effects
+from nas_data.gap.add import read_factors
+from nas_data.gap.evidence import Evidence
+from nas_data.gap.finding.driven import until_driven_again
+from nas_data.gap.floor import noise_floor
+from nas_data.gap.gains import with_relative_gains
+from nas_data.gap.nominal import Nominal, fine_timestep, with_timestep
+from nas_data.gap.search.final import finish
+from nas_data.gap.search.fit import Task
+
+HERE = Path(__file__).parent
+MODEL, AUTHORS = HERE / "xl330.xml", HERE / "xl330_authors.json"
+TRAJECTORIES = ("lift_and_drop", "sin_sin", "up_and_down")
+MODELS = ("frictionless", "authors", "refitted", "named")
+
+
+def recorded(dataset: Path) -> tuple[tuple[str, ...], Evidence]:
+    """Return the names of a dataset's logs, and what they measured."""
+    root = resolve(dataset)
+    transitions, _ = as_transitions(read(root))
+    told = with_relative_gains(transitions, MODEL, root)
+    return told.tasks, Evidence.of(until_driven_again(told))
+
+
+def errors(
+    evidence: Evidence, effects: Sequence[Effect] = (), factors: Mapping[str, float] | None = None
+) -> np.ndarray:
+    """Return the open-loop RMSE of each log [°] for the frictionless model with effects, shape (E,)."""
+    nominal = Nominal.load(MODEL, evidence)
+    nominal = with_timestep(nominal, fine_timestep(nominal))
+    return np.degrees(np.sqrt(evidence.mean_squares(nominal.predict(evidence, effects, factors))[:, 0]))
+
+
+def refitted(evidence: Evidence) -> tuple[Sequence[Effect], Mapping[str, float]]:
+    """Fit the authors' effects and the model's own numbers to other logs: what their form of friction can foresee."""
+    final = finish(Task(Nominal.load(MODEL, evidence), evidence, noise_floor(evidence)), read_effects(AUTHORS), {})
+    return final.effects, final.factors
+
+
+def held_out(trajectory: str, datasets: Path, runs: Path) -> list[dict[str, object]]:
+    """Return the table's rows of one trajectory; what is named was fitted on the other two."""
+    logs, evidence = recorded(datasets / trajectory)
+    others, named = recorded(datasets / f"without_{trajectory}")[1], runs / f"without_{trajectory}" / "effects.json"
+    columns = {
+        "frictionless": errors(evidence),
+        "authors": errors(evidence, read_effects(AUTHORS)),
+        "refitted": errors(evidence, *refitted(others)),
+        "named": errors(evidence, read_effects(named), read_factors(named)),
+    }
+    return [
+        {"log": logs[int(number)], **{name: round(float(column[place]), 3) for name, column in columns.items()}}
+        for place, number in enumerate(evidence.numbers)
+    ]
+
+
+def effects(runs: Path, trajectory: str) -> list[dict[str, object]]:
+    """Return what was named without one trajectory, with value, interval and confidence."""
+    report = json.loads((runs / f"without_{trajectory}" / "report.json").read_text(encoding="utf-8"))
+    kept = ("effect", "joint", "parameters", "confidence", "in_model_xml")
+    return [{key: entry[key] for key in kept} for entry in report["effects"]]
+
+
+def main(datasets: Path, runs: Path) -> None:
+    """Print the table and write it beside this file."""
+    rows = [row for trajectory in TRAJECTORIES for row in held_out(trajectory, datasets, runs)]
+    medians = {"log": "median", **{name: float(np.median([row[name] for row in rows])) for name in MODELS}}
+    print("held-out log [°]".ljust(22), *(name.rjust(12) for name in MODELS))
+    for row in [*rows, medians]:
+        print(str(row["log"]).ljust(22), *(f"{row[name]:12.2f}" for name in MODELS))
+    content = {
+        "metric": "open-loop position RMSE over a whole log, started once",
+        "unit": "deg",
+        "rows": rows,
+        "medians": medians,
+        "named_without": {trajectory: effects(runs, trajectory) for trajectory in TRAJECTORIES},
+    }
+    (HERE / "xl330.json").write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(*(Path(argument) for argument in sys.argv[1:3]))

@@ -1,0 +1,46 @@
+"""Less velocity feedback in the servo than the model has."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import mujoco
+
+from nas_data.effects.base import Effect, Parameter, Scales
+from nas_data.effects.edits.servo import position_servo
+from nas_data.errors import ModelFileError
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServoDamping(Effect):
+    """The servo's D gain is lower than the model's, whose gains were often chosen together to hold still.
+
+    More damping than the model's is `viscous_friction`: below saturation, the two are the same.
+    """
+
+    factor: float
+
+    parameters: ClassVar = (Parameter("factor", "", 0.0001, 1.0, 1.0),)
+    replaces: ClassVar = "damping"
+    equation: ClassVar = "torque = kp · (command − q) − factor · kv · dq/dt"
+    source: ClassVar = "MuJoCo documentation, XML reference, actuator/position: kv and dampratio"
+    signature: ClassVar = "The joint follows commands sooner than the model, and by more the faster they are."
+    confused_with: ClassVar = ("servo_stiffness", "rotor_inertia")
+
+    @classmethod
+    def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
+        """A half to a fiftieth of the model's."""
+        return tuple({"factor": factor} for factor in (0.5, 0.15, 0.02))
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Multiply the velocity gain of the joint's servo; the joint's own damping stays."""
+        assert self.joint is not None
+        actuator = position_servo(spec, self.joint, self.name())
+        bias = actuator.biasprm.copy()
+        if bias[2] >= 0:
+            raise ModelFileError(
+                f"{self.name()} acts on a servo with velocity feedback; the actuator '{actuator.name}' of the joint "
+                f"'{self.joint}' has none: its model needs kv or dampratio."
+            )
+        bias[2] *= self.factor
+        actuator.biasprm = bias
