@@ -19,6 +19,7 @@ from nas_data.dataset.write import write
 from nas_data.models import checkpoint
 from nas_data.models.evaluation import evaluate
 from nas_data.models.phases import TeacherForcing
+from nas_data.robots.base import find_robot
 
 RECORDINGS = Path(__file__).parents[2] / "shared/realdata/sage_so101"
 COMMANDS = command_files()
@@ -178,6 +179,19 @@ def test_evaluation_needs_no_model_where_a_source_is_kept(place, here, kind):
     for other in (("evaluate", run / "checkpoint", place.raw), ("evaluate", run, place.paired, "--model", "pendulum")):
         same = done(*other, "--json").json
         assert same["open_loop"] == content["open_loop"]
+
+
+def test_a_model_file_is_evaluated_by_itself(place, here):
+    model = find_robot("pendulum").mjcf
+    content = done("evaluate", model, place.raw, "--json").json
+    beside = done("evaluate", place.phi, place.raw, "--model", "pendulum", "--json").json
+    for loop in ("one_step", "open_loop"):
+        assert set(content[loop]) == {"source", "hold", "command"}
+        assert content[loop]["source"] == beside[loop]["source"]
+    refused = nas("evaluate", model, place.raw, "--model", "pendulum")
+    assert refused.code and "leave out --model" in refused.err
+    missing = nas("evaluate", here / "absent.xml", place.raw)
+    assert missing.code and "absent.xml" in missing.err
 
 
 def test_evaluation_reads_as_text_and_takes_some_episodes(place, here):

@@ -8,16 +8,18 @@ import tyro
 from nas_data.commands._patience import Counting
 from nas_data.commands.base import Command, Outcome
 
+MODELS = {".xml", ".mjcf", ".urdf"}
+
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluate(Command):
-    """Print one-step and open-loop errors of a checkpoint on a dataset, beside the trivial baselines.
+    """Print one-step and open-loop errors of a checkpoint or a model file on a dataset, beside the trivial baselines.
 
     Example: nas evaluate runs/phi/checkpoint datasets/arm_test --model arm.xml
     """
 
     checkpoint: tyro.conf.Positional[Path]
-    """Folder written by `nas train` (its `checkpoint`, or the training's folder)."""
+    """Folder written by `nas train` (its `checkpoint`, or the training's folder), or an MJCF or URDF file."""
     dataset: tyro.conf.Positional[Path]
     """Dataset to evaluate on; need not be paired."""
     model: str | None = None
@@ -32,27 +34,34 @@ class Evaluate(Command):
         from nas_data.dataset import versions
         from nas_data.dataset.read import read
         from nas_data.dataset.transitions import as_transitions
-        from nas_data.errors import ModelFileError
+        from nas_data.errors import ModelFileError, OptionError
         from nas_data.models import checkpoint
         from nas_data.models.evaluation import evaluate
         from nas_data.sources import find_source
 
-        folder = checkpoint.find(self.checkpoint)
-        model = checkpoint.load_frozen(folder)
+        alone = self.checkpoint.suffix in MODELS
+        folder = self.checkpoint if alone else checkpoint.find(self.checkpoint)
+        model = None if alone else checkpoint.load_frozen(folder)
         root = versions.resolve(self.dataset)
         dataset = read(root)
         dataset, derived = as_transitions(dataset.select(self.episodes) if self.episodes else dataset)
-        checkpoint.check_fits(model, dataset, folder)
+        if model is not None:
+            checkpoint.check_fits(model, dataset, folder)
+        elif self.model is not None:
+            raise OptionError(
+                f"{folder} is a model by itself; leave out --model, or give a checkpoint that corrects it."
+            )
         try:
-            simulator = find_source(self.model, (), dataset, [folder, root], self.engine)
+            simulator = find_source(str(folder) if alone else self.model, (), dataset, [folder, root], self.engine)
         except ModelFileError:
-            if self.model is not None or model.kind == "delta":
+            if self.model is not None or model is None or model.kind == "delta":
                 raise
             simulator = None
         evaluation = evaluate(dataset, simulator, model, Counting("rolling out"))
-        seen = model.provenance.get("dataset")
+        seen = None if model is None else model.provenance.get("dataset")
         name = seen.get("name") if isinstance(seen, dict) else "unknown"
-        head = [f"{folder} (trained on {name}) on {root}: {dataset.n_episodes} episodes, {dataset.n_frames} frames"]
+        origin = "a model" if model is None else f"trained on {name}"
+        head = [f"{folder} ({origin}) on {root}: {dataset.n_episodes} episodes, {dataset.n_frames} frames"]
         head += [f"derived {key}: {how}" for key, how in derived.items()]
         data = {"checkpoint": folder, "dataset": root, "trained_on": seen, "derived": derived, **evaluation.to_json()}
         return Outcome("\n".join([*head, "", evaluation.text(), "", evaluation.episodes_text()]), data)

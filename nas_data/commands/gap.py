@@ -23,12 +23,15 @@ class Gap(Command):
     out: Path
     """Folder of the report; an earlier report in it is replaced."""
 
+    learn: int = 0
+    """Updates in which φ learns what the names leave, minutes of work; its share goes into the report."""
+
     def run(self) -> Outcome:
         """Work through all stages."""
         from nas_data.gap.summary import summary
         from nas_data.gap.workflow import investigate
 
-        report = investigate(self.dataset, self.model, self.out, say)
+        report = investigate(self.dataset, self.model, self.out, say, self.learn)
         return Outcome(summary(report, self.out), report)
 
 

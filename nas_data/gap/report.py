@@ -33,6 +33,7 @@ class Outcome:
         after: With the named effects: the written model, read back, where MJCF can express them all.
         written: The written model, read back.
         model: Its file.
+        learned: Shares of the gap where φ was trained on top, None otherwise.
     """
 
     before: np.ndarray
@@ -40,6 +41,7 @@ class Outcome:
     after: np.ndarray
     written: np.ndarray
     model: Path
+    learned: Mapping[str, float] | None = None
 
 
 def write_report(
@@ -146,8 +148,10 @@ def gap(held: Task, outcome: Outcome) -> Mapping[str, object]:
     }
 
 
-def shares(held: Task, outcome: Outcome) -> Mapping[str, float | None]:
-    """Return which share of the squared gap above the floor the names explain, and what is left."""
+def shares(held: Task, outcome: Outcome) -> Mapping[str, float] | Mapping[str, float | None]:
+    """Return which share of the squared gap above the floor the names explain, φ on top, and what is left."""
+    if outcome.learned is not None:
+        return outcome.learned
     floor = float((held.floor**2).mean())
     before, after = (float(held.evidence.mean_squares(p).mean()) for p in (outcome.before, outcome.after))
     above_floor = max(before - floor, 1e-18)

@@ -17,6 +17,8 @@ def summary(report: Mapping[str, object], folder: Path) -> str:
     """Return what a person wants to read first."""
     gap = mapping(report["gap"])
     lines = [VERDICTS[str(report["verdict"])]]
+    undecidable = mapping(report["find"]).get("undecidable")
+    lines += map(str, undecidable) if isinstance(undecidable, Sequence) else []
     lines += [finding_text(entry) for entry in mappings(report["effects"])]
     lines += [
         f"{entry['joint']}: still {number(entry['ratio_to_noise']):.1f} times the noise; goes with {entry['goes_with']}"

@@ -3,7 +3,7 @@
 import shutil
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
@@ -49,6 +49,8 @@ class Problem:
         train: Model and episodes that are fitted.
         held: Model and episodes that judge.
         names: How report and page call dataset and model.
+        given: The model as handed over.
+        learn: Updates in which φ learns what the names leave.
     """
 
     dataset: Dataset
@@ -56,6 +58,8 @@ class Problem:
     train: Task
     held: Task
     names: tuple[str, str]
+    given: str | Path = ""
+    learn: int = 0
 
     @classmethod
     def load(cls, dataset: str | Path, model: str | Path) -> "Problem":
@@ -83,7 +87,9 @@ class Problem:
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # it would wait busily on the cores that the rollouts need
-def investigate(dataset: str | Path, model: str | Path, out: str | Path, say: Say = silent) -> dict[str, object]:
+def investigate(
+    dataset: str | Path, model: str | Path, out: str | Path, say: Say = silent, learn: int = 0
+) -> dict[str, object]:
     """Run the whole workflow.
 
     Args:
@@ -91,6 +97,7 @@ def investigate(dataset: str | Path, model: str | Path, out: str | Path, say: Sa
         model: A robot's name or a model file.
         out: Folder of the report; files of an earlier report in it are replaced.
         say: Told what is going on.
+        learn: Updates in which φ learns what the names leave; 0 leaves it out.
 
     Returns:
         The content of `report.json`.
@@ -99,7 +106,7 @@ def investigate(dataset: str | Path, model: str | Path, out: str | Path, say: Sa
         NasError: the dataset or the model cannot be used.
     """
     began = time.monotonic()
-    problem = Problem.load(dataset, model)
+    problem = replace(Problem.load(dataset, model), given=model, learn=learn)
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     clear(folder)
@@ -116,12 +123,23 @@ def conclude(problem: Problem, found: Found, folder: Path, began: float, say: Sa
     naming = name(problem.train, problem.held, say)
     say("add: write the model with the effects")
     outcome = added(problem, naming.final, naming.null, folder)
+    if problem.learn:
+        say("learn: φ on what the names leave")
+        outcome = replace(outcome, learned=learned(problem, outcome.model, folder, say))
     experiment = proposed(problem, naming, folder)
     report = write_report(folder, problem, found, naming, outcome, experiment, time.monotonic() - began)
     write_series(folder, problem, naming, outcome)
     say("show: draw it")
     show(folder)
     return report
+
+
+def learned(problem: Problem, model: Path, folder: Path, say: Say) -> Mapping[str, float]:
+    """Train φ on top of the written model; torch is loaded for nothing else."""
+    from nas_data.gap.learned import learned_shares
+
+    numbers = [sorted({int(number) for number in task.evidence.numbers}) for task in (problem.train, problem.held)]
+    return learned_shares(problem.dataset, (problem.given, model), (numbers[0], numbers[1]), folder, problem.learn, say)
 
 
 def proposed(problem: Problem, naming: Naming, folder: Path) -> Mapping[str, object]:

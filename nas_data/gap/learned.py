@@ -1,0 +1,61 @@
+"""φ on top of the names: how much of the gap that they leave a network learns from the same training episodes."""
+
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.metrics import Errors
+from nas_data.models.evaluation import open_loop_model, open_loop_source
+from nas_data.models.presets import preset
+from nas_data.models.run import TrainingRun
+from nas_data.models.training import Training
+from nas_data.pairing import pair
+from nas_data.robots.base import find_robot
+from nas_data.simulators.mujoco import MujocoSimulator
+from nas_data.sources import source_files
+
+PHI = "phi"  # folder of its checkpoint in the report's
+
+
+def learned_shares(
+    dataset: Dataset,
+    models: tuple[str | Path, Path],
+    episodes: tuple[Sequence[int], Sequence[int]],
+    folder: Path,
+    updates: int,
+    say: Callable[[str], None],
+) -> Mapping[str, float]:
+    """Train φ on what the written model leaves and divide the squared gap into its parts.
+
+    Every rollout starts from rest at the first measured pose: φ starts there, too.
+
+    Args:
+        dataset: Transitions, as recorded.
+        models: The model as handed over, and the written one.
+        episodes: Numbers of those that are fitted, and of those held out.
+        folder: Of the report; the checkpoint goes to `phi/` in it.
+        updates: Of the training, in free running.
+        say: Told of the training.
+
+    Returns:
+        Shares of the squared open-loop position error, over whole held-out episodes: `names`, `learned` (negative where
+        φ makes it worse) and `left`.
+    """
+    period = 1 / dataset.fps
+    given, written = (MujocoSimulator.load(model, period, dataset.joints) for model in models)
+    train, held = (pair(dataset.select(list(numbers)), written) for numbers in episodes)
+    shutil.rmtree(folder / PHI, ignore_errors=True)
+    training = Training("delta", train, preset("fast", updates=updates), written, {"source": written.describe()})
+    phi = TrainingRun(training, folder / PHI, say, source_files(find_robot(models[1]))).run()
+    before, after = (squared(held, open_loop_source(held, simulator)) for simulator in (given, written))
+    left = squared(held, open_loop_model(held, written, phi))
+    return {"names": 1 - after / before, "learned": (after - left) / before, "left": left / before}
+
+
+def squared(dataset: Dataset, predicted: list[np.ndarray]) -> float:
+    """Return the mean squared position error of open-loop rollouts [rad²]."""
+    measured = [dataset.next_states[rows] for rows in dataset.episodes()]
+    return Errors.of(dataset.joints, predicted, measured).overall ** 2
