@@ -1,0 +1,80 @@
+"""The search's own rules: what is lent, what does not matter yet, when a base strays, the same effect everywhere."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_gap_core import QUANTUM, measured
+from test_gap_workflow import ARM, recorded
+
+from nas_data.cli import main
+from nas_data.effects.base import parse
+from nas_data.gap.search.fit import Task, fit
+from nas_data.gap.search.hypothesis import Hypothesis, labels, lent_slopes, relieves, strained
+from nas_data.gap.search.unknowns import Unknowns, free_base
+
+FLOOR = np.full(6, QUANTUM / np.sqrt(12))
+FRICTION = "viscous_friction:joint=m2,coefficient=0.02"
+
+
+def fitted(effects: str, hidden: str = FRICTION, factors: dict[str, float] | None = None):
+    """A hypothesis fitted to two episodes of the ErgoJr."""
+    nominal, evidence = measured(hidden, factors)
+    task = Task(nominal, evidence, FLOOR).select([0, 1])
+    chosen = (parse(effects),) if effects else ()
+    unknowns = Unknowns(chosen, free_base(nominal.base, chosen))
+    found = fit(task, unknowns, unknowns.start(), steps=4)
+    assert found is not None
+    return task, found
+
+
+def test_slopes_are_lent_by_what_the_numbers_stand_for():
+    _, found = fitted(FRICTION)
+    nominal, _ = measured()
+    pair = (parse("backlash:joint=m3,half_width=0.02"), *found.effects)
+    unknowns = Unknowns(pair, free_base(nominal.base, pair))
+    lent = lent_slopes(found, unknowns)
+    names = labels(unknowns)
+    assert names[0] == ("backlash", "m3", "half_width") and 0 not in lent
+    for index, slope in lent.items():
+        assert np.array_equal(slope, found.slopes[labels(found.unknowns).index(names[index])])
+    assert 1 in lent and 1 not in lent_slopes(found, unknowns, fresh=1)
+    assert lent_slopes(None, unknowns) == {}
+
+
+def test_small_errors_do_not_matter_while_large_ones_are_left():
+    nominal, evidence = measured("viscous_friction:joint=m2,coefficient=0.2")
+    unknowns = Unknowns((), nominal.base)
+    task = Task(nominal, evidence, FLOOR)
+    focused = task.focused(unknowns, unknowns.start())
+    left = np.sqrt(evidence.mean_squares(nominal.predict(evidence)).mean(0))
+    assert np.sqrt(focused.tolerated)[1] == pytest.approx(np.hypot(FLOOR[1], 0.1 * left[1]), rel=0.05)
+    assert left[1] > 20 * FLOOR[1], "there is a large error, or this test shows nothing"
+    assert np.array_equal(task.tolerated, FLOOR**2)
+    assert np.array_equal(focused.select([0]).coarseness, focused.coarseness)
+
+
+def test_a_base_that_strays_is_seen():
+    _, near = fitted("", hidden="", factors={"m2.gain": 1.06})
+    _, far = fitted("", hidden="", factors={"m2.gain": 1.24})
+    assert strained(Hypothesis(near, np.zeros((1, 6)))) == set()
+    assert strained(Hypothesis(far, np.zeros((1, 6)))) == {"m2"}
+    assert not relieves(Hypothesis(near, np.zeros((1, 6))), Hypothesis(near, np.zeros((1, 6))))
+
+
+def test_servos_that_all_lack_the_same_are_named_together(tmp_path: Path):
+    """Both gains are a tenth of the model's, as where a model's gain was made up to hold still."""
+    arm = tmp_path / "arm.xml"
+    arm.write_text(ARM.replace('kp="0.5"', 'kp="5"'))
+    target = tmp_path / "target.xml"
+    target.write_text(ARM)
+    dataset = recorded(target, tmp_path / "data")
+    assert main(["gap", str(dataset), "--model", str(arm), "--out", str(tmp_path / "report")]) == 0
+    report = json.loads((tmp_path / "report" / "report.json").read_text())
+    assert {(entry["effect"], entry["joint"]) for entry in report["effects"]} == {
+        ("servo_stiffness", "shoulder"),
+        ("servo_stiffness", "elbow"),
+    }
+    for entry in report["effects"]:
+        assert entry["parameters"]["factor"]["value"] == pytest.approx(0.1, rel=0.05)
