@@ -15,7 +15,7 @@ BETTER = 0.90  # held-out error of the most improved joint, with over without th
 MUCH_BETTER = 0.80  # the same where much of that joint's error stays: something else is there
 WINS = 0.75  # share of held-out episodes in which the effect must help
 POOR = 3.0  # noise floors of rest above which a joint may be called unexplained
-UNEXPLAINED = 0.5  # part of a joint's error that must stay, for it to be called so
+UNEXPLAINED = 0.65  # part of a joint's error that must stay, for it to be called so
 
 
 def pruned(search: Search, kept: Hypothesis) -> Hypothesis:
