@@ -20,6 +20,7 @@ from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.versions import new_version
 from nas_data.dataset.write import write
 from nas_data.errors import JointMismatch, ModelFileError
+from nas_data.gap.add import write_effects
 from nas_data.pairing import check_fits, check_source, pair
 from nas_data.robots.base import find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -201,6 +202,18 @@ def test_effects_on_the_command_line_belong_to_the_source(here, capsys, recordin
     Path("effects.json").write_text(json.dumps([effect.to_json() for effect in GAP]))
     again = nas(capsys, "pair", root, "--model", "pendulum", "--effects", "effects.json", "--out", "again")
     assert again["content_hash"] == told["content_hash"]
+
+
+def test_a_gap_report_brings_its_retuned_base_to_the_source_and_to_what_is_kept_of_it(here, capsys, recording):
+    root = new_version(recording, "swing", SIMULATED)
+    Path("gap").mkdir()
+    write_effects(Path("gap"), GAP, {"pendulum.mass": 1.2})
+    told = nas(capsys, "pair", root, "--model", "pendulum", "--effects", "gap", "--out", "paired")
+    again = nas(capsys, "pair", root, "--model", "pendulum", "--effects", "gap/effects.json", "--out", "again")
+    assert again["content_hash"] == told["content_hash"]
+    paired = read(Path("paired"))
+    assert np.abs(paired.sim_states - paired.next_states).max() > 1e-3, "the target is lighter"
+    check_source(paired, find_source(None, (), paired, [Path("paired")]))
 
 
 # the source is kept

@@ -32,7 +32,7 @@ class Pair(Command):
     effect: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """Effect to add to the source, NAME:joint=JOINT,PARAMETER=NUMBER; may be given several times."""
     effects: Path | None = None
-    """File with effects to add to the source (the effects.json of a gap report)."""
+    """A gap report's folder, or its effects.json: effects to add to the source, and its retuned base."""
     out: Path | None = None
     """Exact folder of the new version; beside the dataset where it lies in datasets/NAME/ otherwise."""
 
@@ -44,7 +44,8 @@ class Pair(Command):
         from nas_data.dataset.provenance import Provenance, read_provenance
         from nas_data.dataset.read import read
         from nas_data.dataset.transitions import as_transitions
-        from nas_data.effects.base import parse, read_effects
+        from nas_data.effects.base import parse
+        from nas_data.envs.loop.named import Named
         from nas_data.pairing import pair, range_warnings
         from nas_data.robots.base import find_robot
         from nas_data.simulators.engines import load_simulator
@@ -53,8 +54,11 @@ class Pair(Command):
         versions.check_place(out=self.out, parent=root)
         recorded = read(root)
         dataset, derived = as_transitions(recorded)
-        effects = (*map(parse, self.effect), *(read_effects(self.effects) if self.effects else ()))
-        simulator = load_simulator(self.model, 1 / dataset.fps, dataset.joints, effects, self.engine)
+        named = Named.read(self.effects) if self.effects else None
+        effects = (*map(parse, self.effect), *(named.effects if named else ()))
+        plain = find_robot(self.model)
+        robot = named.robot(plain, dataset.joints) if named else plain
+        simulator = load_simulator(robot, 1 / dataset.fps, dataset.joints, effects, self.engine)
         started = time.perf_counter()
         paired = pair(dataset, simulator)
         seconds = time.perf_counter() - started
@@ -71,7 +75,6 @@ class Pair(Command):
             contiguous=before.contiguous,
             notes=before.notes,
         )
-        robot = find_robot(self.model)
         warnings = range_warnings(dataset, robot.spec().compile())
         for warning in warnings:
             print(f"nas: warning: {warning}", file=sys.stderr)

@@ -1,6 +1,6 @@
-"""Compare expert, source, NAS (source + φ) and forward (ψ) policies on one target, over seeds."""
+"""Compare expert, source, NAS (source + φ), forward (ψ) and named-effects policies on one target, over seeds."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from nas_data.commands.base import Command, Outcome
@@ -14,6 +14,7 @@ class PolicyCompare(Command):
     The share is (method − source) / (expert − source) of the mean return. Runs already done are not done again.
 
     Example: nas policy compare --dynamics backlash --delta runs/phi --forward runs/psi --seed 0 1 2 3 4
+    Example: nas policy compare --delta runs/phi --effects runs/gap --delta-named runs/phi_named --frames 400000
     """
 
     env: str = "ErgoReacher"
@@ -24,6 +25,10 @@ class PolicyCompare(Command):
     """Checkpoint of φ, for the method nas; left out without."""
     forward: Path | None = None
     """Checkpoint of ψ, for the method forward; left out without."""
+    effects: Path | None = None
+    """A gap report's folder, or its effects.json, for the method named; left out without."""
+    delta_named: Path | None = None
+    """Checkpoint of the φ that corrects the source with these effects, for the method named_nas; left out without."""
     frames: int = 2_000_000
     """Control steps of each training; 2 million as in the paper."""
     seed: tuple[int, ...] = (0, 1, 2, 3, 4)
@@ -45,11 +50,17 @@ class PolicyCompare(Command):
 
         if min(self.frames, self.episodes, self.workers) < 1 or len(set(self.seed)) < len(self.seed):
             raise OptionError("Frames, episodes and workers must be 1 or more, seeds all different.")
+        if self.delta_named and not self.effects:
+            raise OptionError("--delta-named corrects a source with named effects; say which: --effects DIR.")
         target = Plant(self.env, self.dynamics)
         methods = {EXPERT_METHOD: target, SOURCE_METHOD: Plant(self.env)}
         for name, checkpoint in (("nas", self.delta), ("forward", self.forward)):
             if checkpoint is not None:
                 methods[name] = Plant(self.env, checkpoint=str(checkpoint))
+        if self.effects is not None:
+            methods["named"] = Plant(self.env, effects=str(self.effects))
+        if self.delta_named is not None:
+            methods["named_nas"] = replace(methods["named"], checkpoint=str(self.delta_named))
         study = Study(target, methods, self.seed, self.frames, self.episodes)
         found = compare(study, self.out, self.workers)
         result = self.out / "comparison.json"

@@ -19,10 +19,12 @@ class PolicyEvaluate(Command):
 
     policies: tyro.conf.Positional[tuple[Path, ...]]
     """Folders that `nas policy train` wrote: of one policy, or of one a seed."""
-    on: Literal["target", "source"] = "target"
-    """What the policies are judged on."""
+    on: Literal["target", "source", "named"] = "target"
+    """What the policies are judged on: the target, the plain model, or the model with named effects."""
     dynamics: str = "backlash"
     """What the target is: one of the environment's dynamics."""
+    effects: Path | None = None
+    """A gap report's folder, or its effects.json, for `named`."""
     episodes: int = 100
     """Episodes of each policy; starts and goals are the same for all."""
 
@@ -32,6 +34,9 @@ class PolicyEvaluate(Command):
             raise OptionError("Name at least one policy's folder; see: nas policy evaluate --help.")
         if self.episodes < 1:
             raise OptionError(f"{self.episodes} episodes cannot be judged; give --episodes 1 or more.")
+        if (self.on == "named") != (self.effects is not None):
+            needed = "needs --effects DIR, a gap report" if self.on == "named" else "takes no --effects"
+            raise OptionError(f"Judging on '{self.on}' {needed}; see: nas policy evaluate --help.")
         from nas_data.envs.base import SOURCE
         from nas_data.envs.loop.plant import Plant
         from nas_data.policies.evaluate import score_baselines, score_group
@@ -39,14 +44,18 @@ class PolicyEvaluate(Command):
         from nas_data.policies.tables import policy_table
 
         first = load_policy(find_policies(self.policies[0])[0])
-        plant = Plant(first.environment, self.dynamics if self.on == "target" else SOURCE)
+        effects = None if self.effects is None else str(self.effects)
+        plant = Plant(first.environment, self.dynamics if self.on == "target" else SOURCE, effects=effects)
         stepper = plant.stepper(self.episodes)
         groups = [score_group(path, plant, self.episodes, stepper) for path in self.policies]
         baselines = score_baselines(plant, self.episodes, stepper)
-        what = f"{plant.environment} with dynamics '{plant.dynamics}', {self.episodes} episodes a policy, mean actions:"
+        named = f" and the effects of {effects}" if effects else ""
+        head = f"{plant.environment} with dynamics '{plant.dynamics}'{named}"
+        what = f"{head}, {self.episodes} episodes a policy, mean actions:"
         data = {
             "environment": plant.environment,
             "dynamics": plant.dynamics,
+            "effects": effects,
             "episodes": self.episodes,
             "groups": [group.describe() for group in groups],
             "baselines": {name: score.describe() for name, score in baselines.items()},

@@ -1,4 +1,4 @@
-"""Train policies with PPO in the source, on the target, or in a learned environment."""
+"""Train policies with PPO in the source, plain or with named effects, on the target, or in a learned environment."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,14 +16,18 @@ class PolicyTrain(Command):
     """Train one policy a seed with PPO; the same command goes on where it was interrupted.
 
     Example: nas policy train --env ErgoReacher --on augmented --checkpoint runs/delta --frames 400000 --seed 0 1 2
+    Example: nas policy train --env ErgoReacher --on named --effects runs/gap --frames 400000 --seed 0 1 2
     """
 
     env: str = "ErgoReacher"
     """Environment."""
-    on: Literal["source", "target", "augmented", "forward"] = "source"
-    """Where to learn: the plain model, the target itself (the expert), the model corrected by φ, or ψ alone."""
+    on: Literal["source", "named", "target", "augmented", "forward"] = "source"
+    """Where to learn: the plain model, the model with named effects, the target itself (the expert), the model
+    corrected by φ (with named effects where --effects is given), or ψ alone."""
     checkpoint: Path | None = None
     """Folder of the learned model φ or ψ, for `augmented` and `forward`."""
+    effects: Path | None = None
+    """A gap report's folder, or its effects.json, for `named` and, under a φ trained on what is left, `augmented`."""
     dynamics: str = "backlash"
     """What the target is, for `target`: one of the environment's dynamics."""
     frames: int = 2_000_000
@@ -43,7 +47,8 @@ class PolicyTrain(Command):
         from nas_data.policies.ppo import train_job
         from nas_data.policies.tables import aligned
 
-        folder = self.out or Path("runs/policy") / f"{self.env.removeprefix('nas/')}-{self.on}"
+        what = "named-augmented" if self.on == "augmented" and self.effects else self.on
+        folder = self.out or Path("runs/policy") / f"{self.env.removeprefix('nas/')}-{what}"
         jobs = [(training, folder / f"seed{training.seed}") for training in trainings]
         rows, results = {}, {}
         for number, path in run_jobs(train_job, jobs, self.workers):
@@ -61,7 +66,7 @@ class PolicyTrain(Command):
             )
         headers = ("seed", "frames", "return", "success", "frames/s", "policy")
         text = [
-            f"Trained in {self.env}, {self.on}; return and success while exploring, in the last rollout:",
+            f"Trained in {self.env}, {what}; return and success while exploring, in the last rollout:",
             aligned(headers, [rows[number] for number in sorted(rows)]),
             f"Next: nas policy evaluate {folder}",
         ]
@@ -72,6 +77,9 @@ class PolicyTrain(Command):
         learned = self.on in {"augmented", "forward"}
         if learned != (self.checkpoint is not None):
             needed = "needs --checkpoint FOLDER" if learned else "takes no --checkpoint"
+            raise OptionError(f"Training on '{self.on}' {needed}; see: nas policy train --help.")
+        if (self.on == "named" and self.effects is None) or (self.effects and self.on not in {"named", "augmented"}):
+            needed = "needs --effects DIR, a gap report" if self.on == "named" else "takes no --effects"
             raise OptionError(f"Training on '{self.on}' {needed}; see: nas policy train --help.")
         if self.frames < 1 or self.workers < 1:
             raise OptionError(f"--frames {self.frames} and --workers {self.workers} must be 1 or more.")
@@ -85,6 +93,7 @@ class PolicyTrain(Command):
             environment=self.env,
             dynamics=self.dynamics if self.on == "target" else SOURCE,
             checkpoint=None if self.checkpoint is None else str(self.checkpoint),
+            effects=None if self.effects is None else str(self.effects),
         )
         plant.check()  # says what is wrong before anything is written
         if self.checkpoint is not None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from gymnasium import spaces
@@ -10,6 +11,9 @@ from nas_data import registry
 from nas_data.effects.base import Effect, parse
 from nas_data.errors import UnknownName
 from nas_data.simulators.base import Simulator, Stepper
+
+if TYPE_CHECKING:
+    from nas_data.envs.loop.named import Named
 
 SOURCE = "source"
 
@@ -96,16 +100,21 @@ class Task:
             raise UnknownName("dynamics", dynamics, self.dynamics)
         return tuple(parse(text) for text in self.dynamics[dynamics])
 
-    def simulator(self, dynamics: str = SOURCE) -> Simulator:
-        """Return the task's robot in MuJoCo with the effects of a dynamics.
+    def simulator(self, dynamics: str = SOURCE, named: "Named | None" = None) -> Simulator:
+        """Return the task's robot in MuJoCo with the effects of a dynamics, and with what a gap report named.
 
         Raises:
             UnknownName: the task has no such dynamics.
+            JointMismatch: what was named belongs to another robot.
         """
         effects = self.effects(dynamics)
+        from nas_data.robots.base import find_robot
         from nas_data.simulators.mujoco import MujocoSimulator
 
-        return MujocoSimulator.load(self.robot, self.period, self.joints, effects)
+        robot = find_robot(self.robot)
+        if named is not None:
+            robot, effects = named.robot(robot, self.joints), (*effects, *named.effects)
+        return MujocoSimulator(robot, self.period, self.joints, effects)
 
 
 def environment_name(task: str) -> str:

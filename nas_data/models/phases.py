@@ -13,7 +13,8 @@ from nas_data.models.bounds import predict_bounded
 from nas_data.models.episodes import Episode, cut, join, pad
 from nas_data.models.lstm import DynamicsModel, Memory
 from nas_data.models.presets import TrainingOptions
-from nas_data.simulators.base import Simulator
+from nas_data.models.remembering import begun, follow, remembers
+from nas_data.simulators.base import Simulator, Stepper
 
 SHORTEST = 20  # frames of the first free-running windows
 MOST_JACOBIANS = 60_000  # along the data; beyond, neighbours share one
@@ -138,6 +139,8 @@ class FreeRunning:
         """Return the source's Jacobian at every `stride`-th transition of an episode."""
         picked = (episode.states, episode.commands, episode.predicted)
         states, commands, predicted = (x[:: self.stride].double().numpy() for x in picked)
+        if remembers(simulator):
+            predicted = simulator.predict(states, commands)
         return torch.from_numpy(jacobians(simulator, states, commands, predicted)).float()
 
     def loss(self, update: int) -> Tensor:
@@ -148,11 +151,12 @@ class FreeRunning:
         states = batch.states[:, 0].to(self.device)
         commands = batch.commands.to(self.device)
         memory = self._memories(places)
+        stepper = self._stepper(places)
         lost = torch.zeros(len(states), dtype=torch.bool, device=self.device)
         errors: list[Tensor] = []
         for step in range(commands.shape[1]):
             slope = None if slopes is None else slopes[:, step]
-            predicted, refused = self._predict(states, commands[:, step], slope)
+            predicted, refused = self._predict(states, commands[:, step], slope, stepper)
             corrected, memory = self.model.next_states(
                 states[:, None], commands[:, step, None], predicted[:, None], memory
             )
@@ -210,18 +214,29 @@ class FreeRunning:
                 memory[0][:, places_in_batch], memory[1][:, places_in_batch] = hidden, cell
         return memory
 
-    def _predict(self, states: Tensor, commands: Tensor, slope: Tensor | None) -> tuple[Tensor, Tensor]:
+    def _stepper(self, places: Sequence[Place]) -> Stepper | None:
+        """Return the source at the windows' starts, where it has something to remember."""
+        if self.simulator is None or not remembers(self.simulator):
+            return None
+        episodes, starts = [self.episodes[p.episode] for p in places], np.array([p.start for p in places])
+        return begun(self.simulator, episodes, starts, BURN_IN)
+
+    def _predict(
+        self, states: Tensor, commands: Tensor, slope: Tensor | None, stepper: Stepper | None = None
+    ) -> tuple[Tensor, Tensor]:
         """Return the source's next states, differentiable by its Jacobian, and which rows it refused.
 
         For ψ these are the states themselves.
         """
         if self.simulator is None or slope is None:
             return states, torch.zeros(len(states), dtype=torch.bool)
-        exact, refused = predict_bounded(
-            self.simulator,
-            states.detach().cpu().numpy().astype(np.float64),
-            commands.cpu().numpy().astype(np.float64),
-        )
+        now, commanded = (x.detach().cpu().numpy().astype(np.float64) for x in (states, commands))
+        if stepper is None:
+            exact, refused = predict_bounded(self.simulator, now, commanded)
+        else:
+            exact = follow(stepper, now, commanded)
+            refused = ~np.isfinite(exact).all(axis=1)
+            exact = np.where(refused[:, None], now, exact)
         followed = (slope @ states[:, :, None])[:, :, 0]
         predicted = followed + (torch.from_numpy(exact).float().to(self.device) - followed).detach()
         return predicted, torch.from_numpy(refused)

@@ -92,7 +92,11 @@ class Training:
     def circumstances(self) -> dict[str, object]:
         """Return what `config.json` records beside the identity."""
         packages = ("nas_data", "mujoco", "numpy", "stable_baselines3", "torch")
-        return {"checkpoint": self.plant.checkpoint, "versions": {name: version(name) for name in packages}}
+        return {
+            "checkpoint": self.plant.checkpoint,
+            "effects": self.plant.effects,
+            "versions": {name: version(name) for name in packages},
+        }
 
 
 class Learner:

@@ -5,13 +5,14 @@ from pathlib import Path
 
 from nas_data.effects.base import Effect
 from nas_data.errors import UnknownName
+from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.base import Simulator
 
 ENGINES = ("mujoco", "bullet")
 
 
 def load_simulator(
-    model: str | Path,
+    model: str | Path | Robot,
     period: float,
     joints: Sequence[str] | None = None,
     effects: Iterable[Effect] = (),
@@ -21,7 +22,7 @@ def load_simulator(
     """Build a simulator.
 
     Args:
-        model: A robot's name or a model file.
+        model: A robot, its name or a model file.
         period: Control period [s].
         joints: Joints to measure and command; those that actuators drive where None.
         effects: Effects to add to the model.
@@ -32,12 +33,13 @@ def load_simulator(
         UnknownName: there is no such engine.
         NasError: the model cannot be used; see the engine's file.
     """
+    robot = model if isinstance(model, Robot) else find_robot(model)
     if engine == "mujoco":
         from nas_data.simulators.mujoco import MujocoSimulator
 
-        return MujocoSimulator.load(model, period, joints, effects, threads)
+        return MujocoSimulator(robot, period, joints, effects, threads)
     if engine == "bullet":
         from nas_data.simulators.bullet import BulletSimulator
 
-        return BulletSimulator.load(model, period, joints, effects)
+        return BulletSimulator(robot, period, joints, effects)
     raise UnknownName("engine", engine, ENGINES)

@@ -30,6 +30,7 @@ class ArmEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         checkpoint: str | Path | None = None,
         stepper: Stepper | None = None,
         render_mode: str | None = None,
+        effects: str | Path | None = None,
     ) -> None:
         """Build the environment.
 
@@ -39,11 +40,13 @@ class ArmEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             checkpoint: Learned model that corrects (φ) or replaces (ψ) the physics.
             stepper: What moves the arm, instead of a simulation of the task's robot: a batch of one.
             render_mode: None; there is no rendering.
+            effects: Gap report, or its `effects.json`, whose named effects the physics has as well.
 
         Raises:
             UnknownName: there is no such task or dynamics; lists the choices.
         """
-        plant = Plant(task, dynamics, None if checkpoint is None else str(checkpoint))
+        files = {"checkpoint": checkpoint, "effects": effects}
+        plant = Plant(task, dynamics, **{name: None if file is None else str(file) for name, file in files.items()})
         self.task = plant.task
         self.arena = Arena(self.task, stepper or plant.stepper(1))
         self.observation_space = self.task.observation_space

@@ -1,10 +1,12 @@
 """Whether a learned model fits an environment: the same joints, rate, commands, and the source that it corrects."""
 
 import hashlib
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
+from nas_data.effects.base import read_effects
 from nas_data.errors import CheckpointError, JointMismatch
 from nas_data.models import checkpoint as checkpoints
 from nas_data.models.lstm import DynamicsModel
@@ -12,8 +14,11 @@ from nas_data.simulators.base import Simulator
 from nas_data.simulators.engines import load_simulator
 from nas_data.sources import EFFECTS, MODEL
 
-SAME_SOURCE = 1e-4  # [rad] per control step; equal sources agree to rounding, 4 g more at the tip makes 1.7e-4
-PROBES = 64  # transitions on which two sources are compared
+SAME_SOURCE = 1e-3  # [rad] apart after PROBED; equal sources agree to rounding, 4 g more at the tip makes 0.03
+PROBED = 20  # control steps, with wide commands: limits, play and friction under load do not show in one step
+PROBES = 64  # rollouts in which two sources are compared
+REMEDY = "Pair the dataset with this environment's robot, with the same effects if any, and train again."
+WIDE, WEAK = 1.5, 0.1  # [rad] and [N·m] of the probes' commands
 
 
 def load_model(folder: Path, simulator: Simulator) -> DynamicsModel:
@@ -46,29 +51,51 @@ def load_model(folder: Path, simulator: Simulator) -> DynamicsModel:
 def check_source(folder: Path, model: DynamicsModel, simulator: Simulator) -> None:
     """Refuse φ where it would correct another source than it was trained to correct.
 
-    The source kept with the checkpoint, if there is one, must predict what the simulator predicts.
+    The source kept with the checkpoint must move as the simulator does; where none is kept, what the checkpoint
+    records of it must be what the simulator is.
+
+    Raises:
+        CheckpointError: it is another source.
     """
     recorded = model.provenance.get("source")
-    engine = str(recorded.get("engine", "mujoco")) if isinstance(recorded, dict) else "mujoco"
-    ours = str(simulator.describe().get("engine"))
-    if engine != ours:
-        raise CheckpointError(f"The checkpoint {folder} corrects a source in {engine}; the environment runs in {ours}.")
+    record = recorded if isinstance(recorded, dict) else {}
+    engine, ours = str(record.get("engine", "mujoco")), simulator.describe()
+    if engine != ours.get("engine"):
+        raise CheckpointError(
+            f"The checkpoint {folder} corrects a source in {engine}; the environment runs in {ours.get('engine')}."
+        )
     if not (folder / MODEL).is_file():
+        check_record(folder, record, ours)
         return
-    from nas_data.effects.base import read_effects
-
     effects = read_effects(folder / EFFECTS) if (folder / EFFECTS).is_file() else ()
     kept = load_simulator(folder / MODEL, simulator.period, simulator.joints, effects, engine)
-    n = len(simulator.joints)
+    if (apart := distance(kept, simulator)) > SAME_SOURCE:
+        raise CheckpointError(
+            f"The checkpoint {folder} corrects another source than this environment's: under the same commands they "
+            f"are up to {apart:.2g} rad apart after {PROBED} steps. {REMEDY}"
+        )
+
+
+def check_record(folder: Path, record: Mapping[str, object], ours: Mapping[str, object]) -> None:
+    """Refuse φ that keeps no source, where what it records of its source is not what the environment's is."""
+    theirs = {"effects": [], **record}
+    different = [key for key in ("sha256", "effects") if key in theirs and theirs[key] != ours.get(key, theirs[key])]
+    if different:
+        what = "another model" if "sha256" in different else "other effects"
+        raise CheckpointError(
+            f"The checkpoint {folder} was trained on a source with {what} than this environment's. {REMEDY}"
+        )
+
+
+def distance(one: Simulator, other: Simulator) -> float:
+    """Return how far apart [rad] the joints of two simulators are at most in rollouts from the same states."""
+    n = len(other.joints)
     rng = np.random.default_rng(0)
     states = rng.uniform(-0.5, 0.5, (PROBES, 2 * n))
-    commands = states[:, :n] + rng.uniform(-0.1, 0.1, (PROBES, n))
-    apart = np.abs(kept.predict(states, commands) - simulator.predict(states, commands))[:, :n].max()
-    if apart > SAME_SOURCE:
-        raise CheckpointError(
-            f"The checkpoint {folder} corrects another source than this environment's: they predict angles up to "
-            f"{apart:.2g} rad apart after one step. Pair the dataset with this environment's robot and train again."
-        )
+    reach = WEAK if other.commands_effort else WIDE
+    commands = np.repeat(rng.uniform(-reach, reach, (PROBES, 2, n)), PROBED // 2, axis=1)
+    apart = np.abs(one.rollout(states, commands) - other.rollout(states, commands))
+    return float(apart[..., :n].max())
 
 
 def checkpoint_sha256(folder: Path) -> str:

@@ -2,39 +2,57 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from nas_data.envs.base import SOURCE, Task, environment_id, find_task, find_task_file
-from nas_data.simulators.base import Stepper
+from nas_data.errors import OptionError
+from nas_data.simulators.base import Simulator, Stepper
+
+if TYPE_CHECKING:
+    from nas_data.envs.loop.named import Named
 
 
 @dataclass(frozen=True)
 class Plant:
-    """A task, the dynamics of its robot, and what was learned about them.
+    """A task, the dynamics of its robot, and what was named or learned about them.
 
     Attributes:
         environment: Name of the environment.
         dynamics: Which of the task's dynamics the physics has; `source` is the plain model.
         checkpoint: Learned model: φ corrects that physics after each step, ψ takes its place.
+        effects: Gap report, or its `effects.json`, whose named effects and retuned base the physics has as well.
     """
 
     environment: str
     dynamics: str = SOURCE
     checkpoint: str | None = None
+    effects: str | None = None
 
     @property
     def task(self) -> Task:
         """The task."""
         return find_task(self.environment)
 
+    def simulator(self) -> Simulator:
+        """Return the physics.
+
+        Raises:
+            UnknownName: there is no such environment, or it has no such dynamics.
+            OptionError: the effects cannot be read.
+            JointMismatch: the effects belong to another robot.
+        """
+        return self.task.simulator(self.dynamics, self._named())
+
     def stepper(self, size: int) -> Stepper:
         """Return B simulations.
 
         Raises:
             UnknownName: there is no such environment, or it has no such dynamics.
+            OptionError: the effects cannot be read.
             CheckpointError: the checkpoint is damaged or does not fit the environment.
-            JointMismatch: the checkpoint belongs to another robot.
+            JointMismatch: the effects or the checkpoint belong to another robot.
         """
-        simulator = self.task.simulator(self.dynamics)
+        simulator = self.simulator()
         if self.checkpoint is None:
             return simulator.stepper(size)
         from nas_data.envs.loop.learned import load_model
@@ -47,18 +65,31 @@ class Plant:
 
         Raises:
             UnknownName: there is no such environment, or it has no such dynamics.
+            OptionError: the effects cannot be read.
             CheckpointError: there is no such checkpoint.
         """
-        return {
+        named = self._named()
+        described: dict[str, object] = {
             "environment": environment_id(find_task_file(self.environment)),
             "dynamics": self.dynamics,
-            "simulator": self.task.simulator(self.dynamics).describe(),
+            "simulator": self.simulator().describe(),  # the effects' content is in here
             "model": self._describe_model(),
         }
+        return described if named is None else {**described, "retuned": dict(named.retuned)}
 
     def check(self) -> None:
         """Say what is wrong before hours are spent; raises what `stepper` does."""
         self.stepper(1)
+
+    def _named(self) -> "Named | None":
+        if self.effects is None:
+            return None
+        from nas_data.envs.loop.named import Named
+
+        named = Named.read(self.effects)
+        if not named.effects and not named.retuned:
+            raise OptionError(f"{named.path} names no effect and retunes nothing: that is the plain source.")
+        return named
 
     def _describe_model(self) -> dict[str, object] | None:
         if self.checkpoint is None:

@@ -1,0 +1,71 @@
+"""What a source that remembers (play, a setpoint under way) predicts along motions while its memory is kept."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from torch import Tensor
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import SIM_STATE, state_feature
+from nas_data.models.episodes import Episode
+from nas_data.simulators.base import Simulator, Stepper
+
+BATCH = 64  # episodes stepped together
+
+
+def remembers(simulator: Simulator | None) -> bool:
+    """Whether a source has a state that is not measured, which a reset to what is measured forgets."""
+    return bool(getattr(simulator, "remembers", False))
+
+
+def with_memory(dataset: Dataset, simulator: Simulator) -> Dataset:
+    """Return a dataset with the predictions of a source that is set to each measured state, not reset to it.
+
+    That is what φ meets in a closed loop: the source's measured joints are corrected, its hidden ones are its own.
+    """
+    predicted = np.empty_like(dataset.states)
+    episodes = list(dataset.episodes())
+    for first in range(0, len(episodes), BATCH):
+        starts = np.array([rows.start for rows in episodes[first : first + BATCH]])
+        lengths = np.array([rows.stop - rows.start for rows in episodes[first : first + BATCH]])
+        stepper = simulator.stepper(len(starts))
+        stepper.reset(dataset.states[starts].astype(float))
+        for step in range(lengths.max()):
+            rows = starts + np.minimum(step, lengths - 1)
+            after = follow(stepper, dataset.states[rows], dataset.commands[rows])
+            predicted[rows[step < lengths]] = after[step < lengths]
+    return dataset.with_column(SIM_STATE, state_feature(dataset.joints), predicted)
+
+
+def begun(simulator: Simulator, episodes: Sequence[Episode], starts: np.ndarray, longest: int) -> Stepper:
+    """Return simulations that stand where windows start, having followed what was measured before.
+
+    Args:
+        simulator: Source.
+        episodes: Episode of each of W windows.
+        starts: Their first frames, shape (W,).
+        longest: Frames to follow before a window at most.
+    """
+    stepper = simulator.stepper(len(episodes))
+    runs = np.minimum(starts, longest)
+    first = gather([episode.states for episode in episodes], starts - runs)
+    stepper.reset(first)
+    for step in range(runs.max() - 1, -1, -1):
+        waiting = np.flatnonzero(runs <= step)  # theirs have not begun
+        frames = starts - np.minimum(runs, step + 1)
+        states, commands = ([getattr(episode, name) for episode in episodes] for name in ("states", "commands"))
+        follow(stepper, gather(states, frames), gather(commands, frames))
+        if len(waiting):
+            stepper.reset(first[waiting], waiting)
+    return stepper
+
+
+def follow(stepper: Stepper, states: np.ndarray, commands: np.ndarray) -> np.ndarray:
+    """Take one step from measured states (B, 2n), hidden memories kept; return the states after it."""
+    stepper.set_states(states.astype(float))
+    return stepper.step(commands.astype(float))
+
+
+def gather(columns: Sequence[Tensor], frames: np.ndarray) -> np.ndarray:
+    """Return one frame of each column, shape (W, …), float64."""
+    return np.stack([column[frame].double().numpy() for column, frame in zip(columns, frames, strict=True)])
