@@ -139,19 +139,32 @@ EFFECTS = (
 
 
 def test_the_list_above_is_the_whole_folder():
-    of_objects = {"object_mass", "object_friction"}  # the arm has none
-    assert {text.partition(":")[0] for text in EFFECTS} == set(registry.names("effects")) - of_objects
+    elsewhere = {"object_mass", "object_friction", "servo_damping"}  # the arm has no objects and no velocity gains
+    assert {text.partition(":")[0] for text in EFFECTS} == set(registry.names("effects")) - elsewhere
 
 
 @pytest.mark.bullet
 @pytest.mark.parametrize("text", EFFECTS)
-def test_every_effect_acts_in_both_engines_alike(text, mujoco_arm):
+def test_every_effect_acts_in_both_engines_alike(text):
+    acts_alike(text, "ergojr")
+
+
+@pytest.mark.bullet
+def test_less_servo_damping_acts_in_both_engines_alike(tmp_path):
+    model = tmp_path / "damped.xml"
+    text = find_robot("ergojr").mjcf.read_text(encoding="utf-8")
+    model.write_text(text.replace('kp="0.3360"', 'kp="0.3360" kv="0.05"'), encoding="utf-8")
+    acts_alike("servo_damping:joint=m3,factor=0.2", str(model))
+
+
+def acts_alike(text: str, model: str) -> None:
+    """An effect moves the arm, and by the same in both engines."""
     needs_pybullet()
     effect = parse(text)
     commands, start = random_holds(holds=3), np.zeros((1, 12))
-    plain = mujoco_arm.rollout(start, commands)
-    one = MujocoSimulator.load("ergojr", PERIOD, effects=[effect], threads=1).rollout(start, commands)
-    other = load_simulator("ergojr", PERIOD, effects=[effect], engine="bullet").rollout(start, commands)
+    plain = MujocoSimulator.load(model, PERIOD, threads=1).rollout(start, commands)
+    one = MujocoSimulator.load(model, PERIOD, effects=[effect], threads=1).rollout(start, commands)
+    other = load_simulator(model, PERIOD, effects=[effect], engine="bullet").rollout(start, commands)
     moved, apart = rms_degrees(one - plain).max(), rms_degrees(other - one).max()
     assert moved > 1
     assert apart < max(0.5, 0.1 * moved)
