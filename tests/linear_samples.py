@@ -60,6 +60,7 @@ class LinearSimulator:
     b: np.ndarray
     period: float = 0.02
     commands_effort: bool = False
+    remembers: bool = False
 
     @classmethod
     def draw(cls, seed: int, joints: tuple[str, ...] = ("m1", "m2")) -> Self:

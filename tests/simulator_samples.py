@@ -1,14 +1,28 @@
 """Small models for the tests, and the plain Python loop over `mj_step` that batched simulation must equal."""
 
+import tempfile
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 
+from nas_data.robots.base import find_robot
+
 SO101 = Path(__file__).parents[2] / "shared/realdata/sage_so101/model/so101_new_calib_nomesh.xml"
 needs_so101 = pytest.mark.skipif(not SO101.is_file(), reason="the SO-101 model of ../shared/realdata is absent")
+
+
+@cache
+def damped_ergojr() -> Path:
+    """The ErgoJr with servos that have velocity feedback."""
+    text = find_robot("ergojr").mjcf.read_text(encoding="utf-8")
+    path = Path(tempfile.mkdtemp()) / "damped.xml"
+    path.write_text(text.replace('kp="0.3360"', 'kp="0.3360" kv="0.05"'), encoding="utf-8")
+    return path
+
 
 # an arm that falls onto the floor and pushes a free ball
 CONTACTS = """

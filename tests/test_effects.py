@@ -3,7 +3,6 @@
 import functools
 import json
 import math
-import tempfile
 from pathlib import Path
 
 import mujoco
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from simulator_samples import damped_ergojr
 
 from nas_data import registry
 from nas_data.effects.base import Effect, add_effects, find_effect, from_json, make_effect, parse, read_effects
@@ -63,16 +63,7 @@ def neutral(name: str) -> Effect:
 
 def scene(name: str) -> str:
     """Where an effect can act."""
-    return str(TABLE) if name in OF_OBJECTS else damped() if name == "servo_damping" else "ergojr"
-
-
-@functools.cache
-def damped() -> str:
-    """The ErgoJr with servos that have velocity feedback."""
-    text = find_robot("ergojr").mjcf.read_text(encoding="utf-8")
-    path = Path(tempfile.mkdtemp()) / "damped.xml"
-    path.write_text(text.replace('kp="0.3360"', 'kp="0.3360" kv="0.05"'), encoding="utf-8")
-    return str(path)
+    return str(TABLE) if name in OF_OBJECTS else str(damped_ergojr()) if name == "servo_damping" else "ergojr"
 
 
 def arm(*effects: Effect, model: str | None = None) -> MujocoSimulator:

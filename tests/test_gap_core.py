@@ -13,8 +13,9 @@ from nas_data.dataset.read import read
 from nas_data.dataset.versions import resolve
 from nas_data.effects.base import parse
 from nas_data.errors import DatasetInvalid
+from nas_data.explicit import explicit
 from nas_data.gap.add import write_model
-from nas_data.gap.base import base_parameters, explicit
+from nas_data.gap.base import base_parameters
 from nas_data.gap.evidence import Evidence, divide, windows
 from nas_data.gap.floor import noise_floor, quantum
 from nas_data.gap.nominal import Nominal, fine_timestep

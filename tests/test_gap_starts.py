@@ -9,8 +9,9 @@ from test_gap_core import QUANTUM, commanded
 from nas_data.effects.base import Effect, parse
 from nas_data.gap.evidence import Evidence
 from nas_data.gap.nominal import Nominal
-from nas_data.gap.search.final import finish
+from nas_data.gap.search.final import Final
 from nas_data.gap.search.fit import Task
+from nas_data.gap.workflow import usual_hold
 from nas_data.simulators.settled import Hold
 
 FLOOR = np.full(6, QUANTUM / np.sqrt(12))
@@ -20,10 +21,10 @@ def played(effect: Effect, hold: Hold) -> tuple[Nominal, Evidence]:
     """What the ErgoJr with an effect measures from poses that it held in one way."""
     evidence = commanded(episodes=4)
     poses = np.random.default_rng(1).uniform(-0.5, 0.5, (4, 6))
-    evidence = replace(evidence, starts=poses).held(hold)
+    evidence = replace(evidence, starts=poses).begun(hold)
     nominal = Nominal.load("ergojr", evidence)
     positions = nominal.predict(evidence, [effect])
-    return nominal, replace(evidence, measured=np.round(positions / QUANTUM) * QUANTUM).held(Hold.WEIGHT)
+    return nominal, replace(evidence, measured=np.round(positions / QUANTUM) * QUANTUM).begun(Hold.WEIGHT)
 
 
 @pytest.mark.parametrize("hold", list(Hold))
@@ -31,7 +32,7 @@ def played(effect: Effect, hold: Hold) -> tuple[Nominal, Evidence]:
 def test_the_start_is_told_by_the_first_second(text: str, hold: Hold):
     effect = parse(text)
     nominal, evidence = played(effect, hold)
-    told = Task(nominal, evidence, FLOOR).held([effect], {})
+    told = Task(nominal, evidence, FLOOR).begun([effect], {})
     assumed = np.sqrt(evidence.mean_squares(nominal.predict(evidence, [effect])))[:, 1] / FLOOR[1]
     rest = np.sqrt(told.evidence.mean_squares(nominal.predict(told.evidence, [effect])))[:, 1] / FLOOR[1]
     assert np.all(rest < 1.5)
@@ -43,13 +44,14 @@ def test_a_model_without_memory_has_one_start():
     nominal, evidence = played(effect, Hold.NOTHING)
     task = Task(nominal, evidence, FLOOR)
     assert not nominal.simulator([effect]).remembers
-    assert (task.held([effect], {}).evidence.holds == Hold.WEIGHT).all()
-    positions = [nominal.predict(evidence.held(hold), [effect]) for hold in Hold]
+    assert (task.begun([effect], {}).evidence.holds == Hold.WEIGHT).all()
+    positions = [nominal.predict(evidence.begun(hold), [effect]) for hold in Hold]
     assert all(np.array_equal(positions[0], other) for other in positions)
 
 
 @pytest.mark.parametrize("hold", [Hold.WEIGHT, Hold.NOTHING])
-def test_the_last_fit_says_how_all_episodes_began(hold: Hold):
+def test_how_all_episodes_began_is_told_by_the_fitted_ones(hold: Hold):
     effect = parse("joint_compliance:joint=m2,stiffness=0.8")
     nominal, evidence = played(effect, hold)
-    assert finish(Task(nominal, evidence, FLOOR), [effect], {}, rounds=1).hold == hold
+    task = Task(nominal, evidence, FLOOR)
+    assert usual_hold(task, Final((effect,), {}, ())) == hold

@@ -13,10 +13,10 @@ import nas_data.envs  # noqa: F401 (registers the environments)
 from nas_data import cli
 from nas_data.effects.base import parse
 from nas_data.envs.ergo_reacher import TASK
-from nas_data.envs.loop.named import Named
 from nas_data.envs.loop.plant import Plant
 from nas_data.errors import CheckpointError, JointMismatch, OptionError
 from nas_data.gap.add import write_effects
+from nas_data.gap.named import Named
 from nas_data.policies.policy import load_policy
 from nas_data.sources import source_files
 

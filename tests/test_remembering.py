@@ -11,7 +11,7 @@ from training_samples import TINY
 from nas_data.effects.backlash import Backlash
 from nas_data.effects.speed_limit import SpeedLimit
 from nas_data.models.episodes import read_episodes
-from nas_data.models.remembering import begun, follow, remembers, with_memory
+from nas_data.models.remembering import begun, follow, with_memory
 from nas_data.models.training import Training
 from nas_data.pairing import pair
 
@@ -27,7 +27,7 @@ def swings():
 
 def test_the_true_source_predicts_what_was_measured_once_its_memory_is_kept(swings):
     source = pendulum(PLAY, SLOW)
-    assert remembers(source) and not remembers(pendulum())
+    assert source.remembers and not pendulum().remembers
     forgetful, kept = pair(swings, source), with_memory(swings, source)
     assert np.abs(forgetful.sim_states - swings.next_states).max() > 0.01
     np.testing.assert_allclose(kept.sim_states[:, 0], swings.next_states[:, 0], atol=1e-4)

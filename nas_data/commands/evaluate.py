@@ -8,8 +8,6 @@ import tyro
 from nas_data.commands._patience import Counting
 from nas_data.commands.base import Command, Outcome
 
-MODELS = {".xml", ".mjcf", ".urdf"}
-
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluate(Command):
@@ -39,7 +37,7 @@ class Evaluate(Command):
         from nas_data.models.evaluation import evaluate
         from nas_data.sources import find_source
 
-        alone = self.checkpoint.suffix in MODELS
+        alone = self.checkpoint.is_file()  # a checkpoint is a folder
         folder = self.checkpoint if alone else checkpoint.find(self.checkpoint)
         model = None if alone else checkpoint.load_frozen(folder)
         root = versions.resolve(self.dataset)

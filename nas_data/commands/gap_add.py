@@ -30,13 +30,13 @@ class GapAdd(Command):
 
         import numpy as np
 
-        from nas_data.effects.base import read_effects
-        from nas_data.gap.add import read_factors
+        from nas_data.gap.named import Named
         from nas_data.gap.search.final import Final
         from nas_data.gap.workflow import Problem, added
 
         problem = Problem.load(self.dataset, self.model)
-        final = Final(read_effects(self.effects), read_factors(self.effects), ())
+        named = Named.read(self.effects)
+        final = Final(named.effects, named.retuned, ())
         self.out.mkdir(parents=True, exist_ok=True)
         outcome = added(problem, final, Final((), {}, ()), self.out)
         evidence = problem.held.evidence

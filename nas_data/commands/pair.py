@@ -45,7 +45,7 @@ class Pair(Command):
         from nas_data.dataset.read import read
         from nas_data.dataset.transitions import as_transitions
         from nas_data.effects.base import parse
-        from nas_data.envs.loop.named import Named
+        from nas_data.gap.named import Named
         from nas_data.pairing import pair, range_warnings
         from nas_data.robots.base import find_robot
         from nas_data.simulators.engines import load_simulator

@@ -92,7 +92,8 @@ class RecordSim(Command):
 
     def _target(self) -> "Target":
         """Build the target and its sensors."""
-        from nas_data.effects.base import parse, read_effects
+        from nas_data.effects.base import parse
+        from nas_data.gap.named import Named
         from nas_data.recorders.simulated import Readings, Target
         from nas_data.robots.base import find_robot
         from nas_data.simulators.engines import load_simulator
@@ -101,7 +102,8 @@ class RecordSim(Command):
         rate = robot.rate if self.rate is None else self.rate
         if not 0 < rate <= FASTEST:
             raise OptionError(f"--rate is {rate}; it must lie above 0 and up to {FASTEST:g} Hz.")
-        effects = [*(read_effects(self.effects) if self.effects else ()), *(parse(text) for text in self.effect)]
+        named = Named.read(self.effects) if self.effects else None
+        effects = [*(named.effects if named else ()), *map(parse, self.effect)]
         readings = Readings(
             noise=self.noise,
             quantum=robot.position_quantum if self.quantum is None else self.quantum,
@@ -109,7 +111,8 @@ class RecordSim(Command):
             # whoever asks for exact positions does not want a coarse velocity register either
             velocity_quantum=0.0 if self.quantum == 0 else robot.velocity_quantum,
         )
-        simulator = load_simulator(self.robot, 1 / rate, effects=effects, engine=self.engine)
+        target = named.robot(robot, robot.joints) if named else robot
+        simulator = load_simulator(target, 1 / rate, effects=effects, engine=self.engine)
         return Target(robot, simulator, readings, rate)
 
     def _protocol(self) -> "Protocol":

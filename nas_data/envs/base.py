@@ -13,7 +13,7 @@ from nas_data.errors import UnknownName
 from nas_data.simulators.base import Simulator, Stepper
 
 if TYPE_CHECKING:
-    from nas_data.envs.loop.named import Named
+    from nas_data.gap.named import Named
 
 SOURCE = "source"
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from nas_data.effects.base import joint_actuator
 from nas_data.effects.edits.servo import scale_stiffness, stiffness
-from nas_data.explicit import explicit as explicit
 
 Kind = Literal["mass", "gain", "damping", "armature", "frictionloss"]
 TOLERANCE = 0.06  # [-] standard deviation of a base parameter's logarithm: a few to ten percent off

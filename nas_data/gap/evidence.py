@@ -93,7 +93,7 @@ class Evidence:
         """First states, positions [rad] then velocities [rad/s], shape (E, 2n)."""
         return np.concatenate([self.starts, self.speeds], axis=1)
 
-    def held(self, holds: np.ndarray | Hold) -> "Evidence":
+    def begun(self, holds: np.ndarray | Hold) -> "Evidence":
         """Return the episodes with what held the joints before."""
         return replace(self, holds=np.broadcast_to(np.asarray(holds), self.starts.shape))
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from nas_data.effects.base import Effect
 from nas_data.gap.search.choose import choose
@@ -74,6 +75,7 @@ class Naming:
         return min(unsure, key=lambda pair: pair[0])[1] if unsure else None
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # it would wait busily on the cores that the rollouts need
 def name(train: Task, held: Task, say: Callable[[str], None] = lambda text: None) -> Naming:
     """Search for the missing effects and judge every name.
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from nas_data.effects.base import Effect
 from nas_data.effects.edits.servo import position_servo, scale_stiffness
-from nas_data.gap.base import BaseParameter, apply_base, base_parameters, explicit
+from nas_data.explicit import explicit
+from nas_data.gap.base import BaseParameter, apply_base, base_parameters
 from nas_data.gap.evidence import Evidence
 from nas_data.gap.side_by_side import shares_cores
 from nas_data.robots.base import Robot, find_robot

@@ -6,8 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from threadpoolctl import threadpool_limits
-
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
 from nas_data.dataset.transitions import as_transitions
@@ -21,12 +19,13 @@ from nas_data.gap.finding.find import Found, find
 from nas_data.gap.floor import noise_floor
 from nas_data.gap.gains import with_relative_gains
 from nas_data.gap.name import Naming, name
-from nas_data.gap.nominal import Nominal, fine_timestep, with_timestep
+from nas_data.gap.nominal import Nominal, with_timestep
 from nas_data.gap.report import Outcome, write_report, write_series
 from nas_data.gap.search.final import Final, finish
 from nas_data.gap.search.fit import Task
 from nas_data.gap.search.scales import scales
 from nas_data.gap.showing.show import show
+from nas_data.simulators.settled import Hold
 
 EXPERIMENT = "next_experiment.csv"
 TRAIN_STEPS = 120_000  # physics steps that one rollout of all training episodes may take, half a second of work
@@ -50,7 +49,6 @@ class Problem:
         held: Model and episodes that judge.
         names: How report and page call dataset and model.
         given: The model as handed over.
-        learn: Updates in which φ learns what the names leave.
     """
 
     dataset: Dataset
@@ -58,8 +56,7 @@ class Problem:
     train: Task
     held: Task
     names: tuple[str, str]
-    given: str | Path = ""
-    learn: int = 0
+    given: str | Path
 
     @classmethod
     def load(cls, dataset: str | Path, model: str | Path) -> "Problem":
@@ -83,10 +80,9 @@ class Problem:
         substeps = nominal.simulator().substeps
         train, held = windows(train, TRAIN_STEPS // substeps), windows(held, HELD_STEPS // substeps)
         names = (root.parent.name if root.name.startswith("v") else root.name, Path(model).name)
-        return cls(transitions, evidence, Task(nominal, train, floor), Task(nominal, held, floor), names)
+        return cls(transitions, evidence, Task(nominal, train, floor), Task(nominal, held, floor), names, model)
 
 
-@threadpool_limits.wrap(limits=1, user_api="blas")  # it would wait busily on the cores that the rollouts need
 def investigate(
     dataset: str | Path, model: str | Path, out: str | Path, say: Say = silent, learn: int = 0
 ) -> dict[str, object]:
@@ -106,16 +102,16 @@ def investigate(
         NasError: the dataset or the model cannot be used.
     """
     began = time.monotonic()
-    problem = replace(Problem.load(dataset, model), given=model, learn=learn)
+    problem = Problem.load(dataset, model)
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     clear(folder)
     say("find: where model and recording disagree")
     found = find(problem.dataset, problem.evidence, problem.train.nominal, problem.train.floor)
-    return conclude(problem, found, folder, began, say)
+    return conclude(problem, found, folder, began, say, learn)
 
 
-def conclude(problem: Problem, found: Found, folder: Path, began: float, say: Say) -> dict[str, object]:
+def conclude(problem: Problem, found: Found, folder: Path, began: float, say: Say, learn: int) -> dict[str, object]:
     """Name, add, score from the written file and report."""
     if found.undecidable:
         say("; ".join(found.undecidable))
@@ -123,9 +119,9 @@ def conclude(problem: Problem, found: Found, folder: Path, began: float, say: Sa
     naming = name(problem.train, problem.held, say)
     say("add: write the model with the effects")
     outcome = added(problem, naming.final, naming.null, folder)
-    if problem.learn:
+    if learn:
         say("learn: φ on what the names leave")
-        outcome = replace(outcome, learned=learned(problem, outcome.model, folder, say))
+        outcome = replace(outcome, learned=learned(problem, outcome.model, learn, say))
     experiment = proposed(problem, naming, folder)
     report = write_report(folder, problem, found, naming, outcome, experiment, time.monotonic() - began)
     write_series(folder, problem, naming, outcome)
@@ -134,12 +130,12 @@ def conclude(problem: Problem, found: Found, folder: Path, began: float, say: Sa
     return report
 
 
-def learned(problem: Problem, model: Path, folder: Path, say: Say) -> Mapping[str, float]:
+def learned(problem: Problem, model: Path, updates: int, say: Say) -> Mapping[str, float]:
     """Train φ on top of the written model; torch is loaded for nothing else."""
     from nas_data.gap.learned import learned_shares
 
     numbers = [sorted({int(number) for number in task.evidence.numbers}) for task in (problem.train, problem.held)]
-    return learned_shares(problem.dataset, (problem.given, model), (numbers[0], numbers[1]), folder, problem.learn, say)
+    return learned_shares(problem.dataset, (problem.given, model), (numbers[0], numbers[1]), model.parent, updates, say)
 
 
 def proposed(problem: Problem, naming: Naming, folder: Path) -> Mapping[str, object]:
@@ -169,15 +165,17 @@ def added(problem: Problem, final: Final, null: Final, folder: Path) -> Outcome:
     Where an effect is beyond MJCF, the file holds the nearest one that is not, fitted in its place; the error after
     is then that of the effects named, which `effects.json` holds, and the file's own is told beside it.
     """
-    nominal, held = problem.held.nominal, problem.held.evidence.held(final.hold)
+    task = problem.train.begun(final.effects, dict(final.factors)).corrected(final.effects, dict(final.factors))
+    hold = usual_hold(task, final)
+    nominal, held = problem.held.nominal, problem.held.evidence.begun(hold)
     effects, factors = final.effects, dict(final.factors)
     native = stand_ins(problem, final)
-    model, _ = write_model(folder, nominal, native.effects, dict(native.factors), final.timestep)
+    model, _ = write_model(folder, nominal, native.effects, dict(native.factors), task.timestep)
     write_effects(folder, effects, factors)
     written = Nominal.load(model, held).predict(held)
     after = written
     if native is not final:
-        after = with_timestep(nominal, final.timestep or fine_timestep(nominal)).predict(held, effects, factors)
+        after = with_timestep(nominal, task.timestep).predict(held, effects, factors)
     return Outcome(
         before=nominal.predict(held),
         retuned=nominal.predict(held, (), null.factors),
@@ -185,6 +183,19 @@ def added(problem: Problem, final: Final, null: Final, folder: Path) -> Outcome:
         written=written,
         model=model,
     )
+
+
+def usual_hold(task: Task, final: Final) -> Hold:
+    """Return whether the weight or nothing loads a model best at the start of all episodes alike."""
+    effects, factors = final.effects, dict(final.factors)
+    if not task.nominal.simulator(effects, factors).remembers:
+        return Hold.WEIGHT
+
+    def misfit(hold: Hold) -> float:
+        predicted = task.nominal.predict(task.evidence.begun(hold), effects, factors)
+        return task.misfit(predicted + task.correction)
+
+    return min((Hold.WEIGHT, Hold.NOTHING), key=misfit)
 
 
 def stand_ins(problem: Problem, final: Final) -> Final:

@@ -13,7 +13,7 @@ from nas_data.models.bounds import predict_bounded
 from nas_data.models.episodes import Episode, cut, join, pad
 from nas_data.models.lstm import DynamicsModel, Memory
 from nas_data.models.presets import TrainingOptions
-from nas_data.models.remembering import begun, follow, remembers
+from nas_data.models.remembering import begun, follow
 from nas_data.simulators.base import Simulator, Stepper
 
 SHORTEST = 20  # frames of the first free-running windows
@@ -139,7 +139,7 @@ class FreeRunning:
         """Return the source's Jacobian at every `stride`-th transition of an episode."""
         picked = (episode.states, episode.commands, episode.predicted)
         states, commands, predicted = (x[:: self.stride].double().numpy() for x in picked)
-        if remembers(simulator):
+        if simulator.remembers:
             predicted = simulator.predict(states, commands)
         return torch.from_numpy(jacobians(simulator, states, commands, predicted)).float()
 
@@ -216,7 +216,7 @@ class FreeRunning:
 
     def _stepper(self, places: Sequence[Place]) -> Stepper | None:
         """Return the source at the windows' starts, where it has something to remember."""
-        if self.simulator is None or not remembers(self.simulator):
+        if self.simulator is None or not self.simulator.remembers:
             return None
         episodes, starts = [self.episodes[p.episode] for p in places], np.array([p.start for p in places])
         return begun(self.simulator, episodes, starts, BURN_IN)

@@ -13,11 +13,6 @@ from nas_data.simulators.base import Simulator, Stepper
 BATCH = 64  # episodes stepped together
 
 
-def remembers(simulator: Simulator | None) -> bool:
-    """Whether a source has a state that is not measured, which a reset to what is measured forgets."""
-    return bool(getattr(simulator, "remembers", False))
-
-
 def with_memory(dataset: Dataset, simulator: Simulator) -> Dataset:
     """Return a dataset with the predictions of a source that is set to each measured state, not reset to it.
 

@@ -16,7 +16,7 @@ from nas_data.models.holding_out import hold_out, rows_of
 from nas_data.models.lstm import DynamicsModel, Kind
 from nas_data.models.phases import FreeRunning, Phase, TeacherForcing, one_step_loss
 from nas_data.models.presets import TrainingOptions
-from nas_data.models.remembering import remembers, with_memory
+from nas_data.models.remembering import with_memory
 from nas_data.simulators.base import Simulator
 
 SEGMENT = 1000  # frames of a validation rollout: long enough for errors to compound, short enough to run often
@@ -63,7 +63,7 @@ class Training:
         self.options = options
         self.simulator = simulator
         self.device = find_device(device)
-        if kind == "delta" and simulator is not None and remembers(simulator):
+        if kind == "delta" and simulator is not None and simulator.remembers:
             dataset = with_memory(dataset, simulator)
         self.split = hold_out(dataset, options.validation, options.seed)
         self.model = self._build(kind, dataset, provenance or {})

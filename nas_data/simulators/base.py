@@ -37,11 +37,19 @@ class Stepper(Protocol):
 
 
 class Simulator(Protocol):
-    """A model of a robot on a physics engine, at a fixed control period."""
+    """A model of a robot on a physics engine, at a fixed control period.
+
+    Attributes:
+        joints: Measured and commanded joints.
+        period: Control period [s].
+        commands_effort: Whether it takes torques.
+        remembers: Whether it has a state that is not measured (play, a command under way), which a reset forgets.
+    """
 
     joints: tuple[str, ...]
     period: float
     commands_effort: bool
+    remembers: bool
 
     def predict(self, states: np.ndarray, commands: np.ndarray) -> np.ndarray:
         """Simulate independent transitions: each row reset to its state, warm start zeroed, command held one period.

@@ -50,6 +50,7 @@ class BulletSimulator:
         self.substeps, self.hooks = self.compiled.substeps, self.compiled.hooks
         self.joints = self.layout.joints
         self.commands_effort = self.layout.commands_effort
+        self.remembers = self.compiled.remembers
         self.rest = RestStates(self.model, self.layout, INTEGRATION)
         self._arm = BulletArm(self)
 

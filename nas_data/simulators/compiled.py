@@ -64,6 +64,12 @@ class Compiled:
         layout = Layout.of(model, joints or robot.joints, str(robot.mjcf))
         return cls(robot, effects, model, layout, substeps, find_hooks(effects, model))
 
+    @property
+    def remembers(self) -> bool:
+        """Whether a start has more than what is measured: a play, a spring, a command under way."""
+        hidden = self.model.nq > len(self.layout.joints) or self.model.na > 0
+        return bool(hidden or (self.model.actuator_history[:, 0] > 0).any())
+
     def check(self, states: np.ndarray, commands: np.ndarray) -> None:
         """Refuse states and commands of another number of joints.
 

@@ -61,6 +61,7 @@ class MujocoSimulator:
         self.substeps, self.hooks = self.compiled.substeps, self.compiled.hooks
         self.joints = self.layout.joints
         self.commands_effort = self.layout.commands_effort
+        self.remembers = self.compiled.remembers
         self.threads = len(os.sched_getaffinity(0)) if threads is None else threads
         self._part = INTEGRATION if self.hooks else FULLPHYSICS
         pooled = self.threads if self.threads > 1 else 0
@@ -84,12 +85,6 @@ class MujocoSimulator:
         model.actuator_group[model.actuator_ctrlnum > 0] = SERVOS
         model.opt.disableactuator |= 1 << SERVOS
         return model
-
-    @property
-    def remembers(self) -> bool:
-        """Whether a start has more than what is measured: a play, a spring, a command under way."""
-        hidden = self.model.nq > len(self.joints) or self.model.na > 0
-        return bool(hidden or (self.model.actuator_history[:, 0] > 0).any())
 
     @classmethod
     def load(

@@ -9,7 +9,7 @@ from nas_data.errors import OptionError
 from nas_data.simulators.base import Simulator, Stepper
 
 if TYPE_CHECKING:
-    from nas_data.envs.loop.named import Named
+    from nas_data.gap.named import Named
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Plant:
     def _named(self) -> "Named | None":
         if self.effects is None:
             return None
-        from nas_data.envs.loop.named import Named
+        from nas_data.gap.named import Named
 
         named = Named.read(self.effects)
         if not named.effects and not named.retuned:

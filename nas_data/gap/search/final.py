@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from nas_data.gap.base import TOLERANCE, own_size
 from nas_data.gap.search.fit import Fit, Task, fit
 from nas_data.gap.search.hypothesis import lent_slopes
 from nas_data.gap.search.unknowns import Unknowns, free_base
-from nas_data.simulators.settled import Hold
 
 ROUNDS = 2  # fits, each with the correction for finer steps computed where the last one ended
 LIKENESS = 0.01  # standard deviation of a parameter between two descriptions of one effect, as a part of it
@@ -26,15 +25,11 @@ class Final:
         effects: Effects with fitted parameters.
         factors: Factors of the base parameters, by name.
         intervals: For each effect, lowest and highest value of each parameter in 95 % of repetitions.
-        timestep: Physics step that explains the recording best [s]; None for a fine one.
-        hold: How all episodes begin, to the best of one assumption.
     """
 
     effects: tuple[Effect, ...]
     factors: Mapping[str, float]
     intervals: tuple[Mapping[str, tuple[float, float]], ...]
-    timestep: float | None = None
-    hold: Hold = Hold.WEIGHT
 
 
 def finish(task: Task, effects: Sequence[Effect], factors: dict[str, float], rounds: int = ROUNDS) -> Final:
@@ -57,16 +52,7 @@ def finish(task: Task, effects: Sequence[Effect], factors: dict[str, float], rou
         found, numbers = better, better.numbers
     if found is None:
         return Final(tuple(effects), factors, tuple({} for _ in effects))
-    return Final(found.effects, found.factors, intervals(task, found), task.timestep, usual_hold(task, found))
-
-
-def usual_hold(task: Task, found: Fit) -> Hold:
-    """Return whether the weight or nothing loads a fitted model best at the start of all episodes alike."""
-    if not task.nominal.simulator(found.effects, found.factors).remembers:
-        return Hold.WEIGHT
-    alike = [replace(task, evidence=task.evidence.held(hold)) for hold in (Hold.WEIGHT, Hold.NOTHING)]
-    misfits = [other.misfit(other.predict(found.unknowns, found.numbers)) for other in alike]
-    return Hold.NOTHING if misfits[1] < misfits[0] else Hold.WEIGHT
+    return Final(found.effects, found.factors, intervals(task, found))
 
 
 def intervals(task: Task, found: Fit) -> tuple[Mapping[str, tuple[float, float]], ...]:

@@ -59,13 +59,13 @@ class Task:
         to prefer one cause to another.
         """
         effects, factors = unknowns.effects_at(numbers), unknowns.factors_at(numbers)
-        task = self.held(effects, factors).corrected(effects, factors)
+        task = self.begun(effects, factors).corrected(effects, factors)
         predicted = task.predict(unknowns, numbers)
         if predicted is None:
             return task
         return replace(task, coarseness=COARSE * np.sqrt(task.evidence.mean_squares(predicted).mean(0)))
 
-    def held(self, effects: Sequence[Effect], factors: dict[str, float]) -> "Task":
+    def begun(self, effects: Sequence[Effect], factors: dict[str, float]) -> "Task":
         """Return the task with what best explains how each joint of each episode began.
 
         Whether friction held a part of the weight, and on which side a play lay, is measured by nobody; where a
@@ -75,15 +75,15 @@ class Task:
         try:
             simulator = self.nominal.simulator(effects, factors)
             if not simulator.remembers:
-                return replace(self, evidence=evidence.held(Hold.WEIGHT))
-            rolled = [self.nominal.predict(evidence.held(hold), effects, factors) for hold in Hold]
+                return replace(self, evidence=evidence.begun(Hold.WEIGHT))
+            rolled = [self.nominal.predict(evidence.begun(hold), effects, factors) for hold in Hold]
         except ModelFileError:
             return self
         begun = evidence.counts & (np.arange(evidence.counts.shape[1]) < BEGINNING / evidence.period)
         early = replace(evidence, counts=begun)
         squares = np.stack([early.mean_squares(predicted) for predicted in rolled]) + self.floor**2
         squares[Hold.WEIGHT] *= FAMILIAR
-        return replace(self, evidence=evidence.held(squares.argmin(0)))
+        return replace(self, evidence=evidence.begun(squares.argmin(0)))
 
     def corrected(self, effects: Sequence[Effect], factors: dict[str, float]) -> "Task":
         """Return the task with the correction for finer physics steps, computed at a hypothesis.

@@ -12,8 +12,6 @@ from nas_data.gap.side_by_side import side_by_side
 
 SIMPLER = 2  # effects of fewer parameters that are tried in the place of one
 BETTER = 0.90  # held-out error of the most improved joint, with over without the effect
-MUCH_BETTER = 0.80  # the same where much of that joint's error stays: something else is there
-CLEAR = 40.0  # nats by which an effect lowers the loss of the fitted episodes so that this does not count
 WINS = 0.75  # share of held-out episodes in which the effect must help
 POOR = 3.0  # noise floors of rest above which a joint may be called unexplained
 UNEXPLAINED = 0.75  # part of a joint's error that must stay, for it to be called so
@@ -37,9 +35,7 @@ def needs(search: Search, without: Hypothesis, with_: Hypothesis) -> bool:
     best = int(logs.mean(0).argmin())
     lost, episodes = int((logs[:, best] >= 0).sum()), len(logs)
     often = lost <= max((1 - WINS) * episodes, min(1, episodes - 1))  # one may always be lost, but not the only one
-    clear = search.ratio(with_)[best] < POOR or without.loss - with_.loss > CLEAR
-    enough = BETTER if clear else MUCH_BETTER
-    better = np.exp(logs.mean(0)[best]) <= enough and often
+    better = np.exp(logs.mean(0)[best]) <= BETTER and often
     return bool(better or (logs.sum() < 0 and relieves(without, with_)))
 
 
