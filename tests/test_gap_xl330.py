@@ -142,6 +142,18 @@ def test_every_episode_is_simulated_at_its_own_gain(effects: str, tmp_path: Path
         assert np.abs(found[episode] - expected[0]).max() < 1e-9
 
 
+def test_every_row_is_stepped_at_its_episode_s_gain():
+    gains = np.array([[1.0], [2.0], [0.25]])
+    seen = replace(evidence(), gains=gains)
+    nominal = Nominal.load(MODEL, seen)
+    states = np.random.default_rng(0).normal(0, 0.3, (*seen.measured.shape[:2], 2))
+    stepped = nominal.step(seen, states)
+    for episode, gain in enumerate(gains):
+        alone = nominal.with_gains(gain).simulator().predict(states[episode], seen.commands[episode])
+        assert np.array_equal(stepped[episode, :, 0], alone[:, 0])
+    assert not np.allclose(stepped, nominal.step(replace(seen, gains=np.ones((3, 1))), states))
+
+
 def test_gains_are_those_of_the_recording_over_the_model_s():
     told = Evidence.of(with_relative_gains(recorded([100, 400, 800]), MODEL, "data"))
     assert told.gains.tolist() == [[0.25], [1.0], [2.0]]

@@ -1,6 +1,6 @@
 """The model that was handed over, with everything that a hypothesis about the gap may change."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -86,13 +86,31 @@ class Nominal:
         Raises:
             ModelFileError: the model with these effects diverges or does not compile.
         """
-        if (evidence.gains == 1).all():
-            return self.rolled(evidence, effects, factors)
         predicted = np.empty(evidence.measured.shape)
-        for gains in np.unique(evidence.gains, axis=0):
-            chosen = np.flatnonzero((evidence.gains == gains).all(axis=1))
-            predicted[chosen] = self.with_gains(gains).rolled(evidence.select(chosen), effects, factors)
+        for nominal, chosen in self.by_gain(evidence):
+            predicted[chosen] = nominal.rolled(evidence.select(chosen), effects, factors)
         return predicted
+
+    def step(self, evidence: Evidence, states: np.ndarray) -> np.ndarray:
+        """Simulate each recorded row alone, at its episode's gain.
+
+        Args:
+            evidence: E episodes of up to T rows of n joints; rows after their ends stay 0.
+            states: Measured state before each row, shape (E, T, 2n).
+
+        Returns:
+            Positions one control step later [rad], shape (E, T, n).
+        """
+        predicted = np.zeros(evidence.measured.shape)
+        for nominal, chosen in self.by_gain(evidence):
+            rows = evidence.counts & np.isin(np.arange(len(evidence.counts)), chosen)[:, None]
+            predicted[rows] = nominal.simulator().predict(states[rows], evidence.commands[rows])[:, : len(self.joints)]
+        return predicted
+
+    def by_gain(self, evidence: Evidence) -> Iterator[tuple["Nominal", np.ndarray]]:
+        """Return the model at each position gain of a recording, and which episodes have it."""
+        for gains in np.unique(evidence.gains, axis=0):
+            yield self.with_gains(gains), np.flatnonzero((evidence.gains == gains).all(axis=1))
 
     def rolled(
         self, evidence: Evidence, effects: Sequence[Effect], factors: Mapping[str, float] | None = None
@@ -104,6 +122,8 @@ class Nominal:
 
     def with_gains(self, gains: np.ndarray) -> "Nominal":
         """Return the model with the position gains of its servos multiplied, shape (n,); limits and damping stay."""
+        if (gains == 1).all():
+            return self
         spec = self.spec.copy()
         for joint, gain in zip(self.joints, gains, strict=True):
             if gain != 1:

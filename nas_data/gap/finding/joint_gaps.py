@@ -50,14 +50,12 @@ def find_joint_gaps(
         floor: Noise floor [rad], shape (n,).
         predicted: The model's open-loop positions [rad], shape (E, T, n).
     """
-    evidence, simulator = recorded.evidence, nominal.simulator()
-    states = np.concatenate([recorded.positions, recorded.velocities], axis=-1)[evidence.counts]
-    stepped = simulator.predict(states, evidence.commands[evidence.counts])[:, : len(floor)]
-    following = evidence.measured[evidence.counts]
+    evidence = recorded.evidence
+    stepped = nominal.step(evidence, np.concatenate([recorded.positions, recorded.velocities], axis=-1))
     open_loop = rmse(evidence, predicted)
-    commands = None if simulator.commands_effort else rmse(evidence, evidence.commands)
+    commands = None if nominal.simulator().commands_effort else rmse(evidence, evidence.commands)
     repeats = repeatability(evidence, floor)
-    one_step = np.sqrt(((stepped - following) ** 2).mean(0))
+    one_step = rmse(evidence, stepped)
     one_step_hold = rmse(evidence, recorded.positions)
     open_loop_hold = rmse(evidence, np.broadcast_to(evidence.starts[:, None], predicted.shape))
     return {
