@@ -37,6 +37,7 @@ DELAY = {
     "confidence": 0.64,
     "evidence": {"heldout_error_before": 0.05, "heldout_error_after": 0.02},
     "alternatives": [{"effect": "rotor_inertia", "joint": "m1", "heldout_error_after": 0.0201}],
+    "equals": [{"effect": "rotor_inertia", "joint": "m1"}],
     "in_model_xml": False,
 }
 REST = {"joint": "m1", "ratio_to_noise": 6.3, "goes_with": "position"}
@@ -174,7 +175,7 @@ def test_values_stand_in_friendly_units_beside_si(tmp_path):
     assert "0.928° … 1.05°" in text
     assert "delay 31.4 ms (0.0314 s)" in text
     assert "Confidence in this name: 64 % (a guess, not more)" in text
-    assert "These data hardly tell it from rotor inertia in m1." in text
+    assert "These data cannot tell it from rotor inertia in m1." in text
     assert "MJCF cannot express it: effects.json holds it" in text
     assert "still 6.3 times the noise; it goes with position" in text
     assert "−6.6 %" in text

@@ -173,6 +173,20 @@ def test_an_arm_that_never_moved_gets_no_name(arm: Path, tmp_path: Path):
     assert report["find"]["undecidable"]
 
 
+def test_what_the_data_cannot_tell_apart_is_one_finding_with_its_equals(tmp_path: Path, capsys):
+    """Below saturation a servo's velocity feedback does exactly what viscous friction does."""
+    damped = tmp_path / "damped.xml"
+    damped.write_text(ARM.replace('kp="0.5" forcerange="-0.3 0.3"', 'kp="0.5" kv="0.02"'))
+    data = recorded(damped, tmp_path / "data", "--effect", "viscous_friction:joint=elbow,coefficient=0.04")
+    assert main(["gap", str(data), "--model", str(damped), "--out", str(tmp_path / "report")]) == 0
+    (entry,) = json.loads((tmp_path / "report" / "report.json").read_text())["effects"]
+    assert (entry["effect"], entry["joint"]) == ("viscous_friction", "elbow")
+    assert entry["equals"] == [{"effect": "servo_damping", "joint": "elbow"}]
+    twin = next(other for other in entry["alternatives"] if other["effect"] == "servo_damping")
+    assert twin["parameters"]["factor"] == pytest.approx(1 + 0.04 / 0.02, rel=0.1)
+    assert "these data cannot tell it from" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("quantity", ["position", "speed", "time"])
 def test_what_is_left_is_told_by_what_it_goes_with(quantity: str):
     _, evidence = measured(seed=3)

@@ -120,6 +120,11 @@ class Effect:
         """Return first guesses of the parameters, small to large; empty where none is searched for."""
         return ()
 
+    @classmethod
+    def twins(cls, joint: str | None) -> tuple["Effect", ...]:
+        """Return effects that may do exactly the same and are never searched for beside it, at first guesses."""
+        return ()
+
     def native(self, scales: Scales) -> "Effect | None":
         """Return the effect nearest to this one that a model alone can express; itself where it can."""
         return self if self.in_model else None

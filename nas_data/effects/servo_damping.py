@@ -1,4 +1,4 @@
-"""Less velocity feedback in the servo than the model has."""
+"""Other velocity feedback in the servo than the model has."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,18 +13,21 @@ from nas_data.errors import ModelFileError
 
 @dataclass(frozen=True, kw_only=True)
 class ServoDamping(Effect):
-    """The servo's D gain is lower than the model's, whose gains were often chosen together to hold still.
+    """The servo's D gain is not the model's, whose gains were often chosen together to hold still.
 
-    More damping than the model's is `viscous_friction`: below saturation, the two are the same.
+    Only less damping than the model's is searched for. More of it is, below saturation, the same as
+    `viscous_friction`, which is then named, with this as its equal.
     """
 
     factor: float
 
-    parameters: ClassVar = (Parameter("factor", "", 0.0001, 1.0, 1.0),)
+    parameters: ClassVar = (Parameter("factor", "", 0.0001, 50.0, 1.0),)
     replaces: ClassVar = "damping"
     equation: ClassVar = "torque = kp · (command − q) − factor · kv · dq/dt"
     source: ClassVar = "MuJoCo documentation, XML reference, actuator/position: kv and dampratio"
-    signature: ClassVar = "The joint follows commands sooner than the model, and by more the faster they are."
+    signature: ClassVar = (
+        "The joint follows commands sooner than the model, and by more the faster they are; later if more."
+    )
     confused_with: ClassVar = ("servo_stiffness", "rotor_inertia")
 
     @classmethod

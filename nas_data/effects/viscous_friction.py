@@ -7,6 +7,7 @@ from typing import ClassVar
 import mujoco
 
 from nas_data.effects.base import Effect, Parameter, Scales
+from nas_data.effects.servo_damping import ServoDamping
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +27,11 @@ class ViscousFriction(Effect):
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
         """Half to four times the damping that is there."""
         return tuple({"coefficient": share * max(scales.damping, 1e-4)} for share in (0.5, 1.5, 4.0))
+
+    @classmethod
+    def twins(cls, joint: str | None) -> tuple[Effect, ...]:
+        """More velocity feedback, where the servo has any: the same below saturation."""
+        return (ServoDamping(joint=joint, factor=3.0),)
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add the coefficient to the joint's damping."""

@@ -18,6 +18,7 @@ from nas_data.gap.side_by_side import side_by_side
 RIVALS = 3  # that are fitted beside the other effects, for each effect named
 SHARPNESS = 4.0  # how fast doubt falls with the ratio of the runner-up's error to the winner's
 SURE = 0.8  # confidence below which an experiment is proposed that would decide
+ALIKE = 0.8  # closeness of a rival, 1 where it predicts as well, from which the data cannot tell it from the winner
 ROUGH = 2.0  # noise floors of rest above which a name is doubted
 ADEQUATE = 1.5  # noise floors of rest up to which a joint counts as explained
 
@@ -33,6 +34,8 @@ class Finding:
         before: Held-out error of its joint (all joints for the arm's effects) without it, the rest fitted anew [rad].
         after: The same with it [rad].
         alternatives: What came second and after in its place, with their held-out error [rad].
+        equals: Those of them that these data cannot tell from it. One that no data could tell from it (its twin) costs
+            no confidence.
     """
 
     effect: Effect
@@ -41,6 +44,7 @@ class Finding:
     before: float
     after: float
     alternatives: tuple[tuple[Effect, float], ...]
+    equals: tuple[Effect, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -103,6 +107,7 @@ def judge(search: Search, kept: Hypothesis, final: Final, number: int) -> tuple[
     rivals = contenders(search, effect, others)
     fitted = side_by_side(lambda rival: search.rival((*others, rival), kept), rivals)
     ranked = sorted((h for h in fitted if h), key=lambda h: h.loss)
+    twins = [h for twin in effect.twins(effect.joint) if (h := search.rival((*others, twin), kept))]
     joints = concerned(search, effect)
     confidence = surety(search, kept, ranked, without)
     finding = Finding(
@@ -111,7 +116,8 @@ def judge(search: Search, kept: Hypothesis, final: Final, number: int) -> tuple[
         confidence=confidence,
         before=rms(without.heldout, joints),
         after=rms(kept.heldout, joints),
-        alternatives=tuple((h.effects[-1], rms(h.heldout, joints)) for h in ranked),
+        alternatives=tuple((h.effects[-1], rms(h.heldout, joints)) for h in [*ranked, *twins]),
+        equals=tuple(h.effects[-1] for h in [*ranked, *twins] if closeness(search, kept, h) >= ALIKE),
     )
     return finding, ranked[0] if ranked else None
 
@@ -141,11 +147,14 @@ def rms(heldout: np.ndarray, joints: Sequence[int]) -> float:
 def surety(search: Search, kept: Hypothesis, ranked: Sequence[Hypothesis], without: Hypothesis) -> float:
     """Return the confidence in a name: how far its best rival is behind, and how little is left.
 
-    A rival as good as the winner leaves one half. The constants are calibrated on the blind benchmark.
+    A rival as good as the winner leaves one half; how true it is, the blind benchmark tells.
     """
-    best = 0.0
-    for other in [*ranked, without]:
-        lead = float(search.logs(other, kept).mean(0).min())
-        best = max(best, math.exp(SHARPNESS * lead))
+    best = max(closeness(search, kept, other) for other in [*ranked, without])
     rest = float(search.ratio(kept).max())
-    return round(float((1 - 0.5 * min(best, 1.0)) * min(1.0, (ROUGH / rest) ** 0.5 if rest > ROUGH else 1.0)), 3)
+    return round(float((1 - 0.5 * best) * min(1.0, (ROUGH / rest) ** 0.5 if rest > ROUGH else 1.0)), 3)
+
+
+def closeness(search: Search, kept: Hypothesis, rival: Hypothesis) -> float:
+    """Return how near a rival comes: 1 where it predicts held-out episodes as well in every joint, 0 far behind."""
+    lead = float(search.logs(rival, kept).mean(0).min())
+    return min(1.0, math.exp(SHARPNESS * lead))

@@ -102,6 +102,7 @@ def described(finding: Finding) -> Mapping[str, object]:
         "confidence": finding.confidence,
         "evidence": {"heldout_error_before": finding.before, "heldout_error_after": finding.after},
         "alternatives": [alternative(rival, error) for rival, error in finding.alternatives],
+        "equals": [{"effect": rival.name(), "joint": rival.joint} for rival in finding.equals],
         "in_model_xml": effect.in_model,
     }
 

@@ -46,7 +46,10 @@ def finding_text(entry: Mapping[str, object]) -> str:
         f"error {degrees(evidence['heldout_error_before'])} → {degrees(evidence['heldout_error_after'])}"
     )
     second = next(iter(mappings(entry["alternatives"])), None)
-    if second:
+    equals = [f"{other['effect']} {other['joint'] or ''}".strip() for other in mappings(entry.get("equals", []))]
+    if equals:
+        line += f" (these data cannot tell it from {', '.join(equals)})"
+    elif second:
         line += f" (runner-up {second['effect']}: {degrees(second['heldout_error_after'])})"
     return line
 

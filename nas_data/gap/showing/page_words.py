@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from nas_data.effects.base import find_effect
 from nas_data.errors import UnknownName
-from nas_data.gap.showing.report import Alternative, Effect, Named, Number
+from nas_data.gap.showing.report import Alternative, Effect, Equal, Named, Number
 
 FRIENDLY = {
     "rad": ("°", 180 / math.pi),
@@ -14,7 +14,6 @@ FRIENDLY = {
     "kg": (" g", 1e3),
     "kg·m²": (" g·cm²", 1e7),
 }
-EQUAL = 1.05  # error of an alternative over that of the named effect up to which the data hardly tell them apart
 SURE, LIKELY = 0.9, 0.7  # confidences from which a name is called sure, and likely
 CERTAIN = 0.99  # confidence beyond which no digit means anything
 
@@ -58,7 +57,7 @@ def spoken(name: str) -> str:
     return name.replace("_", " ")
 
 
-def titled(effect: Effect | Named | Alternative) -> str:
+def titled(effect: Effect | Named | Alternative | Equal) -> str:
     """Return an effect with its place, for example `backlash in m3`."""
     joint = effect.get("joint")
     return f"{spoken(effect['effect'])} in {joint}" if joint else f"{spoken(effect['effect'])} (whole arm)"
@@ -107,11 +106,10 @@ def finding(effect: Effect) -> list[str]:
 
 def rivals(effect: Effect) -> list[str]:
     """Return how far the alternatives are behind."""
-    after = effect["evidence"]["heldout_error_after"]
     told = [f"{titled(other)} ({degrees(other['heldout_error_after'])})" for other in effect["alternatives"]]
-    near = [titled(other) for other in effect["alternatives"] if other["heldout_error_after"] <= EQUAL * after]
+    near = [titled(other) for other in effect.get("equals", [])]
     sentences = [f"In its place, this error would be left by {listed(told)}."] if told else []
-    return sentences + ([f"These data hardly tell it from {listed(near)}."] if near else [])
+    return sentences + ([f"These data cannot tell it from {listed(near)}."] if near else [])
 
 
 def signature(name: str) -> list[str]:

@@ -25,6 +25,13 @@ class Alternative(TypedDict):
     heldout_error_after: float
 
 
+class Equal(TypedDict):
+    """What the data cannot tell from a named effect."""
+
+    effect: str
+    joint: str | None
+
+
 class Errors(TypedDict):
     """Error without and with an effect [rad]."""
 
@@ -41,6 +48,7 @@ class Effect(TypedDict):
     confidence: float
     evidence: Errors
     alternatives: list[Alternative]
+    equals: NotRequired[list[Equal]]
     in_model_xml: bool
 
 
