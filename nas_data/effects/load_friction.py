@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
+import numpy as np
 
 from nas_data.drives import driving_actuators
 from nas_data.effects.base import Effect, Parameter, Scales, joint_actuator
@@ -17,15 +18,16 @@ from nas_data.effects.edits.hook import StepForces, StepHook
 class LoadFriction(Effect):
     """Gears press harder under load: friction in proportion to the torque that the joint's actuator gives.
 
-    MJCF cannot express it: the joint's friction is set anew before each physics step, from the torque in the last.
+    A servo that holds a load has its gears pressed from both sides. Switched off, it is pressed by the load alone, and
+    half as hard. MJCF cannot express it: friction is set anew before each physics step, from the torques in the last.
     """
 
     ratio: float
 
     parameters: ClassVar = (Parameter("ratio", "", 0.0, 0.9, 0.0),)
     in_model: ClassVar = False
-    equation: ClassVar = "friction = ratio · |torque of the servo| · sign(dq/dt)"
-    source: ClassVar = "Rhoban/bam, friction model M3, K_l · |τ_m − τ_ext|; here the actuator's torque on the joint"
+    equation: ClassVar = "friction = ratio · |torque of the servo| · sign(dq/dt); switched off, ratio / 2 · |load|"
+    source: ClassVar = "Rhoban/bam, friction model M3, K_l · |τ_m − τ_ext| with τ_ext = −τ_m, or τ_m = 0; ratio = 2 K_l"
     signature: ClassVar = "A jump at every reversal that grows with load: large in heavy postures, none where unloaded."
     confused_with: ClassVar = ("coulomb_friction", "stribeck_friction", "backlash", "torque_limit")
 
@@ -53,10 +55,11 @@ class LoadFriction(Effect):
         assert self.joint is not None
         actuator = driving_actuators(model, model.joint(self.joint).id)[0]
         force = int(model.actuator_outadr[actuator])
-        gain = self.ratio * abs(float(model.actuator_gear[actuator, 0]))
+        gear = abs(float(model.actuator_gear[actuator, 0]))
         dof = int(model.joint(self.joint).dofadr[0])
 
         def add_friction(step: StepForces) -> None:
-            step.friction[:, dof] += gain * abs(step.force[:, force])
+            load = np.where(step.released, 0.5 * abs(step.bias[:, dof]), gear * abs(step.force[:, force]))
+            step.friction[:, dof] += self.ratio * load
 
         return add_friction

@@ -111,7 +111,12 @@ class BulletArm:
         self.servos = mujoco.MjData(self.model)
         self.servo_model = without_constraints(self.model)
         self.hooks = simulator.hooks
-        self.forces = StepForces(self.servos.actuator_force[None], self.model.dof_frictionloss[None].copy())
+        self.forces = StepForces(
+            force=self.servos.actuator_force[None],
+            bias=self.servos.qfrc_bias[None],
+            released=np.zeros(1, bool),
+            friction=self.model.dof_frictionloss[None].copy(),
+        )
 
     def start(self, state: np.ndarray) -> None:
         """Start anew from a full MuJoCo state (size of INTEGRATION)."""

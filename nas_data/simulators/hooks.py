@@ -40,7 +40,13 @@ class HookedBatch:
         self.hooks = tuple(hooks)
         self._batch = batch
         self._own = batch.model.dof_frictionloss.copy()
-        self._forces = StepForces(force=batch.bind("actuator_force"), friction=batch.expand("dof_frictionloss"))
+        self.released = np.zeros(batch.nsim, bool)
+        self._forces = StepForces(
+            force=batch.bind("actuator_force"),
+            bias=batch.bind("qfrc_bias"),
+            released=self.released,
+            friction=batch.expand("dof_frictionloss"),
+        )
         self._warm = batch.bind("qacc_warmstart")
 
     def refresh(self, rows: np.ndarray | None = None) -> None:
@@ -86,19 +92,23 @@ def roll_hooked(
     control = batch.bind("ctrl")
     disabled = batch.expand("opt.disableactuator") if switching else None
     batch.state[:] = states
-    switch(disabled, model, switching, 0)
+    hooked.released[:] = switch(disabled, model, switching, 0)
     hooked.refresh()
     ends = np.empty((*controls.shape[:2], 1 + model.nq + model.nv))
     for step in range(controls.shape[1]):
         control[:] = controls[:, step]
-        switch(disabled, model, switching, step)
+        hooked.released[:] = switch(disabled, model, switching, step)
         hooked.step(substeps)
         ends[:, step] = batch.state[:, : ends.shape[2]]
     return ends
 
 
-def switch(disabled: np.ndarray | None, model: mujoco.MjModel, switching: Switching | None, step: int) -> None:
-    """Switch off the servos of those simulations in a batch whose time has come."""
-    if disabled is not None and switching is not None:
-        off = switching.driven <= step
-        disabled[:] = np.where(off, model.opt.disableactuator, switching.powered).reshape(disabled.shape)
+def switch(
+    disabled: np.ndarray | None, model: mujoco.MjModel, switching: Switching | None, step: int
+) -> np.ndarray | bool:
+    """Switch off the servos of those simulations in a batch whose time has come; return which, shape (B,), or False."""
+    if disabled is None or switching is None:
+        return False
+    off = switching.driven <= step
+    disabled[:] = np.where(off, model.opt.disableactuator, switching.powered).reshape(disabled.shape)
+    return off
