@@ -224,6 +224,14 @@ class StillStepper(Stepper):
         """Positions [rad] then velocities [rad/s], shape (B, 2n)."""
         return self._states
 
+    @property
+    def objects(self) -> np.ndarray:
+        """Nothing, shape (B, 0)."""
+        return np.zeros((self.size, 0))
+
+    def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
+        """Guide nothing: there are no objects."""
+
     def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
         """Set the states of some simulations."""
         self._states[slice(None) if rows is None else rows] = states
