@@ -15,6 +15,7 @@ from nas_data.simulators.base import Simulator, Stepper
 
 if TYPE_CHECKING:
     from nas_data.gap.named import Named
+    from nas_data.robots.base import Robot
 
 SOURCE = "source"
 Edit = Callable[[mujoco.MjSpec], None]
@@ -120,23 +121,33 @@ class Task:
         return tuple(parse(text) for text in self.dynamics[dynamics])
 
     def simulator(self, dynamics: str = SOURCE, named: "Named | None" = None, engine: str = "mujoco") -> Simulator:
-        """Return the task's robot with the effects of a dynamics, and with what a gap report named.
+        """Return the simulation of a dynamics, with what a gap report named.
 
         Raises:
             UnknownName: the task has no such dynamics, or there is no such engine.
             JointMismatch: what was named belongs to another robot.
             ModelFileError: the engine cannot simulate what the dynamics needs.
         """
-        effects = self.effects(dynamics)
-        from nas_data.robots.base import find_robot
+        robot, effects = self.body(dynamics)
         from nas_data.simulators.engines import load_simulator
 
-        robot = find_robot(self.robot)
         if named is not None:
             robot, effects = named.robot(robot, self.joints), (*effects, *named.effects)
+        return load_simulator(robot, self.period, self.joints, effects, engine)
+
+    def body(self, dynamics: str = SOURCE) -> tuple["Robot", tuple[Effect, ...]]:
+        """Return the robot as a dynamics changes its model, and the effects that the dynamics adds.
+
+        Raises:
+            UnknownName: the task has no such dynamics; lists those it has.
+        """
+        effects = self.effects(dynamics)
+        from nas_data.robots.base import find_robot
+
+        robot = find_robot(self.robot)
         if dynamics in self.edits:
             robot = replace(robot, edit=in_turn(robot.edit, self.edits[dynamics]))
-        return load_simulator(robot, self.period, self.joints, effects, engine)
+        return robot, effects
 
 
 def in_turn(first: Edit | None, second: Edit) -> Edit:
