@@ -24,8 +24,9 @@ REACHED = 0.17  # [m] radius of the authors' goal disc
 
 EFFORT_COST, REACH_COST = 0.1, 0.5  # per N²m² and per m, the authors' reward
 
-# Free play behind the second motor, as wide as a worn coupling's: the source's policy has to lose by it.
-BACKLASH = ("backlash:joint=j2,half_width=0.15",)
+# A worn, dry gearbox in the shoulder: free play, and Coulomb friction on the motor's side of it. Free play alone, in
+# whichever joint, costs a policy of the source nothing that an expert regains: the links are heavy, the motors slow.
+BACKLASH = ("backlash:joint=j1,half_width=0.15", "coulomb_friction:joint=j1,torque=1.5")
 
 
 @dataclass(frozen=True, kw_only=True)
