@@ -27,7 +27,7 @@ TOUCHING, HIT, HITS, POSE = range(4)  # what is remembered before the poses: fla
 BACKLASH = (
     *(f"backlash:joint={joint},half_width=0.05" for joint in JOINTS),
     *(f"speed_limit:joint={joint},speed=1.745" for joint in JOINTS),
-    "command_delay:delay=0.01",
+    *(f"command_delay:joint={joint},delay=0.01" for joint in JOINTS),
 )
 
 

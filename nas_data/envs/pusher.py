@@ -26,7 +26,7 @@ EFFORT_COST, REACH_COST = 0.1, 0.5  # per N²m² and per m, the authors' reward
 
 # A worn, dry gearbox in the shoulder: free play, and Coulomb friction on the motor's side of it. Free play alone, in
 # whichever joint, costs a policy of the source nothing that an expert regains: the links are heavy, the motors slow.
-BACKLASH = ("backlash:joint=j1,half_width=0.15", "coulomb_friction:joint=j1,torque=1.5")
+BACKLASH = ("backlash:joint=j1,half_width=0.15", "coulomb_friction:joint=j1,torque=1.0")
 
 
 @dataclass(frozen=True, kw_only=True)
