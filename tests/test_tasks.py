@@ -22,6 +22,7 @@ from nas_data.models.checkpoint import save
 from nas_data.models.lstm import DynamicsModel
 from nas_data.robots.base import find_robot
 
+GENTLE = 0.3  # actions that throw no joint against its stop, which multiplies the last bits of a network's output
 CLOSE = {"atol": 1e-6, "rtol": 1e-5}  # rad and m; fast joints differ by more than 1e-6 rad/s in single precision
 TASKS = registry.names("envs")
 
@@ -88,8 +89,8 @@ def test_many_arms_and_one_live_through_the_same_episode_under_phi(task, tmp_pat
     model = DynamicsModel("delta", this.joints, hidden=16, layers=2, fps=1 / this.period, commands_effort=effort)
     with torch.no_grad():
         for layer in (model.outer, model.shortcut):
-            layer.weight.mul_(0.005)
-            layer.bias.mul_(0.005)
+            layer.weight.mul_(0.001)
+            layer.bias.mul_(0.001)
     phi = str(save(model, tmp_path / "phi"))
     batch = ArmVecEnv(this, Plant(task, checkpoint=phi).stepper(4))
     alone = ArmEnv(task, checkpoint=phi)
@@ -98,7 +99,7 @@ def test_many_arms_and_one_live_through_the_same_episode_under_phi(task, tmp_pat
     alone.reset(seed=3 + 2)
     rng = np.random.default_rng(0)
     for _ in range(min(this.horizon, 200)):
-        actions = rng.uniform(-1, 1, (4, *batch.action_space.shape))
+        actions = rng.uniform(-GENTLE, GENTLE, (4, *batch.action_space.shape))
         seen, rewards, dones, infos = batch.step(actions)
         observation, reward, terminated, truncated, _ = alone.step(actions[2])
         assert rewards[2] == pytest.approx(reward, abs=1e-5)
