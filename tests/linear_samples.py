@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from nas_data.dataset.features import Feature
 from nas_data.models.evaluation import StillStepper
 from nas_data.models.lstm import DynamicsModel
 
@@ -61,6 +62,7 @@ class LinearSimulator:
     period: float = 0.02
     commands_effort: bool = False
     remembers: bool = False
+    object_feature: Feature = Feature(names=())
 
     @classmethod
     def draw(cls, seed: int, joints: tuple[str, ...] = ("m1", "m2")) -> Self:
