@@ -1,6 +1,6 @@
 """Linear arms, and networks that say nothing or know the whole difference between two of them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
@@ -62,7 +62,7 @@ class LinearSimulator:
     period: float = 0.02
     commands_effort: bool = False
     remembers: bool = False
-    object_feature: Feature = Feature(names=())
+    object_feature: Feature = field(default_factory=lambda: Feature(names=()))
 
     @classmethod
     def draw(cls, seed: int, joints: tuple[str, ...] = ("m1", "m2")) -> Self:
