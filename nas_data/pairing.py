@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import SIM_STATE, state_feature
+from nas_data.dataset.features import ENVIRONMENT, SIM_ENVIRONMENT, SIM_STATE, state_feature
 from nas_data.errors import JointMismatch
 from nas_data.simulators.base import Simulator
 
@@ -15,24 +15,57 @@ WIDEST = 4 * np.pi  # [rad] two turns; a range of degrees that were read as radi
 
 
 def pair(dataset: Dataset, simulator: Simulator) -> Dataset:
-    """Add `next.observation.sim_state` to a dataset of transitions.
+    """Add `next.observation.sim_state` to a dataset of transitions, and `next.observation.sim_environment_state`.
 
     The source is reset to each measured state with its warm start zeroed, the command is held for one control
-    period, and the joints are read. The result equals a plain loop over `mj_step` bit for bit.
+    period, and the joints are read. The result equals a plain loop over `mj_step` bit for bit. Objects that both the
+    dataset and the source have are reset and read with the joints; φ corrects the joints alone.
 
     Args:
         dataset: Transitions with 2n-states (see `as_transitions`).
         simulator: Source with the dataset's joints and rate.
 
     Returns:
-        The dataset with the predictions as float32, shape (N, 2n).
+        The dataset with the predictions as float32, shape (N, 2n), and (N, m) of the objects.
 
     Raises:
         JointMismatch: joints, rate or kind of command differ.
     """
     check_fits(dataset, simulator)
-    predicted = simulator.predict(dataset.states, dataset.commands)
-    return dataset.with_column(SIM_STATE, state_feature(dataset.joints), predicted.astype(np.float32))
+    predicted = simulator.predict(scene_states(dataset, simulator), dataset.commands).astype(np.float32)
+    width = dataset.states.shape[1]
+    paired = dataset.with_column(SIM_STATE, state_feature(dataset.joints), predicted[:, :width])
+    if predicted.shape[1] == width:
+        return paired
+    return paired.with_column(SIM_ENVIRONMENT, simulator.object_feature, predicted[:, width:])
+
+
+def scene_states(dataset: Dataset, simulator: Simulator, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
+    """Return measured states as a simulator takes them: joints, then its objects where the dataset has them all.
+
+    Args:
+        dataset: Transitions with 2n-states.
+        simulator: Whose objects are looked for, by their names.
+        rows: Which frames.
+
+    Returns:
+        Shape (rows, 2n), or (rows, 2n + m) with the objects.
+    """
+    states, wanted = dataset.states[rows], simulator.object_feature.names
+    held = dataset.features[ENVIRONMENT].names if ENVIRONMENT in dataset.features else ()
+    if not wanted or not set(wanted) <= set(held):
+        return states
+    places = [held.index(name) for name in wanted]
+    return np.concatenate([states, dataset.columns[ENVIRONMENT][rows][:, places]], axis=1)
+
+
+def object_warnings(dataset: Dataset, simulator: Simulator) -> list[str]:
+    """Say that the source's objects stay in their reference posture because the dataset does not have them."""
+    held = dataset.features[ENVIRONMENT].names if ENVIRONMENT in dataset.features else ()
+    missing = [name for name in simulator.object_feature.names if name not in held]
+    if not missing or not held:
+        return []
+    return [f"'{ENVIRONMENT}' lacks {missing[0]}, so that the source's objects start in their reference posture"]
 
 
 def check_source(dataset: Dataset, simulator: Simulator) -> None:
@@ -43,7 +76,7 @@ def check_source(dataset: Dataset, simulator: Simulator) -> None:
     """
     check_fits(dataset, simulator)
     n, rows = len(dataset.joints), slice(0, PROBES)
-    predicted = simulator.predict(dataset.states[rows], dataset.commands[rows])
+    predicted = simulator.predict(scene_states(dataset, simulator, rows), dataset.commands[rows])
     apart = float(np.abs(predicted[:, :n] - dataset.sim_states[rows, :n]).mean())
     if not apart < SAME_SOURCE:
         raise JointMismatch(

@@ -26,6 +26,13 @@ class FirstOrderArm:
     def states(self) -> np.ndarray:
         return self._states.copy()
 
+    @property
+    def objects(self) -> np.ndarray:
+        return np.zeros((self.size, 0))
+
+    def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
+        raise AssertionError("there are no objects")
+
     def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
         self._states[slice(None) if rows is None else rows] = states
 

@@ -1,12 +1,13 @@
 """Linear arms, and networks that say nothing or know the whole difference between two of them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
 import torch
 from torch import nn
 
+from nas_data.dataset.features import Feature
 from nas_data.models.evaluation import StillStepper
 from nas_data.models.lstm import DynamicsModel
 
@@ -61,6 +62,7 @@ class LinearSimulator:
     period: float = 0.02
     commands_effort: bool = False
     remembers: bool = False
+    object_feature: Feature = field(default_factory=lambda: Feature(names=()))
 
     @classmethod
     def draw(cls, seed: int, joints: tuple[str, ...] = ("m1", "m2")) -> Self:

@@ -187,7 +187,7 @@ def test_torque_commands_are_recorded_as_torques(folder):
 
 
 def test_bad_input_is_one_sentence_and_writes_nothing(folder, capsys):
-    assert "choose one of: ergojr" in refused(capsys, "--robot", "r2d2")
+    assert "choose one of: ergo_shield, ergojr" in refused(capsys, "--robot", "r2d2")
     assert "no model file absent.xml" in refused(capsys, "--robot", "absent.xml")
     assert "choose one of: backlash" in refused(capsys, "--effect", "gremlins")
     assert "m1, m2" in refused(capsys, "--effect", "backlash:joint=m9,half_width=0.1")

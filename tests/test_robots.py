@@ -15,6 +15,7 @@ from nas_data.simulators.limits import command_limits, excitable_limits
 from nas_data.simulators.mujoco import MujocoSimulator
 
 ROBOTS = registry.names("robots")
+MOTORS = {"pusher", "striker"}  # simulated only, with torque motors and exact sensors
 ERGOJRS = [name for name in ROBOTS if name.startswith("ergojr")]
 
 
@@ -39,22 +40,23 @@ def test_names_joints_sensors_and_tip_are_as_the_file_says(robot):
     layout = Layout.of(model, robot.joints, robot.name)
     assert registry.module("robots", robot.name, "robot").ROBOT is robot
     assert layout.joints == robot.joints
-    assert not layout.commands_effort
+    assert layout.commands_effort == (robot.name in MOTORS)
     for joint in robot.joints:
         sensor = model.sensor(f"{joint}.pos")
         assert model.sensor_objid[sensor.id] == model.joint(joint).id
     assert robot.tip is None or model.site(robot.tip).id >= 0
-    assert robot.position_quantum > 0
-    assert robot.velocity_quantum > 0
+    assert (robot.position_quantum > 0) == (robot.velocity_quantum > 0) == (robot.name not in MOTORS)
 
 
 def test_stays_finite_and_within_limits_under_random_commands(robot):
     arm = MujocoSimulator(robot, 1 / robot.rate, threads=1)
     low, high = command_limits(arm.model, arm.joints, robot.name)
-    low, high = excitable_limits(low, high, arm.joints, effort=False)
+    low, high = excitable_limits(low, high, arm.joints, effort=arm.commands_effort)
     rng = np.random.default_rng(0)
     commands = np.repeat(rng.uniform(low, high, (3, 20, len(low))), 10, axis=1)
     states = arm.rollout(np.zeros((3, 2 * len(low))), commands)
+    if arm.commands_effort:
+        low, high = arm.model.jnt_range[: len(low)].T
     assert np.isfinite(states).all()
     assert (states[..., : len(low)] > 1.1 * low - 0.5).all()
     assert (states[..., : len(low)] < 1.1 * high + 0.5).all()
@@ -63,7 +65,7 @@ def test_stays_finite_and_within_limits_under_random_commands(robot):
 def test_settles_when_a_command_is_held(robot):
     arm = MujocoSimulator(robot, 1 / robot.rate, threads=1)
     n = len(arm.joints)
-    commands = np.full((1, round(6 * robot.rate), n), 0.3)
+    commands = np.full((1, round(6 * robot.rate), n), 0.0 if arm.commands_effort else 0.3)
     states = arm.rollout(np.zeros((1, 2 * n)), commands)[0]
     last = states[-round(robot.rate / 2) :]
     assert np.abs(last[:, n:]).max() < 5e-3
@@ -145,6 +147,43 @@ def test_the_ergojr_stands_on_a_floor():
         for _ in range(200):
             stepper.step(sign * reach_down[None])
         assert stepper.site_positions("tip")[0, 2] > -0.02
+
+
+def test_the_pusher_weighs_and_moves_as_the_authors_measured():
+    model, data = zero_posture("pusher")
+    assert [model.body(name).mass[0] for name in ("link1", "link2", "link3")] == pytest.approx([5.43] * 3, abs=0.005)
+    assert model.body("fork").mass[0] == pytest.approx(1.45, abs=0.005)
+    assert model.dof_damping == pytest.approx([1, 1, 1, 0.5, 0.5])
+    assert model.dof_armature == pytest.approx([0.04, 0.04, 0.04, 0, 0])
+    assert model.body("puck").mass[0] == pytest.approx(0.04)  # what the authors' slides have as motor inertia
+    assert model.jnt_range[:3] == pytest.approx(np.array([[-2.5, 2.5], [-2.3213, 2.3], [-2.3213, 2.3]]))
+    elbow = 0.4 * np.array([np.cos(0.785), np.sin(0.785)])
+    reached = elbow + np.array([0.4, 0]) + (0.4 + 0.0528) * np.array([np.cos(1.57), -np.sin(1.57)])
+    assert data.site("gripper").xpos[:2] == pytest.approx(reached, abs=1e-3)
+
+
+def test_the_striker_has_the_ranges_and_losses_of_its_sources():
+    model, data = zero_posture("striker")
+    low = [-2.2854, -0.5236, -1.5, -2.3213, -1.5, -1.094, -1.5]
+    high = [1.7146, 1.3963, 1.7, 0, 1.5, 0, 1.5]
+    assert model.jnt_range[:7] == pytest.approx(np.column_stack([low, high]))
+    assert model.dof_damping == pytest.approx([1, 1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.5, 0.5])
+    assert model.dof_armature == pytest.approx([0.04] * 7 + [0, 0])
+    assert model.actuator_ctrlrange == pytest.approx(np.tile([-3, 3], (7, 1)))
+    assert data.site("tip").xpos == pytest.approx([0.1 + 0.4 + 0.321 + 0.017, -0.6, 0])
+    assert data.body("ball").xpos == pytest.approx([0.5, -0.175, -0.27])
+
+
+def test_sword_and_shield_are_where_and_as_large_as_the_authors_made_them():
+    model, data = zero_posture("ergo_shield")
+    assert data.site("sword_top").xpos == pytest.approx([0, 0.1695, 0.156 + 0.135])
+    assert data.site("sword_bottom").xpos == pytest.approx([0, 0.1695, 0.156 - 0.015])
+    assert data.site("defender_shield_centre").xpos == pytest.approx([0, 0.37 - 0.1695, 0.156])
+    assert data.site("defender_shield_front").xpos[1] < data.site("defender_shield_centre").xpos[1]
+    sword, shield = (model.geom(name).size for name in ("sword", "defender_shield"))
+    assert sword[:2] == pytest.approx([0.0035, 0.075]) and shield[:2] == pytest.approx([0.0235, 0.0025])
+    own = [model.body(f"link{i}").mass[0] for i in range(1, 7)]
+    assert own == pytest.approx([model.body(f"defender_link{i}").mass[0] for i in range(1, 7)])
 
 
 def test_the_pendulum_feels_m_g_l_sin_q():

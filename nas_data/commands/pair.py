@@ -46,7 +46,7 @@ class Pair(Command):
         from nas_data.dataset.transitions import as_transitions
         from nas_data.effects.base import parse
         from nas_data.gap.named import Named
-        from nas_data.pairing import pair, range_warnings
+        from nas_data.pairing import object_warnings, pair, range_warnings
         from nas_data.robots.base import find_robot
         from nas_data.simulators.engines import load_simulator
 
@@ -75,7 +75,7 @@ class Pair(Command):
             contiguous=before.contiguous,
             notes=before.notes,
         )
-        warnings = range_warnings(dataset, robot.spec().compile())
+        warnings = [*range_warnings(dataset, robot.spec().compile()), *object_warnings(dataset, simulator)]
         for warning in warnings:
             print(f"nas: warning: {warning}", file=sys.stderr)
         files, remark = self._kept_source(robot, effects, paired)

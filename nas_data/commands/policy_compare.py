@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 from nas_data.commands.base import Command, Outcome
 from nas_data.errors import OptionError
@@ -21,6 +22,8 @@ class PolicyCompare(Command):
     """Environment."""
     dynamics: str = "backlash"
     """The target: one of the environment's dynamics."""
+    engine: Literal["mujoco", "bullet"] = "mujoco"
+    """Physics engine of the target; the sources run in MuJoCo, so that `bullet` adds a gap that nobody designed."""
     delta: Path | None = None
     """Checkpoint of φ, for the method nas; left out without."""
     forward: Path | None = None
@@ -52,7 +55,7 @@ class PolicyCompare(Command):
             raise OptionError("Frames, episodes and workers must be 1 or more, seeds all different.")
         if self.delta_named and not self.effects:
             raise OptionError("--delta-named corrects a source with named effects; say which: --effects DIR.")
-        target = Plant(self.env, self.dynamics)
+        target = Plant(self.env, self.dynamics, engine=self.engine)
         methods = {EXPERT_METHOD: target, SOURCE_METHOD: Plant(self.env)}
         for name, checkpoint in (("nas", self.delta), ("forward", self.forward)):
             if checkpoint is not None:

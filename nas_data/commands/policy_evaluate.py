@@ -23,6 +23,8 @@ class PolicyEvaluate(Command):
     """What the policies are judged on: the target, the plain model, or the model with named effects."""
     dynamics: str = "backlash"
     """What the target is: one of the environment's dynamics."""
+    engine: Literal["mujoco", "bullet"] = "mujoco"
+    """Physics engine of what the policies are judged on."""
     effects: Path | None = None
     """A gap report's folder, or its effects.json, for `named`."""
     episodes: int = 100
@@ -45,7 +47,8 @@ class PolicyEvaluate(Command):
 
         first = load_policy(find_policies(self.policies[0])[0])
         effects = None if self.effects is None else str(self.effects)
-        plant = Plant(first.environment, self.dynamics if self.on == "target" else SOURCE, effects=effects)
+        dynamics = self.dynamics if self.on == "target" else SOURCE
+        plant = Plant(first.environment, dynamics, effects=effects, engine=self.engine)
         stepper = plant.stepper(self.episodes)
         groups = [score_group(path, plant, self.episodes, stepper) for path in self.policies]
         baselines = score_baselines(plant, self.episodes, stepper)
@@ -55,6 +58,7 @@ class PolicyEvaluate(Command):
         data = {
             "environment": plant.environment,
             "dynamics": plant.dynamics,
+            "engine": plant.engine,
             "effects": effects,
             "episodes": self.episodes,
             "groups": [group.describe() for group in groups],

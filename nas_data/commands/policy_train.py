@@ -30,6 +30,8 @@ class PolicyTrain(Command):
     """A gap report's folder, or its effects.json, for `named` and, under a φ trained on what is left, `augmented`."""
     dynamics: str = "backlash"
     """What the target is, for `target`: one of the environment's dynamics."""
+    engine: Literal["mujoco", "bullet"] = "mujoco"
+    """Physics engine, for all but ψ; a policy of one engine may be judged on the other."""
     frames: int = 2_000_000
     """Control steps to learn from, rounded up to whole rollouts of 8192; 2 million as in the paper."""
     seed: tuple[int, ...] = (0,)
@@ -94,6 +96,7 @@ class PolicyTrain(Command):
             dynamics=self.dynamics if self.on == "target" else SOURCE,
             checkpoint=None if self.checkpoint is None else str(self.checkpoint),
             effects=None if self.effects is None else str(self.effects),
+            engine=self.engine,
         )
         plant.check()  # says what is wrong before anything is written
         if self.checkpoint is not None:

@@ -12,7 +12,8 @@ from nas_data.commands.base import Command, Outcome
 from nas_data.errors import OptionError
 
 if TYPE_CHECKING:
-    from nas_data.recorders.simulated import Protocol, Target
+    from nas_data.recorders.simulated import Protocol, Readings, Target
+    from nas_data.robots.base import Robot
 
 FASTEST = 100_000.0  # [Hz] beyond any robot's control rate
 LONGEST = 86_400.0  # [s] an episode of a day
@@ -24,10 +25,15 @@ class RecordSim(Command):
     """Record episodes from a simulated target into a new dataset version.
 
     Example: nas record sim --robot ergojr --effect backlash:joint=m3,half_width=0.02 --episodes 200 --seconds 3
+    Example: nas record sim --env Pusher --dynamics backlash --excitation babbling --episodes 250
     """
 
     robot: str = "ergojr"
     """A robot's name, or any MJCF or URDF file."""
+    env: str | None = None
+    """An environment instead: its robot and rate, its own starts, objects placed, and a signal in its action space."""
+    dynamics: str = "backlash"
+    """What the target is, for --env: one of the environment's dynamics."""
     engine: Literal["mujoco", "bullet"] = "mujoco"
     """Physics engine of the target."""
     effect: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
@@ -40,8 +46,8 @@ class RecordSim(Command):
     """Play a CSV file instead: columns <joint>.pos [rad], one row a control step, optional column 'episode'."""
     episodes: int = 200
     """Number of episodes."""
-    seconds: float = 3.0
-    """Length of an episode [s]."""
+    seconds: float | None = None
+    """Length of an episode [s]; 3, or an environment's own, where not given."""
     rate: float | None = None
     """Control rate [Hz]; the robot's own where not given."""
     start: Literal["rest", "random"] = "rest"
@@ -94,46 +100,80 @@ class RecordSim(Command):
         """Build the target and its sensors."""
         from nas_data.effects.base import parse
         from nas_data.gap.named import Named
-        from nas_data.recorders.simulated import Readings, Target
+        from nas_data.recorders.simulated import Target
         from nas_data.robots.base import find_robot
         from nas_data.simulators.engines import load_simulator
 
+        if self.env is not None:
+            return self._environment(self.env)
         robot = find_robot(self.robot)
         rate = robot.rate if self.rate is None else self.rate
         if not 0 < rate <= FASTEST:
             raise OptionError(f"--rate is {rate}; it must lie above 0 and up to {FASTEST:g} Hz.")
         named = Named.read(self.effects) if self.effects else None
         effects = [*(named.effects if named else ()), *map(parse, self.effect)]
-        readings = Readings(
+        target = named.robot(robot, robot.joints) if named else robot
+        simulator = load_simulator(target, 1 / rate, effects=effects, engine=self.engine)
+        return Target(robot, simulator, self._readings(robot), rate)
+
+    def _environment(self, name: str) -> "Target":
+        """Build an environment's target and its sensors."""
+        from nas_data.envs.base import find_task
+        from nas_data.recorders.simulated import Target
+        from nas_data.simulators.engines import load_simulator
+
+        own = {"rate": self.rate, "effect": self.effect, "effects": self.effects, "joints": self.joints}
+        given = [option for option, value in own.items() if value]
+        if given or self.start != "rest":
+            raise OptionError(f"--{(given or ['start'])[0]} does not go with --env: the environment brings its own.")
+        task = find_task(name)
+        robot, effects = task.body(self.dynamics)
+        simulator = load_simulator(robot, task.period, task.joints, effects, self.engine)
+        return Target(robot, simulator, self._readings(robot), 1 / task.period)
+
+    def _readings(self, robot: "Robot") -> "Readings":
+        """Say how the sensors show the state."""
+        from nas_data.recorders.simulated import Readings
+
+        return Readings(
             noise=self.noise,
             quantum=robot.position_quantum if self.quantum is None else self.quantum,
             velocity_noise=self.velocity_noise,
             # whoever asks for exact positions does not want a coarse velocity register either
             velocity_quantum=0.0 if self.quantum == 0 else robot.velocity_quantum,
         )
-        target = named.robot(robot, robot.joints) if named else robot
-        simulator = load_simulator(target, 1 / rate, effects=effects, engine=self.engine)
-        return Target(robot, simulator, readings, rate)
 
     def _protocol(self) -> "Protocol":
         """Say what is to be played."""
+        from nas_data.envs.base import environment_id, find_task_file
         from nas_data.excitations.base import parse
         from nas_data.recorders.simulated import Protocol
 
-        if self.episodes < 1 or not 0 < self.seconds <= LONGEST:
+        seconds = self._seconds()
+        if self.episodes < 1 or not 0 < seconds <= LONGEST:
             raise OptionError(
-                f"{self.episodes} episodes of {self.seconds} s cannot be recorded; "
+                f"{self.episodes} episodes of {seconds} s cannot be recorded; "
                 f"at least one is needed, of up to {LONGEST:g} s."
             )
         return Protocol(
             excitation=parse(self.excitation),
             file=self.commands,
             episodes=self.episodes,
-            seconds=self.seconds,
+            seconds=seconds,
             start=self.start,
             seed=self.seed,
             joints=self.joints,
+            environment=environment_id(find_task_file(self.env)) if self.env else "",
         )
+
+    def _seconds(self) -> float:
+        """Return the length of an episode [s]."""
+        if self.seconds is not None or self.env is None:
+            return 3.0 if self.seconds is None else self.seconds
+        from nas_data.envs.base import find_task
+
+        task = find_task(self.env)
+        return task.horizon * task.period
 
 
 class Progress:

@@ -13,6 +13,7 @@ import numpy as np
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import (
     ACTION,
+    ENVIRONMENT,
     NEXT_STATE,
     SIM_STATE,
     STATE,
@@ -25,7 +26,6 @@ from nas_data.dataset.joints import Components, check_radians, matching_joints
 from nas_data.errors import DatasetInvalid, JointMismatch
 
 WINDOW = 5  # samples
-ENVIRONMENT = "observation.environment_state"
 VELOCITIES_DERIVED = (
     "velocities: centred quadratic over 5 samples (savgol_filter, deriv=1; fewer in shorter episodes), per episode"
 )

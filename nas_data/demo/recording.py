@@ -12,6 +12,7 @@ from nas_data.demo.plan import Plan
 from nas_data.demo.stages import Demo, Found
 from nas_data.excitations.babbling import Babbling
 from nas_data.pairing import pair
+from nas_data.recorders.environment import draw_environment_starts
 from nas_data.recorders.simulated import Protocol, Readings, Session, Target, to_dataset
 from nas_data.robots.base import find_robot
 from nas_data.sources import source_files
@@ -95,9 +96,8 @@ def draw(plan: Plan, episodes: int, seed: int) -> Session:
         Babbling(every=every[episode % len(every)]).shape(command_rng, 1, steps, task.period, np.ones(width))[0]
         for episode in range(episodes)
     ]
-    n = len(task.joints)
-    poses = np.stack([task.start(pose_rng).state[:n] for _ in range(episodes)])
-    return Session(target, protocol, [task.command(rows) for rows in actions], poses, noise_rng)
+    starts = draw_environment_starts(plan.environment, episodes, pose_rng)
+    return Session(target, protocol, [task.command(rows) for rows in actions], starts, noise_rng)
 
 
 def play(session: Session) -> list[np.ndarray]:
@@ -108,9 +108,8 @@ def play(session: Session) -> list[np.ndarray]:
     Returns:
         Readings of each episode before the first command and after each, shape (T + 1, 2n).
     """
-    initial = np.concatenate([session.poses, np.zeros_like(session.poses)], axis=1)
-    states = session.target.simulator.rollout(initial, np.stack(session.commands))
-    return list(session.target.readings.of(np.concatenate([initial[:, None], states], axis=1), session.rng))
+    states = session.target.simulator.rollout(session.starts, np.stack(session.commands))
+    return list(session.target.readings.of(np.concatenate([session.starts[:, None], states], axis=1), session.rng))
 
 
 def provenance_of(session: Session, plan: Plan) -> Provenance:

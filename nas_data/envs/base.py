@@ -1,9 +1,10 @@
 """What an environment is about: a task, which is told states and asked for commands."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+import mujoco
 import numpy as np
 from gymnasium import spaces
 
@@ -14,8 +15,10 @@ from nas_data.simulators.base import Simulator, Stepper
 
 if TYPE_CHECKING:
     from nas_data.gap.named import Named
+    from nas_data.robots.base import Robot
 
 SOURCE = "source"
+Edit = Callable[[mujoco.MjSpec], None]
 
 
 @dataclass(frozen=True)
@@ -24,11 +27,13 @@ class Start:
 
     Attributes:
         state: Joint positions [rad] then velocities [rad/s], shape (2n,).
-        goal: What the episode is about, in the task's own units, shape (k,).
+        goal: What the episode is about and what the task remembers of it, in the task's own units, shape (k,).
+        objects: Positions then velocities of the objects in the scene, shape (m,); empty for their reference.
     """
 
     state: np.ndarray
     goal: np.ndarray
+    objects: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
 @dataclass(frozen=True)
@@ -60,6 +65,7 @@ class Task:
         observation_space: Bounded observations, float32.
         action_space: Normalised actions in [-1, 1], float32.
         dynamics: What each name of `dynamics=` adds to the source, as `effects.base.parse` reads it.
+        edits: What a dynamics changes in the model beyond effects, before they are added.
     """
 
     robot: str
@@ -69,6 +75,7 @@ class Task:
     observation_space: spaces.Box
     action_space: spaces.Box
     dynamics: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    edits: Mapping[str, Edit] = field(default_factory=dict)
 
     def start(self, rng: np.random.Generator) -> Start:
         """Draw how an episode begins."""
@@ -81,6 +88,19 @@ class Task:
     def observe(self, stepper: Stepper, goals: np.ndarray) -> np.ndarray:
         """Return observations (B, o), float32 and within their space, of the present states and goals (B, k)."""
         raise NotImplementedError(f"{type(self).__name__} has no observe()")
+
+    def follow(self, stepper: Stepper, goals: np.ndarray, elapsed: np.ndarray) -> np.ndarray:
+        """Do what happens by itself after a control step, and remember what the step brought; here nothing.
+
+        Args:
+            stepper: The simulations, to be guided or reset where the scene asks for it.
+            goals: What episodes are about and what is remembered of them, shape (B, k).
+            elapsed: Control steps since each episode's start, shape (B,).
+
+        Returns:
+            The goals from now on, shape (B, k).
+        """
+        return goals
 
     def judge(self, stepper: Stepper, goals: np.ndarray, actions: np.ndarray) -> Verdict:
         """Judge the states that actions (B, a) led to, given goals (B, k)."""
@@ -100,21 +120,45 @@ class Task:
             raise UnknownName("dynamics", dynamics, self.dynamics)
         return tuple(parse(text) for text in self.dynamics[dynamics])
 
-    def simulator(self, dynamics: str = SOURCE, named: "Named | None" = None) -> Simulator:
-        """Return the task's robot in MuJoCo with the effects of a dynamics, and with what a gap report named.
+    def simulator(self, dynamics: str = SOURCE, named: "Named | None" = None, engine: str = "mujoco") -> Simulator:
+        """Return the simulation of a dynamics, with what a gap report named.
 
         Raises:
-            UnknownName: the task has no such dynamics.
+            UnknownName: the task has no such dynamics, or there is no such engine.
             JointMismatch: what was named belongs to another robot.
+            ModelFileError: the engine cannot simulate what the dynamics needs.
+        """
+        robot, effects = self.body(dynamics)
+        from nas_data.simulators.engines import load_simulator
+
+        if named is not None:
+            robot, effects = named.robot(robot, self.joints), (*effects, *named.effects)
+        return load_simulator(robot, self.period, self.joints, effects, engine)
+
+    def body(self, dynamics: str = SOURCE) -> tuple["Robot", tuple[Effect, ...]]:
+        """Return the robot as a dynamics changes its model, and the effects that the dynamics adds.
+
+        Raises:
+            UnknownName: the task has no such dynamics; lists those it has.
         """
         effects = self.effects(dynamics)
         from nas_data.robots.base import find_robot
-        from nas_data.simulators.mujoco import MujocoSimulator
 
         robot = find_robot(self.robot)
-        if named is not None:
-            robot, effects = named.robot(robot, self.joints), (*effects, *named.effects)
-        return MujocoSimulator(robot, self.period, self.joints, effects)
+        if dynamics in self.edits:
+            robot = replace(robot, edit=in_turn(robot.edit, self.edits[dynamics]))
+        return robot, effects
+
+
+def in_turn(first: Edit | None, second: Edit) -> Edit:
+    """Return an edit of a model that does one after the other."""
+
+    def edit(spec: mujoco.MjSpec) -> None:
+        if first is not None:
+            first(spec)
+        second(spec)
+
+    return edit
 
 
 def environment_name(task: str) -> str:

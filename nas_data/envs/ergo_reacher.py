@@ -1,11 +1,14 @@
 """ErgoReacher: four joints of an ErgoJr bring the tip to a point in the plane in front of it."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from gymnasium import spaces
 
 from nas_data.envs.base import Start, Task, Verdict
+from nas_data.envs.edits.authors_ergojr import authors_source, authors_target
+from nas_data.envs.edits.bigger_gap import widen_gap
 from nas_data.simulators.base import Stepper
 
 JOINTS = ("m1", "m2", "m3", "m4", "m5", "m6")
@@ -87,5 +90,10 @@ TASK = ErgoReacher(
     horizon=100,
     observation_space=spaces.Box(-OBSERVATION_BOUND, OBSERVATION_BOUND, dtype=np.float32),
     action_space=spaces.Box(-1.0, 1.0, shape=(len(ACTIVE),), dtype=np.float32),
-    dynamics={"source": (), "backlash": BACKLASH},
+    dynamics={"source": (), "backlash": BACKLASH, "paper": (), "paper-source": (), "bigger-gap": BACKLASH},
+    edits={
+        "paper": authors_target,
+        "paper-source": authors_source,  # the authors' gap lies between these two
+        "bigger-gap": partial(widen_gap, joint="m1"),
+    },
 )

@@ -16,6 +16,9 @@ class LearnedStepper:
     that bodies, sites and contacts agree with the corrected state (algorithm 2 of the paper). ψ: the source is
     not stepped, only set, and serves for the places of bodies and sites. Where the model leaves all bounds the states
     are NaN until the next reset, and the source is left where it was: it could not be simulated there.
+
+    Only the joints are corrected or predicted. Objects (a puck, an opponent) are the source's throughout: they are
+    moved by its contacts with the arm as it would move by itself, and with ψ it is stepped for them alone.
     """
 
     def __init__(self, source: Stepper, model: DynamicsModel) -> None:
@@ -38,6 +41,7 @@ class LearnedStepper:
         self.joints = source.joints
         self.size = source.size
         self._states = source.states
+        self._steps = model.kind == "delta" or source.objects.shape[1] > 0
         self._memory = model.no_memory(self.size)
         self._lost = np.zeros(self.size, bool)
 
@@ -45,6 +49,15 @@ class LearnedStepper:
     def states(self) -> np.ndarray:
         """Corrected positions [rad] then velocities [rad/s], shape (B, 2n); NaN where the model diverged."""
         return self._states
+
+    @property
+    def objects(self) -> np.ndarray:
+        """The source's objects, uncorrected, shape (B, m); see `Stepper.objects`."""
+        return self.source.objects
+
+    def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
+        """Command the servos of objects; see `Stepper.guide`."""
+        self.source.guide(targets, rows)
 
     def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
         """Start simulations anew, the model's memory zeroed; see `Stepper.reset`."""
@@ -57,7 +70,8 @@ class LearnedStepper:
 
     def step(self, commands: np.ndarray) -> np.ndarray:
         """Hold the commands for one control period; see `Stepper.step`."""
-        base = self.source.step(commands) if self.model.kind == "delta" else self._states
+        stepped = self.source.step(commands) if self._steps else self._states
+        base = stepped if self.model.kind == "delta" else self._states
         with torch.no_grad():
             change, self._memory = self.model.changes(
                 as_input(self._states), as_input(commands), as_input(base), self._memory

@@ -13,7 +13,7 @@ from nas_data.models.augmented import LearnedStepper
 from nas_data.models.episodes import pad, read_episodes
 from nas_data.models.lstm import DynamicsModel
 from nas_data.models.threads import one_thread
-from nas_data.pairing import check_fits, pair
+from nas_data.pairing import check_fits, pair, scene_states
 from nas_data.simulators.base import Simulator, Stepper
 
 MODEL = {"delta": "source + φ", "forward": "ψ"}
@@ -145,10 +145,10 @@ def open_loop_source(dataset: Dataset, simulator: Simulator) -> list[np.ndarray]
     check_fits(dataset, simulator)
     result: list[np.ndarray] = [np.empty(0)] * dataset.n_episodes
     for batch in batches(dataset.lengths):
-        commands, initial = padded_commands(dataset, batch), dataset.states[dataset.starts[batch]]
-        states = simulator.rollout(initial, commands)
+        commands = padded_commands(dataset, batch)
+        states = simulator.rollout(scene_states(dataset, simulator, dataset.starts[batch]), commands)
         for row, episode in enumerate(batch):
-            result[episode] = states[row, : dataset.lengths[episode]]
+            result[episode] = states[row, : dataset.lengths[episode], : dataset.states.shape[1]]
     return result
 
 
@@ -184,7 +184,9 @@ def open_loop_model(
     for batch in plan:
         source = simulator.stepper(len(batch)) if simulator is not None else StillStepper(dataset.joints, len(batch))
         stepper = LearnedStepper(source, model)
-        stepper.reset(dataset.states[dataset.starts[batch]].astype(float))
+        first = dataset.starts[batch]
+        begun = dataset.states[first] if simulator is None else scene_states(dataset, simulator, first)
+        stepper.reset(begun.astype(float))
         commands = padded_commands(dataset, batch)
         states = np.empty((len(batch), commands.shape[1], dataset.states.shape[1]))
         for step in range(commands.shape[1]):
@@ -223,6 +225,14 @@ class StillStepper(Stepper):
     def states(self) -> np.ndarray:
         """Positions [rad] then velocities [rad/s], shape (B, 2n)."""
         return self._states
+
+    @property
+    def objects(self) -> np.ndarray:
+        """Nothing, shape (B, 0)."""
+        return np.zeros((self.size, 0))
+
+    def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
+        """Guide nothing: there are no objects."""
 
     def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
         """Set the states of some simulations."""

@@ -8,6 +8,7 @@ from torch import Tensor
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import SIM_STATE, state_feature
 from nas_data.models.episodes import Episode
+from nas_data.pairing import scene_states
 from nas_data.simulators.base import Simulator, Stepper
 
 BATCH = 64  # episodes stepped together
@@ -24,7 +25,7 @@ def with_memory(dataset: Dataset, simulator: Simulator) -> Dataset:
         starts = np.array([rows.start for rows in episodes[first : first + BATCH]])
         lengths = np.array([rows.stop - rows.start for rows in episodes[first : first + BATCH]])
         stepper = simulator.stepper(len(starts))
-        stepper.reset(dataset.states[starts].astype(float))
+        stepper.reset(scene_states(dataset, simulator, starts).astype(float))
         for step in range(lengths.max()):
             rows = starts + np.minimum(step, lengths - 1)
             after = follow(stepper, dataset.states[rows], dataset.commands[rows])

@@ -13,6 +13,8 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import (
     ACTION,
     EFFORT,
+    ENVIRONMENT,
+    NEXT_ENVIRONMENT,
     NEXT_STATE,
     POSITION,
     STATE,
@@ -55,13 +57,21 @@ class Readings:
             if not 0 <= value < math.inf:
                 raise OptionError(f"{name.replace('_', ' ')} is {value}; it must be zero or more.")
 
-    def of(self, states: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Return what is reported for states (…, 2n), positions [rad] then velocities [rad/s]."""
-        n = states.shape[-1] // 2
+    def of(self, states: np.ndarray, rng: np.random.Generator, joints: int | None = None) -> np.ndarray:
+        """Return what is reported for states.
+
+        Args:
+            states: Positions [rad] then velocities [rad/s], shape (…, 2n); those of objects may follow, which are
+                reported as they are.
+            rng: Source of the noise.
+            joints: n, where objects follow.
+        """
+        n = states.shape[-1] // 2 if joints is None else joints
         return np.concatenate(
             [
                 reading(states[..., :n], self.noise, self.quantum, rng),
-                reading(states[..., n:], self.velocity_noise, self.velocity_quantum, rng),
+                reading(states[..., n : 2 * n], self.velocity_noise, self.velocity_quantum, rng),
+                states[..., 2 * n :],
             ],
             axis=-1,
         )
@@ -111,6 +121,7 @@ class Protocol:
         start: First pose, `rest` or `random` as in the paper's resets.
         seed: Seed of commands, poses and noise.
         joints: Joints that the excitation moves, the others resting; all where empty.
+        environment: Environment whose starts and actions are played instead, episode by episode; none where empty.
     """
 
     excitation: Excitation
@@ -120,6 +131,7 @@ class Protocol:
     start: str = "rest"
     seed: int = 0
     joints: tuple[str, ...] = ()
+    environment: str = ""
 
     def __post_init__(self) -> None:
         if self.seed < 0:
@@ -134,14 +146,14 @@ class Session:
         target: What is recorded.
         protocol: How.
         commands: Commands of each episode [rad or N·m], shape (T, n); T may differ.
-        poses: First pose of each episode [rad], shape (E, n).
+        starts: First state of each episode, positions [rad] then velocities [rad/s] and objects, shape (E, 2n + m).
         rng: Source of the sensors' noise.
     """
 
     target: Target
     protocol: Protocol
     commands: Sequence[np.ndarray]
-    poses: np.ndarray
+    starts: np.ndarray
     rng: np.random.Generator
 
     @classmethod
@@ -153,8 +165,13 @@ class Session:
         """
         command_rng, pose_rng, noise_rng = np.random.default_rng(protocol.seed).spawn(3)
         commands = [as_stored(rows) for rows in draw_commands(target, protocol, command_rng)]
-        poses = draw_poses(target, protocol, len(commands), pose_rng)
-        return cls(target, protocol, commands, poses, noise_rng)
+        starts = draw_starts(target, protocol, len(commands), pose_rng)
+        return cls(target, protocol, commands, starts, noise_rng)
+
+    @property
+    def settled(self) -> float:
+        """How long [s] the first pose is held before the recording starts; an environment's episodes just begin."""
+        return 0.0 if self.protocol.environment else SETTLE
 
     @property
     def task(self) -> str:
@@ -172,11 +189,15 @@ class Session:
         return Provenance(
             how="simulated",
             robot=self.target.robot.name,
-            target={**self.target.describe(blind), "settled": SETTLE},
-            signal={**signal, "start": self.protocol.start, "joints": list(self.protocol.joints)},
+            target={**self.target.describe(blind), "settled": self.settled},
+            signal={**signal, "start": self.protocol.start, "joints": list(self.protocol.joints)} | self._environment(),
             seeds=(self.protocol.seed,),
             contiguous=True,
         )
+
+    def _environment(self) -> dict[str, object]:
+        environment = self.protocol.environment
+        return {"start": "environment", "environment": environment} if environment else {}
 
 
 def as_stored(commands: np.ndarray) -> np.ndarray:
@@ -193,11 +214,15 @@ def draw_commands(target: Target, protocol: Protocol, rng: np.random.Generator) 
         commands = read_commands(protocol.file, names)
         check_limits(protocol.file, names, commands, low, high)
         return commands
+    steps = max(1, round(protocol.seconds / simulator.period))
+    if protocol.environment:
+        from nas_data.recorders.environment import draw_actions
+
+        return draw_actions(protocol.environment, protocol.excitation, protocol.episodes, steps, rng)
     low, high = excitable_limits(low, high, simulator.joints, simulator.commands_effort)
     still = resting(target, protocol)
     rest = np.array(target.robot.rest or np.zeros(len(simulator.joints)))
     low, high = np.where(still, rest, low), np.where(still, rest, high)
-    steps = max(1, round(protocol.seconds / simulator.period))
     return list(protocol.excitation.commands(rng, protocol.episodes, steps, simulator.period, low, high))
 
 
@@ -212,6 +237,19 @@ def resting(target: Target, protocol: Protocol) -> np.ndarray:
     if unknown:
         raise JointMismatch(f"The robot has no joint '{unknown[0]}' to move; it has: {', '.join(joints)}.")
     return np.array([bool(protocol.joints) and joint not in protocol.joints for joint in joints])
+
+
+def draw_starts(target: Target, protocol: Protocol, episodes: int, rng: np.random.Generator) -> np.ndarray:
+    """Return the first state of each episode, shape (E, 2n + m): an environment's own, or a pose at rest."""
+    if protocol.environment:
+        from nas_data.recorders.environment import draw_environment_starts
+
+        return draw_environment_starts(protocol.environment, episodes, rng)
+    poses = draw_poses(target, protocol, episodes, rng)
+    states = np.concatenate([poses, np.zeros_like(poses)], axis=1)
+    if not target.simulator.object_feature.width:
+        return states
+    return np.concatenate([states, np.tile(target.simulator.stepper(1).objects, (episodes, 1))], axis=1)
 
 
 def draw_poses(target: Target, protocol: Protocol, episodes: int, rng: np.random.Generator) -> np.ndarray:
@@ -232,14 +270,14 @@ def record(session: Session, progress: Callable[[int], None] = lambda done: None
     """Play a session's commands on its target and read the sensors.
 
     Each episode starts after the target has been commanded to its first pose for half a second; a target that takes
-    torques starts in the pose, at rest.
+    torques starts in the pose, at rest. An environment's episodes begin where its own do.
 
     Args:
         session: What to play on what.
         progress: Told how many episodes are done.
 
     Returns:
-        Readings of each episode before the first command and after each, shape (T + 1, 2n).
+        Readings of each episode before the first command and after each, shape (T + 1, 2n or 2n + m).
     """
     measured: list[np.ndarray] = []
     longest = max(len(episode) for episode in session.commands)
@@ -247,8 +285,9 @@ def record(session: Session, progress: Callable[[int], None] = lambda done: None
     for first in range(0, len(session.commands), count):
         commands = session.commands[first : first + count]
         batch = np.stack([hold_last(episode, longest) for episode in commands])
-        states = play(session.target.simulator, batch, session.poses[first : first + count])
-        readings = session.target.readings.of(states, session.rng)
+        simulator = session.target.simulator
+        states = play(simulator, batch, session.starts[first : first + count], session.settled)
+        readings = session.target.readings.of(states, session.rng, len(simulator.joints))
         measured += [row[: len(episode) + 1] for row, episode in zip(readings, commands, strict=True)]
         progress(len(measured))
     return measured
@@ -259,13 +298,22 @@ def hold_last(commands: np.ndarray, steps: int) -> np.ndarray:
     return np.concatenate([commands, np.repeat(commands[-1:], steps - len(commands), axis=0)])
 
 
-def play(simulator: Simulator, commands: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    """Return true states before and after each command (B, T, n), from poses (B, n): shape (B, T + 1, 2n)."""
-    initial = np.concatenate([poses, np.zeros_like(poses)], axis=1)
-    if simulator.commands_effort:
+def play(simulator: Simulator, commands: np.ndarray, initial: np.ndarray, settle: float) -> np.ndarray:
+    """Play commands from first states.
+
+    Args:
+        simulator: Target.
+        commands: Positions [rad] or torques [N·m], shape (B, T, n).
+        initial: Shape (B, 2n), or with objects (B, 2n + m).
+        settle: How long [s] a first pose is held before; not where commands are torques.
+
+    Returns:
+        True states before and after each command, shape (B, T + 1, 2n or 2n + m).
+    """
+    if simulator.commands_effort or not settle:
         return np.concatenate([initial[:, None], simulator.rollout(initial, commands)], axis=1)
-    steps = max(1, math.ceil(SETTLE / simulator.period - 1e-9))
-    held = np.repeat(poses[:, None], steps, axis=1)
+    steps = max(1, math.ceil(settle / simulator.period - 1e-9))
+    held = np.repeat(initial[:, None, : commands.shape[2]], steps, axis=1)
     return simulator.rollout(initial, np.concatenate([held, commands], axis=1))[:, steps - 1 :]
 
 
@@ -274,10 +322,13 @@ def to_dataset(session: Session, measured: Sequence[np.ndarray]) -> Dataset:
 
     Args:
         session: What was played on what.
-        measured: Readings of each episode, shape (T + 1, 2n).
+        measured: Readings of each episode, shape (T + 1, 2n), or with objects (T + 1, 2n + m).
     """
     simulator = session.target.simulator
     joints, commands = simulator.joints, session.commands
+    now = np.concatenate([episode[:-1] for episode in measured]).astype(np.float32)
+    after = np.concatenate([episode[1:] for episode in measured]).astype(np.float32)
+    n = len(joints)
     features = {
         STATE: state_feature(joints),
         ACTION: effort_feature(joints) if simulator.commands_effort else position_feature(joints),
@@ -285,11 +336,14 @@ def to_dataset(session: Session, measured: Sequence[np.ndarray]) -> Dataset:
         TIME: time_feature(),
     }
     columns = {
-        STATE: np.concatenate([episode[:-1] for episode in measured]).astype(np.float32),
+        STATE: now[:, : 2 * n],
         ACTION: np.concatenate(commands).astype(np.float32),
-        NEXT_STATE: np.concatenate([episode[1:] for episode in measured]).astype(np.float32),
+        NEXT_STATE: after[:, : 2 * n],
         TIME: np.concatenate([np.arange(len(episode)) / session.target.rate for episode in commands])[:, None],
     }
+    if now.shape[1] > 2 * n:
+        features |= {ENVIRONMENT: simulator.object_feature, NEXT_ENVIRONMENT: simulator.object_feature}
+        columns |= {ENVIRONMENT: now[:, 2 * n :], NEXT_ENVIRONMENT: after[:, 2 * n :]}
     return Dataset(
         features=features,
         columns=columns,

@@ -4,6 +4,8 @@ from typing import Protocol
 
 import numpy as np
 
+from nas_data.dataset.features import Feature
+
 
 class Stepper(Protocol):
     """A batch of B independent simulations stepped together in a closed loop.
@@ -18,19 +20,32 @@ class Stepper(Protocol):
     def states(self) -> np.ndarray:
         """Joint positions [rad] then velocities [rad/s], shape (B, 2n), float64."""
 
+    @property
+    def objects(self) -> np.ndarray:
+        """Positions then velocities of what moves beside the joints (see `Objects`), shape (B, m), float64."""
+
     def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
         """Start (some of the) simulations anew at rest or in motion, with every hidden memory cleared.
 
         Args:
-            states: Positions [rad] then velocities [rad/s], shape (rows, 2n).
+            states: Positions [rad] then velocities [rad/s], and the objects' states where they are not to be in the
+                model's reference posture, shape (rows, 2n or 2n + m).
             rows: Which simulations, shape (rows,); all where None.
+        """
+
+    def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
+        """Command the servos of objects (an opponent's) until the next reset or guidance.
+
+        Args:
+            targets: Positions [rad], in the order of `Objects.servos`, shape (rows, k).
+            rows: Which simulations, shape (rows,).
         """
 
     def step(self, commands: np.ndarray) -> np.ndarray:
         """Hold the commands (B, n) for one control period and return the new states (B, 2n)."""
 
     def set_states(self, states: np.ndarray) -> None:
-        """Set the joints' state (B, 2n) without clearing memories (delays, play, activations)."""
+        """Set the joints' state (B, 2n), not the objects', without clearing memories (delays, play, activations)."""
 
     def site_positions(self, name: str) -> np.ndarray:
         """Return where a site is in the world [m], shape (B, 3), in agreement with `states`."""
@@ -44,33 +59,36 @@ class Simulator(Protocol):
         period: Control period [s].
         commands_effort: Whether it takes torques.
         remembers: Whether it has a state that is not measured (play, a command under way), which a reset forgets.
+        object_feature: Names and units of the states of objects in the scene, m components; none in most.
     """
 
     joints: tuple[str, ...]
     period: float
     commands_effort: bool
     remembers: bool
+    object_feature: Feature
 
     def predict(self, states: np.ndarray, commands: np.ndarray) -> np.ndarray:
         """Simulate independent transitions: each row reset to its state, warm start zeroed, command held one period.
 
         Args:
-            states: Positions [rad] then velocities [rad/s], shape (N, 2n).
+            states: Positions [rad] then velocities [rad/s], shape (N, 2n), or with the objects' states (N, 2n + m).
+                Without them objects start in the model's reference posture.
             commands: Positions [rad] or torques [N·m], shape (N, n).
 
         Returns:
-            Next states, shape (N, 2n), float64.
+            Next states, as wide as the states given, float64.
         """
 
     def rollout(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
         """Simulate whole episodes in open loop.
 
         Args:
-            initial: First states, shape (B, 2n).
+            initial: First states, shape (B, 2n), or with the objects' states (B, 2n + m). Their servos hold still.
             commands: Shape (B, T, n).
 
         Returns:
-            States after each command, shape (B, T, 2n), float64.
+            States after each command, shape (B, T, 2n), or (B, T, 2n + m), float64.
         """
 
     def stepper(self, size: int) -> Stepper:

@@ -51,6 +51,7 @@ class BulletSimulator:
         self.joints = self.layout.joints
         self.commands_effort = self.layout.commands_effort
         self.remembers = self.compiled.remembers
+        self.object_feature = self.layout.objects.feature
         self.rest = RestStates(self.model, self.layout, INTEGRATION)
         self._arm = BulletArm(self)
 
@@ -88,14 +89,18 @@ class BulletSimulator:
         self._arm.world.close()
 
     def _roll(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
-        """Roll out from rest states (B, 2n) under commands (B, T, n), one simulation after the other."""
-        full = self.rest(np.asarray(initial, float))
-        controls = self.layout.controls(np.asarray(commands, float))
-        result = np.empty((*commands.shape[:2], initial.shape[1]))
+        """Roll out from rest states (B, 2n or 2n + m) under commands (B, T, n), one simulation after the other."""
+        states = np.asarray(initial, float)
+        full = self.rest(states)
+        controls = self.layout.controls(np.asarray(commands, float), states[:, None])
+        result = np.empty((*commands.shape[:2], states.shape[1]))
+        joints = 2 * len(self.joints)
         for row in range(len(result)):
             self._arm.start(full[row])
             for step in range(commands.shape[1]):
-                result[row, step] = self._arm.step(controls[row, step])
+                result[row, step, :joints] = self._arm.step(controls[row, step])
+                if states.shape[1] > joints:
+                    result[row, step, joints:] = self._arm.objects()
         return result
 
 
@@ -157,6 +162,10 @@ class BulletArm:
             )
         return state
 
+    def objects(self) -> np.ndarray:
+        """Return positions then velocities of what moves beside the joints, shape (m,)."""
+        return self.layout.objects.measure(*self.world.read())
+
     def shift(self, change: np.ndarray) -> None:
         """Move the servos' joints by (2n,), play and other hidden joints keeping theirs."""
         n = len(self.layout.joints)
@@ -188,6 +197,7 @@ class BulletStepper:
         self.joints = simulator.joints
         self.size = size
         self._arms = [BulletArm(simulator) for _ in range(size)]
+        self._guided = np.tile(simulator.layout.reference, (size, 1))
         self.reset(np.zeros((size, 2 * len(self.joints))))
 
     @property
@@ -197,13 +207,25 @@ class BulletStepper:
 
     def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
         """Start simulations anew; see `Stepper.reset`."""
-        full = self.simulator.rest(np.asarray(states, float))
-        for state, row in zip(full, range(self.size) if rows is None else rows, strict=True):
+        states = np.asarray(states, float)
+        full, chosen = self.simulator.rest(states), np.arange(self.size) if rows is None else rows
+        for state, row in zip(full, chosen, strict=True):
             self._arms[int(row)].start(state)
+        self._guided[chosen] = self.simulator.layout.controls(states[:, : len(self.joints)], states)
+
+    @property
+    def objects(self) -> np.ndarray:
+        """What moves beside the joints, shape (B, m); see `Stepper.objects`."""
+        return np.stack([arm.objects() for arm in self._arms])
+
+    def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
+        """Command the servos of objects; see `Stepper.guide`."""
+        self._guided[np.ix_(rows, self.simulator.layout.objects.control)] = targets
 
     def step(self, commands: np.ndarray) -> np.ndarray:
         """Hold the commands for one control period; see `Stepper.step`."""
-        controls = self.simulator.layout.controls(np.asarray(commands, float))
+        controls = self._guided
+        controls[:, self.simulator.layout.control] = commands
         return np.stack([self._unless_lost(arm.step, row) for arm, row in zip(self._arms, controls, strict=True)])
 
     def set_states(self, states: np.ndarray) -> None:

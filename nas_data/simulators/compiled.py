@@ -67,21 +67,22 @@ class Compiled:
     @property
     def remembers(self) -> bool:
         """Whether a start has more than what is measured: a play, a spring, a command under way."""
-        hidden = self.model.nq > len(self.layout.joints) or self.model.na > 0
+        hidden = self.model.nq > len(self.layout.joints) + len(self.layout.objects.qpos) or self.model.na > 0
         return bool(hidden or (self.model.actuator_history[:, 0] > 0).any())
 
     def check(self, states: np.ndarray, commands: np.ndarray) -> None:
-        """Refuse states and commands of another number of joints.
+        """Refuse states and commands of another number of joints; states may go on with those of the objects.
 
         Raises:
             JointMismatch: with both numbers.
         """
         joints = self.layout.joints
-        n = len(joints)
-        if states.shape[-1] != 2 * n or commands.shape[-1] != n:
+        n, m = len(joints), self.layout.objects.width
+        if states.shape[-1] not in {2 * n, 2 * n + m} or commands.shape[-1] != n:
+            scene = f"{2 * n}, or {2 * n + m} with the objects," if m else f"{2 * n}"
             raise JointMismatch(
                 f"States of {states.shape[-1]} and commands of {commands.shape[-1]} components do not fit "
-                f"{n} joints ({', '.join(joints)}): {2 * n} and {n} are needed."
+                f"{n} joints ({', '.join(joints)}): {scene} and {n} are needed."
             )
 
     def describe(self, engine: str, version: str) -> dict[str, object]:

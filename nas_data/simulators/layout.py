@@ -9,6 +9,7 @@ import numpy as np
 from nas_data.dataset.features import POSITION
 from nas_data.drives import driving_actuators
 from nas_data.errors import JointMismatch, ModelFileError
+from nas_data.simulators.objects import Objects
 
 FULLPHYSICS = int(mujoco.mjtState.mjSTATE_FULLPHYSICS)
 INTEGRATION = int(mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -28,6 +29,7 @@ class Layout:
         velocity_map: Measured velocities = velocity_map @ qvel, shape (n, nv).
         reference: Controls that hold the model at its reference posture, shape (nu,).
         commands_effort: Whether the actuators take torques [N·m] rather than positions [rad].
+        objects: What moves beside the measured joints.
     """
 
     joints: tuple[str, ...]
@@ -38,6 +40,7 @@ class Layout:
     velocity_map: np.ndarray
     reference: np.ndarray
     commands_effort: bool
+    objects: Objects
 
     @classmethod
     def of(cls, model: mujoco.MjModel, joints: Sequence[str], name: str) -> "Layout":
@@ -67,17 +70,26 @@ class Layout:
             velocity_map=velocities,
             reference=reference_controls(model),
             commands_effort=efforts == {True},
+            objects=Objects.of(model, indices, actuators),
         )
 
     def measure(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
         """Return positions [rad] then velocities [rad/s], shape (…, 2n), from qpos (…, nq) and qvel (…, nv)."""
         return np.concatenate([qpos @ self.position_map.T, qvel @ self.velocity_map.T], axis=-1)
 
-    def controls(self, commands: np.ndarray) -> np.ndarray:
-        """Return controls (…, nu) for commands (…, n); actuators of other joints hold their reference."""
+    def controls(self, commands: np.ndarray, first: np.ndarray | None = None) -> np.ndarray:
+        """Return controls (…, nu) for commands (…, n); actuators of other joints hold still.
+
+        Args:
+            commands: Positions [rad] or torques [N·m].
+            first: States in which simulations start, shape (…, 2n or 2n + m); those of objects are held where they
+                are given, at their reference elsewhere.
+        """
         controls = np.empty((*commands.shape[:-1], len(self.reference)))
         controls[...] = self.reference
         controls[..., self.control] = commands
+        if first is not None and first.shape[-1] > 2 * len(self.joints) and len(self.objects.control):
+            controls[..., self.objects.control] = first[..., 2 * len(self.joints) + self.objects.servos]
         return controls
 
 
@@ -169,13 +181,28 @@ class RestStates:
         unit = np.eye(len(layout.joints))
         self.slopes = np.stack([rest_state(model, layout, row, spec) - self.base for row in unit])
         self.velocity = slice_of_velocity(model, spec)
+        self.position = self.velocity.start - model.nq
+        self.reference = model.qpos0[layout.objects.qpos]
+        held = range(len(layout.objects.servos))
+        self.held = [rest_state(model, layout, np.zeros(len(unit)), spec, place) - self.base for place in held]
 
     def __call__(self, states: np.ndarray) -> np.ndarray:
-        """Return full states (B, size) for positions [rad] then velocities [rad/s] (B, 2n)."""
+        """Return full states (B, size) for positions [rad] then velocities [rad/s], and objects (B, 2n or 2n + m)."""
         n = len(self.layout.joints)
         full = self.base + states[:, :n] @ self.slopes
-        full[:, self.velocity.start + self.layout.dof] = states[:, n:]
+        full[:, self.velocity.start + self.layout.dof] = states[:, n : 2 * n]
+        if states.shape[1] > 2 * n:
+            self.place(full, states[:, 2 * n :])
         return full
+
+    def place(self, full: np.ndarray, states: np.ndarray) -> None:
+        """Put objects (B, m) into full states (B, size), those with servos held where they are."""
+        objects = self.layout.objects
+        count = len(objects.qpos)
+        for place, held in zip(objects.servos, self.held, strict=True):
+            full += (states[:, place] - self.reference[place])[:, None] * held
+        full[:, self.position + objects.qpos] = states[:, :count]
+        full[:, self.velocity.start + objects.dof] = states[:, count:]
 
 
 def slice_of_velocity(model: mujoco.MjModel, spec: int) -> slice:
@@ -185,11 +212,23 @@ def slice_of_velocity(model: mujoco.MjModel, spec: int) -> slice:
     return slice(start, start + model.nv)
 
 
-def rest_state(model: mujoco.MjModel, layout: Layout, positions: np.ndarray, spec: int) -> np.ndarray:
-    """Return the state of a model that has long been commanded to the measured positions [rad], shape (size,)."""
+def rest_state(
+    model: mujoco.MjModel, layout: Layout, positions: np.ndarray, spec: int, moved: int | None = None
+) -> np.ndarray:
+    """Return the state of a model that has long been commanded to the measured positions [rad], shape (size,).
+
+    Args:
+        model: Compiled model.
+        layout: Its measured joints.
+        positions: Shape (n,).
+        spec: Which part of the state.
+        moved: Which of the objects' servos has long been commanded one unit further than its reference; none if None.
+    """
     data = mujoco.MjData(model)
     data.qpos[layout.qpos] = positions
     data.ctrl[:] = layout.controls(np.zeros_like(positions) if layout.commands_effort else positions)
+    if moved is not None:
+        data.ctrl[layout.objects.control[moved]] += 1.0
     for actuator in range(len(model.actuator_trntype)):
         settle_actuator(model, data, actuator)
     state = np.empty(mujoco.mj_stateSize(model, spec))

@@ -62,6 +62,7 @@ class MujocoSimulator:
         self.joints = self.layout.joints
         self.commands_effort = self.layout.commands_effort
         self.remembers = self.compiled.remembers
+        self.object_feature = self.layout.objects.feature
         self.threads = len(os.sched_getaffinity(0)) if threads is None else threads
         self._part = INTEGRATION if self.hooks else FULLPHYSICS
         pooled = self.threads if self.threads > 1 else 0
@@ -106,8 +107,8 @@ class MujocoSimulator:
         result = np.empty((len(states), states.shape[1]))
         for start in range(0, len(states), chunk):
             rows = slice(start, start + chunk)
-            full = self._roll(self.rest(np.asarray(states[rows], float)), np.asarray(commands[rows], float)[:, None])
-            result[rows] = full[:, 0]
+            started = np.asarray(states[rows], float)
+            result[rows] = self._roll(started, self.rest(started), np.asarray(commands[rows], float)[:, None])[:, 0]
         return result
 
     def rollout(
@@ -120,7 +121,7 @@ class MujocoSimulator:
         """Simulate whole episodes in open loop; see `Simulator.rollout`.
 
         Args:
-            initial: First states, shape (B, 2n).
+            initial: First states, shape (B, 2n), or with the objects' states (B, 2n + m).
             commands: Shape (B, T, n).
             holds: What held each joint in the first pose (a `Hold`), shape (B, n); nothing where None.
             driven: Rows after which the servos are switched off, shape (B,); never where None.
@@ -134,7 +135,7 @@ class MujocoSimulator:
         first = self.rest(states) if holds is None else self.settled(states, holds)
         chunks = [slice(start, start + chunk) for start in range(0, len(initial), chunk)]
         parts = [
-            self._roll(first[rows], np.asarray(commands[rows]), None if driven is None else driven[rows])
+            self._roll(states[rows], first[rows], np.asarray(commands[rows]), None if driven is None else driven[rows])
             for rows in chunks
         ]
         return np.concatenate(parts) if parts else np.empty((0, commands.shape[1], initial.shape[1]))
@@ -147,15 +148,31 @@ class MujocoSimulator:
         """Return the source for provenance."""
         return self.compiled.describe(self.engine, mujoco.__version__)
 
-    def _roll(self, first: np.ndarray, commands: np.ndarray, driven: np.ndarray | None = None) -> np.ndarray:
-        """Roll out from full states (B, size) under commands (B, T, n), driven for (B,) rows; return (B, T, 2n)."""
+    def _roll(
+        self, states: np.ndarray, first: np.ndarray, commands: np.ndarray, driven: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Roll out under commands (B, T, n), driven for (B,) rows.
+
+        Args:
+            states: What is measured of the first states, shape (B, 2n or 2n + m).
+            first: The whole of them, shape (B, size).
+            commands: Positions [rad] or torques [N·m].
+            driven: As in `rollout`.
+
+        Returns:
+            States, shape (B, T, 2n or 2n + m).
+        """
         count, steps = commands.shape[:2]
         with heard_instability() as unstable:
-            controls = self.layout.controls(commands)
+            controls = self.layout.controls(commands, states[:, None])
             ends = self._ends(first, controls) if driven is None else self._released(first, controls, driven)
         self._check_time(ends, unstable)
         nq, nv = self.model.nq, self.model.nv
-        return self.layout.measure(ends[..., 1 : 1 + nq], ends[..., 1 + nq : 1 + nq + nv]).reshape(count, steps, -1)
+        reached = ends[..., 1 : 1 + nq], ends[..., 1 + nq : 1 + nq + nv]
+        measured = self.layout.measure(*reached).reshape(count, steps, 2 * len(self.joints))
+        if states.shape[1] == measured.shape[2]:
+            return measured
+        return np.concatenate([measured, self.layout.objects.measure(*reached)], axis=-1)
 
     def _ends(self, states: np.ndarray, controls: np.ndarray) -> np.ndarray:
         """Return time, qpos, qvel (and more) after each control step, shape (B, T, …), for controls (B, T, nu)."""
@@ -231,6 +248,11 @@ class MujocoStepper:
         states[self._lost] = np.nan
         return states
 
+    @property
+    def objects(self) -> np.ndarray:
+        """What moves beside the joints, shape (B, m); see `Stepper.objects`."""
+        return self.layout.objects.measure(self._qpos, self._qvel)
+
     def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
         """Start simulations anew; see `Stepper.reset`."""
         chosen = slice(None) if rows is None else rows
@@ -239,6 +261,10 @@ class MujocoStepper:
         self._moved = True
         if self._hooked:
             self._hooked.refresh(rows)
+
+    def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
+        """Command the servos of objects; see `Stepper.guide`."""
+        self._ctrl[np.ix_(rows, self.layout.objects.control)] = targets
 
     def step(self, commands: np.ndarray) -> np.ndarray:
         """Hold the commands for one control period; see `Stepper.step`."""

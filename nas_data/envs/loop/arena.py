@@ -34,7 +34,7 @@ class Arena:
 
     @property
     def goals(self) -> np.ndarray:
-        """The episodes' goals, shape (B, k)."""
+        """What the episodes are about and what is remembered of them, shape (B, k)."""
         if self._goals is None:
             raise gymnasium.error.ResetNeeded("Call reset() before step().")
         return self._goals
@@ -53,7 +53,7 @@ class Arena:
         chosen = slice(None) if rows is None else rows
         self._goals[chosen] = goals
         self.elapsed[chosen] = 0
-        self.stepper.reset(np.stack([start.state for start in starts]), rows)
+        self.stepper.reset(np.stack([np.concatenate([start.state, start.objects]) for start in starts]), rows)
 
     def observe(self) -> np.ndarray:
         """Return the observations (B, o), float32."""
@@ -80,5 +80,6 @@ class Arena:
                 "its model or checkpoint is not stable for these commands."
             )
         self.elapsed += 1
-        verdict = self.task.judge(self.stepper, goals, actions)
+        self._goals = self.task.follow(self.stepper, goals, self.elapsed)
+        verdict = self.task.judge(self.stepper, self._goals, actions)
         return verdict, (self.elapsed >= self.task.horizon) & ~verdict.terminated

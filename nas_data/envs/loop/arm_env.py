@@ -31,6 +31,7 @@ class ArmEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         stepper: Stepper | None = None,
         render_mode: str | None = None,
         effects: str | Path | None = None,
+        engine: str = "mujoco",
     ) -> None:
         """Build the environment.
 
@@ -41,12 +42,14 @@ class ArmEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             stepper: What moves the arm, instead of a simulation of the task's robot: a batch of one.
             render_mode: None; there is no rendering.
             effects: Gap report, or its `effects.json`, whose named effects the physics has as well.
+            engine: What computes the physics, `mujoco` or `bullet`.
 
         Raises:
-            UnknownName: there is no such task or dynamics; lists the choices.
+            UnknownName: there is no such task, dynamics or engine; lists the choices.
         """
         files = {"checkpoint": checkpoint, "effects": effects}
-        plant = Plant(task, dynamics, **{name: None if file is None else str(file) for name, file in files.items()})
+        paths = {name: None if file is None else str(file) for name, file in files.items()}
+        plant = Plant(task, dynamics, engine=engine, **paths)
         self.task = plant.task
         self.arena = Arena(self.task, stepper or plant.stepper(1))
         self.observation_space = self.task.observation_space

@@ -21,12 +21,14 @@ class Plant:
         dynamics: Which of the task's dynamics the physics has; `source` is the plain model.
         checkpoint: Learned model: φ corrects that physics after each step, ψ takes its place.
         effects: Gap report, or its `effects.json`, whose named effects and retuned base the physics has as well.
+        engine: What computes the physics, `mujoco` or `bullet`; a gap that nobody designed lies between them.
     """
 
     environment: str
     dynamics: str = SOURCE
     checkpoint: str | None = None
     effects: str | None = None
+    engine: str = "mujoco"
 
     @property
     def task(self) -> Task:
@@ -37,17 +39,17 @@ class Plant:
         """Return the physics.
 
         Raises:
-            UnknownName: there is no such environment, or it has no such dynamics.
+            UnknownName: there is no such environment or engine, or it has no such dynamics.
             OptionError: the effects cannot be read.
             JointMismatch: the effects belong to another robot.
         """
-        return self.task.simulator(self.dynamics, self._named())
+        return self.task.simulator(self.dynamics, self._named(), self.engine)
 
     def stepper(self, size: int) -> Stepper:
         """Return B simulations.
 
         Raises:
-            UnknownName: there is no such environment, or it has no such dynamics.
+            UnknownName: there is no such environment or engine, or it has no such dynamics.
             OptionError: the effects cannot be read.
             CheckpointError: the checkpoint is damaged or does not fit the environment.
             JointMismatch: the effects or the checkpoint belong to another robot.
@@ -64,7 +66,7 @@ class Plant:
         """Return what provenance records: equal for plants that behave alike, wherever their files lie.
 
         Raises:
-            UnknownName: there is no such environment, or it has no such dynamics.
+            UnknownName: there is no such environment or engine, or it has no such dynamics.
             OptionError: the effects cannot be read.
             CheckpointError: there is no such checkpoint.
         """

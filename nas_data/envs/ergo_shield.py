@@ -1,0 +1,123 @@
+"""ErgoShield: an ErgoJr with a sword touches the shield of another as often as it can in ten seconds."""
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from gymnasium import spaces
+
+from nas_data.envs.base import Start, Task, Verdict
+from nas_data.envs.edits.bigger_gap import widen_gap
+from nas_data.robots import ergo_shield as scene
+from nas_data.robots.ergojr import JOINTS
+from nas_data.simulators.base import Stepper
+
+ANGLE = np.pi / 2  # [rad] command at action 1, and the unit of observed angles
+NO_LOAD_SPEED = 11.9  # [rad/s] at 7.4 V, XL-320 e-manual (114 rpm); the unit of observed velocities
+OBSERVED_ANGLE = 1.5  # bound of observed angles in units of ANGLE: play and overshoot go a little beyond 1
+
+GUARD = np.radians([45.0, 15.0, 15.0, 22.5, 15.0, 15.0])  # [rad] the defender's poses lie within ± this, appendix B
+PATIENCE = 250  # control steps after which the defender takes another pose, 2.5 s in the authors' environment
+POSES = 32  # poses drawn for an episode, taken up again from the first after the last
+SAMPLES = 31  # points along the sword, 5 mm apart, by which a touch is told
+
+TOUCHING, HIT, HITS, POSE = range(4)  # what is remembered before the poses: flags, a count, and which pose is taken
+
+# Play in every joint of the attacker, the speed limit of the authors' recordings (100°/s), and the radio link's delay
+BACKLASH = (
+    *(f"backlash:joint={joint},half_width=0.05" for joint in JOINTS),
+    *(f"speed_limit:joint={joint},speed=1.745" for joint in JOINTS),
+    *(f"command_delay:joint={joint},delay=0.01" for joint in JOINTS),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErgoShield(Task):
+    """Reward is 1 for every touch of sword and shield; after it both arms start anew, the defender in another pose.
+
+    The observation holds six angles and six velocities of the attacker, then of the defender; the action holds absolute
+    targets of the attacker. The defender's servos take it to a new pose every 2.5 s. φ and ψ know the attacker alone.
+    """
+
+    def start(self, rng: np.random.Generator) -> Start:
+        """Stand at zero; draw the defender's poses [rad], the first of which it has."""
+        poses = rng.uniform(-GUARD, GUARD, (POSES, len(JOINTS)))
+        # as if in touch: a pose that begins in touch counts only after the sword was clear
+        memory = np.concatenate([[1.0, 0.0, 0.0, 0.0], poses.ravel()])
+        return Start(state=np.zeros(2 * len(JOINTS)), goal=memory, objects=at_rest(poses[:1])[0])
+
+    def command(self, actions: np.ndarray) -> np.ndarray:
+        """Return target angles [rad] of the attacker, shape (B, 6)."""
+        return actions * ANGLE
+
+    def observe(self, stepper: Stepper, goals: np.ndarray) -> np.ndarray:
+        """Return observations, shape (B, 24)."""
+        scales = np.repeat([ANGLE, NO_LOAD_SPEED] * 2, len(JOINTS))
+        observations = (np.concatenate([stepper.states, stepper.objects], axis=1) / scales).astype(np.float32)
+        return np.clip(observations, self.observation_space.low, self.observation_space.high)
+
+    def follow(self, stepper: Stepper, goals: np.ndarray, elapsed: np.ndarray) -> np.ndarray:
+        """Count a touch once, part the arms after it, and give the defender its next pose when it is due."""
+        goals = goals.copy()
+        touching = touches(stepper)
+        hit = touching & (goals[:, TOUCHING] == 0)
+        goals[:, TOUCHING], goals[:, HIT] = touching, hit
+        goals[:, HITS] += hit
+        due = ~hit & (elapsed % PATIENCE == 0)
+        goals[hit | due, POSE] += 1
+        parted, moved = np.flatnonzero(hit), np.flatnonzero(due)
+        if len(parted):
+            there = at_rest(next_poses(goals[parted]))
+            stepper.reset(np.concatenate([np.zeros_like(there), there], axis=1), parted)
+        if len(moved):
+            stepper.guide(next_poses(goals[moved]), moved)
+        return goals
+
+    def judge(self, stepper: Stepper, goals: np.ndarray, actions: np.ndarray) -> Verdict:
+        """Reward the step's hit; success is an episode with one."""
+        over = np.zeros(len(goals), dtype=bool)
+        return Verdict(reward=goals[:, HIT].copy(), terminated=over, success=goals[:, HITS] > 0)
+
+    def hold(self, stepper: Stepper) -> np.ndarray:
+        """Return the present angles as actions."""
+        return stepper.states[:, : len(JOINTS)] / ANGLE
+
+
+def next_poses(goals: np.ndarray) -> np.ndarray:
+    """Return the poses [rad] that are due, shape (B, 6)."""
+    poses = goals[:, POSE + 1 :].reshape(len(goals), POSES, len(JOINTS))
+    return np.asarray(poses[np.arange(len(goals)), goals[:, POSE].astype(int) % POSES])
+
+
+def at_rest(poses: np.ndarray) -> np.ndarray:
+    """Return the states (B, 12) of arms at rest in poses [rad] (B, 6)."""
+    return np.concatenate([poses, np.zeros_like(poses)], axis=1)
+
+
+def touches(stepper: Stepper) -> np.ndarray:
+    """Return whether sword and shield touch, shape (B,): told by geometry, and so alike in every engine."""
+    top, bottom, centre, front = (
+        stepper.site_positions(site)
+        for site in (scene.SWORD_TOP, scene.SWORD_BOTTOM, scene.SHIELD_CENTRE, scene.SHIELD_FRONT)
+    )
+    along = np.linspace(0.0, 1.0, SAMPLES)[:, None]
+    offsets = bottom[:, None] + along * (top - bottom)[:, None] - centre[:, None]
+    height = np.einsum("bsi,bi->bs", offsets, front - centre)  # above the disc's middle; the axis is a unit vector
+    radius = np.sqrt(np.maximum(np.square(offsets).sum(axis=2) - height**2, 0.0))
+    outside = np.maximum(radius - scene.SHIELD_RADIUS, 0.0)
+    above = np.maximum(np.abs(height) - scene.SHIELD_HALF, 0.0)
+    return np.asarray((np.hypot(outside, above) < scene.SWORD_RADIUS).any(axis=1))
+
+
+OBSERVATION_BOUND = np.repeat(np.array([OBSERVED_ANGLE, 1.0] * 2, dtype=np.float32), len(JOINTS))
+
+TASK = ErgoShield(
+    robot="ergo_shield",
+    joints=JOINTS,
+    period=0.01,
+    horizon=1000,
+    observation_space=spaces.Box(-OBSERVATION_BOUND, OBSERVATION_BOUND, dtype=np.float32),
+    action_space=spaces.Box(-1.0, 1.0, shape=(len(JOINTS),), dtype=np.float32),
+    dynamics={"source": (), "backlash": BACKLASH, "bigger-gap": BACKLASH},
+    edits={"bigger-gap": partial(widen_gap, joint="m1")},
+)

@@ -1,0 +1,107 @@
+"""Pusher: a planar arm of three torque motors brings a puck to a place on the table."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from gymnasium import spaces
+
+from nas_data.envs.base import Start, Task, Verdict
+from nas_data.envs.edits.bigger_gap import widen_gap
+from nas_data.envs.edits.pulled_joint import pull_joint
+from nas_data.robots.pusher import JOINTS, RATE
+from nas_data.simulators.base import Stepper
+
+TORQUE = 3.0  # [N·m] at action 1
+GRIPPER = "gripper"  # site at the fork's centre of mass
+START_ANGLE = 0.1  # [rad] joints start within ± this, at rest
+PUCK = ((0.3, 1.2), (-1.0, -0.4))  # [m] ranges of its first x and y, the authors' environment
+GOAL = ((0.8, 1.2), (-1.2, -0.8))  # [m] of the goal's x and y, likewise
+APART = 0.45  # [m] least first distance of puck and goal, likewise
+PUCK_HEIGHT, GOAL_HEIGHT = -0.1, -0.145  # [m] the authors' distances are taken in space
+REACHED = 0.17  # [m] radius of the authors' goal disc
+
+EFFORT_COST, REACH_COST = 0.1, 0.5  # per N²m² and per m, the authors' reward
+
+# A worn, dry gearbox in the shoulder: free play, and Coulomb friction on the motor's side of it. Free play alone, in
+# whichever joint, costs a policy of the source nothing that an expert regains: the links are heavy, the motors slow.
+BACKLASH = ("backlash:joint=j1,half_width=0.15", "coulomb_friction:joint=j1,torque=1.0")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pusher(Task):
+    """Reward is minus the puck's distance [m] to the goal, less what effort and distance from the puck cost.
+
+    The observation holds three angles [rad], three velocities [rad/s], and x and y [m] of gripper, puck and goal; the
+    action holds torques. The authors judge the state before a step; here, as usual, it is the one after it, which
+    shifts a return of −70 by about 1.
+    """
+
+    def start(self, rng: np.random.Generator) -> Start:
+        """Draw joint angles, and a puck away from its goal [m]."""
+        state = np.zeros(2 * len(JOINTS))
+        state[: len(JOINTS)] = rng.uniform(-START_ANGLE, START_ANGLE, len(JOINTS))
+        puck, goal = draw_place(rng, PUCK), draw_place(rng, GOAL)
+        while np.hypot(*(puck - goal)) <= APART:
+            puck, goal = draw_place(rng, PUCK), draw_place(rng, GOAL)
+        return Start(state=state, goal=goal, objects=np.array([puck[1], puck[0], 0.0, 0.0]))
+
+    def command(self, actions: np.ndarray) -> np.ndarray:
+        """Return torques [N·m], shape (B, 3)."""
+        return actions * TORQUE
+
+    def observe(self, stepper: Stepper, goals: np.ndarray) -> np.ndarray:
+        """Return observations, shape (B, 12)."""
+        parts = [stepper.states, stepper.site_positions(GRIPPER)[:, :2], pucks(stepper)[:, :2], goals]
+        observations = np.concatenate(parts, axis=1).astype(np.float32)
+        return np.clip(observations, self.observation_space.low, self.observation_space.high)
+
+    def judge(self, stepper: Stepper, goals: np.ndarray, actions: np.ndarray) -> Verdict:
+        """Reward a puck near the goal, a gripper near the puck, and little torque."""
+        puck = pucks(stepper)
+        missing = np.linalg.norm(puck - with_height(goals, GOAL_HEIGHT), axis=1)
+        away = np.linalg.norm(puck - stepper.site_positions(GRIPPER), axis=1)
+        effort = np.square(self.command(actions)).sum(axis=1)
+        return Verdict(
+            reward=-missing - EFFORT_COST * effort - REACH_COST * away,
+            terminated=np.zeros(len(goals), dtype=bool),
+            success=np.linalg.norm(puck[:, :2] - goals, axis=1) < REACHED,
+        )
+
+    def hold(self, stepper: Stepper) -> np.ndarray:
+        """Return no torque: nothing pulls at the arm."""
+        return np.zeros((stepper.size, len(JOINTS)))
+
+
+def draw_place(rng: np.random.Generator, limits: Sequence[tuple[float, float]]) -> np.ndarray:
+    """Return x and y [m] within their limits, shape (2,)."""
+    return np.array([rng.uniform(*limit) for limit in limits])
+
+
+def pucks(stepper: Stepper) -> np.ndarray:
+    """Return where the pucks are [m], shape (B, 3); the scene's slides are y, then x."""
+    return with_height(stepper.objects[:, 1::-1], PUCK_HEIGHT)
+
+
+def with_height(places: np.ndarray, height: float) -> np.ndarray:
+    """Return places (B, 3) for x and y (B, 2) and a height [m]."""
+    return np.concatenate([places, np.full((len(places), 1), height)], axis=1)
+
+
+# [rad], [rad/s], then [m] thrice: the joints' ranges, the speed that the motors reach with room to spare, and the table
+OBSERVATION_BOUND = np.array([3.0] * 3 + [10.0] * 3 + [3.0] * 6, dtype=np.float32)
+
+TASK = Pusher(
+    robot="pusher",
+    joints=JOINTS,
+    period=1 / RATE,
+    horizon=100,
+    observation_space=spaces.Box(-OBSERVATION_BOUND, OBSERVATION_BOUND, dtype=np.float32),
+    action_space=spaces.Box(-1.0, 1.0, shape=(len(JOINTS),), dtype=np.float32),
+    dynamics={"source": (), "backlash": BACKLASH, "paper": (), "bigger-gap": BACKLASH},
+    edits={
+        "paper": partial(pull_joint, joint="j2", width=20.0),
+        "bigger-gap": partial(widen_gap, joint="j1", object_body="puck"),
+    },
+)

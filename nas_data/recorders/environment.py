@@ -1,0 +1,33 @@
+"""Episodes of an environment played in open loop: its own starts, and a signal in its action space."""
+
+import numpy as np
+
+from nas_data.envs.base import find_task
+from nas_data.excitations.base import Excitation
+
+
+def draw_actions(
+    environment: str, excitation: Excitation, episodes: int, steps: int, rng: np.random.Generator
+) -> list[np.ndarray]:
+    """Return the commands that a signal of actions gives.
+
+    Args:
+        environment: Its name.
+        excitation: Signal, drawn within the whole action space.
+        episodes: Number of episodes, E.
+        steps: Control steps of each, T.
+        rng: Source of the signal.
+
+    Returns:
+        Positions [rad] or torques [N·m] of each episode, shape (T, n).
+    """
+    task = find_task(environment)
+    low, high = task.action_space.low.astype(float), task.action_space.high.astype(float)
+    return [task.command(rows) for rows in excitation.commands(rng, episodes, steps, task.period, low, high)]
+
+
+def draw_environment_starts(environment: str, episodes: int, rng: np.random.Generator) -> np.ndarray:
+    """Return first states, shape (E, 2n + m): positions [rad], velocities [rad/s], and those of objects."""
+    task = find_task(environment)
+    starts = [task.start(rng) for _ in range(episodes)]
+    return np.stack([np.concatenate([start.state, start.objects]) for start in starts])
