@@ -105,18 +105,24 @@ class RobotErgojr(Command):
 
 
 def table(servos: "Sequence[Found]", arm: "Arm") -> list[str]:
-    """Return a line of what is found for each servo, positions in degrees."""
+    """Return a line of what is found for each servo; where the joints stand in degrees."""
+    return ["joint  id  model  firmware  supply  warmth  position  torque  errors", *(row(s, arm) for s in servos)]
+
+
+def row(servo: "Found", arm: "Arm") -> str:
+    """Return the line of one servo."""
     import numpy as np
 
-    names = dict(zip(arm.joints.ids, arm.joints.names, strict=True))
-    lines = ["joint  id  model  firmware  supply  warmth  position  torque  errors"]
-    for servo in servos:
-        lines.append(
-            f"{names.get(servo.id, '?'):<5} {servo.id:>3}  {servo.model:>5}  {servo.firmware:>8}  {servo.voltage:>4.1f} V"
-            f"  {servo.temperature:>3} °C  {np.degrees(servo.position):>7.1f}°  {'on' if servo.torque else 'off':>6}"
-            f"  {', '.join(servo.errors) or '–'}"
-        )
-    return lines
+    joint, angle = "?", ""
+    if servo.id in arm.joints.ids:
+        place = arm.joints.ids.index(servo.id)
+        joint = arm.joints.names[place]
+        angle = f"{np.degrees(arm.joints.positions(np.full(len(arm.joints.ids), servo.ticks))[place]):.1f}°"
+    return (
+        f"{joint:<5} {servo.id:>3}  {servo.model:>5}  {servo.firmware:>8}  {servo.voltage:>4.1f} V"
+        f"  {servo.temperature:>3} °C  {angle:>8}  {'on' if servo.torque else 'off':>6}"
+        f"  {', '.join(servo.errors) or '–'}"
+    )
 
 
 def data(inventory: "Inventory", arm: "Arm") -> dict[str, object]:

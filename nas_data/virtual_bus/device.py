@@ -21,7 +21,9 @@ class Device:
         clock: By which it moves.
     """
 
-    def __init__(self, arm: VirtualArm, clock: Clock, faults: Sequence[Fault], rng: np.random.Generator) -> None:
+    def __init__(
+        self, arm: VirtualArm, clock: Clock, faults: Sequence[Fault], rng: np.random.Generator, honest: bool = True
+    ) -> None:
         """Put the arm on a line.
 
         Args:
@@ -29,9 +31,10 @@ class Device:
             clock: By which it moves.
             faults: What goes wrong.
             rng: Decides which packets are hit.
+            honest: Whether bytes take their time on the wire; none otherwise.
         """
         self.arm, self.clock = arm, clock
-        self._rng = rng
+        self._rng, self._honest = rng, honest
         self._coming, self._active = list(faults), list[Fault]()
         self._reader = Reader()
         self._heard = 0.0
@@ -74,7 +77,7 @@ class Device:
             data = fault.instruction(data, self._rng)
         spent, sent = 0.0, list[tuple[float, bytes]]()
         for packet in self._reader.feed(data):
-            spent += seconds(len(packet.encode()), self._baud)
+            spent += seconds(len(packet.encode()), self._baud) if self._honest else 0.0
             answers = self._answer(packet)
             sent += [(spent + after, content) for after, content in answers]
             spent = sent[-1][0] if answers else spent
@@ -83,7 +86,8 @@ class Device:
     def _answer(self, packet: Packet) -> list[tuple[float, bytes]]:
         self.clock.heard(packet)
         self.live()
-        replies = transmit(self.arm.chain.respond(packet), self._baud)
+        sent = transmit(self.arm.chain.respond(packet), self._baud)
+        replies = [(after * self._honest, content) for after, content in sent]
         late = sum(fault.delay(self._rng) for fault in self._active) if replies else 0.0
         for fault in self._active:
             replies = [(after, fault.reply(content, self._rng)) for after, content in replies]

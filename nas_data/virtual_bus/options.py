@@ -63,6 +63,5 @@ class Options:
         arm = VirtualArm([parse_effect(text) for text in self.effects], self.offsets)
         clock = LockStep() if self.lockstep else RealClock()
         faults = [parse_fault(text) for text in self.faults]
-        device = Device(arm, clock, faults, np.random.default_rng(self.seed))
-        device.live()  # faults from the very beginning are there before the first instruction
-        return Terminal(device, self.honest)
+        device = Device(arm, clock, faults, np.random.default_rng(self.seed), self.honest)
+        return Terminal(device)

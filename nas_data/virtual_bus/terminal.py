@@ -20,14 +20,13 @@ class Terminal:
         path: Where it lies.
     """
 
-    def __init__(self, device: Device, honest: bool) -> None:
+    def __init__(self, device: Device) -> None:
         """Open the port.
 
         Args:
             device: Who answers.
-            honest: Whether replies come as late as they would on the wire; at once otherwise.
         """
-        self._device, self._honest = device, honest
+        self._device = device
         # the terminal's own end is kept open too: a driver that closes the port must not hang up the line
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
@@ -67,8 +66,7 @@ class Terminal:
 
     def _say(self, when: float, content: bytes) -> None:
         """Send bytes at a monotonic time [s], together as adapters do; what nobody reads is lost, as on a wire."""
-        if self._honest:
-            time.sleep(max(0.0, when - time.monotonic()))
+        time.sleep(max(0.0, when - time.monotonic()))
         with contextlib.suppress(BlockingIOError):
             os.write(self._master, content)
 

@@ -24,20 +24,26 @@ def transmit(replies: Sequence[Reply], baud: int) -> list[tuple[float, bytes]]:
         When each stretch of bytes has passed, in seconds after the end of the instruction, and the bytes.
     """
     sent: list[tuple[float, bytes]] = []
-    clock = previous = 0.0  # end and begin of what was sent last
-    for reply in replies:
-        length = seconds(len(reply.content), baud)
-        if not reply.together or not sent:
-            previous = clock
-            clock += reply.pause + length
-            sent.append((clock, reply.content))
-        elif previous + reply.pause >= clock:  # the other had another return delay and is through
-            clock = previous + reply.pause + length
-            sent.append((clock, reply.content))
-        else:
-            clock = max(clock, previous + reply.pause + length)
-            sent[-1] = (clock, collide(sent[-1][1], reply.content))
+    for group in _turns(replies):
+        begin = sent[-1][0] if sent else 0.0
+        for place, reply in enumerate(sorted(group, key=lambda reply: reply.pause)):
+            end = begin + reply.pause + seconds(len(reply.content), baud)
+            if place and begin + reply.pause < sent[-1][0]:  # the other is still speaking
+                sent[-1] = (max(end, sent[-1][0]), collide(sent[-1][1], reply.content))
+            else:
+                sent.append((end, reply.content))
     return sent
+
+
+def _turns(replies: Sequence[Reply]) -> list[list[Reply]]:
+    """Group replies that start to count their return delay at the same moment."""
+    turns: list[list[Reply]] = []
+    for reply in replies:
+        if reply.together and turns:
+            turns[-1].append(reply)
+        else:
+            turns.append([reply])
+    return turns
 
 
 def collide(first: bytes, second: bytes) -> bytes:

@@ -200,8 +200,8 @@ class Bus:
     def _raise_silence(self, identity: int) -> None:
         if self.ping(identity):
             raise BadReply(
-                f"Servo {identity} answers, but what it says is damaged; check its plugs, the supply and that no two "
-                "servos have one identity."
+                f"Servo {identity} answers, but not reliably; check its plugs, the supply, and that no two servos have "
+                "one identity."
             )
         raise ServoSilent(f"Servo {identity} does not answer; check its plug and the plugs before it in the chain.")
 

@@ -53,7 +53,7 @@ def refuse_unfit(name: str, health: Health) -> None:
 
 
 def refuse_outside(joints: Joints, positions: np.ndarray) -> None:
-    """Refuse positions [rad], shape (n,), beyond the limits: the first command would pull the arm through what is there.
+    """Refuse positions [rad], shape (n,), beyond the limits: a first command would pull the arm through what is there.
 
     Raises:
         OutsideLimits: a joint stands outside.

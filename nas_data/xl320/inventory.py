@@ -8,7 +8,7 @@ from nas_data.xl320.arm import Arm
 from nas_data.xl320.control_table import MODEL_NUMBER
 from nas_data.xl320.fitness import refuse_outside, refuse_unfit
 from nas_data.xl320.joints import Joints
-from nas_data.xl320.survey import Found, look, nobody, refuse_duplicates
+from nas_data.xl320.survey import Found, look, nobody, present, refuse_duplicates
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ def take_inventory(arm: Arm) -> Inventory:
         NobodyAnswers: nothing is there.
         AdapterLost: the port is gone.
     """
-    answering = set(arm.bus.found()) | {identity for identity in arm.joints.ids if arm.bus.ping(identity)}
+    answering = set(arm.bus.found()) | set(present(arm.bus, arm.joints.ids))
     if not answering:
         raise nobody(arm.port)
     problems, servos = [], []

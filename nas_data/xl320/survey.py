@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from nas_data.errors import ArmError, DuplicateId, NobodyAnswers, ServoSilent, WrongModel
 from nas_data.xl320.bus import Bus
 from nas_data.xl320.control_table import FEEDBACK, MODEL_NUMBER, OVERHEAT, OVERLOAD, VOLTAGE
-from nas_data.xl320.units import CENTRE, TICK, VOLT
+from nas_data.xl320.units import VOLT
 
 TRIES = 3
 MOVING_PART = 10  # bytes from the position to the temperature: what differs between two servos of one identity
@@ -23,7 +23,7 @@ class Found:
         firmware: Its firmware's version.
         voltage: At its supply [V].
         temperature: Inside [°C].
-        position: Angle from the middle of its range, as the servo counts it [rad].
+        ticks: Where it stands, as it counts itself.
         torque: Whether its torque is on.
         errors: Why it shut down, in words; empty where it did not.
     """
@@ -33,7 +33,7 @@ class Found:
     firmware: int
     voltage: float
     temperature: int
-    position: float
+    ticks: int
     torque: bool
     errors: tuple[str, ...]
 
@@ -43,7 +43,7 @@ def look(bus: Bus, identity: int) -> Found:
     head = bus.read(identity, 0, 3)
     model = head.register("model_number", 0)
     if model != MODEL_NUMBER:  # another control table: nothing else can be read
-        return Found(identity, model, head.register("firmware", 0), 0.0, 0, 0.0, False, ())
+        return Found(identity, model, head.register("firmware", 0), 0.0, 0, 0, False, ())
     live = bus.read(identity, FEEDBACK, MOVING_PART)
     error = bus.get(identity, "hardware_error")
     return Found(
@@ -52,7 +52,7 @@ def look(bus: Bus, identity: int) -> Found:
         firmware=head.register("firmware", 0),
         voltage=live.register("present_voltage", FEEDBACK) * VOLT,
         temperature=live.register("present_temperature", FEEDBACK),
-        position=(live.register("present_position", FEEDBACK) - CENTRE) * TICK,
+        ticks=live.register("present_position", FEEDBACK),
         torque=bool(bus.get(identity, "torque_enable")),
         errors=tuple(word for bit, word in FAULTS.items() if error & bit),
     )
@@ -66,14 +66,14 @@ def survey(bus: Bus, identities: Sequence[int]) -> list[Found]:
         DuplicateId: two have one identity.
         WrongModel: one is no XL-320.
     """
-    present = [identity for identity in identities if any(bus.ping(identity) for _ in range(TRIES))]
-    refuse_duplicates(bus, identities)
-    if not present:
+    here = present(bus, identities)
+    if not here:
         raise nobody(bus.port.port_name)
-    missing = [str(identity) for identity in identities if identity not in present]
+    refuse_duplicates(bus, here)
+    missing = [str(identity) for identity in identities if identity not in here]
     if missing:
         raise ServoSilent(
-            f"Servo {', '.join(missing)} does not answer, {', '.join(map(str, present))} do; check its plug and its "
+            f"Servo {', '.join(missing)} does not answer, {', '.join(map(str, here))} do; check its plug and its "
             "identity (a new servo has 1, and two with one identity cannot be told apart)."
         )
     found = [look(bus, identity) for identity in identities]
@@ -83,6 +83,11 @@ def survey(bus: Bus, identities: Sequence[int]) -> list[Found]:
                 f"Servo {servo.id} has model number {servo.model}; an XL-320 has {MODEL_NUMBER}: exchange the servo."
             )
     return found
+
+
+def present(bus: Bus, identities: Sequence[int]) -> list[int]:
+    """Return which servos answer, in any of several tries."""
+    return [identity for identity in identities if any(bus.ping(identity) for _ in range(TRIES))]
 
 
 def refuse_duplicates(bus: Bus, identities: Sequence[int]) -> None:
