@@ -11,21 +11,26 @@ VIRTUAL = "virtual"
 
 
 @contextmanager
-def port_of(name: str, effects: Sequence[str] = (), faults: Sequence[str] = ()) -> Iterator[str]:
+def port_of(
+    name: str, effects: Sequence[str] = (), faults: Sequence[str] = (), lockstep: bool = False
+) -> Iterator[str]:
     """Yield the path of a port: the name itself, or that of a virtual arm.
 
     Args:
         name: A path, or `virtual`.
         effects: What the virtual arm has and its model lacks.
         faults: What goes wrong on it.
+        lockstep: Whether it moves and answers as fast as it can, a period with every goal, instead of by the clock.
 
     Raises:
-        OptionError: effects or faults are asked of a real arm.
+        OptionError: effects, faults or lock-step are asked of a real arm.
     """
     if name != VIRTUAL:
-        if effects or faults:
-            raise OptionError(f"--effect and --fault belong to --port {VIRTUAL}; {name} is a real arm.")
+        if effects or faults or lockstep:
+            raise OptionError(f"Effects, faults and lock-step belong to --port {VIRTUAL}; {name} is a real arm.")
         yield name
         return
-    with VirtualBus(Options(effects=tuple(effects), faults=tuple(faults))) as bus:
+    with VirtualBus(
+        Options(effects=tuple(effects), faults=tuple(faults), honest=not lockstep, lockstep=lockstep)
+    ) as bus:
         yield bus.port

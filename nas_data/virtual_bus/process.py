@@ -27,7 +27,10 @@ class VirtualBus:
         """
         options.check()
         command = [sys.executable, "-m", "nas_data.virtual_bus"]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        # a session of its own: Ctrl-C in the terminal must not cut the arm's supply while the driver makes it safe
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
+        )
         assert self._process.stdout is not None
         self._say(options.to_json())
         self.port = self._process.stdout.readline().strip()

@@ -1,7 +1,8 @@
 """An arm of XL-320 servos: found, checked, set up, read and commanded once a cycle, and left safe."""
 
+import contextlib
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import TracebackType
 
@@ -13,7 +14,7 @@ from nas_data.xl320.configuration import Configuration
 from nas_data.xl320.control_table import FEEDBACK, FEEDBACK_SIZE, HEALTH, HEALTH_SIZE
 from nas_data.xl320.fitness import Health, refuse_outside, refuse_unfit
 from nas_data.xl320.joints import Joints
-from nas_data.xl320.port import BAUD, open_port
+from nas_data.xl320.port import open_port
 from nas_data.xl320.survey import Found, nobody, survey
 from nas_data.xl320.units import HIGHEST, VOLT
 
@@ -52,10 +53,20 @@ class Arm:
         retries: Readings that needed more than one attempt.
     """
 
-    def __init__(self, port: str, joints: Joints, baud: int = BAUD) -> None:
-        """Open the port; see `open_port` for the errors."""
+    def __init__(self, port: str, joints: Joints, now: Callable[[], float] = time.monotonic) -> None:
+        """Open the port.
+
+        Args:
+            port: Its path.
+            joints: What the arm should have.
+            now: Clock that stamps the readings [s].
+
+        Raises:
+            ArmError: the port cannot be opened; see `open_port`.
+        """
         self.joints, self.port = joints, port
-        self.bus = Bus(open_port(port, baud))
+        self.bus = Bus(open_port(port))
+        self._now = now
         self.sequential = False
         self.retries = 0
         self.configuration: Configuration | None = None
@@ -111,13 +122,13 @@ class Arm:
         Raises:
             ArmError: nobody answers, or a servo does not, after several attempts.
         """
-        began = time.monotonic()
+        began = self._now()
         answers = None if self.sequential else self.bus.sync_read(self.joints.ids, FEEDBACK, FEEDBACK_SIZE)
         if answers is None:
             self.retries += not self.sequential
-            began = time.monotonic()
+            began = self._now()
             answers = self._one_by_one()
-        return self._reading(answers, (began + time.monotonic()) / 2)
+        return self._reading(answers, (began + self._now()) / 2)
 
     def health(self, identity: int) -> Health:
         """Read voltage, temperature and hardware error of one servo; raises as `Bus.read` does."""
@@ -139,17 +150,16 @@ class Arm:
 
     def make_safe(self) -> str:
         """Hold the arm where it is, wait until it is slow, switch the torque off; return what could not be done."""
-        try:
+        with contextlib.suppress(ArmError):  # what keeps the arm from being read has been said, or is said below
             self._hold()
-        except ArmError as error:
-            reason = str(error)
-        else:
-            reason = ""
         try:
             self.torque_off()
         except ArmError as error:
             return f"The torque could not be switched off; switch the supply off. {error}"
-        return reason
+        unsure = [str(identity) for identity in self.joints.ids if not self._is_off(identity)]
+        if unsure:
+            return f"Servo {', '.join(unsure)} did not confirm that its torque is off; switch the supply off."
+        return ""
 
     def close(self) -> None:
         """Give the port back."""
@@ -171,9 +181,18 @@ class Arm:
 
     def _hold(self) -> None:
         until = time.monotonic() + PATIENCE
-        self.command(self.read().positions)
+        here = self.read().positions
+        self.command(here)
         while time.monotonic() < until and np.abs(self.read().velocities).max() > SLOW:
+            self.command(here)
             time.sleep(0.01)
+
+    def _is_off(self, identity: int) -> bool:
+        """Whether a servo confirms that its torque is off."""
+        try:
+            return self.bus.get(identity, "torque_enable") == 0
+        except ArmError:
+            return False
 
     def _one_by_one(self) -> list[Answer]:
         """Read every servo by itself.
