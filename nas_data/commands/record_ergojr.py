@@ -5,7 +5,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -106,16 +106,17 @@ class RecordErgojr(Command):
         return self._finish(growing, name)
 
     def _record(self, growing: "Growing", protocol: "Protocol", configuration: "Configuration") -> None:
-        from nas_data.recorders.ergojr import Job, Recording
+        from nas_data.recorders.ergojr import Job, Recording, look
         from nas_data.recorders.schedule import MonotonicClock, SteppedClock
         from nas_data.virtual_bus.ports import port_of
 
-        plan = self._plan(growing, protocol)
         with port_of(self.port, self.effect, self.fault, self.lockstep) as port, stoppable():
+            joints = self._joints()
+            look(port, joints)  # before the plan is drawn, which takes a while
             job = Job(
                 port=port,
-                joints=self._joints(),
-                plan=plan,
+                joints=joints,
+                plan=self._plan(growing, protocol),
                 rate=self.rate,
                 configuration=configuration,
                 largest_step=self.largest_step,
@@ -123,7 +124,7 @@ class RecordErgojr(Command):
                 provenance=self._provenance(protocol),
             )
             clock = SteppedClock() if self.lockstep else MonotonicClock()
-            Recording(job, growing, clock, say).run(Progress(growing.episodes, len(plan.commands)))
+            Recording(job, growing, clock, say).run(Progress(growing.episodes, len(job.plan.commands)))
 
     def _plan(self, growing: "Growing", protocol: "Protocol") -> "Plan":
         """Draw what is to be played; where a recording is gone on with, it must be the same.
@@ -136,7 +137,7 @@ class RecordErgojr(Command):
         from nas_data.robots.base import find_robot
 
         plan = draw_plan(find_robot(NAME), protocol, self.rate, self.speed, Counting("planned"))
-        if growing.episodes and Plan.from_bytes((growing.root / PLAN).read_bytes()) != plan:
+        if growing.episodes and not Plan.from_bytes((growing.root / PLAN).read_bytes()).same(plan):
             raise OptionError(
                 f"{growing.root} was begun with other options; give the same ones to go on, --finish to make a dataset "
                 "of it, or another --name."
@@ -154,8 +155,6 @@ class RecordErgojr(Command):
         dataset, provenance = read(growing.root), read_provenance(growing.root)
         assert provenance is not None
         numbers = summary(dataset, Tally.of(provenance.target))
-        from dataclasses import replace
-
         complete = replace(provenance, when=now(), files={}, notes="\n".join(told(numbers)))
         path = save(dataset, complete, out=self.out, name=name)
         growing.remove()
@@ -171,9 +170,7 @@ class RecordErgojr(Command):
         """Return where the recording grows until it is complete."""
         from nas_data.dataset.versions import FOLDER
 
-        root = self.out.with_name(f"{self.out.name}.recording") if self.out else FOLDER / name / "recording"
-        root.parent.mkdir(parents=True, exist_ok=True)
-        return root
+        return self.out.with_name(f"{self.out.name}.recording") if self.out else FOLDER / name / "recording"
 
     def _protocol(self) -> "Protocol":
         from nas_data.excitations.base import parse

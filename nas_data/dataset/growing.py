@@ -68,6 +68,7 @@ class Growing:
             attachments: Further files by their path, stored with the first episode.
         """
         number = self.episodes
+        self.root.parent.mkdir(parents=True, exist_ok=True)
         folder = self._generation(number + 1)
         shutil.rmtree(folder, ignore_errors=True)
         if number:

@@ -1,4 +1,4 @@
-"""The recording of an ErgoJr, episode by episode: each is on the disk before the next begins, the arm safe at the end."""
+"""The recording of an ErgoJr: each episode is on the disk before the next begins, and the arm is safe at the end."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -51,6 +51,19 @@ class Job:
     provenance: Provenance
 
 
+def look(port: str, joints: Joints) -> None:
+    """Find out whether an arm could be recorded; nothing moves.
+
+    Raises:
+        ArmError: says why not.
+    """
+    arm = Arm(port, joints)
+    try:
+        arm.check()
+    finally:
+        arm.close()
+
+
 class Recording:
     """A job under way; a second one of the same plan goes on where the first stopped.
 
@@ -93,6 +106,9 @@ class Recording:
             motion.approach(job.plan.poses[-1])
         except ArmError as error:
             raise type(error)(f"{error} {self._saved()}") from error
+        except KeyboardInterrupt:
+            self._say(self._saved())
+            raise
         finally:
             doubt = arm.make_safe()
             arm.close()

@@ -23,6 +23,13 @@ class Body:
 
     A servo's gain and torque limit act on the command that the simulator is given; the integral and derivative gain,
     which the model lacks, do nothing. Without torque the command follows the joint, so that friction alone holds it.
+
+    Attributes:
+        servos: One a joint.
+        joints: How their positions are counted.
+        electrics: Their supply and warmth.
+        time: Until when the arm has moved [s].
+        renewal: Time between two renewals of the servos' readings [s]; with every step where 0.
     """
 
     def __init__(self, simulator: Simulator, robot: Robot, servos: Sequence[Servo], joints: Joints) -> None:
@@ -37,7 +44,8 @@ class Body:
         self._stepper = simulator.stepper(1)
         self.servos, self.joints = list(servos), joints
         self.electrics = Electrics(len(self.servos))
-        self.time = 0.0
+        self.time = self._renewed = 0.0
+        self.renewal = 0.0
         model = robot.spec().compile()
         self._gain, self._strength = model.actuator_gainprm[:, 0].copy(), model.actuator_forcerange[:, 1].copy()
         self._duty = np.zeros(len(self.servos))
@@ -63,7 +71,8 @@ class Body:
         for _ in range(steps):
             self._step()
         self.time += steps * STEP
-        if steps:
+        if self.time - self._renewed >= max(self.renewal, STEP) - 1e-9:
+            self._renewed = self.time
             self.sense()
 
     def sense(self) -> None:

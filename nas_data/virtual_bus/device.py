@@ -84,9 +84,9 @@ class Device:
         return sent
 
     def _answer(self, packet: Packet) -> list[tuple[float, bytes]]:
-        self.clock.heard(packet)
         self.live()
         sent = transmit(self.arm.chain.respond(packet), self._baud)
+        self.clock.heard(packet)  # afterwards: time that passes with a goal passes under this goal
         replies = [(after * self._honest, content) for after, content in sent]
         late = sum(fault.delay(self._rng) for fault in self._active) if replies else 0.0
         for fault in self._active:

@@ -30,7 +30,6 @@ def port_of(
             raise OptionError(f"Effects, faults and lock-step belong to --port {VIRTUAL}; {name} is a real arm.")
         yield name
         return
-    with VirtualBus(
-        Options(effects=tuple(effects), faults=tuple(faults), honest=not lockstep, lockstep=lockstep)
-    ) as bus:
+    options = Options(effects=tuple(effects), faults=tuple(faults), honest=not lockstep, lockstep=lockstep)
+    with VirtualBus(options) as bus:
         yield bus.port
