@@ -1,10 +1,7 @@
 """Record episodes from an ErgoJr on a serial port, or from a virtual one."""
 
-import signal
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -108,6 +105,7 @@ class RecordErgojr(Command):
     def _record(self, growing: "Growing", protocol: "Protocol", configuration: "Configuration") -> None:
         from nas_data.recorders.ergojr import Job, Recording, look
         from nas_data.recorders.schedule import MonotonicClock, SteppedClock
+        from nas_data.recorders.stopping import stoppable
         from nas_data.virtual_bus.ports import port_of
 
         with port_of(self.port, self.effect, self.fault, self.lockstep) as port, stoppable():
@@ -133,11 +131,14 @@ class RecordErgojr(Command):
             OptionError: the recording under way has another plan.
         """
         from nas_data.recorders.ergojr import PLAN
-        from nas_data.recorders.ergojr_plan import Plan, draw_plan
+        from nas_data.recorders.ergojr_plan import Plan, draw_plan, plan_key
         from nas_data.robots.base import find_robot
 
-        plan = draw_plan(find_robot(NAME), protocol, self.rate, self.speed, Counting("planned"))
-        if growing.episodes and not Plan.from_bytes((growing.root / PLAN).read_bytes()).same(plan):
+        robot = find_robot(NAME)
+        if not growing.episodes:
+            return draw_plan(robot, protocol, self.rate, self.speed, Counting("planned"))
+        plan = Plan.from_bytes((growing.root / PLAN).read_bytes())
+        if plan.key != plan_key(robot, protocol, self.rate, self.speed):
             raise OptionError(
                 f"{growing.root} was begun with other options; give the same ones to go on, --finish to make a dataset "
                 "of it, or another --name."
@@ -253,18 +254,3 @@ class Progress:
 def say(text: str) -> None:
     """Tell a person something at once."""
     print(text, file=sys.stderr, flush=True)
-
-
-@contextmanager
-def stoppable() -> Iterator[None]:
-    """Let a request to end (of the system, or of a terminal that is closed) be what Ctrl-C is: the arm is made safe."""
-
-    def stop(number: int, _: object) -> None:
-        raise KeyboardInterrupt
-
-    before = {number: signal.signal(number, stop) for number in (signal.SIGTERM, signal.SIGHUP)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

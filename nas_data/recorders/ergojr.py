@@ -173,7 +173,8 @@ class Recording:
 
     def _provenance(self, arm: Arm) -> Provenance:
         known: Mapping[str, object] = self._job.provenance.target or {}
-        return replace(self._job.provenance, target={**arm.describe(), **known, "tally": asdict(self.tally)})
+        made = {"tally": asdict(self.tally), "drawn_again": self._job.plan.replaced}
+        return replace(self._job.provenance, target={**arm.describe(), **known, **made})
 
     def _saved(self) -> str:
         count, wanted = self.growing.episodes, len(self._job.plan.commands)

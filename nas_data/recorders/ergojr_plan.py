@@ -1,6 +1,8 @@
 """What an arm is going to be told: commands that touch neither the arm itself nor the floor, drawn before it moves."""
 
+import hashlib
 import io
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -28,18 +30,21 @@ class Plan:
         poses: First poses [rad], shape (E, n).
         task: What every episode does, in a word.
         replaced: Episodes that were drawn again because they would have touched something.
+        key: What it follows from; see `plan_key`.
     """
 
     commands: np.ndarray
     poses: np.ndarray
     task: str
     replaced: int
+    key: str
 
     def to_bytes(self) -> bytes:
         """Return the plan as it is stored with the recording."""
         stream = io.BytesIO()
+        task, key = np.array(self.task), np.array(self.key)
         np.savez_compressed(
-            stream, commands=self.commands, poses=self.poses, task=np.array(self.task), replaced=self.replaced
+            stream, commands=self.commands, poses=self.poses, task=task, replaced=self.replaced, key=key
         )
         return stream.getvalue()
 
@@ -47,15 +52,15 @@ class Plan:
     def from_bytes(cls, content: bytes) -> "Plan":
         """Read what `to_bytes` wrote."""
         stored = np.load(io.BytesIO(content))
-        return cls(stored["commands"], stored["poses"], str(stored["task"]), int(stored["replaced"]))
+        words = str(stored["task"]), int(stored["replaced"]), str(stored["key"])
+        return cls(stored["commands"], stored["poses"], *words)
 
-    def same(self, other: "Plan") -> bool:
-        """Whether another plan tells the arm the same."""
-        return (
-            self.task == other.task
-            and np.array_equal(self.commands, other.commands)
-            and np.array_equal(self.poses, other.poses)
-        )
+
+def plan_key(robot: Robot, protocol: Protocol, rate: float, speed: float) -> str:
+    """Return everything that a plan follows from, as one line: equal lines give equal plans."""
+    file = hashlib.sha256(protocol.file.read_bytes()).hexdigest() if protocol.file else None
+    values = {**vars(protocol), "excitation": protocol.excitation.to_json(), "file": file, "rate": rate, "speed": speed}
+    return json.dumps({**values, "model": robot.sha256}, sort_keys=True)
 
 
 def draw_plan(
@@ -92,7 +97,13 @@ def draw_plan(
         progress(min(wanted, len(commands)), wanted)
         if len(commands) >= wanted:
             last = int(np.flatnonzero(fates)[wanted - 1])
-            return Plan(np.stack(commands[:wanted]), np.stack(poses[:wanted]), session.task, last + 1 - wanted)
+            return Plan(
+                commands=np.stack(commands[:wanted]),
+                poses=np.stack(poses[:wanted]),
+                task=session.task,
+                replaced=last + 1 - wanted,
+                key=plan_key(robot, protocol, rate, speed),
+            )
     raise OptionError(
         f"Of {len(fates)} episodes of {session.task} only {len(commands)} touch neither the arm nor the floor; use "
         "less of the joints' range (--excitation NAME:share=0.5)."
