@@ -132,10 +132,9 @@ class Motion:
         episode.readings.append(reading)
 
     def _send(self, wanted: np.ndarray) -> np.ndarray:
-        """Send one command, no farther from the last than is allowed; return it as single precision stores it."""
-        step = np.clip(wanted - self._sent, -self._largest_step, self._largest_step)
-        self._sent = self.arm.command((self._sent + step).astype(np.float32).astype(float))
-        return self._sent
+        """Send one command, no farther from the last than is allowed; return it as it was sent."""
+        self._sent = self._sent + np.clip(wanted - self._sent, -self._largest_step, self._largest_step)
+        return self.arm.command(self._sent)
 
     def _look_after(self) -> None:
         """Read supply and warmth of the next servo, now and then."""

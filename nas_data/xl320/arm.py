@@ -100,9 +100,14 @@ class Arm:
         self.configuration = configuration
 
     def torque_on(self) -> None:
-        """Switch the torque on where the arm stands: the goals of before are forgotten first."""
-        self.command(self.read().positions)
-        for identity in self.joints.ids:
+        """Switch the torque on where the arm stands: the goals of before are forgotten first, and surely.
+
+        Raises:
+            ArmError: a servo does not confirm it.
+        """
+        ticks = self.joints.ticks(self.read().positions).tolist()
+        for identity, goal in zip(self.joints.ids, ticks, strict=True):
+            self.bus.write(identity, "goal_position", goal)
             self.bus.write(identity, "torque_enable", 1)
 
     def torque_off(self) -> None:
@@ -111,10 +116,10 @@ class Arm:
             self.bus.sync_write("torque_enable", dict.fromkeys(self.joints.ids, 0))
 
     def command(self, positions: np.ndarray) -> np.ndarray:
-        """Send goals [rad], shape (n,), limited to the joints' range; return the goals as they were sent."""
+        """Send goals [rad], shape (n,); return them as they were sent: within the limits, in whole ticks."""
         ticks = self.joints.ticks(positions)
         self.bus.sync_write("goal_position", dict(zip(self.joints.ids, ticks.tolist(), strict=True)))
-        return np.clip(positions, self.joints.low, self.joints.high)
+        return self.joints.positions(ticks)
 
     def read(self) -> Reading:
         """Read position, speed and load of every servo in one exchange, or one by one where that fails.

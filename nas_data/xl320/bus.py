@@ -212,5 +212,5 @@ class Bus:
             self.port.is_using = False
             self.port.drain()
             yield
-        except (OSError, termios.error, TypeError) as error:  # TypeError: pyserial reads from a port that was closed
+        except (OSError, termios.error) as error:
             raise lost(self.port.port_name) from error
