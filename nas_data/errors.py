@@ -64,3 +64,63 @@ class UnknownName(NasError, LookupError):
 
     def __init__(self, kind: str, name: str, choices: Iterable[str]) -> None:
         super().__init__(f"There is no {kind} '{name}'; choose one of: {', '.join(sorted(choices))}.")
+
+
+class ArmError(NasError, RuntimeError):
+    """Base of what goes wrong with servos, their line or their supply."""
+
+
+class NoSuchPort(ArmError, FileNotFoundError):
+    """There is no port of that name."""
+
+
+class PortDenied(ArmError, PermissionError):
+    """The user may not open the port."""
+
+
+class PortBusy(ArmError):
+    """Another program has the port."""
+
+
+class AdapterLost(ArmError):
+    """The adapter was pulled out while it was used."""
+
+
+class NobodyAnswers(ArmError):
+    """No servo answers at all."""
+
+
+class ServoSilent(ArmError):
+    """A servo that should be there does not answer."""
+
+
+class BadReply(ArmError):
+    """What a servo answers cannot be trusted."""
+
+
+class WrongModel(ArmError):
+    """A servo is of another series."""
+
+
+class DuplicateId(ArmError):
+    """Two servos have one identity."""
+
+
+class OutsideLimits(ArmError):
+    """A joint stands where it must not be."""
+
+
+class SupplyLow(ArmError):
+    """The supply gives too little voltage."""
+
+
+class ServoOverloaded(ArmError):
+    """A servo shut down because it was stalled."""
+
+
+class ServoHot(ArmError):
+    """A servo is too hot."""
+
+
+class ServoRefused(ArmError):
+    """A servo answered an instruction with an error."""

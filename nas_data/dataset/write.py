@@ -58,7 +58,7 @@ def fill(folder: Path, dataset: Dataset, provenance: Provenance, attachments: Ma
                 earlier.result()
             hashes[name] = disk.submit(_put_hashed, folder / name, content)
     complete = replace(provenance, files={name: found.result() for name, found in hashes.items()})
-    put(folder / layout.PROVENANCE, _json(complete.to_json()))
+    put(folder / layout.PROVENANCE, json_bytes(complete.to_json()))
     put(folder / layout.CARD, card(dataset, complete).encode())
 
 
@@ -74,25 +74,25 @@ def _files(dataset: Dataset, attachments: Mapping[str, bytes]) -> Iterator[tuple
     columns = {key: stored_column(dataset, key) for key in dataset.features}
     columns |= automatic_columns(dataset, tasks)
     # What explains the rows comes first: a killed writer then leaves files that can be rescued.
-    yield layout.INFO, _json(_info(dataset, len(tasks)))
-    yield layout.TASKS, _parquet(_task_table(tasks))
+    yield layout.INFO, json_bytes(info_of(dataset, len(tasks)))
+    yield layout.TASKS, parquet(_task_table(tasks))
     files = split_episodes(dataset.lengths, sum(column.itemsize * column.shape[1] for column in columns.values()))
     # NumPy sorts and Arrow encodes without holding the interpreter: together they take the time of the longer.
     with ThreadPoolExecutor(max_workers=1) as beside:
         statistics_later = beside.submit(statistics, columns, dataset.lengths)
         for number, episodes in enumerate(files):
-            yield layout.numbered(layout.DATA_TEMPLATE, number), _data_file(columns, dataset.lengths, episodes)
+            yield layout.numbered(layout.DATA_TEMPLATE, number), data_file(columns, dataset.lengths, episodes)
         found = statistics_later.result()
-    table = _episode_table(dataset, files, found)
+    table = episode_table(dataset, files, found)
     for number, rows in enumerate(split_episodes(np.ones(len(table)), int(table.nbytes / len(table)) + 1)):
         part = table.slice(rows.start, rows.stop - rows.start)
         here = {"meta/episodes/chunk_index": number // layout.FILES_PER_CHUNK}
         here["meta/episodes/file_index"] = number % layout.FILES_PER_CHUNK
         for key, value in here.items():
             part = part.append_column(key, numbers(np.full(len(part), value, np.int64)))
-        yield layout.numbered(layout.EPISODES_TEMPLATE, number), _parquet(part)
+        yield layout.numbered(layout.EPISODES_TEMPLATE, number), parquet(part)
     overall = {key: {name: values.tolist() for name, values in entry.overall.items()} for key, entry in found.items()}
-    yield layout.STATS, _json(overall)
+    yield layout.STATS, json_bytes(overall)
     yield from attachments.items()
 
 
@@ -124,7 +124,7 @@ def split_episodes(lengths: np.ndarray, row_bytes: int) -> list[range]:
     return [*files, range(start, len(lengths))]
 
 
-def _data_file(columns: Mapping[str, np.ndarray], lengths: np.ndarray, episodes: range) -> memoryview:
+def data_file(columns: Mapping[str, np.ndarray], lengths: np.ndarray, episodes: range) -> memoryview:
     """Return a Parquet file of some episodes, one row group an episode as LeRobot has it."""
     first, last = int(lengths[: episodes.start].sum()), int(lengths[: episodes.stop].sum())
     arrays = {key: _arrow(column[first:last]) for key, column in columns.items()}
@@ -157,7 +157,7 @@ def _huggingface(columns: Mapping[str, np.ndarray]) -> dict[str, str]:
     return {"huggingface": json.dumps({"info": {"features": entries}})}
 
 
-def _episode_table(dataset: Dataset, files: list[range], found: Mapping[str, Statistics]) -> pa.Table:
+def episode_table(dataset: Dataset, files: list[range], found: Mapping[str, Statistics]) -> pa.Table:
     """Return the table of `meta/episodes`: where each episode lies, and its statistics."""
     lengths = np.asarray(dataset.lengths, np.int64)
     number = np.repeat(np.arange(len(files)), [len(episodes) for episodes in files])
@@ -189,7 +189,7 @@ def _task_table(tasks: list[str]) -> pa.Table:
     return table.replace_schema_metadata({"pandas": json.dumps(pandas)})
 
 
-def _info(dataset: Dataset, n_tasks: int) -> dict[str, object]:
+def info_of(dataset: Dataset, n_tasks: int) -> dict[str, object]:
     """Return `meta/info.json` as both LeRobot versions write it."""
     features = {key: feature.to_info() for key, feature in dataset.features.items()}
     features |= {key: {"dtype": dtype, "shape": [1], "names": None} for key, dtype in layout.AUTOMATIC.items()}
@@ -210,11 +210,13 @@ def _info(dataset: Dataset, n_tasks: int) -> dict[str, object]:
     }
 
 
-def _parquet(table: pa.Table) -> memoryview:
+def parquet(table: pa.Table) -> memoryview:
+    """Return a table as a Parquet file."""
     stream = pa.BufferOutputStream()
     pq.write_table(table, stream, use_dictionary=False)
     return memoryview(stream.getvalue())
 
 
-def _json(content: Mapping[str, object]) -> bytes:
+def json_bytes(content: Mapping[str, object]) -> bytes:
+    """Return an object as a JSON file."""
     return json.dumps(content, indent=4, ensure_ascii=False, allow_nan=False).encode()

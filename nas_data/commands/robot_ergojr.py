@@ -1,0 +1,134 @@
+"""Look at an ErgoJr on a port: its servos and their state; calibrate, rename or reboot them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from nas_data.commands.base import Command, Outcome
+from nas_data.errors import OptionError
+
+if TYPE_CHECKING:
+    from nas_data.xl320.arm import Arm
+    from nas_data.xl320.inventory import Inventory
+    from nas_data.xl320.survey import Found
+
+NAME = "ergojr"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotErgojr(Command):
+    """Show what answers on a port, and what keeps the arm from being used.
+
+    Returns 0 where the arm is ready, 1 where it is not, 2 where nothing answers. Nothing moves, and the torque is left
+    as it is. To calibrate, put the arm into its zero pose by hand first: all marks of the horns in line.
+
+    Example: nas robot ergojr --port virtual
+    """
+
+    port: str
+    """Serial port of the adapter, for example the one of a U2D2; 'virtual' for a simulated arm."""
+    calibrate: bool = False
+    """Take the present pose as zero and store it where LeRobot looks for it, or in --calibration."""
+    calibration: Path | None = None
+    """Calibration file; LeRobot's own place where not given."""
+    id: str = NAME
+    """Name of this very arm: LeRobot's robot id, which names its calibration file."""
+    reboot: bool = False
+    """Restart every servo first, which clears an overload or overheating; an arm that stands up falls."""
+    rename: str | None = None
+    """Give a servo another identity, OLD:NEW; only one servo may answer to OLD."""
+    effect: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    """An effect of the virtual arm, NAME:joint=JOINT,PARAMETER=NUMBER; may be given several times."""
+    fault: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    """A fault of the virtual arm, NAME:PARAMETER=NUMBER, for example unplugged:servo=3; may be given several times."""
+
+    def run(self) -> Outcome:
+        """Look, and do what is asked for."""
+        from nas_data.virtual_bus.ports import port_of
+        from nas_data.xl320.arm import Arm
+        from nas_data.xl320.calibration import default_path, read_calibration
+        from nas_data.xl320.ergojr import ergojr_joints
+
+        path = self.calibration or default_path(NAME, self.id)
+        joints = ergojr_joints()
+        if path.is_file() and not self.calibrate:
+            joints = read_calibration(path, joints)
+        with port_of(self.port, self.effect, self.fault) as port:
+            arm = Arm(port, joints)
+            try:
+                return self._look(arm, path)
+            finally:
+                arm.close()
+
+    def _look(self, arm: "Arm", path: Path) -> Outcome:
+        from nas_data.xl320.inventory import take_inventory
+
+        if self.rename:
+            self._rename(arm, self.rename)
+        if self.reboot:
+            for identity in arm.joints.ids:
+                arm.bus.reboot(identity)
+        inventory = take_inventory(arm)
+        lines = [*table(inventory.servos, arm), *(f"problem: {problem}" for problem in inventory.problems)]
+        ready = not inventory.problems
+        if self.calibrate:
+            lines.append(self._calibrate(arm, path))
+        elif ready:
+            lines.append(f"The arm is ready. Zeros: {path if path.is_file() else 'not calibrated (--calibrate)'}")
+        return Outcome("\n".join(lines), data(inventory, arm), ready)
+
+    def _calibrate(self, arm: "Arm", path: Path) -> str:
+        """Store the present pose as zero."""
+        import numpy as np
+
+        from nas_data.xl320.calibration import offsets_at_zero, write_calibration
+
+        raw = np.array([arm.bus.get(identity, "present_position") for identity in arm.joints.ids])
+        joints = arm.joints.calibrated(offsets_at_zero(arm.joints, raw))
+        write_calibration(path, joints)
+        return f"Zero offsets {', '.join(map(str, joints.offsets))} ticks → {path}"
+
+    def _rename(self, arm: "Arm", text: str) -> None:
+        """Give one servo another identity."""
+        from nas_data.xl320.survey import refuse_duplicates
+
+        old, _, new = text.partition(":")
+        if not (old.isdecimal() and new.isdecimal() and int(old) <= 252 and int(new) <= 252):
+            raise OptionError(f"--rename is '{text}'; write OLD:NEW with identities in 0 … 252.")
+        if arm.bus.ping(int(new)):
+            raise OptionError(f"A servo already answers as {new}; unplug it, or choose another identity.")
+        refuse_duplicates(arm.bus, [int(old)])
+        arm.bus.rename(int(old), int(new))
+
+
+def table(servos: "Sequence[Found]", arm: "Arm") -> list[str]:
+    """Return a line of what is found for each servo; where the joints stand in degrees."""
+    return ["joint  id  model  firmware  supply  warmth  position  torque  errors", *(row(s, arm) for s in servos)]
+
+
+def row(servo: "Found", arm: "Arm") -> str:
+    """Return the line of one servo."""
+    import numpy as np
+
+    joint, angle = "?", ""
+    if servo.id in arm.joints.ids:
+        place = arm.joints.ids.index(servo.id)
+        joint = arm.joints.names[place]
+        angle = f"{np.degrees(arm.joints.positions(np.full(len(arm.joints.ids), servo.ticks))[place]):.1f}°"
+    return (
+        f"{joint:<5} {servo.id:>3}  {servo.model:>5}  {servo.firmware:>8}  {servo.voltage:>4.1f} V"
+        f"  {servo.temperature:>3} °C  {angle:>8}  {'on' if servo.torque else 'off':>6}"
+        f"  {', '.join(servo.errors) or '–'}"
+    )
+
+
+def data(inventory: "Inventory", arm: "Arm") -> dict[str, object]:
+    """Return the same for machines."""
+    return {
+        "port": arm.port,
+        "servos": [vars(servo) for servo in inventory.servos],
+        "problems": list(inventory.problems),
+    }

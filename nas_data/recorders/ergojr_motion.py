@@ -1,0 +1,148 @@
+"""One arm in motion: slow ways to a pose, and episodes played and read on schedule."""
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from nas_data.recorders.schedule import Clock
+from nas_data.xl320.arm import Arm, Reading
+from nas_data.xl320.fitness import refuse_unfit
+
+APPROACH = 0.6  # [rad/s] of a slow way
+SETTLE = 0.5  # [s] that a pose is held before what follows
+LEAD = 0.02  # [s] from the decision to begin to the first reading
+LATE = 0.3  # share of a period by which a reading may come after its time
+LOOK = 10  # control steps between two looks at the supply and warmth of a servo, one after the other
+
+
+@dataclass
+class Vitals:
+    """What was last heard of each servo's supply and warmth.
+
+    Attributes:
+        voltage: [V], shape (n,).
+        temperature: [°C], shape (n,).
+    """
+
+    voltage: np.ndarray
+    temperature: np.ndarray
+
+
+@dataclass
+class Episode:
+    """What was read and sent in an episode of T steps.
+
+    Attributes:
+        due: When each reading should have been made [s].
+        readings: Before the first command and after each, T + 1.
+        commands: As they were sent [rad], T of shape (n,).
+        voltages: [V], T of shape (n,).
+        temperatures: [°C], T of shape (n,).
+    """
+
+    due: list[float] = field(default_factory=list)
+    readings: list[Reading] = field(default_factory=list)
+    commands: list[np.ndarray] = field(default_factory=list)
+    voltages: list[np.ndarray] = field(default_factory=list)
+    temperatures: list[np.ndarray] = field(default_factory=list)
+
+    def delays(self) -> np.ndarray:
+        """Return how long after its time each reading was made [s], shape (T + 1,)."""
+        return np.array([reading.time for reading in self.readings]) - np.array(self.due)
+
+    def late(self, period: float) -> np.ndarray:
+        """Return which readings came late, shape (T + 1,)."""
+        return self.delays() > LATE * period
+
+    def missed(self, period: float) -> np.ndarray:
+        """Return which readings came so late that their moment is lost, shape (T + 1,)."""
+        return self.delays() > period
+
+    def repeated(self) -> np.ndarray:
+        """Return which readings are those before byte for byte although the arm moves, shape (T + 1,)."""
+        again = [a.raw == b.raw and bool(b.velocities.any()) for a, b in pairwise(self.readings)]
+        return np.array([False, *again])
+
+
+class Motion:
+    """Moves an arm whose torque is on.
+
+    Attributes:
+        arm: The arm.
+        clock: By which it is moved.
+        period: Control period [s].
+        vitals: What was last heard of supply and warmth.
+    """
+
+    def __init__(self, arm: Arm, clock: Clock, period: float, largest_step: float) -> None:
+        """Take an arm over.
+
+        Args:
+            arm: The arm.
+            clock: By which it is moved.
+            period: Control period [s].
+            largest_step: By how much a command may differ from the one before [rad].
+        """
+        self.arm, self.clock, self.period = arm, clock, period
+        self._largest_step = largest_step
+        self._sent = arm.read().positions
+        self._steps = 0
+        first = [arm.health(identity) for identity in arm.joints.ids]
+        self.vitals = Vitals(
+            np.array([health.voltage for health in first]), np.array([float(health.temperature) for health in first])
+        )
+
+    def approach(self, pose: np.ndarray) -> None:
+        """Go to a pose [rad], shape (n,), slowly, and hold it for a moment.
+
+        Raises:
+            ArmError: something is wrong with the arm.
+        """
+        begin = self.arm.read().positions
+        steps = max(1, int(np.ceil(np.abs(pose - begin).max() / APPROACH / self.period)))
+        way = begin + np.arange(1, steps + 1)[:, None] / steps * (pose - begin)
+        self.play(np.concatenate([way, np.repeat(pose[None], round(SETTLE / self.period), axis=0)]))
+
+    def hold(self, pose: np.ndarray, seconds: float) -> None:
+        """Stay in a pose [rad], shape (n,), for a time [s]; raises as `approach` does."""
+        self.play(np.repeat(pose[None], max(1, round(seconds / self.period)), axis=0))
+
+    def play(self, commands: np.ndarray) -> Episode:
+        """Send commands [rad], shape (T, n), one a period, and read the arm before each and after the last.
+
+        Raises:
+            ArmError: something is wrong with the arm.
+        """
+        episode, start = Episode(), self.clock.now() + LEAD
+        for number, wanted in enumerate(commands):
+            self._read(episode, start + number * self.period)
+            episode.commands.append(self._send(wanted))
+            self._look_after()
+            episode.voltages.append(self.vitals.voltage.copy())
+            episode.temperatures.append(self.vitals.temperature.copy())
+        self._read(episode, start + len(commands) * self.period)
+        return episode
+
+    def _read(self, episode: Episode, due: float) -> None:
+        self.clock.wait_until(due)
+        reading = self.arm.read()
+        self.arm.refuse_alerts(reading)
+        episode.due.append(due)
+        episode.readings.append(reading)
+
+    def _send(self, wanted: np.ndarray) -> np.ndarray:
+        """Send one command, no farther from the last than is allowed; return it as it was sent."""
+        self._sent = self._sent + np.clip(wanted - self._sent, -self._largest_step, self._largest_step)
+        return self.arm.command(self._sent)
+
+    def _look_after(self) -> None:
+        """Read supply and warmth of the next servo, now and then."""
+        self._steps += 1
+        turn, rest = divmod(self._steps, LOOK)
+        if rest:
+            return
+        place = turn % len(self.arm.joints.ids)
+        health = self.arm.health(self.arm.joints.ids[place])
+        self.vitals.voltage[place], self.vitals.temperature[place] = health.voltage, health.temperature
+        refuse_unfit(f"Servo {self.arm.joints.ids[place]} ({self.arm.joints.names[place]})", health)

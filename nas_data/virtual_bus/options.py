@@ -1,0 +1,67 @@
+"""What a virtual arm is started with."""
+
+import json
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from nas_data.effects.base import parse as parse_effect
+from nas_data.errors import OptionError
+from nas_data.virtual_bus.arm import VirtualArm
+from nas_data.virtual_bus.clock import LockStep, RealClock
+from nas_data.virtual_bus.device import Device
+from nas_data.virtual_bus.faults.base import parse as parse_fault
+from nas_data.virtual_bus.terminal import Terminal
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Choices that outlive the way to another process.
+
+    Attributes:
+        effects: What the arm has and its model lacks, as a person types it.
+        faults: What goes wrong, as a person types it.
+        offsets: Ticks by which the horns were mounted off the middle; none where empty.
+        seed: Of what the faults hit.
+        honest: Whether the line takes its time; answers at once otherwise.
+        lockstep: Whether the arm moves a period with every goal instead of by the clock.
+    """
+
+    effects: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()
+    offsets: tuple[int, ...] = ()
+    seed: int = 0
+    honest: bool = True
+    lockstep: bool = False
+
+    def check(self) -> None:
+        """Refuse what cannot be understood, before a process is started for it.
+
+        Raises:
+            NasError: an effect or a fault is unknown or malformed.
+        """
+        for text in self.effects:
+            parse_effect(text)
+        for text in self.faults:
+            parse_fault(text)
+        if len(self.offsets) not in (0, 6):
+            raise OptionError(f"{len(self.offsets)} offsets are given; one for each of the six servos is needed.")
+
+    def to_json(self) -> str:
+        """Return the choices as one line."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_json(cls, line: str) -> "Options":
+        """Read what `to_json` wrote."""
+        values = json.loads(line)
+        kinds = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
+        return cls(**kinds)  # type: ignore[arg-type]  # JSON has no types
+
+    def open(self) -> Terminal:
+        """Assemble the arm and open its port."""
+        arm = VirtualArm([parse_effect(text) for text in self.effects], self.offsets)
+        clock = LockStep() if self.lockstep else RealClock()
+        faults = [parse_fault(text) for text in self.faults]
+        device = Device(arm, clock, faults, np.random.default_rng(self.seed), self.honest)
+        return Terminal(device)

@@ -1,0 +1,87 @@
+"""A serial port as dynamixel-sdk uses it, opened for one program alone and with refusals in sentences."""
+
+import errno
+import time
+from pathlib import Path
+
+import serial
+from dynamixel_sdk import PortHandler
+
+from nas_data.errors import AdapterLost, ArmError, NoSuchPort, PortBusy, PortDenied
+
+BAUD = 1_000_000  # [bit/s] of an XL-320 from the factory
+PATIENCE = 0.02  # [s] to wait for a reply beyond its time on the wire: more than any USB latency timer (16 ms)
+WAIT = 0.002  # [s] that one look for bytes may last
+WRITING = 0.2  # [s] after which a port that takes no bytes is given up
+KINDS = ("ttyUSB*", "ttyACM*", "ttyAMA*", "tty.usb*", "cu.usb*")
+
+
+class Port(PortHandler):
+    """The SDK's port, which waits for bytes instead of spinning, by a clock that nobody sets."""
+
+    patience = PATIENCE
+    is_open: bool = False
+
+    def setupPort(self, cflag_baud: int) -> bool:  # noqa: N802  # the SDK's name
+        """Open the port; see `open_port` for the errors."""
+        if self.is_open:
+            self.closePort()
+        self.ser = serial.Serial(self.port_name, cflag_baud, timeout=WAIT, write_timeout=WRITING, exclusive=True)
+        self.is_open = True
+        self.tx_time_per_byte = 1e4 / cflag_baud  # [ms]
+        return True
+
+    def getCurrentTime(self) -> float:  # noqa: N802
+        """Return the monotonic time [ms]."""
+        return time.monotonic() * 1e3
+
+    def setPacketTimeout(self, packet_length: int) -> None:  # noqa: N802
+        """Start to wait for a packet of some bytes."""
+        self.setPacketTimeoutMillis(packet_length * self.tx_time_per_byte + self.patience * 1e3)
+
+    def drain(self) -> None:
+        """Forget what has come in and was not asked for."""
+        self.ser.reset_input_buffer()
+
+
+def open_port(path: str, baud: int = BAUD) -> Port:
+    """Open a serial port.
+
+    Raises:
+        NoSuchPort: there is nothing of that name.
+        PortDenied: the user may not open it.
+        PortBusy: another program has it.
+        ArmError: it is no serial port.
+    """
+    port = Port(path)
+    try:
+        port.setBaudRate(baud)
+    except (OSError, ValueError) as error:
+        raise _refusal(path, error) from None
+    return port
+
+
+def _refusal(path: str, error: OSError | ValueError) -> ArmError:
+    """Say why a port could not be opened, and what to do."""
+    code = getattr(error, "errno", None)
+    if code in {errno.ENOENT, errno.ENODEV, errno.ENXIO} or not Path(path).exists():
+        return NoSuchPort(f"There is no port {path}; plug the adapter in and give one of: {_ports()}.")
+    if code in {errno.EACCES, errno.EPERM}:
+        return PortDenied(
+            f"{path} may not be opened by this user; join the group that owns it "
+            "(sudo usermod -aG dialout $USER) and log in again."
+        )
+    if code in {errno.EBUSY, errno.EAGAIN} or "lock" in str(error):
+        return PortBusy(f"{path} is used by another program; close that program (a recorder, a monitor) and try again.")
+    return ArmError(f"{path} cannot be used as a serial port; give the adapter's port, one of: {_ports()}.")
+
+
+def _ports() -> str:
+    """Return the ports that are there, for a sentence."""
+    found = sorted(str(path) for kind in KINDS for path in Path("/dev").glob(kind))
+    return ", ".join([*found, "virtual"])
+
+
+def lost(path: str) -> AdapterLost:
+    """Return what to raise where a port that was open is gone."""
+    return AdapterLost(f"{path} vanished while it was used; plug the adapter in again and check its cable.")

@@ -1,0 +1,24 @@
+"""Virtual arms for tests: answers at once, and moves with the goals instead of by the clock."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from nas_data.virtual_bus.options import Options
+from nas_data.virtual_bus.process import VirtualBus
+from nas_data.xl320.arm import Arm
+from nas_data.xl320.ergojr import ergojr_joints
+
+
+@contextmanager
+def virtual(*faults: str, effects: tuple[str, ...] = (), offsets: tuple[int, ...] = ()) -> Iterator[VirtualBus]:
+    """Yield a virtual arm in its own process."""
+    options = Options(effects=effects, faults=faults, offsets=offsets, honest=False, lockstep=True)
+    with VirtualBus(options) as bus:
+        yield bus
+
+
+@contextmanager
+def connected(*faults: str, effects: tuple[str, ...] = (), offsets: tuple[int, ...] = ()) -> Iterator[Arm]:
+    """Yield a driver on a virtual arm."""
+    with virtual(*faults, effects=effects, offsets=offsets) as bus, Arm(bus.port, ergojr_joints()) as arm:
+        yield arm
