@@ -85,14 +85,15 @@ def draw_plan(
         session = Session.draw(target, replace(protocol, seed=protocol.seed + attempt * FAR))
         wanted = protocol.episodes if protocol.file is None else len(session.commands)
         block = np.stack([_same_length(rows, session.commands[0]) for rows in session.commands])
-        free = free_of_contact(simulator, block, session.poses)
+        first = session.starts[:, : len(simulator.joints)]
+        free = free_of_contact(simulator, block, first)
         if protocol.file is not None and not free.all():
             raise OptionError(
                 f"{protocol.file}: in episode {int(np.argmin(free))} the arm would touch itself or the floor; "
                 "change those commands."
             )
         commands += list(block[free])
-        poses += list(session.poses[free])
+        poses += list(first[free])
         fates += free.tolist()
         progress(min(wanted, len(commands)), wanted)
         if len(commands) >= wanted:
