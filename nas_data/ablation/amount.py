@@ -42,10 +42,13 @@ def parse(texts: Sequence[str], unit: Unit) -> tuple[Amount, ...]:
     """Read amounts as a person types them, `10,25,all` or several words; sorted, each once.
 
     Raises:
-        OptionError: one is no number above zero, or a number of episodes is not whole.
+        OptionError: there is none, or one is no number above zero, or a number of episodes is not whole.
     """
     option = "--counts" if unit == "episodes" else "--minutes"
-    return tuple(sorted({Amount(number(word, option, unit), unit) for word in words(texts)}))
+    found = {Amount(number(word, option, unit), unit) for word in words(texts)}
+    if not found:
+        raise OptionError(f"{option} names no amount; give some with commas between, such as 1,2,5,{ALL}.")
+    return tuple(sorted(found))
 
 
 def words(texts: Sequence[str]) -> list[str]:

@@ -1,6 +1,7 @@
 """What must hold before a sweep begins, so that hours are not spent on what cannot be."""
 
 from nas_data.ablation.kinds.base import Kind, find_kind
+from nas_data.ablation.kinds.base import kinds as all_kinds
 from nas_data.ablation.naming import read_named
 from nas_data.ablation.subsets import check_enough
 from nas_data.ablation.sweep import Plan
@@ -20,6 +21,8 @@ def check(plan: Plan) -> None:
         NasError: says what is wrong, and what would be right.
     """
     check_seeds(plan)
+    if not plan.kinds:
+        raise OptionError(f"--kinds names none; give some of {', '.join(all_kinds())}, with commas between.")
     kinds = {name: find_kind(name) for name in plan.kinds}
     dataset = plan.material.read()
     check_held_out(plan, dataset)

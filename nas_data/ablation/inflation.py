@@ -4,7 +4,7 @@ import json
 import shutil
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
@@ -64,7 +64,9 @@ class Inflation:
 NUMBERS = tuple(field.name for field in fields(Inflation))
 
 
-def of_sweep(folder: Path, trials: Sequence[Trial], executor: Executor, workers: int) -> Inflation | None:
+def of_sweep(
+    folder: Path, trials: Sequence[Trial], executor: Executor, workers: int, say: Callable[[str], None]
+) -> Inflation | None:
     """Return what was measured when the sweep began, or measure it where there is work left.
 
     Args:
@@ -72,23 +74,25 @@ def of_sweep(folder: Path, trials: Sequence[Trial], executor: Executor, workers:
         trials: Those still to be done.
         executor: Where they run.
         workers: How many run at a time.
+        say: Told of the measurement.
     """
     path = folder / FILE
     if path.is_file():
         return Inflation(**{key: value for key, value in read_json(path).items() if key in NUMBERS})  # type: ignore[arg-type]
-    found = measure(trials, executor, workers)
+    found = measure(trials, executor, workers, say)
     if found:
         write_whole(path, (json.dumps(found.to_json(), indent=1) + "\n").encode())
     return found
 
 
-def measure(trials: Sequence[Trial], executor: Executor, workers: int) -> Inflation | None:
+def measure(trials: Sequence[Trial], executor: Executor, workers: int, say: Callable[[str], None]) -> Inflation | None:
     """Do a short trial alone, side by side, and alone again; nothing is recorded.
 
     Args:
         trials: Those to be done, of which the smallest that trains a network is shortened.
         executor: Where they run.
         workers: How many run at a time.
+        say: Told of it.
 
     Returns:
         None where no network is trained, or one worker has nothing beside it.
@@ -96,6 +100,7 @@ def measure(trials: Sequence[Trial], executor: Executor, workers: int) -> Inflat
     training = [trial for trial in trials if find_kind(trial.config.kind).trains and not must_name(trial)]
     if workers < 2 or not training:
         return None
+    say(f"measuring a short trial with one worker and with {workers}")
     probe = shortened(min(training, key=lambda trial: trial.config.amount))
     before = dict(executor(cost, [probe], 1))[0]
     beside = [pair for _, pair in executor(cost, [probe] * workers, workers)]

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from nas_data.ablation.summary import error
+from nas_data.ablation.results import error
 from nas_data.ablation.trial import Config, Record
 
 

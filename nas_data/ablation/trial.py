@@ -5,6 +5,7 @@ import json
 import shutil
 import tempfile
 import time
+import traceback
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -106,8 +107,8 @@ def do_trial(trial: Trial) -> Record:
     wall, cpu = time.perf_counter(), time.process_time()
     try:
         found: Mapping[str, object] = learn_and_judge(trial, folder)
-    except (NasError, ArithmeticError, MemoryError, RuntimeError) as error:  # the other trials can go on
-        found = {"failed": reason(error)}
+    except Exception as error:  # whatever it is, the other trials of a sweep of hours can go on
+        found = failure(error)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
     record: Record = {
@@ -121,12 +122,12 @@ def do_trial(trial: Trial) -> Record:
     return record
 
 
-def reason(error: Exception) -> str:
-    """Return an error as a sentence."""
+def failure(error: Exception) -> Record:
+    """Return an error as a sentence; one that is no user's fault with its traceback."""
     if isinstance(error, NasError):
-        return str(error)
+        return {"failed": str(error)}
     text = " ".join(str(error).split()).rstrip(".") or "no reason given"
-    return f"{type(error).__name__}: {text}."
+    return {"failed": f"{type(error).__name__}: {text}.", "traceback": traceback.format_exception(error)}
 
 
 def learn_and_judge(trial: Trial, folder: Path) -> Record:

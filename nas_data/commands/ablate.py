@@ -83,7 +83,7 @@ class Ablate(Command):
         content = plan.material.content()
         trials = plan.trials(content, self.out)
         with opened(self.out, plan.identity(content)), saying("trials are running", HEARTBEAT):
-            cost = inflation.of_sweep(self.out, undone(trials, self.retry), executor, self.workers)
+            cost = inflation.of_sweep(self.out, undone(trials, self.retry), executor, self.workers, report)
             records = run_sweep(trials, executor, self.workers, self.retry, report)
         found = summary.Summary.of(records)
         times = {f"{kind}_seconds": sum(float(str(r[f"{kind}_seconds"])) for r in records) for kind in ("wall", "cpu")}
