@@ -253,6 +253,14 @@ def test_the_figure_shows_medians_in_degrees_over_amounts_and_baselines_as_lines
     assert axes.get_xlabel() == "minutes of training data"
 
 
+def test_one_seed_that_went_astray_does_not_squash_the_others():
+    amounts, median = np.array([1.0, 10.0]), np.radians([4.0, 2.0])
+    curve = Curve(amounts, median, median, np.radians([400.0, 2.0]))
+    (axes,) = error_over_amount({"open_loop": {"ψ": curve}}, {"open_loop": {"hold": math.inf}}, "minutes").axes
+    assert axes.get_ylim()[1] == pytest.approx(8.0)
+    assert len(axes.lines) == 1, "a baseline that diverged has no line"
+
+
 def test_a_worker_that_costs_nothing_doubles_the_work():
     fair = Inflation(workers=2, cpu_alone=3.0, cpu_beside=3.0, wall_alone=4.0, wall_beside=4.0)
     assert (fair.factor, fair.work) == (1.0, 2.0)

@@ -393,6 +393,7 @@ def test_a_sweep_of_every_kind_on_the_sample_ends_in_table_figure_and_sentence(h
     assert "16 of 16" in answer.err and "left" in answer.err
     content = json.loads(Path("run/ablation.json").read_text())
     assert list(content["kinds"]) == kinds.split(",")
+    assert content["seeds"] == [0, 1] and content["sweep"]["option hidden"] == 8
     named = [cell["open_loop"]["values"] for cell in content["kinds"]["named"]]
     assert named[0] == named[1], "given effects do not depend on the subset"
     assert named[0] != content["baselines"]["source"]["open_loop"]["values"]

@@ -88,7 +88,8 @@ class Ablate(Command):
         found = summary.Summary.of(records)
         times = {f"{kind}_seconds": sum(float(str(r[f"{kind}_seconds"])) for r in records) for kind in ("wall", "cpu")}
         notes = [cost.sentence()] if cost else []
-        more = {"content": content.to_json(), "inflation": cost and cost.to_json(), "trials": len(trials), **times}
+        swept = {**plan.identity(content), "effects": content.effects}
+        more = {"sweep": swept, "seeds": plan.seeds, "inflation": cost and cost.to_json(), "trials": len(trials), **times}
         files = write.write(self.out, found, more, notes)
         failed = [f"failed: {sentence}" for sentence in found.failed]
         text = [table.text(found), "", found.sentence(), *notes, *failed, *(f"→ {path}" for path in files.values())]

@@ -10,6 +10,7 @@ from matplotlib.ticker import NullFormatter
 
 from nas_data.reports.style import WIDTH, Stroke, house_style, legend_above, strokes
 
+HEADROOM = 2.0  # times the largest median or baseline: one seed that went astray must not squash all others
 TITLES = {"open_loop": "open loop", "one_step": "one step"}
 
 
@@ -33,7 +34,7 @@ class Curve:
 def error_over_amount(
     curves: Mapping[str, Mapping[str, Curve]], baselines: Mapping[str, Mapping[str, float]], unit: str
 ) -> Figure:
-    """Draw open-loop and one-step errors side by side, both axes logarithmic.
+    """Draw open-loop and one-step errors side by side, both axes logarithmic; bands are cut at the top.
 
     Args:
         curves: By `open_loop` and `one_step`, a curve of each predictor.
@@ -50,10 +51,18 @@ def error_over_amount(
             for name, error in baselines[loop].items():
                 draw_line(axes, name, error, looks[name])
             label(axes, sorted({float(a) for curve in predictors.values() for a in curve.amounts}))
+            axes.set_ylim(top=top([*predictors.values()], [*baselines[loop].values()]))
             axes.set_xlabel(f"{unit} of training data")
             axes.set_ylabel(f"position error, {TITLES[loop]} [°]")
         legend_above(figure, panels[0])
     return figure
+
+
+def top(curves: Sequence[Curve], baselines: Sequence[float]) -> float | None:
+    """Return where the vertical axis ends [deg]; None where nothing is finite."""
+    drawn = np.concatenate([*(curve.median for curve in curves), baselines])
+    seen = drawn[np.isfinite(drawn)]
+    return HEADROOM * float(np.degrees(seen.max())) if len(seen) and seen.max() > 0 else None
 
 
 def draw_curve(axes: Axes, name: str, curve: Curve, look: Stroke) -> None:
