@@ -86,10 +86,15 @@ class Ablate(Command):
             cost = inflation.of_sweep(self.out, undone(trials, self.retry), executor, self.workers, report)
             records = run_sweep(trials, executor, self.workers, self.retry, report)
         found = summary.Summary.of(records)
-        times = {f"{kind}_seconds": sum(float(str(r[f"{kind}_seconds"])) for r in records) for kind in ("wall", "cpu")}
         notes = [cost.sentence()] if cost else []
-        swept = {**plan.identity(content), "effects": content.effects}
-        more = {"sweep": swept, "seeds": plan.seeds, "inflation": cost and cost.to_json(), "trials": len(trials), **times}
+        more: dict[str, object] = {
+            "sweep": {**plan.identity(content), "effects": content.effects},
+            "seeds": plan.seeds,
+            "trials": len(trials),
+            "inflation": cost and cost.to_json(),
+            "wall_seconds": sum(float(str(record["wall_seconds"])) for record in records),
+            "cpu_seconds": sum(float(str(record["cpu_seconds"])) for record in records),
+        }
         files = write.write(self.out, found, more, notes)
         failed = [f"failed: {sentence}" for sentence in found.failed]
         text = [table.text(found), "", found.sentence(), *notes, *failed, *(f"→ {path}" for path in files.values())]
