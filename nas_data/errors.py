@@ -59,6 +59,10 @@ class SimulationDiverged(NasError, ArithmeticError):
     """A simulation, plain or learned, left all bounds."""
 
 
+class WorkerLost(NasError, RuntimeError):
+    """A worker process ended before its work was done."""
+
+
 class UnknownName(NasError, LookupError):
     """A name (robot, effect, excitation, dynamics …) that is not in its registry."""
 

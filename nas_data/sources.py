@@ -3,6 +3,7 @@
 import json
 import tempfile
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from nas_data.dataset.dataset import Dataset
@@ -83,6 +84,25 @@ def kept_engine(root: Path) -> str:
     return str(source.get("engine", ENGINES[0])) if isinstance(source, dict) else ENGINES[0]
 
 
+@dataclass(frozen=True)
+class Source:
+    """All that a source is built from.
+
+    Attributes:
+        model: A robot, its name or a model file.
+        effects: Effects to add to the model.
+        engine: `mujoco` or `bullet`.
+    """
+
+    model: str | Path | Robot
+    effects: tuple[Effect, ...] = ()
+    engine: str = ENGINES[0]
+
+    def simulator(self, dataset: Dataset, threads: int | None = None) -> Simulator:
+        """Build it for a dataset's joints and rate; on all cores where `threads` is None."""
+        return load_simulator(self.model, 1 / dataset.fps, dataset.joints, self.effects, self.engine, threads)
+
+
 def find_source(
     model: str | None,
     effects: Sequence[Effect],
@@ -90,24 +110,29 @@ def find_source(
     kept_in: Sequence[Path],
     engine: str | None = None,
 ) -> Simulator:
-    """Return the source for a dataset: the model given, else the one kept with the data.
+    """Return the source for a dataset: the model given, else the one kept with the data; see `locate_source`."""
+    return locate_source(model, effects, kept_in, engine).simulator(dataset)
+
+
+def locate_source(
+    model: str | None, effects: Sequence[Effect], kept_in: Sequence[Path], engine: str | None = None
+) -> Source:
+    """Return what the source of a dataset is built from.
 
     Args:
         model: A robot's name or a model file, as given by `--model`.
         effects: Effects to add to the model given.
-        dataset: Decides joints and rate.
         kept_in: Folders of the dataset and the checkpoint, in which a source may be kept.
         engine: `mujoco` or `bullet`; where None, the one in which a kept source ran, and MuJoCo for a model given.
 
     Raises:
         ModelFileError: no model was given and none is kept.
     """
-    period = 1 / dataset.fps
     if model is not None:
-        return load_simulator(model, period, dataset.joints, effects, engine or ENGINES[0])
+        return Source(model, tuple(effects), engine or ENGINES[0])
     for root in kept_in:
         for folder in (root / "meta", root):
             if (folder / MODEL).is_file():
                 kept = read_effects(folder / EFFECTS) if (folder / EFFECTS).is_file() else ()
-                return load_simulator(folder / MODEL, period, dataset.joints, kept, engine or kept_engine(root))
+                return Source(folder / MODEL, tuple(kept), engine or kept_engine(root))
     raise ModelFileError(f"No source model is kept in {kept_in[0]}; give one with --model MODEL.xml.")

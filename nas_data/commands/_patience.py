@@ -27,14 +27,14 @@ class Counting:
 
 
 @contextmanager
-def saying(what: str) -> Iterator[None]:
-    """Say on stderr every two seconds what is being done, and for how long."""
+def saying(what: str, pause: float = PATIENCE) -> Iterator[None]:
+    """Say on stderr every two seconds, or after another pause [s], what is being done, and for how long."""
     done = threading.Event()
 
     def speak() -> None:
         seconds = 0.0
-        while not done.wait(PATIENCE):
-            seconds += PATIENCE
+        while not done.wait(pause):
+            seconds += pause
             print(f"{what}, {seconds:.0f} s", file=sys.stderr, flush=True)
 
     speaker = threading.Thread(target=speak, daemon=True)

@@ -58,8 +58,12 @@ class Evidence:
             object.__setattr__(self, "driven", np.full(len(self.starts), self.commands.shape[1]))
 
     @classmethod
-    def of(cls, dataset: Dataset) -> "Evidence":
+    def of(cls, dataset: Dataset, moving: bool = False) -> "Evidence":
         """Join a dataset's transitions into episodes, with their gains and how long the torque was on.
+
+        Args:
+            dataset: Transitions.
+            moving: Whether the episodes were cut out of motions, and start at their measured velocities.
 
         Raises:
             DatasetInvalid: no episode is long enough.
@@ -81,6 +85,7 @@ class Evidence:
             measured=np.stack([lengthen(dataset.next_states[part, :n], longest) for part in rows]),
             counts=np.stack([np.arange(longest) < part.stop - part.start for part in rows]),
             numbers=np.array(chosen),
+            speeds=dataset.states[dataset.starts[chosen], n:].astype(float) if moving else np.empty((0, 0)),
             gains=relative_gains(dataset)[chosen],
             driven=np.where(driven < lengths, driven, longest),
         )

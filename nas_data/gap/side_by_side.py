@@ -2,8 +2,9 @@
 
 import os
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from functools import cache
 from typing import TypeVar
 
@@ -24,6 +25,17 @@ def side_by_side(work: Callable[[Item], Found], items: Iterable[Item]) -> list[F
 def shares_cores() -> bool:
     """Whether this thread works on one of several items, so that its rollouts keep to one core."""
     return bool(getattr(_here, "shares", False))
+
+
+@contextmanager
+def on_one_core() -> Iterator[None]:
+    """Keep this thread's work to one core, as if it were one of several items."""
+    before = shares_cores()
+    _here.shares = True
+    try:
+        yield
+    finally:
+        _here.shares = before
 
 
 def cores() -> int:

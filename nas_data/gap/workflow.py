@@ -67,8 +67,23 @@ class Problem:
         """
         root = resolve(Path(dataset))
         recorded, _ = as_transitions(read(root))
+        return cls.of(recorded, model, root)
+
+    @classmethod
+    def of(cls, recorded: Dataset, model: str | Path, root: Path, moving: bool = False) -> "Problem":
+        """Prepare transitions.
+
+        Args:
+            recorded: Transitions with 2n-states.
+            model: A robot's name or a model file.
+            root: Folder of the dataset that they are from, for names and errors.
+            moving: Whether the episodes were cut out of motions; otherwise they start at rest.
+
+        Raises:
+            NasError: one of the two cannot be used; the sentence names it.
+        """
         transitions = with_relative_gains(recorded, model, root)
-        evidence = Evidence.of(until_driven_again(transitions))
+        evidence = Evidence.of(until_driven_again(transitions), moving)
         if len(evidence) < 2:
             raise DatasetInvalid(
                 f"{root} has {len(evidence)} episode; at least two are needed, one to fit and one to judge by: "

@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from typing import TypeVar
@@ -35,6 +36,15 @@ def run_jobs(function: Callable[[Job], Result], jobs: Sequence[Job], workers: in
 
 
 def prepare_worker() -> None:
-    """Give a worker one thread, and let it die at once when the person interrupts."""
+    """Give a worker one thread, and let it die at once when the person interrupts or the program is killed."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     os.environ["OMP_NUM_THREADS"] = "1"
+    threading.Thread(target=die_with_parent, daemon=True).start()
+
+
+def die_with_parent() -> None:
+    """End this process when the one that started it has ended, which an idle worker would not notice."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

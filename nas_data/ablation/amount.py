@@ -1,0 +1,70 @@
+"""How much data a trial learns from: some whole episodes, or some minutes cut out of them."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from nas_data.errors import OptionError
+
+Unit = Literal["episodes", "minutes"]
+ALL = "all"
+
+
+@dataclass(frozen=True, order=True)
+class Amount:
+    """An amount of training data.
+
+    Attributes:
+        value: Episodes, or minutes; infinite for all there are.
+        unit: What is counted.
+    """
+
+    value: float
+    unit: Unit
+
+    @property
+    def is_all(self) -> bool:
+        """Whether everything is meant, however much it is."""
+        return math.isinf(self.value)
+
+    @property
+    def word(self) -> float | str:
+        """The number, or `all`, for JSON."""
+        return ALL if self.is_all else self.value
+
+    def __str__(self) -> str:
+        """Return it with its unit."""
+        return f"{ALL if self.is_all else f'{self.value:g}'} {self.unit[:-1] if self.value == 1 else self.unit}"
+
+
+def parse(texts: Sequence[str], unit: Unit) -> tuple[Amount, ...]:
+    """Read amounts as a person types them, `10,25,all` or several words; sorted, each once.
+
+    Raises:
+        OptionError: there is none, or one is no number above zero, or a number of episodes is not whole.
+    """
+    option = "--counts" if unit == "episodes" else "--minutes"
+    found = {Amount(number(word, option, unit), unit) for word in words(texts)}
+    if not found:
+        raise OptionError(f"{option} names no amount; give some with commas between, such as 1,2,5,{ALL}.")
+    return tuple(sorted(found))
+
+
+def words(texts: Sequence[str]) -> list[str]:
+    """Split what stands between commas."""
+    return [word.strip() for text in texts for word in text.split(",") if word.strip()]
+
+
+def number(word: str, option: str, unit: Unit) -> float:
+    """Read one amount; infinite for `all`."""
+    if word == ALL:
+        return math.inf
+    try:
+        value = float(word)
+    except ValueError:
+        value = math.nan
+    if 0 < value < math.inf and (unit == "minutes" or value.is_integer()):
+        return value
+    kind = "whole numbers" if unit == "episodes" else "numbers"
+    raise OptionError(f"{option} has '{word}'; give {kind} above 0, or {ALL}, with commas between.")

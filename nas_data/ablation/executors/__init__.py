@@ -1,0 +1,1 @@
+"""Where trials run: one file a place, `local` or a cluster."""

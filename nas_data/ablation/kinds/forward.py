@@ -1,0 +1,12 @@
+"""ψ: the next state from state and command, without a source."""
+
+from nas_data.ablation.kinds.base import Kind, Learned, Lesson
+from nas_data.ablation.training import train
+
+
+def learn(lesson: Lesson) -> Learned:
+    """Train ψ on the subset."""
+    return Learned(train("forward", lesson.data, None, lesson.options, lesson.folder), None)
+
+
+KIND = Kind("ψ", learn)

@@ -1,0 +1,140 @@
+"""A sweep: amount × seed × kind; checked before anything is done, and gone on with where it stopped."""
+
+import fcntl
+import json
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from nas_data.ablation.amount import Amount
+from nas_data.ablation.executors.base import Executor
+from nas_data.ablation.material import Content, Material
+from nas_data.ablation.progress import Clock
+from nas_data.ablation.trial import UNFINISHED, Config, Record, Trial, do_trial
+from nas_data.errors import OutputExists
+from nas_data.models.presets import TrainingOptions
+from nas_data.reports.file import write_whole
+
+SWEEP, LOCK = "sweep.json", ".lock"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is swept.
+
+    Attributes:
+        kinds: What learns.
+        amounts: From how much, all of one unit.
+        seeds: Seeds of every kind and amount.
+        options: Of the trainings; each seed is its own trial's.
+        held_out: Share of the episodes that judges; None where another dataset does.
+        material: Where the data lie.
+    """
+
+    kinds: Sequence[str]
+    amounts: Sequence[Amount]
+    seeds: Sequence[int]
+    options: TrainingOptions
+    held_out: float | None
+    material: Material
+
+    def trials(self, content: Content, folder: Path) -> list[Trial]:
+        """Return every trial, one seed after the other, so that the shape is seen early."""
+        return [
+            Trial(Config(kind, amount, seed, self.options, self.held_out), content, self.material, folder)
+            for seed in self.seeds
+            for amount in self.amounts
+            for kind in self.kinds
+        ]
+
+    def identity(self, content: Content) -> dict[str, object]:
+        """Return what all trials of a folder share; kinds, amounts and seeds may be added to it."""
+        return {
+            **content.to_json(named=False),
+            "unit": self.amounts[0].unit,
+            "held-out share": self.held_out,
+            **{f"option {name}": value for name, value in asdict(self.options).items() if name != "seed"},
+        }
+
+
+def run_sweep(
+    trials: Sequence[Trial], executor: Executor, workers: int, retry: bool, say: Callable[[str], None]
+) -> list[Record]:
+    """Do the trials that are not done yet, and return the results of all in their order.
+
+    Args:
+        trials: See `Plan.trials`.
+        executor: Where they run.
+        workers: How many run at a time.
+        retry: Do those again that failed.
+        say: Told of each result in a sentence.
+    """
+    records = {number: record for number, trial in enumerate(trials) if (record := done(trial, retry)) is not None}
+    waiting = [number for number in range(len(trials)) if number not in records]
+    clock = Clock([trials[number].config for number in waiting], workers, len(trials))
+    say(clock.begin(sum("failed" in record for record in records.values())))
+    for place, record in executor(do_trial, [trials[number] for number in waiting], workers):
+        number = waiting[place]
+        records[number] = record
+        say(clock.tell(trials[number].config, record))
+    return [records[number] for number in range(len(trials))]
+
+
+def undone(trials: Sequence[Trial], retry: bool) -> list[Trial]:
+    """Return the trials that are still to do."""
+    return [trial for trial in trials if done(trial, retry) is None]
+
+
+def done(trial: Trial, retry: bool) -> Record | None:
+    """Return a trial's result; None where there is none to trust, or where it failed and is to be done again."""
+    try:
+        record = json.loads(trial.path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    if not isinstance(record, dict) or record.get("question") != trial.question:
+        return None
+    return None if retry and "failed" in record else record
+
+
+@contextmanager
+def opened(folder: Path, identity: dict[str, object]) -> Iterator[None]:
+    """Take hold of a sweep's folder: a new one, or that of the same sweep.
+
+    Raises:
+        OutputExists: it holds something else, or another process works in it.
+    """
+    check_same(folder, identity)
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / LOCK).open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # the lock dies with its process
+        except OSError:
+            raise OutputExists(
+                f"Another `nas ablate` works in {folder}; wait for it, or choose another --out."
+            ) from None
+        shutil.rmtree(folder / UNFINISHED, ignore_errors=True)  # what a killed sweep left
+        write_whole(folder / SWEEP, (json.dumps(identity, indent=1) + "\n").encode())
+        yield
+        shutil.rmtree(folder / UNFINISHED, ignore_errors=True)
+
+
+def check_same(folder: Path, identity: dict[str, object]) -> None:
+    """Raise OutputExists where a folder holds another sweep, or none but something else."""
+    entries = {path.name for path in folder.iterdir()} - {LOCK, UNFINISHED} if folder.is_dir() else set()
+    if not entries and not folder.is_file():
+        return
+    try:
+        held = json.loads((folder / SWEEP).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        raise OutputExists(f"{folder} exists and holds no sweep; choose another --out.") from None
+    other = [key for key in {**identity, **held} if held.get(key) != identity.get(key)]
+    if other:
+        told = "; ".join(f"{key}: {short(held.get(key))} there, {short(identity.get(key))} here" for key in other)
+        raise OutputExists(f"{folder} holds another sweep ({told}); choose another --out.")
+
+
+def short(value: object) -> str:
+    """Return a value as it can be told apart, hashes by their beginning."""
+    return value[:8] if isinstance(value, str) else "none" if value is None else str(value)

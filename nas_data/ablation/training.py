@@ -1,0 +1,33 @@
+"""Training a network inside a trial: on one thread, in silence, on the processor, so that bits repeat."""
+
+from pathlib import Path
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.models.lstm import DynamicsModel, Kind
+from nas_data.models.presets import TrainingOptions
+from nas_data.models.run import TrainingRun
+from nas_data.models.training import Training
+from nas_data.simulators.base import Simulator
+
+
+def train(
+    kind: Kind, data: Dataset, simulator: Simulator | None, options: TrainingOptions, folder: Path
+) -> DynamicsModel:
+    """Train φ or ψ; normalisation, shortcut and early stopping use these transitions alone.
+
+    Args:
+        kind: `delta` for φ, `forward` for ψ.
+        data: Transitions; paired with the simulator for φ.
+        simulator: Source, for φ.
+        options: Of the training.
+        folder: Where checkpoint and history go while it runs.
+
+    Raises:
+        DatasetInvalid: there is too little to train on.
+    """
+    training = Training(kind, data, options, simulator, device="cpu")
+    return TrainingRun(training, folder / "training", silent).run()
+
+
+def silent(_: str) -> None:
+    """Report nothing: several trials would talk at once."""

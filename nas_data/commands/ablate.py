@@ -1,0 +1,151 @@
+"""How good φ, ψ and named effects get with how much data: amount × seed × kind, in a table and a figure."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import tyro
+
+from nas_data.commands._patience import saying
+from nas_data.commands.base import Command, Outcome
+from nas_data.errors import OptionError
+
+if TYPE_CHECKING:
+    from nas_data.ablation.amount import Amount
+    from nas_data.ablation.sweep import Plan
+    from nas_data.models.presets import TrainingOptions
+
+HEARTBEAT = 30.0  # [s] between two signs of life while trials run
+USUAL = (10, 25, 50, 100, 250, 500, 1000)  # training episodes, as far as they reach
+QUICK = {"hidden": 32, "layers": 1, "updates": 40, "horizon": 60, "frames": 1600}  # a trial in seconds
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ablate(Command):
+    """Learn from nested parts of a dataset, judge on held-out episodes, and say how much data is enough.
+
+    Trials already done are not done again; the same command goes on where it stopped.
+
+    Example: nas ablate datasets/arm --counts 10,25,50,100 --seeds 0,1,2 --kinds delta,forward --workers 2
+
+    Example: nas ablate datasets/so101 --minutes 1,2,5,all --test datasets/so101_test --out runs/so101_ablation
+    """
+
+    dataset: tyro.conf.Positional[Path]
+    """Dataset: a version's folder, or datasets/NAME for its newest version."""
+    counts: tuple[str, ...] = ()
+    """Training episodes, such as 10,25,50,all; 10,25,50,100,all as far as they reach where left out."""
+    minutes: tuple[str, ...] = ()
+    """Instead of --counts: minutes of data, cut out of training episodes; for few long episodes."""
+    seeds: tuple[str, ...] = ("0,1,2",)
+    """Seeds of what is held out, of the subsets and of the trainings."""
+    kinds: tuple[str, ...] = ("delta,forward",)
+    """What learns: delta (φ), forward (ψ), named (the source with the effects that `nas gap` names), named_delta."""
+    test: Path | None = None
+    """Another dataset that judges; without, a share of the episodes is held out, drawn per seed."""
+    held_out: float = 0.2
+    """That share."""
+    effects: Path | None = None
+    """A gap report's folder, or its effects.json, for named kinds; named from each subset, in minutes, otherwise."""
+    model: str | None = None
+    """Source, a model file or robot; needed only where the dataset keeps none."""
+    engine: str | None = None
+    """Engine of the source: mujoco or bullet; the one it was paired in where it is kept, else mujoco."""
+    hidden: int | None = None
+    """Units of each LSTM layer; the preset's where left out."""
+    updates: int | None = None
+    """Updates of each training in free running; the preset's where left out."""
+    horizon: int | None = None
+    """Longest free-running window [frames]."""
+    quick: bool = False
+    """Small networks, trained briefly: the shape in minutes."""
+    workers: int = 1
+    """Trials side by side, each in a process of one thread."""
+    executor: str = "local"
+    """Where trials run."""
+    retry: bool = False
+    """Do those trials again that failed."""
+    out: Path = Path("runs/ablation")
+    """Folder of the trials' results, ablation.json, ablation.md and ablation.png."""
+
+    def run(self) -> Outcome:
+        """Check, sweep and summarise."""
+        from nas_data.ablation import inflation, summary, table, write
+        from nas_data.ablation.checks import check
+        from nas_data.ablation.executors.base import find_executor
+        from nas_data.ablation.sweep import opened, run_sweep, undone
+
+        if self.workers < 1:
+            raise OptionError(f"--workers is {self.workers}; at least one is needed.")
+        executor, plan = find_executor(self.executor), self._plan()
+        check(plan)
+        content = plan.material.content()
+        trials = plan.trials(content, self.out)
+        with opened(self.out, plan.identity(content)), saying("trials are running", HEARTBEAT):
+            cost = inflation.of_sweep(self.out, undone(trials, self.retry), executor, self.workers, report)
+            records = run_sweep(trials, executor, self.workers, self.retry, report)
+        found = summary.Summary.of(records)
+        notes = [cost.sentence()] if cost else []
+        more: dict[str, object] = {
+            "sweep": {**plan.identity(content), "effects": content.effects},
+            "seeds": plan.seeds,
+            "trials": len(trials),
+            "inflation": cost and cost.to_json(),
+            "wall_seconds": sum(float(str(record["wall_seconds"])) for record in records),
+            "cpu_seconds": sum(float(str(record["cpu_seconds"])) for record in records),
+        }
+        files = write.write(self.out, found, more, notes)
+        failed = [f"failed: {sentence}" for sentence in found.failed]
+        text = [table.text(found), "", found.sentence(), *notes, *failed, *(f"→ {path}" for path in files.values())]
+        return Outcome("\n".join(text), {**files, **found.to_json(), **more}, ok=not failed)
+
+    def _plan(self) -> "Plan":
+        """Read the options."""
+        from nas_data.ablation.amount import words
+        from nas_data.ablation.material import Material
+        from nas_data.ablation.sweep import Plan
+        from nas_data.dataset import versions
+
+        test = versions.resolve(self.test) if self.test else None
+        material = Material(versions.resolve(self.dataset), test, self.model, self.engine, self.effects)
+        seeds = words(self.seeds)
+        if not all(word.isdecimal() for word in seeds):
+            raise OptionError(f"--seeds are {', '.join(seeds)}; give different whole numbers, 0 or more.")
+        return Plan(
+            kinds=tuple(dict.fromkeys(words(self.kinds))),
+            amounts=self._amounts(material.read().n_episodes),
+            seeds=tuple(map(int, seeds)),
+            options=self._options(),
+            held_out=None if test else self.held_out,
+            material=material,
+        )
+
+    def _amounts(self, episodes: int) -> "tuple[Amount, ...]":
+        """Return how much each trial learns from; `all` episodes as their number, so that no trial is done twice."""
+        from dataclasses import replace
+
+        from nas_data.ablation.amount import parse
+        from nas_data.ablation.subsets import divide
+
+        if self.counts and self.minutes:
+            raise OptionError("Give either --counts or --minutes, not both.")
+        if self.minutes:
+            return parse(self.minutes, "minutes")
+        there = episodes if self.test else len(divide(episodes, self.held_out, 0)[0])
+        usual = (*(str(count) for count in USUAL if count < there), "all")
+        amounts = parse(self.counts or usual, "episodes")
+        return tuple(sorted({replace(a, value=float(there)) if a.is_all else a for a in amounts}))
+
+    def _options(self) -> "TrainingOptions":
+        """Return the options of the trainings."""
+        from nas_data.models.presets import preset
+
+        given = {"hidden": self.hidden, "updates": self.updates, "horizon": self.horizon}
+        quick = QUICK if self.quick else {}
+        return preset("fast", **{**quick, **{name: value for name, value in given.items() if value is not None}})
+
+
+def report(line: str) -> None:
+    """Show progress on stderr."""
+    print(line, file=sys.stderr, flush=True)

@@ -1,0 +1,105 @@
+"""The figure of an ablation: error over the amount of training data, the spread over seeds shaded."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
+
+from nas_data.reports.style import WIDTH, Stroke, house_style, legend_above, strokes
+
+HEADROOM = 2.0  # times the largest median or baseline: one seed that went astray must not squash all others
+TITLES = {"open_loop": "open loop", "one_step": "one step"}
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Errors of one predictor over K amounts of data.
+
+    Attributes:
+        amounts: Shape (K,).
+        low: Smallest error of the seeds [rad], shape (K,); infinite where it diverged.
+        median: Their median [rad], shape (K,).
+        high: Largest [rad], shape (K,).
+    """
+
+    amounts: np.ndarray
+    low: np.ndarray
+    median: np.ndarray
+    high: np.ndarray
+
+
+def error_over_amount(
+    curves: Mapping[str, Mapping[str, Curve]], baselines: Mapping[str, Mapping[str, float]], unit: str
+) -> Figure:
+    """Draw open-loop and one-step errors side by side, both axes logarithmic; bands are cut at the top.
+
+    Args:
+        curves: By `open_loop` and `one_step`, a curve of each predictor.
+        baselines: Likewise, the error [rad] of what learns nothing.
+        unit: What the amounts count.
+    """
+    looks = strokes([*next(iter(curves.values())), *next(iter(baselines.values()))])
+    with house_style():
+        figure = Figure(figsize=(WIDTH, 3.8))
+        panels = figure.subplots(1, len(curves), squeeze=False)[0]
+        for axes, (loop, predictors) in zip(panels, curves.items(), strict=True):
+            for name, curve in predictors.items():
+                draw_curve(axes, name, curve, looks[name])
+            for name, error in baselines[loop].items():
+                draw_line(axes, name, error, looks[name])
+            label(axes, sorted({float(a) for curve in predictors.values() for a in curve.amounts}))
+            axes.set_ylim(top=top([*predictors.values()], [*baselines[loop].values()]))
+            axes.set_xlabel(f"{unit} of training data")
+            axes.set_ylabel(f"position error, {TITLES[loop]} [°]")
+        legend_above(figure, panels[0])
+    return figure
+
+
+def top(curves: Sequence[Curve], baselines: Sequence[float]) -> float | None:
+    """Return where the vertical axis ends [deg]; None where nothing is finite."""
+    drawn = np.concatenate([*(curve.median for curve in curves), baselines])
+    seen = drawn[np.isfinite(drawn)]
+    return HEADROOM * float(np.degrees(seen.max())) if len(seen) and seen.max() > 0 else None
+
+
+def draw_curve(axes: Axes, name: str, curve: Curve, look: Stroke) -> None:
+    """Draw a predictor's median and the band between its extremes; where a seed diverged, there is no band."""
+    low, median, high = (np.degrees(np.where(np.isfinite(v), v, np.nan)) for v in (curve.low, curve.median, curve.high))
+    axes.fill_between(curve.amounts, low, high, color=look.colour, alpha=0.16, linewidth=0, zorder=look.order)
+    axes.plot(
+        curve.amounts,
+        median,
+        label=name,
+        color=look.colour,
+        linestyle=look.line,
+        linewidth=look.width,
+        marker="o",
+        markersize=3.5,
+        zorder=look.order + 10,
+    )
+
+
+def draw_line(axes: Axes, name: str, error: float, look: Stroke) -> None:
+    """Draw a baseline, which needs no data, as a line across."""
+    if np.isfinite(error) and error > 0:
+        axes.axhline(
+            np.degrees(error),
+            label=name,
+            color=look.colour,
+            linestyle=look.line,
+            linewidth=look.width,
+            zorder=look.order,
+        )
+
+
+def label(axes: Axes, amounts: Sequence[float]) -> None:
+    """Give both axes logarithmic scales; the horizontal one is marked at the amounts that were tried."""
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xticks(amounts, [f"{amount:.3g}" for amount in amounts])
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")
