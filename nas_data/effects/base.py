@@ -64,6 +64,7 @@ class Effect:
         per_joint: Whether it may name a joint.
         in_model: Whether the edited model alone expresses it; otherwise only with its hook.
         replaces: Base parameter of its joint that it sets itself, so that both are not sought at once; or nothing.
+        strains: Kind of base parameter that strays where this is missing, if none is replaced.
         late: Whether its edit is fitted to what others change (gains, inertia), and so comes after theirs.
     """
 
@@ -75,6 +76,7 @@ class Effect:
     in_model: ClassVar[bool] = True
     late: ClassVar[bool] = False
     replaces: ClassVar[str] = ""
+    strains: ClassVar[str] = ""
     equation: ClassVar[str] = ""
     source: ClassVar[str] = ""
     signature: ClassVar[str] = ""

@@ -24,6 +24,7 @@ class Payload(Effect):
     parameters: ClassVar = (Parameter("mass", "kg", 0.0, 5.0, 0.0),)
     whole_arm: ClassVar = True
     per_joint: ClassVar = False
+    strains: ClassVar = "mass"
     equation: ClassVar = "gravity and inertia of a point mass at the last link's centre of mass"
     source: ClassVar = "Rigid-body mechanics"
     signature: ClassVar = "Droop that goes with the posture, at every joint below it, and slower acceleration."

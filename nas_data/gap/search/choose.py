@@ -1,8 +1,9 @@
 """Choose the effects: add what helps, several joints at once, then drop what held-out episodes do not need."""
 
 from nas_data.gap.search.exchange import exchanged
-from nas_data.gap.search.grow import AT_FLOOR, extensions, grown, is_full
+from nas_data.gap.search.grow import AT_FLOOR, extensions, grown, is_full, overlooked
 from nas_data.gap.search.hypothesis import Hypothesis, strained
+from nas_data.gap.search.join import joined
 from nas_data.gap.search.prune import adequate, pruned, simplified
 from nas_data.gap.search.state import Search
 
@@ -14,9 +15,10 @@ def choose(search: Search) -> Hypothesis:
         return kept
     while not is_full(search, kept) and (search.ratio(kept).max() > AT_FLOOR or strained(kept)):
         larger = grown(search, kept, extensions(search, kept, around))
+        larger = larger or grown(search, kept, overlooked(search, kept))
         if larger is None:
             break
-        kept = exchanged(search, search.refined(larger))
+        kept = joined(search, exchanged(search, search.refined(larger)))
         search.report("added", kept)
         around = kept.fit
     return pruned(search, adequate(search, simplified(search, pruned(search, kept))))

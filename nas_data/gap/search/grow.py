@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from nas_data.gap.search.fit import Fit
-from nas_data.gap.search.hypothesis import GAIN, Hypothesis, place, relieves, shortened, strained, worth
+from nas_data.gap.search.hypothesis import GAIN, Hypothesis, place, relief, relieves, shortened, strained, worth
 from nas_data.gap.search.screen import Candidate
 from nas_data.gap.search.state import Search
 from nas_data.gap.side_by_side import side_by_side
@@ -14,6 +14,8 @@ FINALISTS = 3  # short fits that are continued
 MOST = 4  # effects for each joint of an arm
 AT_FLOOR = 1.15  # noise floors below which nothing is looked for
 BUNDLED = 2  # effects that are tried in all joints at once
+DOUBTFUL = 2.0  # noise floors of rest above which every effect of a joint is fitted before the search ends
+WORST = 2  # joints of which every effect is fitted then
 PROMISE = 2.5  # nats by which the first order must lower the loss of every other episode, or a candidate is not fitted
 SLACK = 30.0  # nats that the first order may be wrong by there around the unfitted model
 CHANCE = 80.0  # nats by which a short fit may lie behind the best and still be continued
@@ -50,17 +52,41 @@ def extensions(search: Search, kept: Hypothesis, around: Fit) -> list[Hypothesis
     wanted &= search.lively
     found, reach = search.screened(around, kept, wanted)
     shortlist = shortened(found, reach - PROMISE, SLACK if around is search.nominal.fit else 0.0)
-    quick = side_by_side(
-        lambda c: search.fitted((*around.effects, c.effect), c.factors, around, steps=2),
-        shortlist,
-    )
-    ranked = sorted((h for h in quick if h), key=lambda h: h.loss)
-    ahead = [h for h in ranked if h.loss < ranked[0].loss + CHANCE][:FINALISTS]
-    ranked = sorted([*side_by_side(search.continued, ahead), *ranked[len(ahead) :]], key=lambda h: h.loss)
+    shortlist += [c for c in found if c not in shortlist and relief(kept, c.effect)]
+    ranked = fitted_on(search, around, shortlist)
     ranked = sorted([*ranked, *bundles(search, kept, ranked, found, reach, around)], key=worth)
     for h in ranked[:4]:
         search.report("  tried", h)
     return ranked
+
+
+def overlooked(search: Search, kept: Hypothesis) -> list[Hypothesis]:
+    """Return what every effect of the worst joints makes, best first: the first order is blind to some.
+
+    A dead band beside dry friction does nothing until it is wide enough, and a base fitted without an effect bends
+    far from where it belongs.
+    """
+    rest = zip(search.ratio(kept), search.train.nominal.joints, strict=True)
+    left = sorted(((r, joint) for r, joint in rest if r > DOUBTFUL and joint in search.lively), reverse=True)
+    worst = {joint for _, joint in left[:WORST]}
+    if not worst:
+        return []
+    found, _ = search.screened(kept.fit, kept, worst)
+    ranked = fitted_on(search, kept.fit, [c for c in found if c.effect.joint])
+    for h in ranked[:2]:
+        search.report("  overlooked?", h)
+    return ranked
+
+
+def fitted_on(search: Search, around: Fit, candidates: Sequence[Candidate]) -> list[Hypothesis]:
+    """Fit candidates beside what is there for a few steps, and the best of them further; best first."""
+    quick = side_by_side(
+        lambda c: search.fitted((*around.effects, c.effect), c.factors, around, steps=2),
+        candidates,
+    )
+    ranked = sorted((h for h in quick if h), key=lambda h: h.loss)
+    ahead = [h for h in ranked if h.loss < ranked[0].loss + CHANCE][:FINALISTS]
+    return sorted([*side_by_side(search.continued, ahead), *ranked[len(ahead) :]], key=lambda h: h.loss)
 
 
 def bundles(

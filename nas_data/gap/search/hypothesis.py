@@ -71,6 +71,13 @@ def strained(h: Hypothesis) -> set[str]:
     return {base.joint for base in h.fit.unknowns.base if abs(np.log(factors[base.name])) > STRAINED}
 
 
+def relief(h: Hypothesis, effect: Effect) -> bool:
+    """Whether a base parameter that had to go beyond what a real arm's does may stand for an effect."""
+    kind = effect.replaces or effect.strains
+    near = [base for base in h.fit.unknowns.base if base.kind == kind and effect.joint in (None, base.joint)]
+    return any(abs(np.log(h.fit.factors[base.name])) > STRAINED for base in near)
+
+
 def worth(h: Hypothesis) -> float:
     """Return the loss with what each effect has to lower it by."""
     return h.loss + GAIN * len(h.effects)
