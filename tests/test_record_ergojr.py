@@ -340,7 +340,7 @@ def test_a_recorder_that_is_told_to_stop_makes_the_arm_safe_first(end):
         with recorder(bus.port, 500) as process:
             wait_for(lambda: saved() >= 1)
             process.send_signal(end)
-            _, said = process.communicate(timeout=20)
+            _, said = process.communicate(timeout=120)
         assert process.returncode == 130
         assert "episodes are saved in datasets/rec/recording" in said
         assert torques(bus.port) == [0] * 6

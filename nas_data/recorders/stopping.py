@@ -7,12 +7,15 @@ from contextlib import contextmanager
 
 @contextmanager
 def stoppable() -> Iterator[None]:
-    """Let a request to end (of the system, or of a terminal that is closed) be what Ctrl-C is: the arm is made safe."""
+    """Let every request to end (of the system, of a terminal that is closed) be what Ctrl-C is: the arm is made safe.
+
+    Ctrl-C itself is among them, for a shell hands it down as ignored to what it runs in the background.
+    """
 
     def stop(number: int, _: object) -> None:
         raise KeyboardInterrupt
 
-    before = {number: signal.signal(number, stop) for number in (signal.SIGTERM, signal.SIGHUP)}
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     try:
         yield
     finally:

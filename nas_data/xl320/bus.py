@@ -166,19 +166,21 @@ class Bus:
             self._handler.reboot(self.port, identity)
 
     def voices(self, identity: int, address: int, length: int) -> tuple[int, bool]:
-        """Ask one servo and listen to everything that comes.
+        """Ask one servo and listen to everything that comes; a late reply to an earlier question has another length.
 
         Returns:
             How many sound replies of that identity came, and whether something unsound came.
         """
+        asked = length + self._extra
         with self._using():
-            self._handler.readTx(self.port, identity, address, length)
+            self._handler.readTx(self.port, identity, address, asked)
             sound, damaged = 0, False
             while True:
                 packet, result = self._handler.rxPacket(self.port, False)
                 if result != COMM_SUCCESS:
+                    self.failures += sound != 1
                     return sound, damaged or bool(packet)
-                sound += packet[4] == identity
+                sound += packet[4] == identity and packet[5] + 256 * packet[6] == asked + WRAPPING
                 damaged |= packet[4] != identity
                 self.port.setPacketTimeoutMillis(LISTENING * 1e3)
 
