@@ -109,6 +109,11 @@ class Effect:
         """Whether every parameter has its neutral value."""
         return all(getattr(self, parameter.name) == parameter.neutral for parameter in self.parameters)
 
+    @property
+    def is_twin(self) -> bool:
+        """Whether with these parameters it does what another effect is named for."""
+        return False
+
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add the effect to a model; never called with neutral parameters."""
         raise NotImplementedError(f"{type(self).__name__} has no edit()")

@@ -35,6 +35,11 @@ class ServoDamping(Effect):
         """A half to a fiftieth of the model's."""
         return tuple({"factor": factor} for factor in (0.5, 0.15, 0.02))
 
+    @property
+    def is_twin(self) -> bool:
+        """More damping is viscous friction."""
+        return self.factor > 1
+
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Multiply the velocity gain of the joint's servo; the joint's own damping stays."""
         assert self.joint is not None

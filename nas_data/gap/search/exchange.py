@@ -27,7 +27,7 @@ def exchanged(search: Search, h: Hypothesis) -> Hypothesis:
         own = [c for c in found if relief(h, c.effect)]
         others = [c for c in found[:EXCHANGED] if c.misfit < reach + FAR_BEHIND and c not in own] + own
         quick = side_by_side(partial(tried, search, rest), others)
-        ranked = sorted((other for other in quick if other), key=lambda other: other.loss)
+        ranked = sorted((o for o in quick if o and not o.effects[-1].is_twin), key=lambda other: other.loss)
         best = search.continued(ranked[0]) if ranked else None
         if best and best.loss < h.loss - BETTER:
             search.rivals.setdefault(place(best.effects[-1]), []).append(effect)

@@ -84,7 +84,7 @@ def fitted_on(search: Search, around: Fit, candidates: Sequence[Candidate]) -> l
         lambda c: search.fitted((*around.effects, c.effect), c.factors, around, steps=2),
         candidates,
     )
-    ranked = sorted((h for h in quick if h), key=lambda h: h.loss)
+    ranked = sorted((h for h in quick if h and not h.effects[-1].is_twin), key=lambda h: h.loss)
     ahead = [h for h in ranked if h.loss < ranked[0].loss + CHANCE][:FINALISTS]
     return sorted([*side_by_side(search.continued, ahead), *ranked[len(ahead) :]], key=lambda h: h.loss)
 
