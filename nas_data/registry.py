@@ -3,10 +3,12 @@
 import importlib
 from pathlib import Path
 from types import ModuleType
+from typing import TypeVar
 
 from nas_data.errors import UnknownName
 
 ROOT = Path(__file__).parent
+T = TypeVar("T")
 
 
 def names(folder: str) -> tuple[str, ...]:
@@ -29,3 +31,23 @@ def module(folder: str, name: str, kind: str) -> ModuleType:
     if name not in names(folder):
         raise UnknownName(kind, name, names(folder))
     return importlib.import_module(f"nas_data.{folder}.{name}")
+
+
+def plugin(folder: str, name: str, kind: str, base: type[T]) -> type[T]:
+    """Return the class that a plug-in's file defines.
+
+    Args:
+        folder: Plug-in folder, for example `effects`.
+        name: File's name without `.py`.
+        kind: What such a thing is called in an error, for example `effect`.
+        base: What it derives from.
+
+    Raises:
+        UnknownName: the folder has no such file; lists those it has.
+    """
+    found = module(folder, name, kind)
+    return next(
+        value
+        for value in vars(found).values()
+        if isinstance(value, type) and issubclass(value, base) and value.__module__ == found.__name__
+    )

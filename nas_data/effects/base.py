@@ -148,12 +148,7 @@ def find_effect(name: str) -> type[Effect]:
     Raises:
         UnknownName: there is no such effect; lists those there are.
     """
-    module = registry.module("effects", name, "effect")
-    return next(
-        value
-        for value in vars(module).values()
-        if isinstance(value, type) and issubclass(value, Effect) and value.__module__ == module.__name__
-    )
+    return registry.plugin("effects", name, "effect", Effect)
 
 
 def make_effect(name: str, joint: str | None, values: Mapping[str, float]) -> Effect:

@@ -88,12 +88,7 @@ def find_excitation(name: str) -> type[Excitation]:
     Raises:
         UnknownName: there is no such excitation; lists those there are.
     """
-    module = registry.module("excitations", name, "excitation")
-    return next(
-        value
-        for value in vars(module).values()
-        if isinstance(value, type) and issubclass(value, Excitation) and value.__module__ == module.__name__
-    )
+    return registry.plugin("excitations", name, "excitation", Excitation)
 
 
 def make_excitation(name: str, values: Mapping[str, float]) -> Excitation:

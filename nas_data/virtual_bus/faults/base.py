@@ -68,12 +68,7 @@ def find_fault(name: str) -> type[Fault]:
     Raises:
         UnknownName: there is no such fault; lists those there are.
     """
-    module = registry.module("virtual_bus.faults", name, "fault")
-    return next(
-        value
-        for value in vars(module).values()
-        if isinstance(value, type) and issubclass(value, Fault) and value.__module__ == module.__name__
-    )
+    return registry.plugin("virtual_bus.faults", name, "fault", Fault)
 
 
 def parse(text: str) -> Fault:
