@@ -26,7 +26,7 @@ from nas_data.excitations.base import parse
 from nas_data.recorders.ergojr_dataset import LATE, LOAD, REPEATED, TEMPERATURE, VOLTAGE
 from nas_data.recorders.ergojr_motion import Episode
 from nas_data.recorders.ergojr_plan import Plan, draw_plan, free_of_contact
-from nas_data.recorders.simulated import Protocol
+from nas_data.recorders.session import Protocol
 from nas_data.recorders.watchdog import Watchdog, rescue
 from nas_data.robots.base import find_robot
 from nas_data.simulators.contact import contact_counts

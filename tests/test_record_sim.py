@@ -16,7 +16,7 @@ from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
 from nas_data.errors import JointMismatch, LogError, OptionError
-from nas_data.recorders.simulated import Readings
+from nas_data.recorders.readings import Readings
 from nas_data.robots.base import find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
 

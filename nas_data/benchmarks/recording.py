@@ -18,7 +18,7 @@ from nas_data.dataset.features import ACTION, NEXT_STATE, SIM_STATE, STATE, TIME
 from nas_data.dataset.read import read
 from nas_data.effects.base import parse
 from nas_data.errors import DatasetInvalid
-from nas_data.recorders.simulated import SETTLE
+from nas_data.recorders.session import SETTLE
 from nas_data.simulators.mujoco import MujocoSimulator
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from nas_data.dataset.growing import Growing
     from nas_data.dataset.provenance import Provenance
     from nas_data.recorders.ergojr_plan import Plan
-    from nas_data.recorders.simulated import Protocol
+    from nas_data.recorders.session import Protocol
     from nas_data.xl320.configuration import Configuration
     from nas_data.xl320.joints import Joints
 
@@ -175,7 +175,7 @@ class RecordErgojr(Command):
 
     def _protocol(self) -> "Protocol":
         from nas_data.excitations.base import parse
-        from nas_data.recorders.simulated import Protocol
+        from nas_data.recorders.session import Protocol
 
         if self.episodes < 1 or not 0 < self.seconds <= LONGEST:
             raise OptionError(

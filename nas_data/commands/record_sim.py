@@ -12,7 +12,8 @@ from nas_data.commands.base import Command, Outcome
 from nas_data.errors import OptionError
 
 if TYPE_CHECKING:
-    from nas_data.recorders.simulated import Protocol, Readings, Target
+    from nas_data.recorders.readings import Readings
+    from nas_data.recorders.session import Protocol, Target
     from nas_data.robots.base import Robot
 
 FASTEST = 100_000.0  # [Hz] beyond any robot's control rate
@@ -73,7 +74,8 @@ class RecordSim(Command):
         """Record and write the dataset."""
         from nas_data.dataset.content import content_hash
         from nas_data.dataset.versions import check_place, save
-        from nas_data.recorders.simulated import Session, record, to_dataset
+        from nas_data.recorders.session import Session
+        from nas_data.recorders.simulated import record, to_dataset
 
         began = time.monotonic()
         session = Session.draw(self._target(), self._protocol())
@@ -100,7 +102,7 @@ class RecordSim(Command):
         """Build the target and its sensors."""
         from nas_data.effects.base import parse
         from nas_data.gap.named import Named
-        from nas_data.recorders.simulated import Target
+        from nas_data.recorders.session import Target
         from nas_data.robots.base import find_robot
         from nas_data.simulators.engines import load_simulator
 
@@ -119,7 +121,7 @@ class RecordSim(Command):
     def _environment(self, name: str) -> "Target":
         """Build an environment's target and its sensors."""
         from nas_data.envs.base import find_task
-        from nas_data.recorders.simulated import Target
+        from nas_data.recorders.session import Target
         from nas_data.simulators.engines import load_simulator
 
         own = {"rate": self.rate, "effect": self.effect, "effects": self.effects, "joints": self.joints}
@@ -133,7 +135,7 @@ class RecordSim(Command):
 
     def _readings(self, robot: "Robot") -> "Readings":
         """Say how the sensors show the state."""
-        from nas_data.recorders.simulated import Readings
+        from nas_data.recorders.readings import Readings
 
         return Readings(
             noise=self.noise,
@@ -147,7 +149,7 @@ class RecordSim(Command):
         """Say what is to be played."""
         from nas_data.envs.base import environment_id, find_task_file
         from nas_data.excitations.base import parse
-        from nas_data.recorders.simulated import Protocol
+        from nas_data.recorders.session import Protocol
 
         seconds = self._seconds()
         if self.episodes < 1 or not 0 < seconds <= LONGEST:

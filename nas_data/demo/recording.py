@@ -13,7 +13,9 @@ from nas_data.demo.stages import Demo, Found
 from nas_data.excitations.babbling import Babbling
 from nas_data.pairing import pair
 from nas_data.recorders.environment import draw_environment_starts
-from nas_data.recorders.simulated import Protocol, Readings, Session, Target, to_dataset
+from nas_data.recorders.readings import Readings
+from nas_data.recorders.session import Protocol, Session, Target
+from nas_data.recorders.simulated import to_dataset
 from nas_data.robots.base import find_robot
 from nas_data.sources import source_files
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from nas_data.effects.base import Effect, make_effect
 from nas_data.errors import OptionError
-from nas_data.recorders.simulated import Protocol, Readings, Session, Target
+from nas_data.recorders.readings import Readings
+from nas_data.recorders.session import Protocol, Session, Target
 from nas_data.robots.base import Robot
 from nas_data.simulators.contact import contact_counts
 from nas_data.simulators.mujoco import MujocoSimulator

@@ -1,0 +1,55 @@
+"""What a robot's sensors report of its state."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from nas_data.errors import OptionError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Readings:
+    """How a robot's sensors show its state: noise, then rounding to the sensor's resolution.
+
+    Attributes:
+        noise: Standard deviation of the position noise [rad].
+        quantum: Resolution of the position [rad]; 0 for exact.
+        velocity_noise: Standard deviation of the noise in the velocity register [rad/s].
+        velocity_quantum: Resolution of the velocity register [rad/s]; 0 for exact.
+    """
+
+    noise: float = 0.0
+    quantum: float = 0.0
+    velocity_noise: float = 0.0
+    velocity_quantum: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not 0 <= value < math.inf:
+                raise OptionError(f"{name.replace('_', ' ')} is {value}; it must be zero or more.")
+
+    def of(self, states: np.ndarray, rng: np.random.Generator, joints: int | None = None) -> np.ndarray:
+        """Return what is reported for states.
+
+        Args:
+            states: Positions [rad] then velocities [rad/s], shape (…, 2n); those of objects may follow, which are
+                reported as they are.
+            rng: Source of the noise.
+            joints: n, where objects follow.
+        """
+        n = states.shape[-1] // 2 if joints is None else joints
+        return np.concatenate(
+            [
+                reading(states[..., :n], self.noise, self.quantum, rng),
+                reading(states[..., n : 2 * n], self.velocity_noise, self.velocity_quantum, rng),
+                states[..., 2 * n :],
+            ],
+            axis=-1,
+        )
+
+
+def reading(values: np.ndarray, noise: float, quantum: float, rng: np.random.Generator) -> np.ndarray:
+    """Return values with Gaussian noise, rounded to multiples of a quantum."""
+    noisy = values + noise * rng.standard_normal(values.shape) if noise else values
+    return np.round(noisy / quantum) * quantum if quantum else noisy
