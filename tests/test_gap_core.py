@@ -69,6 +69,26 @@ def test_floor_is_that_of_quantum_and_noise():
     assert np.all(np.abs(noise_floor(evidence) / expected - 1) < 0.25)
 
 
+@given(noise=st.floats(0.05, 6.0), period=st.sampled_from([0.005, 0.01, 0.02]), seed=st.integers(0, 100))
+@settings(max_examples=40, deadline=None)
+def test_floor_of_a_moving_joint_is_that_of_quantum_and_noise(noise: float, period: float, seed: int):
+    """Whatever the noise is in quanta; sweeps of up to 2 Hz add nothing to it."""
+    rng = np.random.default_rng(seed)
+    steps = round(3 / period)
+    times = np.arange(steps)[None, :, None] * period
+    waves = [
+        rng.uniform(0.2, 0.6) * np.sin(2 * np.pi * rng.uniform(0.2, 2, (8, 1, 6)) * times + 6 * rng.random())
+        for _ in "ab"
+    ]
+    positions = sum(waves)
+    readings = np.round((positions + noise * QUANTUM * rng.standard_normal(positions.shape)) / QUANTUM) * QUANTUM
+    counts = np.ones(positions.shape[:2], bool)
+    evidence = Evidence(JOINTS, period, readings[:, 0], positions, readings, counts, np.arange(8))
+    expected = QUANTUM * np.hypot(1 / np.sqrt(12), noise)
+    ratio = noise_floor(evidence) / expected
+    assert np.all((ratio > 0.75) & (ratio < 1.35)), ratio
+
+
 @pytest.mark.parametrize("count", [2, 3, 10, 20])
 def test_every_episode_is_fitted_or_held_out(count: int):
     train, held = divide(commanded(count))

@@ -7,11 +7,11 @@ import pytest
 from test_gap_core import QUANTUM, commanded
 
 from nas_data.effects.base import Effect, parse
+from nas_data.gap.added import usual_hold
 from nas_data.gap.evidence import Evidence
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.search.final import Final
 from nas_data.gap.search.fit import Task
-from nas_data.gap.workflow import usual_hold
 from nas_data.simulators.settled import Hold
 
 FLOOR = np.full(6, QUANTUM / np.sqrt(12))

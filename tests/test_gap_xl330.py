@@ -20,7 +20,7 @@ from nas_data.gap.evidence import Evidence, window
 from nas_data.gap.finding.driven import TORQUE, run_and_fall, until_driven_again
 from nas_data.gap.gains import REGISTER, with_relative_gains
 from nas_data.gap.nominal import Nominal
-from nas_data.gap.workflow import Problem
+from nas_data.gap.problem import Problem
 from nas_data.simulators.mujoco import SERVOS, MujocoSimulator
 
 RESULTS = Path(__file__).parents[1] / "docs/results"

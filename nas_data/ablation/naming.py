@@ -8,8 +8,8 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.effects.base import Effect
 from nas_data.gap.name import name
 from nas_data.gap.named import Named
+from nas_data.gap.problem import Problem
 from nas_data.gap.side_by_side import on_one_core
-from nas_data.gap.workflow import Problem
 from nas_data.robots.base import Robot, find_robot
 from nas_data.sources import Source
 

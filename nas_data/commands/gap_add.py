@@ -30,9 +30,10 @@ class GapAdd(Command):
 
         import numpy as np
 
+        from nas_data.gap.added import added
         from nas_data.gap.named import Named
+        from nas_data.gap.problem import Problem
         from nas_data.gap.search.final import Final
-        from nas_data.gap.workflow import Problem, added
 
         problem = Problem.load(self.dataset, self.model)
         named = Named.read(self.effects)

@@ -27,7 +27,7 @@ class GapFind(Command):
         """Find and print."""
         from nas_data.cli import finite
         from nas_data.gap.finding.find import find
-        from nas_data.gap.workflow import Problem
+        from nas_data.gap.problem import Problem
 
         problem = Problem.load(self.dataset, self.model)
         found = find(problem.dataset, problem.evidence, problem.train.nominal, problem.train.floor)

@@ -27,9 +27,9 @@ class GapName(Command):
         """Search and write."""
         from nas_data.gap.add import write_effects
         from nas_data.gap.name import name
+        from nas_data.gap.problem import Problem
         from nas_data.gap.report import described
         from nas_data.gap.summary import finding_text
-        from nas_data.gap.workflow import Problem
 
         problem = Problem.load(self.dataset, self.model)
         naming = name(problem.train, problem.held, say)

@@ -1,13 +1,15 @@
 """The noise floor: the smallest error that any model can have on quantised, noisy readings."""
 
 from collections.abc import Sequence
+from math import comb
 
 import numpy as np
 
 from nas_data.gap.evidence import Evidence
 
 SMALLEST = 1e-5  # [rad] below which no floor makes sense: float32 and solver tolerances
-THIRD = np.sqrt(20.0)  # standard deviation of a third difference of white noise over that of the noise
+ORDER, ORDERS = 3, (4, 5, 6, 8)  # of the differences in which noise shows; the higher, the less motion is in them
+COARSE = 2.0  # [roundings] up to which noise is what third differences say; beyond, it might be motion
 NORMAL = 1.4826  # standard deviation over median absolute deviation of a normal distribution
 ENOUGH = 10  # different repeated readings from which a quantum can be told
 MULTIPLES = 1e-3  # how near readings must lie to multiples of a quantum, as a share of it
@@ -17,7 +19,8 @@ def noise_floor(evidence: Evidence) -> np.ndarray:
     """Estimate the standard deviation of the position readings' error [rad], shape (n,).
 
     A quantum Δ gives Δ/√12. Noise beyond it shows in third differences, in which smooth motion hardly does; rounding
-    noise in a still joint does not show at all, hence the larger of both counts, and noise at most twice the quantum's.
+    noise in a still joint does not show at all, hence the larger of both counts. What looks like much more noise than
+    rounding may be fast motion: it is noise only as far as higher differences show it too.
     """
     return np.array([joint_floor(evidence, joint) for joint in range(len(evidence.joints))])
 
@@ -26,11 +29,16 @@ def joint_floor(evidence: Evidence, joint: int) -> float:
     """Return the floor of one joint [rad]."""
     readings = [row[seen, joint] for row, seen in zip(evidence.measured, evidence.counts, strict=True)]
     rounding = quantum(repeated(readings)) / np.sqrt(12.0)
-    jumps = np.concatenate([np.diff(row, 3) for row in readings])
-    noise = NORMAL * float(np.median(np.abs(jumps))) / THIRD
-    if rounding:
-        noise = min(noise, 2 * rounding)
+    noise = spread(readings, ORDER)
+    if noise > COARSE * rounding:
+        noise = max(COARSE * rounding, min(noise, *(spread(readings, order) for order in ORDERS)))
     return max(rounding, noise, SMALLEST)
+
+
+def spread(readings: Sequence[np.ndarray], order: int) -> float:
+    """Return the standard deviation of white noise that explains the differences of an order [rad]."""
+    jumps = np.concatenate([np.diff(row, order) for row in readings])
+    return NORMAL * float(np.median(np.abs(jumps))) / float(np.sqrt(comb(2 * order, order)))
 
 
 def repeated(readings: Sequence[np.ndarray]) -> np.ndarray:

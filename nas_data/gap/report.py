@@ -2,51 +2,27 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from nas_data.effects.base import Effect
+from nas_data.gap.added import Outcome
 from nas_data.gap.finding.find import Found
 from nas_data.gap.goes_with import goes_with
 from nas_data.gap.name import ADEQUATE, Finding, Naming
+from nas_data.gap.problem import Problem
 from nas_data.gap.search.final import retuned, values
 from nas_data.gap.search.fit import Task
 from nas_data.gap.verdict import RETUNED, above, ratios, verdict
-
-if TYPE_CHECKING:
-    from nas_data.gap.workflow import Problem
 
 REPORT, SERIES = "report.json", "series.npz"
 METRIC = "open-loop position RMSE on held-out episodes"
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What the models do on the held-out episodes: positions [rad], shape (E, T, n).
-
-    Attributes:
-        before: Model as handed over.
-        retuned: With base parameters fitted, nothing added.
-        after: With the named effects: the written model, read back, where MJCF can express them all.
-        written: The written model, read back.
-        model: Its file.
-        learned: Shares of the gap where φ was trained on top, None otherwise.
-    """
-
-    before: np.ndarray
-    retuned: np.ndarray
-    after: np.ndarray
-    written: np.ndarray
-    model: Path
-    learned: Mapping[str, float] | None = None
-
-
 def write_report(
     folder: Path,
-    problem: "Problem",
+    problem: Problem,
     found: Found,
     naming: Naming,
     outcome: Outcome,
@@ -175,7 +151,7 @@ def placebo(held: Task, naming: Naming) -> Mapping[str, object] | None:
     }
 
 
-def write_series(folder: Path, problem: "Problem", naming: Naming, outcome: Outcome) -> None:
+def write_series(folder: Path, problem: Problem, naming: Naming, outcome: Outcome) -> None:
     """Write the held-out episodes and what each model makes of them to `series.npz`."""
     held = problem.held
     evidence = held.evidence

@@ -1,0 +1,79 @@
+"""What the workflow is given: a recording and a model, divided into episodes to fit and episodes to judge by."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.read import read
+from nas_data.dataset.transitions import as_transitions
+from nas_data.dataset.versions import resolve
+from nas_data.errors import DatasetInvalid
+from nas_data.gap.evidence import Evidence, divide, windows
+from nas_data.gap.finding.driven import until_driven_again
+from nas_data.gap.floor import noise_floor
+from nas_data.gap.gains import with_relative_gains
+from nas_data.gap.nominal import Nominal
+from nas_data.gap.search.fit import Task
+
+TRAIN_STEPS = 120_000  # physics steps that one rollout of all training episodes may take, half a second of work
+HELD_STEPS = 60_000  # the same for the held-out episodes
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What the workflow is given, ready to work on.
+
+    Attributes:
+        dataset: Transitions, as recorded.
+        evidence: Its episodes.
+        train: Model and episodes that are fitted.
+        held: Model and episodes that judge.
+        names: How report and page call dataset and model.
+        given: The model as handed over.
+    """
+
+    dataset: Dataset
+    evidence: Evidence
+    train: Task
+    held: Task
+    names: tuple[str, str]
+    given: str | Path
+
+    @classmethod
+    def load(cls, dataset: str | Path, model: str | Path) -> "Problem":
+        """Read both files.
+
+        Raises:
+            NasError: one of them cannot be used; the sentence names it.
+        """
+        root = resolve(Path(dataset))
+        recorded, _ = as_transitions(read(root))
+        return cls.of(recorded, model, root)
+
+    @classmethod
+    def of(cls, recorded: Dataset, model: str | Path, root: Path, moving: bool = False) -> "Problem":
+        """Prepare transitions.
+
+        Args:
+            recorded: Transitions with 2n-states.
+            model: A robot's name or a model file.
+            root: Folder of the dataset that they are from, for names and errors.
+            moving: Whether the episodes were cut out of motions; otherwise they start at rest.
+
+        Raises:
+            NasError: one of the two cannot be used; the sentence names it.
+        """
+        transitions = with_relative_gains(recorded, model, root)
+        evidence = Evidence.of(until_driven_again(transitions), moving)
+        if len(evidence) < 2:
+            raise DatasetInvalid(
+                f"{root} has {len(evidence)} episode; at least two are needed, one to fit and one to judge by: "
+                "record more, or cut it with 'nas split'."
+            )
+        nominal = Nominal.load(model, evidence)
+        floor = noise_floor(evidence)
+        train, held = divide(evidence)
+        substeps = nominal.simulator().substeps
+        train, held = windows(train, TRAIN_STEPS // substeps), windows(held, HELD_STEPS // substeps)
+        names = (root.parent.name if root.name.startswith("v") else root.name, Path(model).name)
+        return cls(transitions, evidence, Task(nominal, train, floor), Task(nominal, held, floor), names, model)
