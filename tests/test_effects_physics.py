@@ -177,6 +177,17 @@ def test_a_payload_adds_its_weight_at_the_last_link():
         assert abs(added) == pytest.approx(0.05 * 9.81 * arms[joint], rel=1e-6)
 
 
+def test_a_payload_sits_where_it_is_said_to():
+    loaded = find_robot("ergojr").spec()
+    add_effects(loaded, [parse("payload:mass=0.03"), parse("payload:mass=0.02,x=0.01,y=-0.02,z=0.03")])
+    model = loaded.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    link = model.body(model.body("payload").parentid[0]).id
+    apart = data.body("payload_2").xpos - data.body("payload").xpos
+    assert data.xmat[link].reshape(3, 3).T @ apart == pytest.approx([0.01, -0.02, 0.03], abs=1e-9)
+
+
 @given(roll=st.floats(-0.5, 0.5), pitch=st.floats(-0.5, 0.5))
 def test_tilting_the_base_is_leaning_gravity_the_other_way(roll, pitch):
     """Statics of a tilted arm equal those of the level arm under leaning gravity, seen from the base."""

@@ -24,6 +24,8 @@ class Parameter:
         low: Smallest sensible value.
         high: Largest sensible value.
         neutral: Value at which the effect changes nothing.
+        spread: Standard deviation of what is plausible around the neutral value, in its unit: such a parameter is a
+            detail that may be left out and is then neutral. 0 where all values within the bounds are as plausible.
     """
 
     name: str
@@ -31,6 +33,7 @@ class Parameter:
     low: float
     high: float
     neutral: float
+    spread: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -160,6 +163,7 @@ def make_effect(name: str, joint: str | None, values: Mapping[str, float]) -> Ef
     """
     kind = find_effect(name)
     known = {field.name for field in fields(kind)} - {"joint"}
+    values = {p.name: p.neutral for p in kind.parameters if p.spread} | dict(values)
     wrong = sorted(set(values) ^ known)
     if wrong:
         raise OptionError(

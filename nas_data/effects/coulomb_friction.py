@@ -19,7 +19,7 @@ class CoulombFriction(Effect):
 
     torque: float
 
-    parameters: ClassVar = (Parameter("torque", "N·m", 0.0, 2.0, 0.0),)
+    parameters: ClassVar = (Parameter("torque", "N·m", 0.0, 200.0, 0.0),)
     replaces: ClassVar = "frictionloss"
     equation: ClassVar = "friction = torque · sign(dq/dt)"
     source: ClassVar = "MuJoCo joint frictionloss; Rhoban/bam, friction model M1"

@@ -19,7 +19,7 @@ class JointCompliance(Effect):
 
     stiffness: float
 
-    parameters: ClassVar = (Parameter("stiffness", "N·m/rad", 0.05, 100.0, math.inf),)
+    parameters: ClassVar = (Parameter("stiffness", "N·m/rad", 0.05, 1e6, math.inf),)
     equation: ClassVar = "q = q_servo + s, torque = stiffness · s + 1 ms · stiffness · ds/dt"
     source: ClassVar = "Flexible-joint model, Spong 1987 (doi:10.1115/1.3143860)"
     signature: ClassVar = (

@@ -12,20 +12,27 @@ from nas_data.errors import ModelFileError
 from nas_data.robots.base import actuated_joints
 
 NAME = "payload"
+NEAR = 0.05  # [m] from the last link's centre of mass; what is carried by a hand is rarely further
 RADIUS = 0.005  # [m] of the sphere that stands for the mass; gives it the little inertia a body must have
 
 
 @dataclass(frozen=True, kw_only=True)
 class Payload(Effect):
-    """A small sphere in the centre of mass of what the last actuated joint moves."""
+    """A small sphere on what the last actuated joint moves: `x`, `y`, `z` from its centre of mass, in its own frame."""
 
     mass: float
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
 
-    parameters: ClassVar = (Parameter("mass", "kg", 0.0, 5.0, 0.0),)
+    parameters: ClassVar = (
+        Parameter("mass", "kg", 0.0, 100.0, 0.0),
+        *(Parameter(axis, "m", -0.5, 0.5, 0.0, spread=NEAR) for axis in "xyz"),
+    )
     whole_arm: ClassVar = True
     per_joint: ClassVar = False
     strains: ClassVar = "mass"
-    equation: ClassVar = "gravity and inertia of a point mass at the last link's centre of mass"
+    equation: ClassVar = "gravity and inertia of a point mass at the last link's centre of mass + (x, y, z)"
     source: ClassVar = "Rigid-body mechanics"
     signature: ClassVar = "Droop that goes with the posture, at every joint below it, and slower acceleration."
     confused_with: ClassVar = ("base_tilt", "servo_stiffness", "rotor_inertia", "torque_limit")
@@ -36,14 +43,13 @@ class Payload(Effect):
         return tuple({"mass": share * scales.mass} for share in (0.5, 2.0))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Add the mass to the model; a payload that is there already becomes heavier."""
-        payload = spec.body(NAME)
-        if payload is None:
-            place = last_centre(spec)
-            payload = spec.body(place[0]).add_body(name=NAME, pos=place[1], explicitinertial=True)
-            payload.mass, payload.ipos = 0.0, np.zeros(3)
-        payload.mass = payload.mass + self.mass
-        payload.inertia = np.full(3, 0.4 * payload.mass * RADIUS**2)
+        """Add the mass to the model, beside payloads that are there already."""
+        link, centre = last_centre(spec)
+        others = sum(body.name.startswith(NAME) for body in spec.bodies)
+        body = spec.body(link).add_body(name=f"{NAME}_{others + 1}" if others else NAME, explicitinertial=True)
+        body.pos = centre + np.array([self.x, self.y, self.z])
+        body.mass, body.ipos = self.mass, np.zeros(3)
+        body.inertia = np.full(3, 0.4 * self.mass * RADIUS**2)
 
 
 def last_centre(spec: mujoco.MjSpec) -> tuple[str, np.ndarray]:

@@ -15,7 +15,7 @@ class RotorInertia(Effect):
 
     inertia: float
 
-    parameters: ClassVar = (Parameter("inertia", "kg·m²", 0.0, 0.2, 0.0),)
+    parameters: ClassVar = (Parameter("inertia", "kg·m²", 0.0, 100.0, 0.0),)
     replaces: ClassVar = "armature"
     equation: ClassVar = "torque = inertia · d²q/dt²"
     source: ClassVar = "MuJoCo joint armature; Rhoban/bam, armature"

@@ -24,7 +24,7 @@ class StribeckFriction(Effect):
     stribeck_velocity: float
 
     parameters: ClassVar = (
-        Parameter("torque", "N·m", 0.0, 2.0, 0.0),
+        Parameter("torque", "N·m", 0.0, 200.0, 0.0),
         Parameter("kinetic_ratio", "", 0.2, 1.0, 1.0),
         Parameter("stribeck_velocity", "rad/s", 0.02, 5.0, 1.0),
     )

@@ -16,7 +16,7 @@ class TorqueLimit(Effect):
 
     torque: float
 
-    parameters: ClassVar = (Parameter("torque", "N·m", 0.005, 50.0, math.inf),)
+    parameters: ClassVar = (Parameter("torque", "N·m", 0.005, 5000.0, math.inf),)
     equation: ClassVar = "|torque of the servo| ≤ torque"
     source: ClassVar = "XL-320 e-manual, Torque Limit (register 35); MuJoCo actuator forcerange"
     signature: ClassVar = "Only in big steps and heavy postures: constant acceleration, droop that ignores the error."

@@ -16,7 +16,7 @@ class ViscousFriction(Effect):
 
     coefficient: float
 
-    parameters: ClassVar = (Parameter("coefficient", "N·m·s/rad", 0.0, 1.0, 0.0),)
+    parameters: ClassVar = (Parameter("coefficient", "N·m·s/rad", 0.0, 5000.0, 0.0),)
     replaces: ClassVar = "damping"
     equation: ClassVar = "friction = coefficient · dq/dt"
     source: ClassVar = "Rhoban/bam, friction model M1"

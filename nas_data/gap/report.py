@@ -14,7 +14,7 @@ from nas_data.gap.name import ADEQUATE, Finding, Naming
 from nas_data.gap.problem import Problem
 from nas_data.gap.search.final import retuned, values
 from nas_data.gap.search.fit import Task
-from nas_data.gap.verdict import RETUNED, above, ratios, verdict
+from nas_data.gap.verdict import above, ratios, verdict
 
 REPORT, SERIES = "report.json", "series.npz"
 METRIC = "open-loop position RMSE on held-out episodes"
@@ -51,7 +51,7 @@ def write_report(
         "verdict": verdict(before, after, len(naming.findings)),
         "effects": [described(finding) for finding in naming.findings],
         "retuned": retuned(naming.final.factors),
-        "unexplained": unexplained(held, outcome.after, after, bool(naming.findings)),
+        "unexplained": unexplained(held, outcome.after, after),
         "gap": gap(held, outcome),
         "shares": shares(held, outcome),
         "placebo": placebo(held, naming),
@@ -89,7 +89,7 @@ def alternative(effect: Effect, error: float) -> Mapping[str, object]:
     return {"effect": effect.name(), "joint": effect.joint, "parameters": numbers, "heldout_error_after": error}
 
 
-def unexplained(held: Task, predicted: np.ndarray, after: np.ndarray, named: bool) -> Sequence[Mapping[str, object]]:
+def unexplained(held: Task, predicted: np.ndarray, after: np.ndarray) -> Sequence[Mapping[str, object]]:
     """Return the joints whose rest is above the floor, and what it goes with."""
     errors = held.evidence.errors(predicted)
     return [
@@ -98,7 +98,7 @@ def unexplained(held: Task, predicted: np.ndarray, after: np.ndarray, named: boo
             "ratio_to_noise": round(float(after[joint]), 2),
             "goes_with": goes_with(held.evidence, errors, joint),
         }
-        for joint in above(after, ADEQUATE if named else RETUNED)
+        for joint in above(after, ADEQUATE)
     ]
 
 

@@ -7,7 +7,6 @@ import numpy as np
 from nas_data.gap.name import ADEQUATE
 
 NOTHING = 1.25  # noise floors up to which a model as handed over has no gap
-RETUNED = 1.35  # noise floors up to which retuned base parameters leave no gap
 
 
 def verdict(before: np.ndarray, after: np.ndarray, effects: int) -> str:
@@ -22,7 +21,7 @@ def verdict(before: np.ndarray, after: np.ndarray, effects: int) -> str:
         return "explained" if after.max() <= ADEQUATE else "partly_explained"
     if before.max() <= NOTHING:
         return "none"
-    return "retuned" if after.max() <= RETUNED else "unexplained"
+    return "retuned" if after.max() <= ADEQUATE else "unexplained"
 
 
 def ratios(squares: np.ndarray, floor: np.ndarray) -> np.ndarray:

@@ -46,7 +46,8 @@ def candidates(joints: Sequence[str], sizes: Sequence[Scales]) -> Iterator[Effec
         places += [(None, mean)] if kind.whole_arm else []
         for joint, size in places:
             for values in kind.guesses(size):
-                clipped = {p.name: float(np.clip(values[p.name], p.low, p.high)) for p in kind.parameters}
+                told = [p for p in kind.parameters if p.name in values]
+                clipped = {p.name: float(np.clip(values[p.name], p.low, p.high)) for p in told}
                 yield make_effect(name, joint, clipped)
 
 
@@ -109,8 +110,8 @@ def first_order(task: Task, state: Fit, base: np.ndarray, effect: Effect) -> Can
 
 
 def is_signed(effect: Effect) -> bool:
-    """Whether the effect has parameters of either sign, around a neutral zero."""
-    return any(parameter.low < 0 for parameter in effect.parameters)
+    """Whether the effect's size has either sign, around a neutral zero."""
+    return effect.parameters[0].low < 0
 
 
 def stretched(effect: Effect, stretch: float) -> Effect:

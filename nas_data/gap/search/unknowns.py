@@ -21,7 +21,7 @@ class Unknown:
     Attributes:
         place: Which effect of the hypothesis.
         parameter: Which of its parameters.
-        start: Its first guess.
+        start: Value at number 0: the first guess, or the neutral value where the prior is centred there.
     """
 
     place: int
@@ -32,6 +32,11 @@ class Unknown:
     def signed(self) -> bool:
         """Whether the parameter can have either sign; others are fitted as logarithms."""
         return self.parameter.low < 0
+
+    @property
+    def weight(self) -> float:
+        """One over the standard deviation of what is plausible, 0 where nothing is known."""
+        return SIGNED_SCALE / self.parameter.spread if self.parameter.spread else 0.0
 
     def value(self, number: float) -> float:
         """Return the parameter's value for the fitted number."""
@@ -64,7 +69,7 @@ class Unknowns:
     def sought(self) -> tuple[Unknown, ...]:
         """The effects' parameters, in order."""
         return tuple(
-            Unknown(place, parameter, float(getattr(effect, parameter.name)))
+            Unknown(place, parameter, parameter.neutral if parameter.spread else float(getattr(effect, parameter.name)))
             for place, effect in enumerate(self.effects)
             for parameter in effect.parameters
         )
@@ -96,12 +101,14 @@ class Unknowns:
 
     def prior(self) -> np.ndarray:
         """Return each number's weight in the prior, one over its standard deviation, shape (size,)."""
-        return np.array([0.0] * len(self.sought) + [1 / TOLERANCE] * len(self.base))
+        return np.array([unknown.weight for unknown in self.sought] + [1 / TOLERANCE] * len(self.base))
 
     def start(self, factors: dict[str, float] | None = None) -> np.ndarray:
         """Return the numbers of the first guess, with base factors where given, shape (size,)."""
+        guesses = [(getattr(self.effects[u.place], u.parameter.name), u) for u in self.sought]
+        sought = [(float(value) - u.start) / SIGNED_SCALE if u.parameter.spread else 0.0 for value, u in guesses]
         logs = [math.log((factors or {}).get(parameter.name, 1.0)) for parameter in self.base]
-        return np.array([0.0] * len(self.sought) + logs)
+        return np.array(sought + logs)
 
 
 def free_base(base: Sequence[BaseParameter], effects: Sequence[Effect]) -> tuple[BaseParameter, ...]:
