@@ -119,7 +119,7 @@ def test_the_smallest_effect_is_hardly_seen(name):
     """Neutral is a limit, not a special case: next to it the robot moves as it does without."""
     kind = find_effect(name)
     finite = [p for p in kind.parameters if math.isfinite(p.neutral)]
-    near = {p.name: p.neutral + 1e-6 * (p.low - p.high if p.neutral == p.high else p.high - p.low) for p in finite}
+    near = {p.name: p.neutral + 1e-5 * (TYPICAL[name, p.name] - p.neutral) for p in finite}
     near |= {p.name: 1e3 * p.high for p in kind.parameters if math.isinf(p.neutral)}
     if name == "torque_limit":
         near = {"torque": 0.2079}  # a limit is absolute: the model's own is the one that changes nothing

@@ -10,8 +10,10 @@ from test_gap_workflow import ARM, recorded
 
 from nas_data.cli import main
 from nas_data.effects.base import parse
+from nas_data.gap.search.detail import detailed
 from nas_data.gap.search.fit import Task, fit
 from nas_data.gap.search.hypothesis import Hypothesis, labels, lent_slopes, relieves, strained
+from nas_data.gap.search.state import Search
 from nas_data.gap.search.unknowns import Unknowns, free_base
 
 FLOOR = np.full(6, QUANTUM / np.sqrt(12))
@@ -78,3 +80,17 @@ def test_servos_that_all_lack_the_same_are_named_together(tmp_path: Path):
     }
     for entry in report["effects"]:
         assert entry["parameters"]["factor"]["value"] == pytest.approx(0.1, rel=0.05)
+
+
+@pytest.mark.parametrize(("hidden", "apart"), [("payload:mass=0.04", False), ("payload:mass=0.04,y=0.04,z=0.06", True)])
+def test_the_place_of_a_payload_is_sought_where_the_data_tell_it(hidden: str, apart: bool):
+    nominal, evidence = measured(hidden)
+    task = Task(nominal, evidence, FLOOR)
+    search = Search(task.select([0, 1, 2]), task.select([3]))
+    plain = search.fitted((parse("payload:mass=0.03"),), {}, renewals=1)
+    assert plain is not None
+    assert set(plain.effects[0].to_json()["parameters"]) == {"mass"}
+    (found,) = detailed(search, plain).effects
+    assert (set(found.to_json()["parameters"]) == {"mass", "x", "y", "z"}) == apart
+    if apart:
+        assert (found.y, found.z) == pytest.approx((0.04, 0.06), abs=0.02)

@@ -13,6 +13,8 @@ from nas_data.drives import driven_joint
 from nas_data.effects.edits.hook import StepHook
 from nas_data.errors import JointMismatch, OptionError
 
+HARDLY = 1e-3  # of its spread by which a detail is put beside its neutral zero to be sought
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -113,6 +115,21 @@ class Effect:
         return all(getattr(self, parameter.name) == parameter.neutral for parameter in self.parameters)
 
     @property
+    def sought(self) -> tuple[Parameter, ...]:
+        """The parameters that a fit may move: details stay neutral where all of them are."""
+        details = any(getattr(self, p.name) != p.neutral for p in self.parameters if p.spread)
+        return tuple(p for p in self.parameters if details or not p.spread)
+
+    def detailed(self) -> "Effect":
+        """Return the effect with its details hardly neutral, so that they are sought; itself where they are."""
+        if self.sought == self.parameters:
+            return self
+        own = {p.name: getattr(self, p.name) for p in self.parameters}
+        return make_effect(
+            self.name(), self.joint, own | {p.name: HARDLY * p.spread for p in self.parameters if p.spread}
+        )
+
+    @property
     def is_twin(self) -> bool:
         """Whether with these parameters it does what another effect is named for."""
         return False
@@ -140,8 +157,8 @@ class Effect:
         return self if self.in_model else None
 
     def to_json(self) -> dict[str, object]:
-        """Return the effect as `effects.json` holds it."""
-        values = {p.name: {"value": getattr(self, p.name), "unit": p.unit} for p in self.parameters}
+        """Return the effect as `effects.json` holds it, without details that are neutral."""
+        values = {p.name: {"value": getattr(self, p.name), "unit": p.unit} for p in self.sought}
         return {"effect": self.name(), "joint": self.joint, "parameters": values}
 
 

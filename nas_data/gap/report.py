@@ -85,7 +85,7 @@ def described(finding: Finding) -> Mapping[str, object]:
 
 def alternative(effect: Effect, error: float) -> Mapping[str, object]:
     """Return what came second as the report lists it."""
-    numbers = {p.name: float(getattr(effect, p.name)) for p in effect.parameters}
+    numbers = {p.name: float(getattr(effect, p.name)) for p in effect.sought}
     return {"effect": effect.name(), "joint": effect.joint, "parameters": numbers, "heldout_error_after": error}
 
 

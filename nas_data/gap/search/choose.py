@@ -1,5 +1,6 @@
 """Choose the effects: add what helps, several joints at once, then drop what held-out episodes do not need."""
 
+from nas_data.gap.search.detail import detailed
 from nas_data.gap.search.exchange import exchanged
 from nas_data.gap.search.grow import AT_FLOOR, extensions, grown, is_full, overlooked
 from nas_data.gap.search.hypothesis import Hypothesis, strained
@@ -18,7 +19,7 @@ def choose(search: Search) -> Hypothesis:
         larger = larger or grown(search, kept, overlooked(search, kept))
         if larger is None:
             break
-        kept = joined(search, exchanged(search, search.refined(larger)))
+        kept = detailed(search, joined(search, exchanged(search, search.refined(larger))))
         search.report("added", kept)
         around = kept.fit
     return pruned(search, adequate(search, simplified(search, pruned(search, kept))))

@@ -114,4 +114,4 @@ def values(effect: Effect, interval: Mapping[str, tuple[float, float]]) -> dict[
         low, high = interval.get(parameter.name, (value, value))
         return {"value": value, "unit": parameter.unit, "interval95": [low, high]}
 
-    return {parameter.name: entry(parameter) for parameter in effect.parameters}
+    return {parameter.name: entry(parameter) for parameter in effect.sought}

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from nas_data.gap.search.detail import detailed
 from nas_data.gap.search.fit import Fit
 from nas_data.gap.search.hypothesis import GAIN, Hypothesis, place, relief, relieves, shortened, strained, worth
 from nas_data.gap.search.screen import Candidate
@@ -86,7 +87,8 @@ def fitted_on(search: Search, around: Fit, candidates: Sequence[Candidate]) -> l
     )
     ranked = sorted((h for h in quick if h and not h.effects[-1].is_twin), key=lambda h: h.loss)
     ahead = [h for h in ranked if h.loss < ranked[0].loss + CHANCE][:FINALISTS]
-    return sorted([*side_by_side(search.continued, ahead), *ranked[len(ahead) :]], key=lambda h: h.loss)
+    thorough = side_by_side(lambda h: detailed(search, search.continued(h)), ahead)
+    return sorted([*thorough, *ranked[len(ahead) :]], key=lambda h: h.loss)
 
 
 def bundles(

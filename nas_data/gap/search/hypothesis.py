@@ -51,7 +51,7 @@ class Hypothesis:
     def text(self) -> str:
         """Say it in a line."""
         parts = [
-            f"{e.name()}({e.joint or 'arm'}: {', '.join(f'{getattr(e, p.name):.4g}' for p in e.parameters)})"
+            f"{e.name()}({e.joint or 'arm'}: {', '.join(f'{getattr(e, p.name):.4g}' for p in e.sought)})"
             for e in self.effects
         ]
         return ", ".join(parts) or "base only"

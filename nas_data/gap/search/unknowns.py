@@ -67,11 +67,11 @@ class Unknowns:
 
     @property
     def sought(self) -> tuple[Unknown, ...]:
-        """The effects' parameters, in order."""
+        """The effects' parameters, in order; details where any is not neutral."""
         return tuple(
             Unknown(place, parameter, parameter.neutral if parameter.spread else float(getattr(effect, parameter.name)))
             for place, effect in enumerate(self.effects)
-            for parameter in effect.parameters
+            for parameter in effect.sought
         )
 
     @property
