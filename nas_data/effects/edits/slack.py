@@ -10,10 +10,8 @@ from nas_data.effects.backlash import HARD_STOP
 from nas_data.effects.edits.series import angle, clear_defaults
 from nas_data.effects.edits.servo import stiffness
 
-STEPS = 4.0  # physics steps in which the slack's own oscillation turns by a radian; fewer would not resolve it
+STEPS = 3.0  # physics steps in which the slack's own oscillation turns by a radian; fewer would not resolve it
 DAMPING = 0.5  # part of critical damping of that oscillation; more would drag on the joint
-CARRIED = 4.0  # inertia over servo damping and timestep, so that a saturated servo cannot kick the slack
-RUNAWAY = 0.1  # [s/rad] quadratic damping over servo damping: outweighs it beyond 10 rad/s
 MASS, INERTIA = 1e-9, 1e-12  # [kg], [kg m²] of the slack's body, which must have some
 
 
@@ -27,6 +25,7 @@ def add_slack(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator, half_w
         slack.solref_limit = [2 * spec.option.timestep, 1.0]
         slack.solimp_limit = HARD_STOP
         move_dampers(spec.joint(joint), servo)
+        move_limit(spec.joint(joint), servo)
         drive_both(spec, joint, slack, servo)
     width = float(slack.range[1]) + angle(spec, half_width)
     slack.range = [-width, width]
@@ -54,6 +53,20 @@ def move_dampers(joint: mujoco.MjsJoint, servo: mujoco.MjsActuator) -> None:
     servo.damping, servo.armature = np.zeros(3), 0.0
 
 
+def move_limit(joint: mujoco.MjsJoint, servo: mujoco.MjsActuator) -> None:
+    """Move a servo's torque limit to what arrives at the joint: slack whose damping is cut off would run away."""
+    limited = servo.forcelimited == mujoco.mjtLimited.mjLIMITED_TRUE or (
+        servo.forcelimited == mujoco.mjtLimited.mjLIMITED_AUTO and bool(np.any(servo.forcerange))
+    )
+    if not limited:
+        return
+    low, high = np.sort(servo.forcerange * servo.gear[0])
+    if joint.actfrclimited != mujoco.mjtLimited.mjLIMITED_FALSE and np.any(joint.actfrcrange):
+        low, high = max(low, joint.actfrcrange[0]), min(high, joint.actfrcrange[1])
+    joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_TRUE, [low, high]
+    servo.forcelimited, servo.forcerange = mujoco.mjtLimited.mjLIMITED_FALSE, [0.0, 0.0]
+
+
 def drive_both(spec: mujoco.MjSpec, joint: str, slack: mujoco.MjsJoint, servo: mujoco.MjsActuator) -> None:
     """Make the sum of joint and slack what the servo drives and feels, its damping the joint's alone.
 
@@ -63,9 +76,8 @@ def drive_both(spec: mujoco.MjSpec, joint: str, slack: mujoco.MjsJoint, servo: m
     first = spec.joint(joint)
     gear = float(servo.gear[0]) ** 2
     kp, kv = stiffness(servo) * gear, -float(servo.biasprm[2]) * gear
-    timestep = spec.option.timestep
-    slack.armature = max(kp * (STEPS * timestep) ** 2, CARRIED * kv * timestep)
-    slack.damping = [2 * DAMPING * math.sqrt(kp * slack.armature), RUNAWAY * kv, 0.0]
+    slack.armature = kp * (STEPS * spec.option.timestep) ** 2
+    slack.damping = [2 * DAMPING * math.sqrt(kp * slack.armature), 0.0, 0.0]
     tendon = spec.add_tendon(name=joint + DRIVE, damping=[-kv, 0.0, 0.0], stiffness=np.zeros(3), frictionloss=0.0)
     tendon.limited = mujoco.mjtLimited.mjLIMITED_FALSE
     tendon.wrap_joint(joint, 1.0)
