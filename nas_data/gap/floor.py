@@ -65,3 +65,11 @@ def quantum(readings: np.ndarray) -> float:
         step = float((values[-1] - origin) / counts[-1])
     apart = np.abs((values - origin) / step - np.round((values - origin) / step))
     return step if apart.max() < MULTIPLES * 20 and counts[-1] >= 2 else 0.0
+
+
+def ratios(squares: np.ndarray, floor: np.ndarray) -> np.ndarray:
+    """Return errors over the floor, the geometric mean over episodes, from mean squares (E, n): shape (n,).
+
+    One episode that went astray does not rule, as it would a mean, nor is it overlooked, as a median would.
+    """
+    return np.asarray(np.exp(0.5 * np.log(np.maximum(squares, 1e-300)).mean(axis=0)) / floor)

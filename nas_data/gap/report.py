@@ -9,12 +9,13 @@ import numpy as np
 from nas_data.effects.base import Effect
 from nas_data.gap.added import Outcome
 from nas_data.gap.finding.find import Found
+from nas_data.gap.floor import ratios
 from nas_data.gap.goes_with import goes_with
 from nas_data.gap.name import ADEQUATE, Finding, Naming
 from nas_data.gap.problem import Problem
 from nas_data.gap.search.final import retuned, values
 from nas_data.gap.search.fit import Task
-from nas_data.gap.verdict import above, ratios, verdict
+from nas_data.gap.verdict import above, verdict
 
 REPORT, SERIES = "report.json", "series.npz"
 METRIC = "open-loop position RMSE on held-out episodes"

@@ -24,11 +24,6 @@ def verdict(before: np.ndarray, after: np.ndarray, effects: int) -> str:
     return "retuned" if after.max() <= ADEQUATE else "unexplained"
 
 
-def ratios(squares: np.ndarray, floor: np.ndarray) -> np.ndarray:
-    """Return errors over the floor, the median over episodes, from mean squares (E, n): shape (n,)."""
-    return np.asarray(np.sqrt(np.median(squares, axis=0)) / floor)
-
-
 def above(after: np.ndarray, limit: float) -> Sequence[int]:
     """Return the joints that stay above a limit, the worst first."""
     return [int(joint) for joint in np.argsort(-after) if after[joint] > limit]

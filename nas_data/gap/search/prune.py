@@ -12,7 +12,9 @@ from nas_data.gap.side_by_side import side_by_side
 
 SIMPLER = 2  # effects of fewer parameters that are tried in the place of one
 BETTER = 0.90  # held-out error of the most improved joint, with over without the effect
-WINS = 0.75  # share of held-out episodes in which the effect must help
+WINS = 0.75  # share of held-out episodes in which the effect must help, of those that it changes
+SAME = 0.02  # logarithm of an error's ratio up to which an episode counts as not changed
+RARE = 1.0  # by which their sum must be below zero where an effect changes less than half of the episodes
 POOR = 3.0  # noise floors of rest above which a joint may be called unexplained
 UNEXPLAINED = 0.75  # part of a joint's error that must stay, for it to be called so
 
@@ -33,10 +35,20 @@ def needs(search: Search, without: Hypothesis, with_: Hypothesis) -> bool:
     """Whether an effect is worth its name: on held-out episodes, or for a base that it leaves as it should be."""
     logs = search.logs(without, with_)
     best = int(logs.mean(0).argmin())
-    lost, episodes = int((logs[:, best] >= 0).sum()), len(logs)
-    often = lost <= max((1 - WINS) * episodes, min(1, episodes - 1))  # one may always be lost, but not the only one
-    better = np.exp(logs.mean(0)[best]) <= BETTER and often
+    better = np.exp(logs.mean(0)[best]) <= BETTER and often(logs[:, best])
     return bool(better or (logs.sum() < 0 and relieves(without, with_)))
+
+
+def often(logs: np.ndarray) -> bool:
+    """Whether an effect helps in most of the episodes that it changes, by the logs of their error's ratio (E,).
+
+    A limit that is reached in few of them changes nothing in the others; it must then help a lot.
+    """
+    told = logs[np.abs(logs) > SAME]
+    lost = int((told > 0).sum())
+    if len(told) < len(logs) / 2:
+        return lost <= (1 - WINS) * len(told) and logs.sum() < -RARE
+    return lost <= max((1 - WINS) * len(logs), min(1, len(logs) - 1))  # one may always be lost, but not the only one
 
 
 def simplified(search: Search, kept: Hypothesis) -> Hypothesis:

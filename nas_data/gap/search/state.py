@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nas_data.effects.base import Effect
+from nas_data.gap.floor import ratios
 from nas_data.gap.search.fit import Fit, Task, fit, slopes
 from nas_data.gap.search.hypothesis import Hypothesis, Place, lent_slopes, lively
 from nas_data.gap.search.scales import scales
@@ -14,6 +15,8 @@ from nas_data.gap.search.unknowns import Unknowns, free_base
 
 SCREENED = 6  # episodes on which candidates are compared
 SCREENED_ROWS = 1800  # rows on which they are compared at least, where episodes are short
+ODD = 3.0  # times the usual error of a joint from which an episode is odd, and looked at besides
+ODDEST = 2  # odd episodes at most
 FAR_BEHIND = 60.0  # nats by which a rival may lie behind after a few steps and still be fitted to the end
 
 
@@ -38,12 +41,9 @@ class Search:
     fewer: dict[tuple[tuple[Effect, ...], int], Hypothesis | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        count, steps = self.train.evidence.commands.shape[:2]
-        wanted = max(SCREENED, SCREENED_ROWS // steps)
-        chosen = np.unique(np.linspace(0, count - 1, min(count, wanted)).round().astype(int))
         unknowns = Unknowns((), self.train.nominal.base)
         start = unknowns.start()
-        self.sub = self.train.select(chosen).focused(unknowns, start)
+        self.sub = self.train.select(telling(self.train)).focused(unknowns, start)
         self.held = self.held.focused(unknowns, start)
         predicted = self.sub.predict(unknowns, start)
         assert predicted is not None, "the model was rolled out before"
@@ -123,9 +123,21 @@ class Search:
         return np.asarray(0.5 * np.log((same + with_.heldout) / (same + without.heldout)))
 
     def ratio(self, hypothesis: Hypothesis) -> np.ndarray:
-        """Return the held-out error over the floor, the median over episodes, shape (n,)."""
-        return np.asarray(np.sqrt(np.median(hypothesis.heldout, axis=0)) / self.held.floor)
+        """Return the held-out error over the floor, the geometric mean over episodes, shape (n,)."""
+        return ratios(hypothesis.heldout, self.held.floor)
 
     def report(self, word: str, h: Hypothesis) -> None:
         """Say what was found."""
         self.say(f"{word}: {h.text()}; loss {h.loss:.1f}, rest/floor {' '.join(f'{r:.2f}' for r in self.ratio(h))}")
+
+
+def telling(task: Task) -> np.ndarray:
+    """Return the numbers of the episodes to search on: some evenly, and the oddest: a limit is reached in few."""
+    count, steps = task.evidence.commands.shape[:2]
+    wanted = max(SCREENED, SCREENED_ROWS // steps)
+    even = np.unique(np.linspace(0, count - 1, min(count, wanted)).round().astype(int))
+    squares = task.floor**2 + task.evidence.mean_squares(task.nominal.predict(task.evidence))
+    oddness = np.sqrt((squares / np.median(squares, axis=0)).max(axis=1))
+    oddness[even] = 0.0
+    odd = [episode for episode in np.argsort(-oddness)[:ODDEST] if oddness[episode] > ODD]
+    return np.sort(np.concatenate([even, np.array(odd, dtype=int)]))
