@@ -22,7 +22,7 @@ class ServoDamping(Effect):
     factor: float
 
     parameters: ClassVar = (Parameter("factor", "", 0.0001, 50.0, 1.0),)
-    replaces: ClassVar = "damping"
+    replaces: ClassVar = "servo_damping"
     equation: ClassVar = "torque = kp · (command − q) − factor · kv · dq/dt"
     source: ClassVar = "MuJoCo documentation, XML reference, actuator/position: kv and dampratio"
     signature: ClassVar = (

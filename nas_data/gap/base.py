@@ -10,7 +10,7 @@ import numpy as np
 from nas_data.effects.base import joint_actuator
 from nas_data.effects.edits.servo import scale_stiffness, stiffness
 
-Kind = Literal["mass", "gain", "damping", "armature", "frictionloss"]
+Kind = Literal["mass", "gain", "damping", "servo_damping", "armature", "frictionloss"]
 TOLERANCE = 0.06  # [-] standard deviation of a base parameter's logarithm: a few to ten percent off
 WIDEST = float(np.log(1.25))  # beyond ±25 % a change is a missing effect, not a retuned parameter
 
@@ -43,8 +43,8 @@ class BaseParameter:
                 body.inertia = body.inertia * factor
         elif self.kind == "gain":
             scale_stiffness(joint_actuator(spec, self.joint), factor)
-        elif self.kind == "damping":
-            scale_damping(spec, self.joint, factor)
+        elif self.kind == "servo_damping":
+            scale_servo_damping(joint_actuator(spec, self.joint), factor)
         else:
             joint = spec.joint(self.joint)
             setattr(joint, self.kind, getattr(joint, self.kind) * factor)
@@ -58,10 +58,8 @@ def own_size(spec: mujoco.MjSpec, joint: str, kind: str) -> float:
     return float(getattr(element, kind)) if kind in {"armature", "frictionloss"} else 0.0
 
 
-def scale_damping(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
-    """Multiply the damping of a joint and of its servo, which act alike below saturation."""
-    spec.joint(joint).damping = np.array(spec.joint(joint).damping) * factor
-    actuator = joint_actuator(spec, joint)
+def scale_servo_damping(actuator: mujoco.MjsActuator, factor: float) -> None:
+    """Multiply a servo's velocity feedback, which ends where the servo saturates and the joint's damping does not."""
     bias = actuator.biasprm.copy()
     bias[2] *= factor
     actuator.biasprm = bias
@@ -79,8 +77,10 @@ def base_parameters(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[BasePar
         element = spec.joint(joint)
         if stiffness(actuator) > 0:
             found.append(BaseParameter(joint, "gain"))
-        if element.damping[0] > 0 or actuator.biasprm[2] < 0:
+        if element.damping[0] > 0:
             found.append(BaseParameter(joint, "damping"))
+        if actuator.biasprm[2] < 0:
+            found.append(BaseParameter(joint, "servo_damping"))
         if element.armature > 0:
             found.append(BaseParameter(joint, "armature"))
         if element.frictionloss > 0:
