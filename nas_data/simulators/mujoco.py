@@ -229,7 +229,8 @@ class MujocoStepper:
         self.layout = simulator.layout
         self.joints = simulator.joints
         self.size = size
-        self._batch = mujoco.batch.Batch(simulator.model, nsim=size, nthread=1)
+        # persistent: what is computed for the sites of a state is not computed again by the step that follows
+        self._batch = mujoco.batch.Batch(simulator.model, nsim=size, nthread=1, persistent=True)
         self._rest = RestStates(simulator.model, self.layout, INTEGRATION)
         self._qpos = self._batch.bind("qpos")
         self._qvel = self._batch.bind("qvel")
@@ -298,6 +299,6 @@ class MujocoStepper:
         if site < 0 or self._sites is None:
             raise ModelFileError(f"{self.simulator.robot.mjcf} has no site '{name}'; add <site name='{name}'/>.")
         if self._moved:
-            self._batch.forward(stage=mujoco.mjtStage.mjSTAGE_POS.value)
+            self._batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
             self._moved = False
         return self._sites[:, site].copy()
