@@ -69,7 +69,7 @@ class GymReacher(gymnasium.Env[np.ndarray, np.ndarray]):
 
 
 class NaiveReacher(GymReacher):
-    """The same with φ as the paper's authors wrapped it: a network for each environment, called for one arm at a time."""
+    """The same with φ as the paper's authors wrapped it: a network an environment, called for one arm at a time."""
 
     def __init__(self, model: mujoco.MjModel, phi: DynamicsModel) -> None:
         """Take the source and a copy of φ."""

@@ -9,12 +9,12 @@ from nas_data.commands.base import Command, Outcome
 class BenchmarkAugmented(Command):
     """Learn with PPO in environments with φ, without it, and with a network each, in turns; processor time counts.
 
-    Example: nas benchmark augmented --rounds 5
+    Example: nas benchmark augmented --rounds 15
     """
 
-    frames: int = 8192
+    frames: int = 2048
     """Frames of a rollout, over all environments; at least 64."""
-    rounds: int = 5
+    rounds: int = 15
     """How often each side is timed; the median counts."""
 
     def run(self) -> Outcome:

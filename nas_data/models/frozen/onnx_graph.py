@@ -60,7 +60,9 @@ def nodes(model: DynamicsModel, layers: int, hidden: int) -> list[NodeProto]:
         made.append(helper.make_node("LSTM", given, after, hidden_size=hidden))
     made.append(helper.make_node("Squeeze", [hidden_name(layers - 1, after=True), "time"], ["last"]))
     straight = model.shortcut is None
-    made.append(helper.make_node("Gemm", ["last", "outer_weight", "outer_bias"], [CHANGES if straight else "outer"], transB=1))
+    made.append(
+        helper.make_node("Gemm", ["last", "outer_weight", "outer_bias"], [CHANGES if straight else "outer"], transB=1)
+    )
     if not straight:
         made.append(helper.make_node("Gemm", [INPUTS, "shortcut_weight", "outer"], [CHANGES], transB=1))
     return made
@@ -85,7 +87,8 @@ def linear_weights(model: DynamicsModel) -> dict[str, np.ndarray]:
 def lstm_weights(model: DynamicsModel, layer: int) -> list[tuple[str, np.ndarray]]:
     """Return a layer's weights for its input and its memory, shape (1, 4 hidden, …), and biases (1, 8 hidden)."""
     parts = {
-        name: reorder(getattr(model.lstm, f"{name}_l{layer}")) for name in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
+        name: reorder(getattr(model.lstm, f"{name}_l{layer}"))
+        for name in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
     }
     biases = np.concatenate([parts["bias_ih"], parts["bias_hh"]])
     arrays = (parts["weight_ih"], parts["weight_hh"], biases)
