@@ -12,12 +12,13 @@ from nas_data.benchmarks.result import Result
 from nas_data.benchmarks.rounds import Ratio, Work, take_turns
 from nas_data.envs.ergo_reacher import TASK
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
+from nas_data.errors import OptionError
 from nas_data.models.augmented import AugmentedStepper
 from nas_data.models.lstm import DynamicsModel
 from nas_data.policies.ppo import Hyperparameters, new_ppo
 from nas_data.simulators.mujoco import MujocoSimulator
 
-SIZES = (16, 64)
+MOST = 64  # environments of a side
 MINIBATCH = Hyperparameters().rollout // Hyperparameters().minibatches
 CORRECTION = 1e-5  # [rad, rad/s] so small that the arm moves as without φ: larger ones make the physics work more
 WANTED = {"plain_16": 0.9, "plain_64": 1.0, "naive_16": 5.0, "batched_16": 0.8}
@@ -30,7 +31,12 @@ def benchmark(scratch: Path, frames: int, rounds: int) -> Result:
         scratch: Not used: nothing is written.
         frames: Frames of a rollout, over all environments of a side.
         rounds: How often each side is timed.
+
+    Raises:
+        OptionError: a rollout is too short for each environment to take a step.
     """
+    if frames < MOST:
+        raise OptionError(f"--frames is {frames}; at least {MOST} are needed, one for each environment.")
     phi, simulator = random_phi(), MujocoSimulator.load(TASK.robot, TASK.period, TASK.joints)
 
     def augmented(size: int) -> VecEnv:

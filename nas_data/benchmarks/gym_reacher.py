@@ -65,7 +65,7 @@ class GymReacher(gymnasium.Env[np.ndarray, np.ndarray]):
         observation = self._observation
         observation[:4] = self.data.qpos[ACTIVE] / ANGLE
         observation[4:8] = self.data.qvel[ACTIVE] / NO_LOAD_SPEED
-        return np.clip(observation, self.observation_space.low, self.observation_space.high).astype(np.float32)
+        return np.clip(observation, TASK.observation_space.low, TASK.observation_space.high).astype(np.float32)
 
 
 class NaiveReacher(GymReacher):

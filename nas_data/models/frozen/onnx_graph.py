@@ -34,12 +34,12 @@ def one_step(model: DynamicsModel, size: int) -> ModelProto:
     """
     layers, hidden = model.lstm.num_layers, model.lstm.hidden_size
     weights = linear_weights(model) | {key: value for k in range(layers) for key, value in lstm_weights(model, k)}
-    memory = [(1, size, hidden)] * layers
+    memory = layers, (1, size, hidden)
     graph = helper.make_graph(
         nodes(model, layers, hidden),
         "one_step",
-        [declare(INPUTS, (size, model.inner.in_features)), *declare_memory(memory, after=False)],
-        [declare(CHANGES, (size, model.outer.out_features)), *declare_memory(memory, after=True)],
+        [declare(INPUTS, (size, model.inner.in_features)), *declare_memory(*memory, after=False)],
+        [declare(CHANGES, (size, model.outer.out_features)), *declare_memory(*memory, after=True)],
         [numpy_helper.from_array(value, name) for name, value in weights.items()],
     )
     return helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR_VERSION)
@@ -59,12 +59,11 @@ def nodes(model: DynamicsModel, layers: int, hidden: int) -> list[NodeProto]:
         given = [source, f"w{layer}", f"r{layer}", f"b{layer}", "", *before]
         made.append(helper.make_node("LSTM", given, after, hidden_size=hidden))
     made.append(helper.make_node("Squeeze", [hidden_name(layers - 1, after=True), "time"], ["last"]))
-    straight = model.shortcut is None
-    made.append(
-        helper.make_node("Gemm", ["last", "outer_weight", "outer_bias"], [CHANGES if straight else "outer"], transB=1)
-    )
-    if not straight:
-        made.append(helper.make_node("Gemm", [INPUTS, "shortcut_weight", "outer"], [CHANGES], transB=1))
+    beside = "outer_bias"
+    if model.shortcut is not None:
+        made.append(helper.make_node("Gemm", [INPUTS, "shortcut_weight", beside], ["linear"], transB=1))
+        beside = "linear"
+    made.append(helper.make_node("Gemm", ["last", "outer_weight", beside], [CHANGES], transB=1))
     return made
 
 
@@ -110,8 +109,6 @@ def declare(name: str, shape: tuple[int, ...]) -> ValueInfoProto:
     return helper.make_tensor_value_info(name, TensorProto.FLOAT, shape)
 
 
-def declare_memory(shapes: list[tuple[int, ...]], after: bool) -> list[ValueInfoProto]:
-    """Return the declarations of hidden and cell states, one shape a layer."""
-    return [
-        declare(name(layer, after), shape) for layer, shape in enumerate(shapes) for name in (hidden_name, cell_name)
-    ]
+def declare_memory(layers: int, shape: tuple[int, ...], after: bool) -> list[ValueInfoProto]:
+    """Return the declarations of the hidden and cell states of all layers."""
+    return [declare(name(layer, after), shape) for layer in range(layers) for name in (hidden_name, cell_name)]

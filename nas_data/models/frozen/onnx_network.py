@@ -57,14 +57,16 @@ class OnnxNetwork(FrozenNetwork):
     def _bind(self, before: np.ndarray, after: np.ndarray) -> onnxruntime.IOBinding:
         """Tell the session where its inputs and outputs lie, hidden and cell states (layers, 2, B, hidden)."""
         binding = self._session.io_binding()
-        given, made = {INPUTS: self._inputs}, {CHANGES: self._changes}
-        for layer, (read, written) in enumerate(zip(before, after, strict=True)):
-            for name, old, new in zip((hidden_name, cell_name), read, written, strict=True):
-                given[name(layer, False)], made[name(layer, True)] = old[None], new[None]
-        for name, array in given.items():
-            binding.bind_input(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
-        for name, array in made.items():
-            binding.bind_output(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
+        given: dict[str, np.ndarray] = {INPUTS: self._inputs}
+        made: dict[str, np.ndarray] = {CHANGES: self._changes}
+        for layer in range(len(before)):
+            for part, name in enumerate((hidden_name, cell_name)):
+                given[name(layer, after=False)] = before[layer, part, None]
+                made[name(layer, after=True)] = after[layer, part, None]
+        for key, array in given.items():
+            binding.bind_input(key, "cpu", 0, np.float32, array.shape, array.ctypes.data)
+        for key, array in made.items():
+            binding.bind_output(key, "cpu", 0, np.float32, array.shape, array.ctypes.data)
         return binding
 
 
