@@ -101,7 +101,7 @@ def reorder(weight: Tensor) -> np.ndarray:
 
 def as_weight(tensor: Tensor) -> np.ndarray:
     """Return a tensor as float32."""
-    return tensor.detach().cpu().numpy().astype(np.float32)
+    return np.asarray(tensor.detach().cpu().float())
 
 
 def declare(name: str, shape: tuple[int, ...]) -> ValueInfoProto:
