@@ -19,7 +19,7 @@ from nas_data.benchmarks import rounds
 from nas_data.benchmarks.gym_arm import GymArm
 from nas_data.benchmarks.pairing import BareRollouts
 from nas_data.benchmarks.recording import EFFECTS, check_equal
-from nas_data.benchmarks.result import Result
+from nas_data.benchmarks.result import SECONDS, Result
 from nas_data.benchmarks.rounds import Ratio, take_turns
 from nas_data.cli import main
 from nas_data.dataset.dataset import Dataset
@@ -72,6 +72,14 @@ def test_the_ratio_is_that_of_the_times_per_frame_and_the_first_run_does_not_cou
     assert RATIO.of(times) == pytest.approx(3.0)
 
 
+def test_a_ratio_of_processor_time_goes_by_that_alone_and_says_so():
+    times = {"fast": rounds.Times((1.0, 9.0), (3.0, 4.0)), "slow": rounds.Times((5.0, 6.0), (6.0, 12.0))}
+    ratio = Ratio("fast_vs_slow", "fast", "slow", wanted=2.0, clock="cpu")
+    assert ratio.values(times) == pytest.approx([2.0, 3.0])
+    assert "in 2 rounds of processor time, at least 2" in ratio.describe(times)
+    assert "processor" not in RATIO.describe(times)
+
+
 def test_the_sides_take_turns_and_none_is_always_first(clock):
     sides = {name: clock.work(name, [1.0] * 5, frames=1) for name in ("fast", "slow")}
     take_turns(sides, rounds=4)
@@ -103,6 +111,14 @@ def test_the_text_holds_every_round_the_spread_the_bar_and_the_hardware():
         assert part in text
     assert text.count("fast ") == 1
     assert [line.split()[-3:] for line in text.splitlines() if line.startswith("slow")] == [["5", "6", "7"]]
+
+
+def test_times_are_told_in_the_unit_of_the_result():
+    result = Result("title", {"side": rounds.Times((1.5, 2.5), (0.5, 0.25))}, (), unit=SECONDS)
+    assert result.to_json()["seconds"] == {"side": {"wall": [1.5, 2.5], "cpu": [0.5, 0.25]}}
+    lines = [line.split() for line in result.to_text().splitlines()]
+    assert ["seconds", "in", "round", "1", "2", "cpu"] in lines
+    assert ["side", "1.5", "2.5", "0.25"] in lines
 
 
 def commands(simulator: MujocoSimulator, steps: int, episodes: int = 3) -> np.ndarray:

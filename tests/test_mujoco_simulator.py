@@ -23,6 +23,7 @@ from simulator_samples import (
 )
 
 from nas_data.effects.backlash import Backlash
+from nas_data.effects.load_friction import LoadFriction
 from nas_data.errors import ModelFileError
 from nas_data.robots.base import find_robot
 from nas_data.simulators import mujoco as simulator_module
@@ -191,6 +192,32 @@ def test_setting_states_keeps_play_delays_and_setpoints(folder):
     stepper.step(np.array([[0.0, 0.4]]))  # this command is under way for 30 ms
     stepper.set_states(np.zeros((1, 4)))
     assert stepper.step(np.zeros((1, 2)))[0, 3] > 0.05
+
+
+@pytest.mark.parametrize("effect", [Backlash(joint="m3", half_width=0.03), LoadFriction(joint="m2", ratio=0.3)])
+def test_looking_at_a_closed_loop_changes_nothing(effect):
+    simulator = MujocoSimulator.load("ergojr", 0.01, effects=(effect,), threads=1)
+    watched, alone = simulator.stepper(3), simulator.stepper(3)
+    rng = np.random.default_rng(0)
+    for step in range(60):
+        commands, change = rng.uniform(-1, 1, (3, 6)), 0.01 * rng.normal(size=(3, 12))
+        after = [stepper.step(commands) for stepper in (watched, alone)]
+        assert np.array_equal(*after)
+        watched.site_positions("tip")
+        for stepper in (watched, alone):
+            if step % 3 == 0:  # also right after the sites were looked at
+                stepper.set_states(after[0] + change)
+            if step % 20 == 7:
+                stepper.reset(np.zeros((1, 12)), np.array([1]))
+        if step % 2:
+            watched.site_positions("tip")
+        assert np.array_equal(watched.states, alone.states)
+
+
+def test_states_belong_to_whom_they_are_given(folder):
+    stepper = load(folder, "ergojr")[0].stepper(2)
+    stepper.states[:] = 7.0
+    assert not stepper.states.any()
 
 
 def test_setting_a_state_that_it_has_changes_nothing(folder):

@@ -10,7 +10,24 @@ from nas_data.benchmarks.rounds import Ratio, Times
 from nas_data.commands.base import Outcome
 from nas_data.errors import OptionError
 
-MICRO = 1e6
+
+@dataclass(frozen=True)
+class Unit:
+    """In what times are told.
+
+    Attributes:
+        heading: For a person.
+        key: For machines.
+        factor: Of a second.
+    """
+
+    heading: str
+    key: str
+    factor: float
+
+
+MICROSECONDS_A_FRAME = Unit("µs a frame", "microseconds_per_frame", 1e6)
+SECONDS = Unit("seconds", "seconds", 1.0)
 
 
 @dataclass(frozen=True)
@@ -22,12 +39,14 @@ class Result:
         times: Name of each side → its times.
         ratios: What is compared; the first is the benchmark's own.
         notes: What a reader must know to trust the numbers.
+        unit: In what the times are told.
     """
 
     title: str
     times: Mapping[str, Times]
     ratios: tuple[Ratio, ...]
     notes: tuple[str, ...] = ()
+    unit: Unit = MICROSECONDS_A_FRAME
 
     def to_text(self) -> str:
         """Return title, times per frame of each round, ratios and hardware, for a person."""
@@ -40,24 +59,28 @@ class Result:
         return "\n".join([self.title, "", *self._table(), "", *ratios, *self.notes, f"{on}; {with_versions}"])
 
     def _table(self) -> list[str]:
-        """Return the times as lines, one a side."""
-        width = max(len(name) for name in self.times)
+        """Return the times as lines, one a side; the last column is the shortest processor time."""
+        heading, factor = f"{self.unit.heading} in round", self.unit.factor
+        width = max(len(name) for name in (heading, *self.times))
         rounds = len(next(iter(self.times.values())).wall)
         head = "".join(f"{number:>8}" for number in range(1, rounds + 1))
-        lines = [f"{'µs a frame in round':<{width}}{head}     cpu"]
+        lines = [f"{heading:<{width}}{head}     cpu"]
         for name, times in self.times.items():
-            cells = "".join(f"{seconds * MICRO:8.4g}" for seconds in times.wall)
-            lines.append(f"{name:<{width}}{cells}{min(times.cpu) * MICRO:8.4g}")
+            cells = "".join(f"{seconds * factor:8.4g}" for seconds in times.wall)
+            lines.append(f"{name:<{width}}{cells}{min(times.cpu) * factor:8.4g}")
         return lines
 
     def to_json(self) -> dict[str, object]:
-        """Return the same for machines; times in µs a frame."""
+        """Return the same for machines; times in the unit of their key."""
         return {
             "ratios": {ratio.name: ratio.of(self.times) for ratio in self.ratios},
             "rounds": {ratio.name: ratio.values(self.times) for ratio in self.ratios},
             "wanted": {ratio.name: ratio.wanted for ratio in self.ratios if ratio.wanted is not None},
-            "microseconds_per_frame": {
-                name: {"wall": [wall * MICRO for wall in times.wall], "cpu": [cpu * MICRO for cpu in times.cpu]}
+            self.unit.key: {
+                name: {
+                    "wall": [self.unit.factor * wall for wall in times.wall],
+                    "cpu": [self.unit.factor * cpu for cpu in times.cpu],
+                }
                 for name, times in self.times.items()
             },
             "title": self.title,

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from statistics import median
+from typing import Literal
 
 Work = Callable[[], int]
 
@@ -54,16 +55,19 @@ class Ratio:
         ours: Name of the side that is ours.
         other: Name of the side that it is compared with.
         wanted: Smallest ratio that is good enough; None where the ratio is only told.
+        clock: Which time counts: `wall`, or `cpu` where a busy machine would decide the elapsed one.
     """
 
     name: str
     ours: str
     other: str
     wanted: float | None = None
+    clock: Literal["wall", "cpu"] = "wall"
 
     def values(self, times: Mapping[str, Times]) -> list[float]:
-        """Return the other's elapsed time divided by ours, one value a round; above 1 we are faster."""
-        return [other / ours for ours, other in zip(times[self.ours].wall, times[self.other].wall, strict=True)]
+        """Return the other's time divided by ours, one value a round; above 1 we are faster."""
+        ours, other = (getattr(times[side], self.clock) for side in (self.ours, self.other))
+        return [theirs / mine for mine, theirs in zip(ours, other, strict=True)]
 
     def of(self, times: Mapping[str, Times]) -> float:
         """Return the median over the rounds."""
@@ -75,5 +79,5 @@ class Ratio:
         bar = "" if self.wanted is None else f", at least {self.wanted:.2g} is wanted"
         return (
             f"{self.name} {self.of(times):.3g}, between {min(values):.3g} and {max(values):.3g} "
-            f"in {len(values)} rounds{bar}"
+            f"in {len(values)} rounds{' of processor time' if self.clock == 'cpu' else ''}{bar}"
         )

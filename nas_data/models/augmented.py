@@ -1,10 +1,10 @@
 """Closed loops with a learned model: the source corrected by φ, and ψ alone."""
 
 import numpy as np
-import torch
 
 from nas_data.errors import CheckpointError, JointMismatch
 from nas_data.models.bounds import out_of_bounds
+from nas_data.models.frozen.freeze import freeze
 from nas_data.models.lstm import DynamicsModel
 from nas_data.simulators.base import Stepper
 
@@ -26,7 +26,7 @@ class LearnedStepper:
 
         Args:
             source: Batch of B simulations with the model's joints.
-            model: Frozen φ or ψ.
+            model: φ or ψ as it is now; what it learns later has no effect.
 
         Raises:
             JointMismatch: the model was trained for other joints.
@@ -42,7 +42,7 @@ class LearnedStepper:
         self.size = source.size
         self._states = source.states
         self._steps = model.kind == "delta" or source.objects.shape[1] > 0
-        self._memory = model.no_memory(self.size)
+        self._network = freeze(model, self.size)
         self._lost = np.zeros(self.size, bool)
 
     @property
@@ -63,8 +63,7 @@ class LearnedStepper:
         """Start simulations anew, the model's memory zeroed; see `Stepper.reset`."""
         self.source.reset(states, rows)
         chosen = slice(None) if rows is None else rows
-        for memory in self._memory:
-            memory[:, chosen] = 0
+        self._network.forget(chosen)
         self._lost[chosen] = False
         self._states = self.source.states
 
@@ -72,12 +71,8 @@ class LearnedStepper:
         """Hold the commands for one control period; see `Stepper.step`."""
         stepped = self.source.step(commands) if self._steps else self._states
         base = stepped if self.model.kind == "delta" else self._states
-        with torch.no_grad():
-            change, self._memory = self.model.changes(
-                as_input(self._states), as_input(commands), as_input(base), self._memory
-            )
         # added in float64: a model that changes nothing leaves the source as it is, to the last bit
-        self._states = base + change[:, 0].numpy()
+        self._states = base + self._network.changes(self._states, commands, base)
         self._lost |= out_of_bounds(self._states)
         if self._lost.any():
             self.source.set_states(np.where(self._lost[:, None], self.source.states, self._states))
@@ -124,8 +119,3 @@ def require_kind(model: DynamicsModel, kind: str) -> None:
         raise CheckpointError(
             f"The checkpoint is a {model.kind} model; a {kind} model is needed here: train one with `nas train {kind}`."
         )
-
-
-def as_input(array: np.ndarray) -> torch.Tensor:
-    """Return a batch of one time step, shape (B, 1, d), float32."""
-    return torch.from_numpy(np.asarray(array, dtype=np.float32))[:, None]

@@ -12,8 +12,8 @@ from torch.utils.tensorboard import SummaryWriter
 
 from nas_data.errors import OutputExists
 from nas_data.models import checkpoint
+from nas_data.models.descent import Descent
 from nas_data.models.lstm import DynamicsModel
-from nas_data.models.phases import Phase
 from nas_data.models.threads import one_thread
 from nas_data.models.training import Training
 
@@ -68,9 +68,7 @@ class TrainingRun:
         self.report = report
         self.attachments = attachments
         self.progress = Progress()
-        self.optimiser = torch.optim.AdamW(
-            training.model.parameters(), lr=1e-3, weight_decay=training.options.weight_decay
-        )
+        self.descent = Descent(training)
         self._restore()
 
     def run(self) -> DynamicsModel:
@@ -92,28 +90,11 @@ class TrainingRun:
         phase, progress = self.training.phase, self.progress
         losses: list[float] = []
         while progress.update < phase.updates and progress.stale <= self.training.options.patience:
-            losses.append(self._update(phase))
+            losses.append(self.descent.update(progress.update))
             progress.update += 1
             if progress.update % phase.per_validation == 0 or progress.update == phase.updates:
                 self._validate(sum(losses) / len(losses))
                 losses.clear()
-
-    def _update(self, phase: Phase) -> float:
-        """Take one step of the optimiser and return the loss; a step that is not finite is left out."""
-        options, update = self.training.options, self.progress.update
-        share = update / phase.updates
-        warm = min(1.0, (update + 1) / 20)
-        rate = phase.rate * warm * (0.5 + 0.5 * float(torch.cos(torch.tensor(share * torch.pi)))) + 1e-5
-        for group in self.optimiser.param_groups:
-            group["lr"] = rate if options.cosine else phase.rate
-        loss = phase.loss(update)
-        self.optimiser.zero_grad()
-        loss.backward()
-        limit = options.clip or float("inf")
-        norm = torch.nn.utils.clip_grad_norm_(self.training.model.parameters(), limit)
-        if torch.isfinite(norm):
-            self.optimiser.step()
-        return float(loss.detach())
 
     def _validate(self, loss: float) -> None:
         """Measure the validation error, keep the best model, store where the training stands."""
@@ -155,7 +136,7 @@ class TrainingRun:
             "identity": self._identity(),
             "progress": asdict(self.progress),
             "model": self.training.model.state_dict(),
-            "optimiser": self.optimiser.state_dict(),
+            "optimiser": self.descent.optimiser.state_dict(),
         }
         partial = self.folder / PARTIAL
         torch.save(content, partial)
@@ -172,7 +153,7 @@ class TrainingRun:
                 f"{self.folder} holds an unfinished training of other options, data or source; remove it."
             )
         self.training.model.load_state_dict(content["model"])
-        self.optimiser.load_state_dict(content["optimiser"])
+        self.descent.optimiser.load_state_dict(content["optimiser"])
         self.progress = Progress(**content["progress"])
         self.report(f"going on at update {self.progress.update} of {self.folder}")
 

@@ -13,7 +13,7 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.utils import set_random_seed
-from stable_baselines3.common.vec_env import VecNormalize
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
 from nas_data.envs.loop.plant import Plant
@@ -121,29 +121,7 @@ class Learner:
         self.arms = ArmVecEnv(training.plant.task, stepper)
         self.normalised = VecNormalize(self.arms, gamma=p.discount)
         self.progress: list[files.Row] = []
-        torch.set_num_threads(1)  # the networks are too small to share, and the other cores have other seeds to train
-        self.ppo = PPO(
-            "MlpPolicy",
-            self.normalised,
-            learning_rate=p.learning_rate,
-            n_steps=p.rollout // p.arms,
-            batch_size=p.rollout // p.minibatches,
-            n_epochs=p.epochs,
-            gamma=p.discount,
-            gae_lambda=p.trace,
-            clip_range=p.clip,
-            ent_coef=p.entropy_weight,
-            vf_coef=p.value_weight,
-            max_grad_norm=p.gradient_norm,
-            policy_kwargs={
-                "net_arch": {"pi": list(p.hidden), "vf": list(p.hidden)},
-                "activation_fn": torch.nn.Tanh,
-                "optimizer_kwargs": {"eps": 1e-5, "fused": True},
-            },
-            seed=training.seed,
-            device="cpu",
-        )
-        self.ppo.set_logger(Logger(None, []))
+        self.ppo = new_ppo(self.normalised, p, training.seed)
 
     @property
     def done(self) -> int:
@@ -181,6 +159,34 @@ class Learner:
         self.arms.seed(seed)
         self.arms.take_episodes()
         self.ppo.set_env(self.normalised, force_reset=True)
+
+
+def new_ppo(environment: VecEnv, p: Hyperparameters, seed: int) -> PPO:
+    """Return PPO that has learned nothing yet, silent and on one thread."""
+    torch.set_num_threads(1)  # the networks are too small to share, and the other cores have other seeds to train
+    ppo = PPO(
+        "MlpPolicy",
+        environment,
+        learning_rate=p.learning_rate,
+        n_steps=p.rollout // p.arms,
+        batch_size=p.rollout // p.minibatches,
+        n_epochs=p.epochs,
+        gamma=p.discount,
+        gae_lambda=p.trace,
+        clip_range=p.clip,
+        ent_coef=p.entropy_weight,
+        vf_coef=p.value_weight,
+        max_grad_norm=p.gradient_norm,
+        policy_kwargs={
+            "net_arch": {"pi": list(p.hidden), "vf": list(p.hidden)},
+            "activation_fn": torch.nn.Tanh,
+            "optimizer_kwargs": {"eps": 1e-5, "fused": True},
+        },
+        seed=seed,
+        device="cpu",
+    )
+    ppo.set_logger(Logger(None, []))
+    return ppo
 
 
 def mean(values: list[float]) -> float:

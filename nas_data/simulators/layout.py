@@ -162,6 +162,13 @@ def reference_controls(model: mujoco.MjModel) -> np.ndarray:
     return controls
 
 
+def as_slice(indices: np.ndarray) -> np.ndarray | slice:
+    """Return indices that follow each other as a slice, which numpy reads and writes several times faster."""
+    first = int(indices[0])
+    consecutive = np.array_equal(indices, np.arange(first, first + len(indices)))
+    return slice(first, first + len(indices)) if consecutive else indices
+
+
 class RestStates:
     """The full state of a model that has been at rest in a posture: setpoints, delays and all.
 

@@ -17,7 +17,7 @@ from nas_data.errors import ModelFileError
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.compiled import Compiled
 from nas_data.simulators.hooks import HookedBatch, Switching, roll_hooked
-from nas_data.simulators.layout import FULLPHYSICS, INTEGRATION, RestStates
+from nas_data.simulators.layout import FULLPHYSICS, INTEGRATION, RestStates, as_slice
 from nas_data.simulators.pool import rollout_pool
 from nas_data.simulators.settled import SettledStates
 
@@ -229,7 +229,8 @@ class MujocoStepper:
         self.layout = simulator.layout
         self.joints = simulator.joints
         self.size = size
-        self._batch = mujoco.batch.Batch(simulator.model, nsim=size, nthread=1)
+        # persistent: what is computed for the sites of a state is not computed again by the step that follows
+        self._batch = mujoco.batch.Batch(simulator.model, nsim=size, nthread=1, persistent=True)
         self._rest = RestStates(simulator.model, self.layout, INTEGRATION)
         self._qpos = self._batch.bind("qpos")
         self._qvel = self._batch.bind("qvel")
@@ -238,15 +239,18 @@ class MujocoStepper:
         self._lost = np.zeros(size, bool)
         self._sites = self._batch.bind("site_xpos") if simulator.model.nsite else None
         self._moved = True
+        self._measured: np.ndarray | None = None
+        self._servos = tuple(as_slice(places) for places in (self.layout.qpos, self.layout.dof, self.layout.control))
         self._hooked = HookedBatch(self._batch, simulator.hooks) if simulator.hooks else None
         self.reset(np.zeros((size, 2 * len(self.joints))))
 
     @property
     def states(self) -> np.ndarray:
         """Measured positions [rad] then velocities [rad/s], shape (B, 2n); NaN where a simulation diverged."""
-        states = self.layout.measure(self._qpos, self._qvel)
-        states[self._lost] = np.nan
-        return states
+        if self._measured is None:
+            self._measured = self.layout.measure(self._qpos, self._qvel)
+            self._measured[self._lost] = np.nan
+        return self._measured.copy()
 
     @property
     def objects(self) -> np.ndarray:
@@ -258,7 +262,7 @@ class MujocoStepper:
         chosen = slice(None) if rows is None else rows
         self._batch.state[chosen] = self._rest(np.asarray(states, float))
         self._lost[chosen] = False
-        self._moved = True
+        self._moved, self._measured = True, None
         if self._hooked:
             self._hooked.refresh(rows)
 
@@ -268,7 +272,8 @@ class MujocoStepper:
 
     def step(self, commands: np.ndarray) -> np.ndarray:
         """Hold the commands for one control period; see `Stepper.step`."""
-        self._ctrl[:, self.layout.control] = commands
+        _, _, control = self._servos
+        self._ctrl[:, control] = commands
         due = self._time + self.simulator.period
         with heard_instability():
             if self._hooked:
@@ -277,16 +282,17 @@ class MujocoStepper:
                 self._batch.step(nstep=self.simulator.substeps)
         # the engine goes on from its reference posture, with its clock at zero, after a simulation diverged
         self._lost |= ~(np.abs(self._time - due) < self.simulator.model.opt.timestep / 2).reshape(self.size)
-        self._moved = True
+        self._moved, self._measured = True, None
         return self.states
 
     def set_states(self, states: np.ndarray) -> None:
         """Move the servos so that the measured state becomes `states`; play and other hidden joints keep theirs."""
         change = states - self.states
         n = len(self.joints)
-        self._qpos[:, self.layout.qpos] += change[:, :n]
-        self._qvel[:, self.layout.dof] += change[:, n:]
-        self._moved = True
+        qpos, dof, _ = self._servos
+        self._qpos[:, qpos] += change[:, :n]
+        self._qvel[:, dof] += change[:, n:]
+        self._moved, self._measured = True, None
 
     def site_positions(self, name: str) -> np.ndarray:
         """Return where a site is in the world [m], shape (B, 3).
@@ -298,6 +304,6 @@ class MujocoStepper:
         if site < 0 or self._sites is None:
             raise ModelFileError(f"{self.simulator.robot.mjcf} has no site '{name}'; add <site name='{name}'/>.")
         if self._moved:
-            self._batch.forward(stage=mujoco.mjtStage.mjSTAGE_POS.value)
+            self._batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
             self._moved = False
         return self._sites[:, site].copy()

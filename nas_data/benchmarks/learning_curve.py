@@ -1,0 +1,83 @@
+"""What a training has reached by when: processor time against the best held-out loss so far."""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.models.descent import Descent
+from nas_data.models.presets import TrainingOptions
+from nas_data.models.threads import one_thread
+from nas_data.models.training import Training
+
+
+@dataclass(frozen=True)
+class Point:
+    """The end of an epoch.
+
+    Attributes:
+        cpu: Processor time since the training's start [s], validations excluded.
+        wall: Elapsed time, likewise [s].
+        loss: Best one-step error on the held-out episodes so far, mean square in units of the target's spread.
+    """
+
+    cpu: float
+    wall: float
+    loss: float
+
+
+Curve = tuple[Point, ...]
+
+
+@one_thread()
+def learn(dataset: Dataset, options: TrainingOptions, enough: Callable[[Point], bool]) -> Curve:
+    """Train φ by teacher forcing, epoch by epoch.
+
+    Args:
+        dataset: Paired episodes.
+        options: How.
+        enough: Told of each epoch; whether to stop there. At the end of its schedule a training stops by itself.
+
+    Returns:
+        One point an epoch, at least one: what a training knows before its first epoch (normalisation, a shortcut
+        fitted in closed form) costs time as well, and is not told apart from that.
+    """
+    clock = Clock()
+    training = Training("delta", dataset, options, device="cpu")
+    descent, curve = Descent(training), list[Point]()
+    for epoch in range(options.epochs):
+        first = epoch * training.phase.per_validation
+        for number in range(first, first + training.phase.per_validation):
+            descent.update(number)
+        clock.stop()
+        best = min(training.validation_error(), curve[-1].loss if curve else math.inf)
+        curve.append(Point(clock.cpu, clock.wall, best))
+        if enough(curve[-1]):
+            break
+        clock.go()
+    return tuple(curve)
+
+
+def when(curve: Curve, loss: float) -> tuple[float, float]:
+    """Return the processor and elapsed time [s] at which a held-out loss was reached; infinite where it never was."""
+    return next(((point.cpu, point.wall) for point in curve if point.loss <= loss), (math.inf, math.inf))
+
+
+class Clock:
+    """Processor and elapsed time [s] while it goes."""
+
+    def __init__(self) -> None:
+        """Start at zero and go."""
+        self.cpu = self.wall = 0.0
+        self.go()
+
+    def go(self) -> None:
+        """Go on."""
+        self._since = time.process_time(), time.perf_counter()
+
+    def stop(self) -> None:
+        """Stand still; `cpu` and `wall` hold the time so far."""
+        cpu, wall = self._since
+        self.cpu += time.process_time() - cpu
+        self.wall += time.perf_counter() - wall

@@ -1,0 +1,132 @@
+"""Our training of φ against the paper's recipe: processor time to the same held-out loss."""
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from nas_data.benchmarks.learning_curve import Curve, Point, learn, when
+from nas_data.benchmarks.result import SECONDS, Result
+from nas_data.benchmarks.rounds import Ratio, Times
+from nas_data.commands.pair import Pair
+from nas_data.commands.record_sim import RecordSim
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.read import read
+from nas_data.envs.ergo_reacher import TASK
+from nas_data.models.presets import preset
+
+ENVIRONMENT, DYNAMICS = "ErgoReacher", "backlash"
+PAPER = preset("paper")
+TUNED = replace(PAPER, rate=1e-3)  # what a user finds who tries the next smaller decade
+FAST = preset("fast", updates=0)
+RECIPE = replace(FAST, relative=PAPER.relative, shortcut=PAPER.shortcut)
+WANTED = 8.0
+WANTED_TUNED = 1.0
+
+
+@dataclass(frozen=True)
+class Race:
+    """The trainings of one seed, on the same split of the same episodes.
+
+    Attributes:
+        paper: The paper's recipe, stopped when its budget was spent.
+        tuned: The same with a tenth of its learning rate.
+        fast: Our preset, stopped when it was as good as both.
+        recipe: How our preset trains, on the paper's network.
+    """
+
+    paper: Curve
+    tuned: Curve
+    fast: Curve
+    recipe: Curve
+
+    @classmethod
+    def run(cls, dataset: Dataset, seed: int, budget: float) -> "Race":
+        """Train all four.
+
+        Args:
+            dataset: Paired episodes.
+            seed: Of weights, split and order.
+            budget: Processor time of the paper's recipe, and of its tuned form [s].
+        """
+        paper, tuned = (
+            learn(dataset, replace(options, seed=seed), lambda point: point.cpu >= budget) for options in (PAPER, TUNED)
+        )
+        goals = {FAST: min(paper[-1].loss, tuned[-1].loss), RECIPE: paper[-1].loss}
+        fast, recipe = (
+            learn(dataset, replace(options, seed=seed), lambda point, goal=goal: point.loss <= goal)  # type: ignore[misc]
+            for options, goal in goals.items()
+        )
+        return cls(paper, tuned, fast, recipe)
+
+    def seconds(self) -> Mapping[str, tuple[float, float]]:
+        """Return the processor and elapsed time [s] of each side."""
+        return {
+            "paper": spent(self.paper[-1]),
+            "tuned": spent(self.tuned[-1]),
+            "nas, to paper's loss": when(self.fast, self.paper[-1].loss),
+            "nas, to tuned's loss": when(self.fast, self.tuned[-1].loss),
+            "recipe, to paper's loss": when(self.recipe, self.paper[-1].loss),
+        }
+
+
+def spent(point: Point) -> tuple[float, float]:
+    """Return the processor and elapsed time [s] of a whole training."""
+    return point.cpu, point.wall
+
+
+def benchmark(scratch: Path, episodes: int, budget: int, seeds: int) -> Result:
+    """Give the paper's recipe a budget, then train ours until its held-out loss is as low.
+
+    The paper's recipe (batch 1, Adam, learning rate 0.01; appendix A.1) trains φ for `budget` seconds of processor
+    time; its loss is the best it had on the held-out episodes by then. The ratio `training_vs_paper` is that time
+    over the processor time of our preset `fast` from its start to the end of the first epoch with a loss as low, in
+    the median over seeds. Both train by teacher forcing on the same episodes, with the same ones held out and the
+    same normalisation of the loss; validations cost neither of them time. A loss that is never reached counts as 0.
+
+    Beside it: `training_vs_tuned`, the same against the paper's recipe at a tenth of its learning rate, and
+    `recipe_vs_paper`, our way to train on the paper's network, without what our preset adds to its inputs and outputs.
+
+    Args:
+        scratch: Empty folder.
+        episodes: Episodes of ErgoReacher with backlash, one second each.
+        budget: Processor time [s].
+        seeds: How many, from 0.
+    """
+    print(f"recording {episodes} episodes …", file=sys.stderr)
+    RecordSim(env=ENVIRONMENT, dynamics=DYNAMICS, episodes=episodes, quantum=0.0, out=scratch / "recorded").run()
+    Pair(dataset=scratch / "recorded", model=TASK.robot, out=scratch / "paired").run()
+    dataset = read(scratch / "paired")
+    races = []
+    for seed in range(seeds):
+        races.append(Race.run(dataset, seed, budget))
+        print(f"seed {seed}: {sentence(races[-1])}", file=sys.stderr)
+    return Result(
+        title=f"Training φ on {episodes} episodes of {ENVIRONMENT} with backlash; one column a seed",
+        times=as_times(races),
+        ratios=(
+            Ratio("training_vs_paper", "nas, to paper's loss", "paper", WANTED, "cpu"),
+            Ratio("training_vs_tuned", "nas, to tuned's loss", "tuned", WANTED_TUNED, "cpu"),
+            Ratio("recipe_vs_paper", "recipe, to paper's loss", "paper", None, "cpu"),
+        ),
+        notes=tuple(f"Seed {seed}: {sentence(race)}" for seed, race in enumerate(races)),
+        unit=SECONDS,
+    )
+
+
+def as_times(races: Sequence[Race]) -> dict[str, Times]:
+    """Return the times of each side, one round a seed."""
+    rows = [race.seconds() for race in races]
+    return {
+        side: Times(wall=tuple(row[side][1] for row in rows), cpu=tuple(row[side][0] for row in rows))
+        for side in rows[0]
+    }
+
+
+def sentence(race: Race) -> str:
+    """Say what losses were reached."""
+    paper, tuned, fast = race.paper[-1], race.tuned[-1], race.fast[-1]
+    return (
+        f"held-out loss {paper.loss:.3f} by the paper's recipe in {len(race.paper)} epochs, {tuned.loss:.3f} at a "
+        f"tenth of its learning rate; {fast.loss:.3f} by ours in {fast.cpu:.1f} s."
+    )

@@ -1,0 +1,25 @@
+"""Time PPO in the augmented environment against plain environments and one network an environment."""
+
+from dataclasses import dataclass
+
+from nas_data.commands.base import Command, Outcome
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchmarkAugmented(Command):
+    """Learn with PPO in environments with φ, without it, and with a network each, in turns; processor time counts.
+
+    Example: nas benchmark augmented --rounds 15
+    """
+
+    frames: int = 2048
+    """Frames of a rollout, over all environments; at least 64."""
+    rounds: int = 15
+    """How often each side is timed; the median counts."""
+
+    def run(self) -> Outcome:
+        """Measure; nothing is written."""
+        from nas_data.benchmarks.augmented import benchmark
+        from nas_data.benchmarks.result import measured
+
+        return measured(benchmark, frames=self.frames, rounds=self.rounds)

@@ -1,0 +1,114 @@
+"""One time step of a learned model as an ONNX graph."""
+
+import numpy as np
+from onnx import ModelProto, NodeProto, TensorProto, ValueInfoProto, helper, numpy_helper
+from torch import Tensor
+
+from nas_data.models.lstm import DynamicsModel
+
+OPSET, IR_VERSION = 17, 9  # of 2022: every ONNX Runtime that knows a Python of ours reads them
+GATES = [0, 3, 1, 2]  # torch's nn.LSTM keeps input, forget, cell, output; ONNX's LSTM input, output, forget, cell
+INPUTS, CHANGES = "inputs", "changes"
+
+
+def hidden_name(layer: int, after: bool) -> str:
+    """Return the name of what a layer remembers and puts out, before or after the step."""
+    return f"hidden{layer}_{'after' if after else 'before'}"
+
+
+def cell_name(layer: int, after: bool) -> str:
+    """Return the name of a layer's cell state, before or after the step."""
+    return f"cell{layer}_{'after' if after else 'before'}"
+
+
+def one_step(model: DynamicsModel, size: int) -> ModelProto:
+    """Return the graph for a batch of fixed size.
+
+    Its inputs are what `DynamicsModel.raw_inputs` returns less `input_mean` (B, width), and hidden and cell state of
+    each layer (1, B, hidden); its outputs are the changes in physical units (B, 2n), and the states after. The
+    spreads by which inputs are divided and outputs multiplied are part of the weights.
+
+    Args:
+        model: φ or ψ.
+        size: Number of rows, B.
+    """
+    layers, hidden = model.lstm.num_layers, model.lstm.hidden_size
+    weights = linear_weights(model) | {key: value for k in range(layers) for key, value in lstm_weights(model, k)}
+    memory = layers, (1, size, hidden)
+    graph = helper.make_graph(
+        nodes(model, layers, hidden),
+        "one_step",
+        [declare(INPUTS, (size, model.inner.in_features)), *declare_memory(*memory, after=False)],
+        [declare(CHANGES, (size, model.outer.out_features)), *declare_memory(*memory, after=True)],
+        [numpy_helper.from_array(value, name) for name, value in weights.items()],
+    )
+    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR_VERSION)
+
+
+def nodes(model: DynamicsModel, layers: int, hidden: int) -> list[NodeProto]:
+    """Return the operations in their order; a layer reads what the one before it puts out."""
+    made = [
+        helper.make_node("Gemm", [INPUTS, "inner_weight", "inner_bias"], ["inner"], transB=1),
+        helper.make_node("Relu", ["inner"], ["read"]),
+        helper.make_node("Unsqueeze", ["read", "time"], ["read_step"]),
+    ]
+    for layer in range(layers):
+        source = hidden_name(layer - 1, after=True) if layer else "read_step"
+        before = [hidden_name(layer, after=False), cell_name(layer, after=False)]
+        after = ["", hidden_name(layer, after=True), cell_name(layer, after=True)]
+        given = [source, f"w{layer}", f"r{layer}", f"b{layer}", "", *before]
+        made.append(helper.make_node("LSTM", given, after, hidden_size=hidden))
+    made.append(helper.make_node("Squeeze", [hidden_name(layers - 1, after=True), "time"], ["last"]))
+    beside = "outer_bias"
+    if model.shortcut is not None:
+        made.append(helper.make_node("Gemm", [INPUTS, "shortcut_weight", beside], ["linear"], transB=1))
+        beside = "linear"
+    made.append(helper.make_node("Gemm", ["last", "outer_weight", beside], [CHANGES], transB=1))
+    return made
+
+
+def linear_weights(model: DynamicsModel) -> dict[str, np.ndarray]:
+    """Return the weights of the linear layers, the spreads of inputs and outputs multiplied into them."""
+    read, put = model.inputs.std.double(), model.outputs.std.double()[:, None]
+    bias, spare = model.outer.bias.double(), {}
+    if model.shortcut is not None:
+        bias = bias + model.shortcut.bias.double()
+        spare = {"shortcut_weight": as_weight(model.shortcut.weight.double() / read * put)}
+    return spare | {
+        "inner_weight": as_weight(model.inner.weight.double() / read),
+        "inner_bias": as_weight(model.inner.bias),
+        "outer_weight": as_weight(model.outer.weight.double() * put),
+        "outer_bias": as_weight(model.outputs.restore(bias)),
+        "time": np.array([0]),  # the axis
+    }
+
+
+def lstm_weights(model: DynamicsModel, layer: int) -> list[tuple[str, np.ndarray]]:
+    """Return a layer's weights for its input and its memory, shape (1, 4 hidden, …), and biases (1, 8 hidden)."""
+    parts = {
+        name: reorder(getattr(model.lstm, f"{name}_l{layer}"))
+        for name in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
+    }
+    biases = np.concatenate([parts["bias_ih"], parts["bias_hh"]])
+    arrays = (parts["weight_ih"], parts["weight_hh"], biases)
+    return [(f"{name}{layer}", array[None]) for name, array in zip("wrb", arrays, strict=True)]
+
+
+def reorder(weight: Tensor) -> np.ndarray:
+    """Bring the gates, stacked along the first axis, into ONNX's order."""
+    return np.concatenate([np.split(as_weight(weight), 4)[gate] for gate in GATES])
+
+
+def as_weight(tensor: Tensor) -> np.ndarray:
+    """Return a tensor as float32."""
+    return np.asarray(tensor.detach().cpu().float())
+
+
+def declare(name: str, shape: tuple[int, ...]) -> ValueInfoProto:
+    """Return the declaration of an input or output."""
+    return helper.make_tensor_value_info(name, TensorProto.FLOAT, shape)
+
+
+def declare_memory(layers: int, shape: tuple[int, ...], after: bool) -> list[ValueInfoProto]:
+    """Return the declarations of the hidden and cell states of all layers."""
+    return [declare(name(layer, after), shape) for layer in range(layers) for name in (hidden_name, cell_name)]
