@@ -88,6 +88,7 @@ class RecordErgojr(Command):
 
     def run(self) -> Outcome:
         """Record what is not yet saved, and make the dataset."""
+        from nas_data.dataset.alone import alone
         from nas_data.dataset.growing import Growing
         from nas_data.dataset.versions import check_place
 
@@ -95,17 +96,20 @@ class RecordErgojr(Command):
         task = self.commands.stem if self.commands else protocol.excitation.name()
         name = self.name or f"{NAME}_{task}"
         check_place(out=self.out, name=name)
-        growing = Growing(self._under_way(name))
-        if not self.finish:
-            self._record(growing, protocol, configuration)
-        elif not growing.episodes:
-            raise OptionError(f"Nothing is saved in {growing.root} that could be finished; record first.")
-        return self._finish(growing, name)
+        with alone(self._under_way(name)):
+            growing = Growing(self._under_way(name))
+            if not self.finish:
+                self._record(growing, protocol, configuration)
+            elif not growing.episodes:
+                raise OptionError(f"Nothing is saved in {growing.root} that could be finished; record first.")
+            return self._finish(growing, name)
 
     def _record(self, growing: "Growing", protocol: "Protocol", configuration: "Configuration") -> None:
         from nas_data.recorders.ergojr import Job, Recording, look
+        from nas_data.recorders.ergojr_ways import Ways
         from nas_data.recorders.schedule import MonotonicClock, SteppedClock
         from nas_data.recorders.stopping import stoppable
+        from nas_data.robots.base import find_robot
         from nas_data.virtual_bus.ports import port_of
 
         with port_of(self.port, self.effect, self.fault, self.lockstep) as port, stoppable():
@@ -114,6 +118,7 @@ class RecordErgojr(Command):
             job = Job(
                 port=port,
                 joints=joints,
+                ways=Ways(find_robot(NAME)),
                 plan=self._plan(growing, protocol),
                 rate=self.rate,
                 configuration=configuration,

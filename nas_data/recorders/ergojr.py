@@ -1,5 +1,6 @@
 """The recording of an ErgoJr: each episode is on the disk before the next begins, and the arm is safe at the end."""
 
+import contextlib
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 
@@ -7,11 +8,12 @@ import numpy as np
 
 from nas_data.dataset.growing import Growing
 from nas_data.dataset.provenance import Provenance, read_provenance
-from nas_data.errors import ArmError, BadReply, NobodyAnswers, ServoSilent
+from nas_data.errors import ArmError, BadReply, GuardLost, NobodyAnswers, ServoSilent
 from nas_data.recorders.ergojr_dataset import to_dataset
 from nas_data.recorders.ergojr_motion import Episode, Motion
 from nas_data.recorders.ergojr_plan import Plan
 from nas_data.recorders.ergojr_tally import Tally
+from nas_data.recorders.ergojr_ways import Ways
 from nas_data.recorders.schedule import Clock
 from nas_data.recorders.watchdog import Watchdog
 from nas_data.xl320.arm import Arm
@@ -22,6 +24,8 @@ PLAN = "meta/plan.npz"
 TRIES = 3  # times that an episode is begun before it is given up, or taken with readings that were missed
 REST = 1.0  # [s] that a line has to recover
 COOLING = 5.0  # [s] between two looks at an arm that cools
+SAVING = 30.0  # [s] that the disk may take for an episode while the arm stands still
+SETTING_UP = 10.0  # [s] that it may take to look at an arm, to set it up or to make it safe
 COOL = 5.0  # [°C] below the limit at which it goes on
 PASSING = (BadReply, ServoSilent, NobodyAnswers)  # what may have been a loose plug or noise
 
@@ -33,6 +37,7 @@ class Job:
     Attributes:
         port: Where the arm is.
         joints: Its joints.
+        ways: How it gets from pose to pose without touching anything.
         plan: Commands and first poses.
         rate: Control rate [Hz].
         configuration: Set-up of the servos.
@@ -43,6 +48,7 @@ class Job:
 
     port: str
     joints: Joints
+    ways: Ways
     plan: Plan
     rate: float
     configuration: Configuration
@@ -97,9 +103,9 @@ class Recording:
         """
         job = self._job
         arm = Arm(job.port, job.joints, self._clock.now)
-        watchdog = Watchdog(job.port, job.joints)
+        self._watchdog = Watchdog(job.port, job.joints)
         try:
-            motion = self._take(arm)
+            motion = self._take(arm, self.growing.episodes)
             for number in range(self.growing.episodes, len(job.plan.commands)):
                 motion = self._record(arm, motion, number)
                 progress(number + 1, float(motion.vitals.temperature.max()))
@@ -110,18 +116,24 @@ class Recording:
             self._say(self._saved())
             raise
         finally:
+            with contextlib.suppress(GuardLost):
+                self._watchdog.promise(SETTING_UP)
             doubt = arm.make_safe()
             arm.close()
-            watchdog.release()
+            self._watchdog.release()
             if doubt:
                 self._say(doubt)
 
-    def _take(self, arm: Arm) -> Motion:
-        """Look at the arm, set it up, switch its torque on."""
+    def _take(self, arm: Arm, number: int) -> Motion:
+        """Look at the arm and for a way to an episode's first pose, set it up, switch its torque on."""
+        job = self._job
+        self._watchdog.promise(SETTING_UP)
         arm.check()
-        arm.configure(self._job.configuration)
+        poses = job.plan.poses
+        job.ways.find(arm.read().positions, poses[min(number, len(poses) - 1)])
+        arm.configure(job.configuration)
         arm.torque_on()
-        return Motion(arm, self._clock, 1 / self._job.rate, self._job.largest_step)
+        return Motion(arm, self._clock, 1 / job.rate, job.largest_step, job.ways, self._watchdog.promise)
 
     def _record(self, arm: Arm, motion: Motion, number: int) -> Motion:
         """Record one episode and save it; return who moves the arm now."""
@@ -133,7 +145,7 @@ class Recording:
                 if not left:
                     raise
                 self._say(f"{error} Episode {number} is recorded anew.")
-                motion = self._again(arm)
+                motion = self._again(arm, number)
             else:
                 missed = int(episode.missed(1 / self._job.rate).sum())
                 self.tally.missed += missed
@@ -159,16 +171,18 @@ class Recording:
         while motion.vitals.temperature.max() > self._job.hot - COOL:
             motion.hold(pose, COOLING)
 
-    def _again(self, arm: Arm) -> Motion:
-        """Begin anew with an arm whose line failed."""
+    def _again(self, arm: Arm, number: int) -> Motion:
+        """Begin an episode anew with an arm whose line failed."""
+        self._watchdog.promise(SETTING_UP)
         arm.make_safe()
         self._clock.wait_until(self._clock.now() + REST)
-        return self._take(arm)
+        return self._take(arm, number)
 
     def _save(self, arm: Arm, episode: Episode) -> None:
         job = self._job
         dataset = to_dataset(episode, job.joints, job.rate, job.plan.task)
         plan = {PLAN: job.plan.to_bytes()} if not self.growing.episodes else {}
+        self._watchdog.promise(SAVING)
         self.growing.append(dataset, self._provenance(arm), plan)
 
     def _provenance(self, arm: Arm) -> Provenance:
