@@ -357,7 +357,7 @@ def saved() -> int:
 
 def test_a_killed_recorder_loses_nothing_and_leaves_no_torque():
     with VirtualBus(Options(honest=False)) as bus:
-        with recorder(bus.port, 500) as process:
+        with recorder(bus.port, 60) as process:
             wait_for(lambda: saved() >= 2)
             os.kill(process.pid, signal.SIGKILL)
             process.wait()
@@ -370,7 +370,7 @@ def test_a_killed_recorder_loses_nothing_and_leaves_no_torque():
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
 def test_a_recorder_that_is_told_to_stop_makes_the_arm_safe_first(end):
     with VirtualBus(Options(honest=False)) as bus:
-        with recorder(bus.port, 500) as process:
+        with recorder(bus.port, 60) as process:
             wait_for(lambda: saved() >= 1)
             process.send_signal(end)
             _, said = process.communicate(timeout=120)
@@ -381,7 +381,7 @@ def test_a_recorder_that_is_told_to_stop_makes_the_arm_safe_first(end):
 
 def test_a_recorder_that_hangs_is_ended_and_leaves_no_torque():
     with VirtualBus(Options(honest=False)) as bus:
-        with recorder(bus.port, 500) as process:
+        with recorder(bus.port, 60) as process:
             wait_for(lambda: saved() >= 1)
             os.kill(process.pid, signal.SIGSTOP)
             kept = saved()

@@ -107,6 +107,7 @@ class RecordErgojr(Command):
     def _record(self, growing: "Growing", protocol: "Protocol", configuration: "Configuration") -> None:
         from nas_data.recorders.ergojr import Job, Recording, look
         from nas_data.recorders.ergojr_ways import Ways
+        from nas_data.recorders.guarded import Setup
         from nas_data.recorders.schedule import MonotonicClock, SteppedClock
         from nas_data.recorders.stopping import stoppable
         from nas_data.robots.base import find_robot
@@ -115,17 +116,16 @@ class RecordErgojr(Command):
         with port_of(self.port, self.effect, self.fault, self.lockstep) as port, stoppable():
             joints = self._joints()
             look(port, joints)  # before the plan is drawn, which takes a while
-            job = Job(
+            setup = Setup(
                 port=port,
                 joints=joints,
                 ways=Ways(find_robot(NAME)),
-                plan=self._plan(growing, protocol),
                 rate=self.rate,
                 configuration=configuration,
                 largest_step=self.largest_step,
-                hot=self.hot,
-                provenance=self._provenance(protocol),
             )
+            plan, provenance = self._plan(growing, protocol), self._provenance(protocol)
+            job = Job(setup=setup, plan=plan, hot=self.hot, provenance=provenance)
             clock = SteppedClock() if self.lockstep else MonotonicClock()
             Recording(job, growing, clock, say).run(Progress(growing.episodes, len(job.plan.commands)))
 
