@@ -209,12 +209,12 @@ class RecordErgojr(Command):
         )
 
     def _joints(self) -> "Joints":
-        from nas_data.xl320.calibration import default_path, read_calibration
+        from nas_data.xl320.calibration import joints_of
         from nas_data.xl320.ergojr import ergojr_joints
 
-        path = self.calibration or default_path(NAME, self.id)
-        given = self.calibration is not None or (path.is_file() and self.port != "virtual")
-        return read_calibration(path, ergojr_joints()) if given else ergojr_joints()
+        if self.port == "virtual" and not self.calibration:
+            return ergojr_joints()
+        return joints_of(ergojr_joints(), NAME, self.id, self.calibration)
 
     def _provenance(self, protocol: "Protocol") -> "Provenance":
         """Say where the episodes come from; a virtual arm with its effects, unless they are to be found."""

@@ -20,9 +20,7 @@ from nas_data.xl320.joints import Joints
 PLAN = "meta/plan.npz"
 TRIES = 3  # times that an episode is begun before it is given up, or taken with readings that were missed
 REST = 1.0  # [s] that a line has to recover
-COOLING = 5.0  # [s] between two looks at an arm that cools
 SAVING = 30.0  # [s] that the disk may take for an episode while the arm stands still
-COOL = 5.0  # [°C] below the limit at which it goes on
 PASSING = (BadReply, ServoSilent, NobodyAnswers)  # what may have been a loose plug or noise
 
 
@@ -142,8 +140,7 @@ class Recording:
         """Wait in the rest pose until the warmest servo has cooled."""
         self.tally.pauses += 1
         self._say(f"A servo has {motion.vitals.temperature.max():.0f} °C; the arm rests until it is cooler.")
-        while motion.vitals.temperature.max() > self._job.hot - COOL:
-            motion.hold(pose, COOLING)
+        motion.cool(pose, self._job.hot)
 
     def _again(self, guarded: GuardedArm, number: int) -> Motion:
         """Begin an episode anew with an arm whose line failed."""

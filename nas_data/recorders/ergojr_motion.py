@@ -15,6 +15,8 @@ from nas_data.xl320.fitness import refuse_unfit
 APPROACH = 0.6  # [rad/s] of a slow way
 SETTLE = 0.5  # [s] that a pose is held before what follows
 LEAD = 0.02  # [s] from the decision to begin to the first reading
+COOLING = 5.0  # [s] between two looks at an arm that cools
+COOL = 5.0  # [°C] below the limit at which it goes on
 LOOK = 10  # control steps between two looks at the supply and warmth of a servo, one after the other
 
 
@@ -120,6 +122,11 @@ class Motion:
     def hold(self, pose: np.ndarray, seconds: float) -> None:
         """Stay in a pose [rad], shape (n,), for a time [s]; raises as `approach` does."""
         self.play(np.repeat(pose[None], max(1, round(seconds / self.period)), axis=0))
+
+    def cool(self, pose: np.ndarray, hot: float) -> None:
+        """Rest in a pose [rad], shape (n,), until the warmest servo is well below a temperature [°C]."""
+        while self.vitals.temperature.max() > hot - COOL:
+            self.hold(pose, COOLING)
 
     def play(self, commands: np.ndarray) -> Episode:
         """Send commands [rad], shape (T, n), one a period, and read the arm before each and after the last.

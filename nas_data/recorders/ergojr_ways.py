@@ -56,6 +56,12 @@ class Ways:
         """Return whether a pose [rad], shape (n,), touches something."""
         return bool(contact_counts(self._simulator, pose[None])[0])
 
+    def leads_into_touch(self, begin: np.ndarray, end: np.ndarray) -> bool:
+        """Return whether something touches in a pose [rad], shape (n,), that in another does not, or less."""
+        soon = touches(self._simulator, end)
+        now = touches(self._simulator, begin) if soon else {}
+        return any(distance < now.get(pair, np.inf) for pair, distance in soon.items())
+
     def _candidates(self, begin: np.ndarray, end: np.ndarray) -> Iterator[list[np.ndarray]]:
         """Yield the straight way, that over the rest pose, and those that move one joint first or last."""
         yield [end]

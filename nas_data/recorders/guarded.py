@@ -62,6 +62,7 @@ class GuardedArm:
         self.doubt = ""
         self._setup, self._clock, self._patience = setup, clock, patience
         self._watchdog = Watchdog(setup.port, setup.joints)
+        self._beside: tuple[GuardedArm, ...] = ()
 
     def take(self, pose: np.ndarray) -> Motion:
         """Look at the arm and for a way to its first pose [rad], shape (n,), set it up, switch its torque on.
@@ -83,7 +84,12 @@ class GuardedArm:
         Raises:
             GuardLost: the guard is gone.
         """
-        self._watchdog.promise(max(seconds, self._patience))
+        for guarded in (self, *self._beside):
+            guarded._watchdog.promise(max(seconds, self._patience))
+
+    def accompany(self, other: "GuardedArm") -> None:
+        """Let one loop move two arms: while it looks after the first it does the same for the other, and vice versa."""
+        self._beside, other._beside = (other,), (self,)
 
     def make_safe(self) -> None:
         """Hold the arm until it is slow, switch the torque off; what could not be done is in `doubt`."""
@@ -94,6 +100,8 @@ class GuardedArm:
     def leave(self) -> None:
         """Make the arm safe, give the port back and send the guard home."""
         self.make_safe()
+        for other in self._beside:
+            other._beside = ()
         self.arm.close()
         self._watchdog.release()
 
