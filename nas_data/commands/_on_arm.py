@@ -112,7 +112,8 @@ class OnArm:
         lines = [f"{environment} on {self.port}, {self.episodes} episodes a policy, mean actions:"]
         lines += [policy_table(groups, {}), self._told_by()]
         lines.append(
-            f"{stepper.late} of {stepper.steps} readings came late; {stepper.held_back} commands would have led into a "
+            f"{stepper.late} of {stepper.steps} readings came late, {stepper.missed} of them by more than a period; "
+            f"{stepper.held_back} commands would have led into a "
             "touch and were not sent."
         )
         lines += [f"{saved.episodes} bouts → {saved.path}"] if saved.path else []
@@ -125,6 +126,7 @@ class OnArm:
             "groups": [group.describe() for group in groups],
             "steps": stepper.steps,
             "late": stepper.late,
+            "missed_readings": stepper.missed,
             "held_back": stepper.held_back,
             "dataset": saved.path,
         }

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from itertools import pairwise
 
+import mujoco
 import numpy as np
 
 from nas_data.errors import WayBlocked
@@ -25,6 +26,7 @@ class Ways:
 
     def __init__(self, robot: Robot) -> None:
         self._simulator = MujocoSimulator(robot, 1 / robot.rate, threads=1)
+        self._room = mujoco.MjData(self._simulator.model)
         self.rest = np.array(robot.rest or np.zeros(len(robot.joints)))
 
     def find(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
@@ -58,8 +60,8 @@ class Ways:
 
     def leads_into_touch(self, begin: np.ndarray, end: np.ndarray) -> bool:
         """Return whether something touches in a pose [rad], shape (n,), that in another does not, or less."""
-        soon = touches(self._simulator, end)
-        now = touches(self._simulator, begin) if soon else {}
+        soon = touches(self._simulator, end, self._room)
+        now = touches(self._simulator, begin, self._room) if soon else {}
         return any(distance < now.get(pair, np.inf) for pair, distance in soon.items())
 
     def _candidates(self, begin: np.ndarray, end: np.ndarray) -> Iterator[list[np.ndarray]]:

@@ -37,7 +37,8 @@ class RobotStepper:
         joints: Names of the commanded joints.
         size: 1.
         held_back: Commands that were not sent.
-        late: Readings that came late.
+        late: Readings after a command that came late.
+        missed: Those of them whose moment was lost.
         steps: Commands so far.
     """
 
@@ -61,7 +62,7 @@ class RobotStepper:
             ended: Told what was read and sent, at each reset and at the end.
         """
         self.joints, self.size = model.joints, 1
-        self.held_back = self.late = self.steps = 0
+        self.held_back = self.late = self.missed = self.steps = 0
         self._attacker, self._defender, self._ways, self._reach = attacker, defender, ways, reach
         self._body, self._ended = model.stepper(1), ended
         self._width = model.object_feature.width
@@ -123,7 +124,8 @@ class RobotStepper:
         """Hand over what was read and sent since the last reset."""
         bout, self._bout = self._bout, Bout()
         if bout.commands:
-            self.late += int(bout.late(self._attacker.period).sum())
+            self.late += int(bout.late(self._attacker.period)[1:].sum())
+            self.missed += int(bout.missed(self._attacker.period)[1:].sum())
             self._ended(bout)
 
     def _read(self) -> None:

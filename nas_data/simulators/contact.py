@@ -19,9 +19,15 @@ def contact_counts(simulator: MujocoSimulator, positions: np.ndarray) -> np.ndar
     return counts
 
 
-def touches(simulator: MujocoSimulator, pose: np.ndarray) -> Touches:
-    """Return what touches what in a pose [rad], shape (n,)."""
-    data, found = mujoco.MjData(simulator.model), Touches()
+def touches(simulator: MujocoSimulator, pose: np.ndarray, data: mujoco.MjData | None = None) -> Touches:
+    """Return what touches what in a pose [rad], shape (n,).
+
+    Args:
+        simulator: The model.
+        pose: Where its joints are.
+        data: Room to compute in, which takes longer to make than to fill; made where not given.
+    """
+    data, found = mujoco.MjData(simulator.model) if data is None else data, Touches()
     _collide(simulator, data, pose)
     for contact in data.contact:
         pair = (_body(simulator, contact.geom1), _body(simulator, contact.geom2))
