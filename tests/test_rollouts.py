@@ -228,6 +228,7 @@ def test_ctrl_c_makes_the_arm_safe_and_keeps_what_is_finished():
         ("ErgoReacher", DUEL, "takes no --defender-port"),
         ("ErgoShield", LOCKSTEP, "needs a second arm: give --defender-port"),
         ("ErgoShield", ("--on", "ergojr", "--port", "a", "--defender-port", "b"), "Say where hits are read: --hits"),
+        ("ErgoShield", ("--on", "ergojr", "--port", "a", "--defender-port", "a", "--hits", "simulated"), "Both arms"),
         ("ErgoShield", (*DUEL, "--hits", "nowhere"), "nowhere cannot be read as a keyboard"),
         ("ErgoShield", (*DUEL, "--missed", "2"), "--missed 2.0 is a share (0 … 1) of simulated hits"),
         ("ErgoReacher", (*LOCKSTEP, "--missed", "0.1"), "--missed 0.1 is a share (0 … 1) of simulated hits"),

@@ -10,7 +10,7 @@ from pathlib import Path
 from nas_data.commands.base import Outcome
 from nas_data.dataset.provenance import Provenance
 from nas_data.envs.base import Task, find_task
-from nas_data.errors import ArmError
+from nas_data.errors import ArmError, OptionError
 from nas_data.policies.evaluate import SEED, Group
 from nas_data.policies.policy import find_policies, load_policy
 from nas_data.policies.tables import policy_table
@@ -69,6 +69,8 @@ class OnArm:
     def _bench(self, task: Task, stack: ExitStack) -> Bench:
         """Open the ports; a virtual arm lives as long as the stack."""
         ports = [name for name in (self.port, self.defender_port) if name]
+        if self.port == self.defender_port != VIRTUAL:
+            raise OptionError(f"Both arms are said to be on {self.port}; each needs an adapter of its own.")
         setups = [self._setup(name, own, task, stack) for name, own in zip(ports, self.ids, strict=False)]
         clock = SteppedClock() if self.lockstep else MonotonicClock()
         defender = setups[1] if len(setups) > 1 else None

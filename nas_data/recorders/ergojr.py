@@ -20,7 +20,7 @@ from nas_data.xl320.joints import Joints
 PLAN = "meta/plan.npz"
 TRIES = 3  # times that an episode is begun before it is given up, or taken with readings that were missed
 REST = 1.0  # [s] that a line has to recover
-SAVING = 30.0  # [s] that the disk may take for an episode while the arm stands still
+SAVING = 10.0  # [s] that the disk may take for an episode while the arm stands still
 PASSING = (BadReply, ServoSilent, NobodyAnswers)  # what may have been a loose plug or noise
 
 
