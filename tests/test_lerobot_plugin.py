@@ -213,5 +213,7 @@ def test_lerobot_record_writes_a_dataset_that_is_taken_as_it_is(installed, tmp_p
     assert complete.commands / TICK == pytest.approx(np.rint(complete.commands / TICK), abs=1e-3)
     assert main(["info", str(root)]) == 0
     assert "derived when used: next.observation.state" in capsys.readouterr().out
+    assert main(["import", str(root), "--name", "imported"]) == 0
+    assert read(Path("datasets/imported")).n_frames == complete.n_frames
     assert main(["pair", str(root), "--model", "ergojr"]) == 0
     assert read(Path("datasets/lerobot_rec")).sim_states.shape == complete.states.shape

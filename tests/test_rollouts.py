@@ -21,6 +21,10 @@ from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
 from nas_data.envs.base import find_task
 from nas_data.errors import OptionError
+from nas_data.recorders.ergojr_ways import Ways
+from nas_data.recorders.guarded import GuardedArm, Setup
+from nas_data.recorders.schedule import SteppedClock
+from nas_data.recorders.watchdog import Watchdog
 from nas_data.robots.base import find_robot
 from nas_data.rollouts.keyboard import EVENT, KEY_EVENT, KEY_S, Keyboard
 from nas_data.rollouts.robot_stepper import RobotStepper
@@ -145,6 +149,22 @@ def test_a_duel_is_fought_and_kept(capsys):
     assert np.ptp(opponent[:, :6], axis=0).max() > 0.1, "the defender takes another pose every 2.5 s"
     assert np.abs(opponent[:, :6]).max() < np.radians(45) + 0.1
     assert (answer["hits"], answer["missed"]) == ("simulated", 0.125)
+
+
+def test_a_word_about_one_arm_is_a_word_about_both(monkeypatch):
+    told = []
+    monkeypatch.setattr(Watchdog, "promise", lambda guard, seconds: told.append(guard))
+    ways = Ways(find_robot("ergojr"))
+    with virtual() as first, virtual() as second:
+        setups = [Setup(port=bus.port, joints=JOINTS, ways=ways) for bus in (first, second)]
+        with GuardedArm(setups[0], SteppedClock()) as one:
+            with GuardedArm(setups[1], SteppedClock()) as other:
+                one.accompany(other)
+                one.promise(1.0)
+                assert len(set(told)) == 2
+            told.clear()
+            one.promise(1.0)
+            assert len(told) == 1, "the other is safe, and its guard was sent home"
 
 
 def test_hits_are_what_the_keyboard_says(capsys):
