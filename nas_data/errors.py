@@ -43,6 +43,10 @@ class OutputExists(NasError, FileExistsError):
     """A result would overwrite something that exists."""
 
 
+class BeingWritten(NasError, BlockingIOError):
+    """Another program is writing the same result."""
+
+
 class CannotWrite(NasError, OSError):
     """A result cannot be written where it should lie."""
 
@@ -112,6 +116,14 @@ class DuplicateId(ArmError):
 
 class OutsideLimits(ArmError):
     """A joint stands where it must not be."""
+
+
+class WayBlocked(ArmError):
+    """The arm would touch itself or the floor on every slow way to a pose."""
+
+
+class GuardLost(ArmError):
+    """The process that switches the torque off in an emergency is gone."""
 
 
 class SupplyLow(ArmError):

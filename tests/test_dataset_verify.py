@@ -14,6 +14,7 @@ from dataset_samples import recorded
 from nas_data.cli import main
 from nas_data.dataset import layout
 from nas_data.dataset.features import ACTION, SIM_STATE, STATE, TIME, Feature
+from nas_data.dataset.lateness import late_readings
 from nas_data.dataset.provenance import Parent, Provenance
 from nas_data.dataset.verify import examine, verify
 from nas_data.dataset.versions import new_version, parent_of, save
@@ -132,6 +133,15 @@ def test_late_rows_are_counted_in_a_note(tmp_path):
     found = _written(tmp_path, _clock(recorded(lengths=(200,)), times))
     assert found.problems == ()
     assert "1 of 199 rows came late, the worst by 33.0 ms (episode 0, frame 90)" in found.notes[0]
+
+
+@pytest.mark.parametrize(("delay", "late"), [(0.25, 0), (0.35, 1)])
+def test_who_records_and_who_checks_take_the_same_rows_for_late(tmp_path, delay, late):
+    due = np.arange(20) / 50
+    times = due + np.where(np.arange(20) == 9, delay / 50, 0)
+    notes = _written(tmp_path, _clock(recorded(lengths=(20,)), times)).notes
+    assert sum(f"{late} of 19 rows came late" in note for note in notes) == late
+    assert late_readings(times - due, 1 / 50).sum() == late
 
 
 @pytest.mark.parametrize("contiguous", [True, False])

@@ -8,9 +8,13 @@ import pytest
 from import_samples import columns_of, map_text, motion, write_log, write_map
 
 from nas_data.cli import main
-from nas_data.dataset.provenance import read_provenance
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, position_feature
+from nas_data.dataset.layout import PROVENANCE
+from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
+from nas_data.dataset.write import write
 
 
 @pytest.fixture
@@ -52,10 +56,31 @@ def test_json_lists_the_audit_by_row(here, capsys):
     assert finding["count"] == len(finding["rows"]) > 0 and "rad/s" in finding["message"]
 
 
+def test_a_dataset_of_lerobots_needs_no_map(here, capsys):
+    joints = ("shoulder", "elbow")
+    moved = np.cumsum(np.full((40, 2), 0.01), axis=0).astype(np.float32)
+    features = {key: position_feature(joints) for key in (STATE, ACTION)}
+    columns = {STATE: moved, ACTION: moved + np.float32(0.02)}
+    lerobots = Dataset(features=features, columns=columns, lengths=np.array([20, 20]), fps=50.0, tasks=("wave",) * 2)
+    write(lerobots, here / "wave", Provenance(how="simulated"))
+    (here / "wave" / PROVENANCE).unlink()  # what LeRobot writes has none
+    assert main(["import", "wave", "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    dataset, provenance = read(Path(answer["dataset"])), read_provenance(Path(answer["dataset"]))
+    assert verify(Path(answer["dataset"])) == []
+    assert dataset.lengths.tolist() == [19, 19]
+    np.testing.assert_allclose(dataset.states[:, 2:], 0.5, atol=1e-3)
+    assert set(provenance.derived) == {STATE, NEXT_STATE}
+    assert provenance.parents[0].name == "wave"
+    assert main(["import", answer["dataset"]]) == 2
+    assert "is a dataset of nas already" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
         (["--map", "map.toml"], "No log is given"),
+        (["log.npz"], "log.npz is no LeRobot dataset; give --map"),
         (["none.npz", "--map", "map.toml"], "There is no log none.npz"),
         (["log.npz", "--map", "none.toml"], "There is no map none.toml"),
         (["log.npz", "--map", "other"], "There is no map 'other'"),

@@ -209,6 +209,23 @@ def test_the_blocks_of_the_readme_run(tmp_path):
         assert run.returncode == 0, f"block {number} of the README failed:\n{block}\n{run.stdout}\n{run.stderr}"
 
 
+def typed(path: Path) -> list[str]:
+    """Return the commands of ours in the blocks of a page, without the program's name and what a shell adds."""
+    blocks = re.findall(r"```bash\n(.*?)```", path.read_text(encoding="utf-8").replace("\\\n", " "), re.DOTALL)
+    return [line.strip() for block in blocks for line in block.splitlines() if line.strip().startswith("nas ")]
+
+
+@pytest.mark.parametrize("page", ["docs/ergojr.md", "lerobot_robot_ergojr/README.md"])
+def test_each_command_of_a_page_can_be_typed(page):
+    commands = typed(ROOT / page)
+    assert commands
+    for command in commands:
+        name, options = split(shlex.split(command, comments=True)[1:])
+        assert name, command
+        kind = command_class(name)
+        assert isinstance(tyro.cli(kind, args=options, config=(tyro.conf.FlagCreatePairsOff,)), kind), command
+
+
 def test_a_block_is_found_only_below_its_mark():
     text = "```bash\nfalse\n```\n<!-- test -->\n```bash\ntrue\n```\n<!-- test -->\n\n```bash\necho a\necho b\n```\n"
     assert README_BLOCK.findall(text) == ["true\n", "echo a\necho b\n"]

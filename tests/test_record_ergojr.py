@@ -17,17 +17,20 @@ from xl320_samples import virtual
 
 from nas_data.cli import main
 from nas_data.command_file import write_commands
+from nas_data.dataset.alone import alone
 from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, TIME
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
 from nas_data.effects.base import make_effect
+from nas_data.errors import BeingWritten, GuardLost
 from nas_data.excitations.base import parse
 from nas_data.recorders.ergojr_dataset import LATE, LOAD, REPEATED, TEMPERATURE, VOLTAGE
 from nas_data.recorders.ergojr_motion import Episode
 from nas_data.recorders.ergojr_plan import Plan, draw_plan, free_of_contact
+from nas_data.recorders.ergojr_ways import Ways
 from nas_data.recorders.session import Protocol
-from nas_data.recorders.watchdog import Watchdog, rescue
+from nas_data.recorders.watchdog import DIED, HUNG, Watchdog, Words, rescue, watch
 from nas_data.robots.base import find_robot
 from nas_data.simulators.contact import contact_counts
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -148,7 +151,10 @@ def test_an_episode_that_reaches_the_floor_is_not_free():
     simulator = MujocoSimulator(ROBOT, 0.01, threads=1)
     down = np.tile([0, 1.5, 0.8, 0, 0, 0], (150, 1))
     assert contact_counts(simulator, down[:1])[0] > 0
-    assert free_of_contact(simulator, np.stack([down, 0 * down]), np.zeros((2, 6))).tolist() == [False, True]
+    assert free_of_contact(simulator, np.stack([down, 0 * down]), np.zeros((2, 6)), Ways(ROBOT)).tolist() == [
+        False,
+        True,
+    ]
 
 
 def test_a_file_that_reaches_the_floor_is_refused(capsys):
@@ -279,6 +285,33 @@ def test_a_recording_under_way_is_not_mixed_with_another(capsys):
     assert verify(finished()) == []
 
 
+# Two at once
+
+
+def test_a_name_is_recorded_by_one_program_at_a_time(capsys):
+    with alone(UNDER_WAY):
+        assert record(*LOCKSTEP, "--episodes", "1") == 2
+        assert f"is being written by another program (process {os.getpid()}); wait" in capsys.readouterr().err
+    assert not Path("datasets").exists()
+    assert record(*LOCKSTEP, "--episodes", "1") == 0
+    assert [path.name for path in Path("datasets/rec").iterdir()] == [finished().name]
+
+
+def test_a_lock_that_a_dead_program_left_holds_nobody_up():
+    UNDER_WAY.parent.mkdir(parents=True)
+    UNDER_WAY.with_name(".recording.lock").write_text("1")
+    with alone(UNDER_WAY), pytest.raises(BeingWritten, match=rf"\(process {os.getpid()}\)"), alone(UNDER_WAY):
+        pass
+    assert list(UNDER_WAY.parent.iterdir()) == []
+
+
+def test_a_port_is_used_by_one_program_at_a_time(capsys):
+    with virtual() as bus, Arm(bus.port, JOINTS):
+        assert record("--port", bus.port, "--episodes", "1") == 2
+        assert f"{bus.port} is used by another program" in capsys.readouterr().err
+    assert not Path("datasets").exists()
+
+
 # Who dies
 
 
@@ -324,7 +357,7 @@ def saved() -> int:
 
 def test_a_killed_recorder_loses_nothing_and_leaves_no_torque():
     with VirtualBus(Options(honest=False)) as bus:
-        with recorder(bus.port, 500) as process:
+        with recorder(bus.port, 60) as process:
             wait_for(lambda: saved() >= 2)
             os.kill(process.pid, signal.SIGKILL)
             process.wait()
@@ -337,13 +370,58 @@ def test_a_killed_recorder_loses_nothing_and_leaves_no_torque():
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
 def test_a_recorder_that_is_told_to_stop_makes_the_arm_safe_first(end):
     with VirtualBus(Options(honest=False)) as bus:
-        with recorder(bus.port, 500) as process:
+        with recorder(bus.port, 60) as process:
             wait_for(lambda: saved() >= 1)
             process.send_signal(end)
             _, said = process.communicate(timeout=120)
         assert process.returncode == 130
         assert "episodes are saved in datasets/rec/recording" in said
         assert torques(bus.port) == [0] * 6
+
+
+def test_a_recorder_that_hangs_is_ended_and_leaves_no_torque():
+    with VirtualBus(Options(honest=False)) as bus:
+        with recorder(bus.port, 60) as process:
+            wait_for(lambda: saved() >= 1)
+            time.sleep(0.5)  # saving may take longer than moving without a word
+            os.kill(process.pid, signal.SIGSTOP)
+            kept = saved()
+            assert process.wait(timeout=60) == -signal.SIGKILL
+            process.stdout.close()
+            said = process.stderr.readline()  # the guard inherited it
+            while "hung" not in said:
+                said = process.stderr.readline()
+        assert f"The recorder hung for 1 s and was ended; the torque of the arm on {bus.port} was switched off." in said
+        assert torques(bus.port) == [0] * 6
+        assert saved() == kept
+
+
+def test_a_guard_listens_to_promises():
+    reader, writer = os.pipe()
+    try:
+        os.write(writer, b"0.2\n")
+        began = time.monotonic()
+        assert watch(Words(reader), []) == HUNG
+        assert 1.2 <= time.monotonic() - began < 5
+        assert watch(Words(reader), [b"0.1"]) == HUNG
+        os.write(writer, b"0.2\n30.0\nall is ")
+        os.write(writer, b"well\n")
+        assert watch(Words(reader), []) == ""
+        os.write(writer, b"30.0\n")
+    finally:
+        os.close(writer)
+    assert watch(Words(reader), []) == DIED
+    os.close(reader)
+
+
+def test_an_arm_is_not_moved_without_its_guard():
+    with virtual() as bus:
+        watchdog = Watchdog(bus.port, JOINTS)
+        watchdog._process.kill()
+        watchdog._process.wait()
+        with pytest.raises(GuardLost, match="guards the arm is gone"):
+            watchdog.promise(1.0)
+        watchdog.release()
 
 
 def test_a_guard_that_is_released_does_nothing():

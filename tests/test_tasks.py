@@ -1,6 +1,6 @@
 """The paper's tasks: their rules, what their dynamics are, and that one arm and many live through the same."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
@@ -17,7 +17,7 @@ from nas_data.envs.loop.arena import Arena
 from nas_data.envs.loop.arm_env import ArmEnv
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
 from nas_data.envs.loop.plant import Plant
-from nas_data.errors import ModelFileError
+from nas_data.errors import ModelFileError, OptionError
 from nas_data.models.checkpoint import save
 from nas_data.models.lstm import DynamicsModel
 from nas_data.robots.base import find_robot
@@ -270,7 +270,7 @@ def test_a_touch_is_told_by_the_distance_of_sword_and_disc(forward, sideways):
 def test_a_hit_counts_once_parts_the_arms_and_gives_the_defender_another_pose():
     task, far, near = ergo_shield.TASK, duel(0.1), duel(0.2)
     goals = task.start(np.random.default_rng(0)).goal[None]
-    poses = goals[0, 4:].reshape(-1, 6)
+    poses = goals[0, 5:-32].reshape(-1, 6)
     assert (np.abs(poses) <= np.radians([45, 15, 15, 22.5, 15, 15])).all()
     goals = task.follow(near, goals, np.ones(1))
     assert task.judge(near, goals, goals).reward[0] == 0, "an episode that begins in touch has no hit yet"
@@ -290,7 +290,36 @@ def test_the_defender_takes_another_pose_every_two_and_a_half_seconds():
     for step in range(1, 1001):
         goals = task.follow(far, goals, np.array([step]))
     assert [call[0] for call in far.calls] == ["guide"] * 4
-    np.testing.assert_array_equal(far.calls[1][1][0], goals[0, 4:].reshape(-1, 6)[2])
+    np.testing.assert_array_equal(far.calls[1][1][0], goals[0, 5:-32].reshape(-1, 6)[2])
+
+
+def test_as_many_touches_are_missed_as_is_said():
+    far, near, rng = duel(0.1), duel(0.2), np.random.default_rng(0)
+    for share in (0.0, 0.125, 1.0):
+        task, hits = replace(ergo_shield.TASK, missed=share), 0.0
+        for _ in range(40):
+            goals = task.start(rng).goal[None]
+            for step in range(1, 61):
+                goals = task.follow(near if step % 2 else far, task.follow(far, goals, np.ones(1)), np.ones(1))
+                hits += float(task.judge(near, goals, goals).reward[0])
+        assert 1 - hits / 1200 == pytest.approx(share, abs=0.03)
+
+
+def test_missed_touches_are_an_option_of_the_environment():
+    def hits(**options: float) -> float:
+        env = ArmEnv("ErgoShield", **options)
+        env.reset(seed=0)
+        rng = np.random.default_rng(0)
+        return sum(env.step(rng.uniform(-1, 1, 6))[1] for _ in range(1000))
+
+    assert hits() == hits(missed=0.0) > 0
+    assert hits(missed=1.0) == 0
+    assert Plant("ErgoShield", missed=0.125).describe()["missed"] == 0.125
+    assert "missed" not in Plant("ErgoShield").describe()
+    with pytest.raises(OptionError, match=r"Missed touches are 1.5; they are a share"):
+        Plant("ErgoShield", missed=1.5).task  # noqa: B018
+    with pytest.raises(OptionError, match="ErgoReacher has no touches that could be missed"):
+        Plant("ErgoReacher", missed=0.1).task  # noqa: B018
 
 
 def test_random_actions_hit_now_and_then():

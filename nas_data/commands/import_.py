@@ -28,13 +28,15 @@ class ImportLogs(Command):
 
     The map says where in a log each quantity stands and what its numbers mean; so101_npz, so101_csv and xl330_json
     come with the program, and example_csv explains every key in its comments, to be copied for your own robot.
-    Logs are audited first: errors refuse, warnings are kept.
+    Logs are audited first: errors refuse, warnings are kept. A dataset that LeRobot recorded needs no map: velocities
+    and next states that it lacks are derived. nas info, pair and gap also take it as it is.
     """
 
     logs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="LOG…")]
     """Logs, or folders of logs."""
-    map: str
-    """Mapping file (TOML), or the name of a shipped one: so101_npz, so101_csv, xl330_json, example_csv."""
+    map: str | None = None
+    """Mapping file (TOML), or the name of a shipped one: so101_npz, so101_csv, xl330_json, example_csv. None for a
+    LeRobot dataset."""
     name: str | None = None
     """Dataset's name; the result is the next version below datasets/NAME. The map's robot where left out."""
     out: Path | None = None
@@ -48,6 +50,8 @@ class ImportLogs(Command):
 
         if not self.logs:
             raise OptionError("No log is given; say: nas import LOG… --map MAP.toml")
+        if self.map is None:
+            return self._take_dataset()
         mapping = load_map(self.map)
         versions.check_place(out=self.out, name=self.name or mapping.robot)
         result = import_logs(self.logs, mapping, _Progress())
@@ -59,6 +63,23 @@ class ImportLogs(Command):
             attachments=result.attachments,
         )
         return Outcome(_text(result, root), _data(result, root))
+
+    def _take_dataset(self) -> Outcome:
+        """Import one dataset of LeRobot's."""
+        from nas_data.dataset import versions
+        from nas_data.importing.lerobot import import_dataset, is_dataset
+
+        path = self.logs[0]
+        if len(self.logs) > 1 or not is_dataset(path):
+            raise OptionError(f"{path} is no LeRobot dataset; give --map, which says what a log's columns mean.")
+        versions.check_place(out=self.out, name=self.name or path.resolve().name)
+        dataset, provenance = import_dataset(path)
+        root = versions.save(dataset, provenance, out=self.out, name=self.name or path.resolve().name)
+        lines = [f"{dataset.n_episodes} episodes, {dataset.n_frames} transitions at {dataset.fps:g} Hz → {root}"]
+        lines += [f"  derived {key}: {how}" for key, how in provenance.derived.items()]
+        data = {"dataset": str(root), "robot": dataset.robot_type, "joints": list(dataset.joints), "fps": dataset.fps}
+        counts = {"episodes": dataset.n_episodes, "frames": dataset.n_frames, "tasks": list(dataset.tasks)}
+        return Outcome("\n".join(lines), {**data, **counts, "derived": dict(provenance.derived), "audit": []})
 
 
 class _Progress:

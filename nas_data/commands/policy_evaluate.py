@@ -1,4 +1,4 @@
-"""Roll out policies on the target: return, success, and their spread over seeds."""
+"""Roll out policies on the target or on the arm itself: return, success, and their spread over seeds."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,13 +14,19 @@ from nas_data.errors import OptionError
 class PolicyEvaluate(Command):
     """Judge policies on the same episodes, beside what anyone can do without learning.
 
+    On an arm (--on ergojr) each episode begins with a slow way to its first pose: keep hands away. Ctrl-C stops it,
+    holds it until it is slow and switches its torque off; it then sinks. Commands stay within limits and step size,
+    and those that would lead into a touch with the arm itself or the floor are not sent.
+
     Example: nas policy evaluate runs/policy/ErgoReacher-source runs/policy/ErgoReacher-augmented
+
+    Example: nas policy evaluate runs/policy/ErgoReacher-named --on ergojr --port virtual --episodes 5
     """
 
     policies: tyro.conf.Positional[tuple[Path, ...]]
     """Folders that `nas policy train` wrote: of one policy, or of one a seed."""
-    on: Literal["target", "source", "named"] = "target"
-    """What the policies are judged on: the target, the plain model, or the model with named effects."""
+    on: Literal["target", "source", "named", "ergojr"] = "target"
+    """What the policies are judged on: the target, the plain model, the model with named effects, or the arm itself."""
     dynamics: str = "backlash"
     """What the target is: one of the environment's dynamics."""
     engine: Literal["mujoco", "bullet"] = "mujoco"
@@ -29,6 +35,27 @@ class PolicyEvaluate(Command):
     """A gap report's folder, or its effects.json, for `named`."""
     episodes: int = 100
     """Episodes of each policy; starts and goals are the same for all."""
+    missed: float = 0.0
+    """Share of ErgoShield's touches that are not noticed; 0.10 to 0.15 on the authors' robots."""
+    port: str | None = None
+    """Serial port of the arm's adapter, for `ergojr`; 'virtual' for a simulated arm."""
+    defender_port: str | None = None
+    """The same of the second arm, which ErgoShield needs."""
+    hits: str | None = None
+    """Input device that says an 's' while sword and shield touch (a MakeyMakey), or 'simulated': told by where the
+    model has them in the measured poses, which is what virtual arms take."""
+    record: str | None = None
+    """Keep what was read and sent as the next version of datasets/RECORD."""
+    speed: float = 1.745
+    """Speed limit in the servos [rad/s], 100°/s as in the paper; take what the policy learned with. 0 for none."""
+    largest_step: float = 3.2
+    """By how much a command may differ from the one before it [rad]."""
+    id: str = "ergojr"
+    """Name of the arm, which names its calibration."""
+    defender_id: str = "ergojr_defender"
+    """Name of the second arm, which names its calibration."""
+    lockstep: bool = False
+    """Let virtual arms move as fast as the machine can, instead of in real time."""
 
     def run(self) -> Outcome:
         """Score every policy."""
@@ -39,6 +66,12 @@ class PolicyEvaluate(Command):
         if (self.on == "named") != (self.effects is not None):
             needed = "needs --effects DIR, a gap report" if self.on == "named" else "takes no --effects"
             raise OptionError(f"Judging on '{self.on}' {needed}; see: nas policy evaluate --help.")
+        if (self.on == "ergojr") != (self.port is not None):
+            needed = "needs --port PORT" if self.on == "ergojr" else "takes no --port"
+            raise OptionError(f"Judging on '{self.on}' {needed}; see: nas policy evaluate --help.")
+        return self._on_arm(self.port) if self.port else self._in_simulation()
+
+    def _in_simulation(self) -> Outcome:
         from nas_data.envs.base import SOURCE
         from nas_data.envs.loop.plant import Plant
         from nas_data.policies.evaluate import score_baselines, score_group
@@ -48,7 +81,7 @@ class PolicyEvaluate(Command):
         first = load_policy(find_policies(self.policies[0])[0])
         effects = None if self.effects is None else str(self.effects)
         dynamics = self.dynamics if self.on == "target" else SOURCE
-        plant = Plant(first.environment, dynamics, effects=effects, engine=self.engine)
+        plant = Plant(first.environment, dynamics, effects=effects, engine=self.engine, missed=self.missed)
         stepper = plant.stepper(self.episodes)
         groups = [score_group(path, plant, self.episodes, stepper) for path in self.policies]
         baselines = score_baselines(plant, self.episodes, stepper)
@@ -60,8 +93,29 @@ class PolicyEvaluate(Command):
             "dynamics": plant.dynamics,
             "engine": plant.engine,
             "effects": effects,
+            "missed": self.missed,
             "episodes": self.episodes,
             "groups": [group.describe() for group in groups],
             "baselines": {name: score.describe() for name, score in baselines.items()},
         }
         return Outcome(f"{what}\n{policy_table(groups, baselines)}", data)
+
+    def _on_arm(self, port: str) -> Outcome:
+        from nas_data.commands._on_arm import OnArm
+
+        virtual = {name for name in (port, self.defender_port) if name == "virtual"}
+        if self.hits is None and self.defender_port and not virtual:
+            raise OptionError("Say where hits are read: --hits /dev/input/by-id/…-event-kbd, or --hits simulated.")
+        return OnArm(
+            policies=self.policies,
+            episodes=self.episodes,
+            port=port,
+            defender_port=self.defender_port,
+            ids=(self.id, self.defender_id),
+            hits=self.hits or "simulated",
+            missed=self.missed,
+            record=self.record,
+            speed=self.speed,
+            largest_step=self.largest_step,
+            lockstep=self.lockstep,
+        ).run()

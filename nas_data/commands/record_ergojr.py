@@ -88,6 +88,7 @@ class RecordErgojr(Command):
 
     def run(self) -> Outcome:
         """Record what is not yet saved, and make the dataset."""
+        from nas_data.dataset.alone import alone
         from nas_data.dataset.growing import Growing
         from nas_data.dataset.versions import check_place
 
@@ -95,32 +96,36 @@ class RecordErgojr(Command):
         task = self.commands.stem if self.commands else protocol.excitation.name()
         name = self.name or f"{NAME}_{task}"
         check_place(out=self.out, name=name)
-        growing = Growing(self._under_way(name))
-        if not self.finish:
-            self._record(growing, protocol, configuration)
-        elif not growing.episodes:
-            raise OptionError(f"Nothing is saved in {growing.root} that could be finished; record first.")
-        return self._finish(growing, name)
+        with alone(self._under_way(name)):
+            growing = Growing(self._under_way(name))
+            if not self.finish:
+                self._record(growing, protocol, configuration)
+            elif not growing.episodes:
+                raise OptionError(f"Nothing is saved in {growing.root} that could be finished; record first.")
+            return self._finish(growing, name)
 
     def _record(self, growing: "Growing", protocol: "Protocol", configuration: "Configuration") -> None:
         from nas_data.recorders.ergojr import Job, Recording, look
+        from nas_data.recorders.ergojr_ways import Ways
+        from nas_data.recorders.guarded import Setup
         from nas_data.recorders.schedule import MonotonicClock, SteppedClock
         from nas_data.recorders.stopping import stoppable
+        from nas_data.robots.base import find_robot
         from nas_data.virtual_bus.ports import port_of
 
         with port_of(self.port, self.effect, self.fault, self.lockstep) as port, stoppable():
             joints = self._joints()
             look(port, joints)  # before the plan is drawn, which takes a while
-            job = Job(
+            setup = Setup(
                 port=port,
                 joints=joints,
-                plan=self._plan(growing, protocol),
+                ways=Ways(find_robot(NAME)),
                 rate=self.rate,
                 configuration=configuration,
                 largest_step=self.largest_step,
-                hot=self.hot,
-                provenance=self._provenance(protocol),
             )
+            plan, provenance = self._plan(growing, protocol), self._provenance(protocol)
+            job = Job(setup=setup, plan=plan, hot=self.hot, provenance=provenance)
             clock = SteppedClock() if self.lockstep else MonotonicClock()
             Recording(job, growing, clock, say).run(Progress(growing.episodes, len(job.plan.commands)))
 
@@ -204,12 +209,12 @@ class RecordErgojr(Command):
         )
 
     def _joints(self) -> "Joints":
-        from nas_data.xl320.calibration import default_path, read_calibration
+        from nas_data.xl320.calibration import joints_of
         from nas_data.xl320.ergojr import ergojr_joints
 
-        path = self.calibration or default_path(NAME, self.id)
-        given = self.calibration is not None or (path.is_file() and self.port != "virtual")
-        return read_calibration(path, ergojr_joints()) if given else ergojr_joints()
+        if self.port == "virtual" and not self.calibration:
+            return ergojr_joints()
+        return joints_of(ergojr_joints(), NAME, self.id, self.calibration)
 
     def _provenance(self, protocol: "Protocol") -> "Provenance":
         """Say where the episodes come from; a virtual arm with its effects, unless they are to be found."""

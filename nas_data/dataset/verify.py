@@ -12,13 +12,13 @@ from nas_data.dataset import layout
 from nas_data.dataset.content import content_hash
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import NEXT_STATE, STATE, TIME, Feature
+from nas_data.dataset.lateness import late_steps
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import Rows, read, read_parquet
 from nas_data.dataset.staging import leftovers
 from nas_data.dataset.versions import VERSION, resolve
 from nas_data.errors import DatasetInvalid
 
-LATE = 1.5  # control periods between two rows from which the second counts as late
 RATE_TOLERANCE = 0.02  # share by which the measured rate may differ from the promised one
 STAMP_TOLERANCE = 1e-4  # [s] LeRobot's own tolerance for timestamps
 STATISTICS_TOLERANCE = 1e-5  # share; LeRobot's statistics pass through float32
@@ -197,7 +197,7 @@ def _clock(evidence: Evidence) -> Iterator[str]:
 def _late(evidence: Evidence) -> Iterator[str]:
     """Count rows that came late."""
     steps, rows = _clock_steps(evidence.dataset)
-    late = np.flatnonzero(steps > LATE / evidence.dataset.fps)
+    late = np.flatnonzero(late_steps(steps, 1 / evidence.dataset.fps))
     if len(late):
         place = _place(evidence.dataset, rows[late[np.argmax(steps[late])]])
         yield f"{len(late)} of {len(steps)} rows came late, the worst by {1e3 * steps.max():.1f} ms ({place})."

@@ -123,11 +123,18 @@ def score_policy(policy: Policy, plant: Plant, episodes: int, stepper: Stepper |
     """
     if episodes < 1:
         raise OptionError(f"{episodes} episodes cannot be judged; give --episodes 1 or more.")
-    if find_task_file(policy.environment) != find_task_file(plant.environment):
-        raise CheckpointError(
-            f"The policy was trained for {policy.environment}; it cannot be judged on {plant.environment}."
-        )
+    check_fits(policy, plant.environment)
     return roll_out(plant.task, stepper or plant.stepper(episodes), lambda _: policy.act)
+
+
+def check_fits(policy: Policy, environment: str) -> None:
+    """Refuse to judge a policy on what it was not trained for.
+
+    Raises:
+        CheckpointError: the policy was trained for another environment.
+    """
+    if find_task_file(policy.environment) != find_task_file(environment):
+        raise CheckpointError(f"The policy was trained for {policy.environment}; it cannot be judged on {environment}.")
 
 
 def score_baselines(plant: Plant, episodes: int, stepper: Stepper | None = None) -> dict[str, Score]:

@@ -12,17 +12,15 @@ from nas_data.recorders.ergojr_dataset import to_dataset
 from nas_data.recorders.ergojr_motion import Episode, Motion
 from nas_data.recorders.ergojr_plan import Plan
 from nas_data.recorders.ergojr_tally import Tally
+from nas_data.recorders.guarded import GuardedArm, Setup
 from nas_data.recorders.schedule import Clock
-from nas_data.recorders.watchdog import Watchdog
 from nas_data.xl320.arm import Arm
-from nas_data.xl320.configuration import Configuration
 from nas_data.xl320.joints import Joints
 
 PLAN = "meta/plan.npz"
 TRIES = 3  # times that an episode is begun before it is given up, or taken with readings that were missed
 REST = 1.0  # [s] that a line has to recover
-COOLING = 5.0  # [s] between two looks at an arm that cools
-COOL = 5.0  # [°C] below the limit at which it goes on
+SAVING = 10.0  # [s] that the disk may take for an episode while the arm stands still
 PASSING = (BadReply, ServoSilent, NobodyAnswers)  # what may have been a loose plug or noise
 
 
@@ -31,22 +29,14 @@ class Job:
     """What is to be recorded, and how.
 
     Attributes:
-        port: Where the arm is.
-        joints: Its joints.
+        setup: The arm, and how it is to be moved.
         plan: Commands and first poses.
-        rate: Control rate [Hz].
-        configuration: Set-up of the servos.
-        largest_step: By how much a command may differ from the one before [rad].
         hot: Temperature at which the arm pauses [°C].
         provenance: Where the episodes come from, without what the arm says itself.
     """
 
-    port: str
-    joints: Joints
+    setup: Setup
     plan: Plan
-    rate: float
-    configuration: Configuration
-    largest_step: float
     hot: float
     provenance: Provenance
 
@@ -95,36 +85,30 @@ class Recording:
         Raises:
             ArmError: something is wrong with the arm; says how many episodes are saved, and where.
         """
-        job = self._job
-        arm = Arm(job.port, job.joints, self._clock.now)
-        watchdog = Watchdog(job.port, job.joints)
+        guarded = GuardedArm(self._job.setup, self._clock)
         try:
-            motion = self._take(arm)
-            for number in range(self.growing.episodes, len(job.plan.commands)):
-                motion = self._record(arm, motion, number)
-                progress(number + 1, float(motion.vitals.temperature.max()))
-            motion.approach(job.plan.poses[-1])
+            with guarded:
+                self._record_all(guarded, progress)
         except ArmError as error:
             raise type(error)(f"{error} {self._saved()}") from error
         except KeyboardInterrupt:
             self._say(self._saved())
             raise
         finally:
-            doubt = arm.make_safe()
-            arm.close()
-            watchdog.release()
-            if doubt:
-                self._say(doubt)
+            if guarded.doubt:
+                self._say(guarded.doubt)
 
-    def _take(self, arm: Arm) -> Motion:
-        """Look at the arm, set it up, switch its torque on."""
-        arm.check()
-        arm.configure(self._job.configuration)
-        arm.torque_on()
-        return Motion(arm, self._clock, 1 / self._job.rate, self._job.largest_step)
+    def _record_all(self, guarded: GuardedArm, progress: Callable[[int, float], None]) -> None:
+        poses = self._job.plan.poses
+        motion = guarded.take(poses[min(self.growing.episodes, len(poses) - 1)])
+        for number in range(self.growing.episodes, len(poses)):
+            motion = self._record(guarded, motion, number)
+            progress(number + 1, float(motion.vitals.temperature.max()))
+        motion.approach(poses[-1])
 
-    def _record(self, arm: Arm, motion: Motion, number: int) -> Motion:
+    def _record(self, guarded: GuardedArm, motion: Motion, number: int) -> Motion:
         """Record one episode and save it; return who moves the arm now."""
+        arm = guarded.arm
         for left in reversed(range(TRIES)):
             before = arm.retries
             try:
@@ -133,16 +117,16 @@ class Recording:
                 if not left:
                     raise
                 self._say(f"{error} Episode {number} is recorded anew.")
-                motion = self._again(arm)
+                motion = self._again(guarded, number)
             else:
-                missed = int(episode.missed(1 / self._job.rate).sum())
+                missed = int(episode.missed(motion.period).sum())
                 self.tally.missed += missed
                 if not missed or not left:
                     break
             finally:
                 self.tally.retries += arm.retries - before
             self.tally.anew += 1
-        self._save(arm, episode)
+        self._save(guarded, episode)
         return motion
 
     def _play(self, motion: Motion, number: int) -> Episode:
@@ -156,20 +140,20 @@ class Recording:
         """Wait in the rest pose until the warmest servo has cooled."""
         self.tally.pauses += 1
         self._say(f"A servo has {motion.vitals.temperature.max():.0f} °C; the arm rests until it is cooler.")
-        while motion.vitals.temperature.max() > self._job.hot - COOL:
-            motion.hold(pose, COOLING)
+        motion.cool(pose, self._job.hot)
 
-    def _again(self, arm: Arm) -> Motion:
-        """Begin anew with an arm whose line failed."""
-        arm.make_safe()
+    def _again(self, guarded: GuardedArm, number: int) -> Motion:
+        """Begin an episode anew with an arm whose line failed."""
+        guarded.make_safe()
         self._clock.wait_until(self._clock.now() + REST)
-        return self._take(arm)
+        return guarded.take(self._job.plan.poses[number])
 
-    def _save(self, arm: Arm, episode: Episode) -> None:
+    def _save(self, guarded: GuardedArm, episode: Episode) -> None:
         job = self._job
-        dataset = to_dataset(episode, job.joints, job.rate, job.plan.task)
+        guarded.promise(SAVING)
+        dataset = to_dataset(episode, job.setup.joints, job.setup.rate, job.plan.task)
         plan = {PLAN: job.plan.to_bytes()} if not self.growing.episodes else {}
-        self.growing.append(dataset, self._provenance(arm), plan)
+        self.growing.append(dataset, self._provenance(guarded.arm), plan)
 
     def _provenance(self, arm: Arm) -> Provenance:
         known: Mapping[str, object] = self._job.provenance.target or {}

@@ -1,10 +1,13 @@
 """One arm in motion: slow ways to a pose, and episodes played and read on schedule."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
 
+from nas_data.dataset.lateness import late_readings
+from nas_data.recorders.ergojr_ways import Ways
 from nas_data.recorders.schedule import Clock
 from nas_data.xl320.arm import Arm, Reading
 from nas_data.xl320.fitness import refuse_unfit
@@ -12,7 +15,8 @@ from nas_data.xl320.fitness import refuse_unfit
 APPROACH = 0.6  # [rad/s] of a slow way
 SETTLE = 0.5  # [s] that a pose is held before what follows
 LEAD = 0.02  # [s] from the decision to begin to the first reading
-LATE = 0.3  # share of a period by which a reading may come after its time
+COOLING = 5.0  # [s] between two looks at an arm that cools
+COOL = 5.0  # [°C] below the limit at which it goes on
 LOOK = 10  # control steps between two looks at the supply and warmth of a servo, one after the other
 
 
@@ -53,7 +57,7 @@ class Episode:
 
     def late(self, period: float) -> np.ndarray:
         """Return which readings came late, shape (T + 1,)."""
-        return self.delays() > LATE * period
+        return late_readings(self.delays(), period)
 
     def missed(self, period: float) -> np.ndarray:
         """Return which readings came so late that their moment is lost, shape (T + 1,)."""
@@ -75,7 +79,15 @@ class Motion:
         vitals: What was last heard of supply and warmth.
     """
 
-    def __init__(self, arm: Arm, clock: Clock, period: float, largest_step: float) -> None:
+    def __init__(
+        self,
+        arm: Arm,
+        clock: Clock,
+        period: float,
+        largest_step: float,
+        ways: Ways,
+        alive: Callable[[float], None] = lambda _: None,
+    ) -> None:
         """Take an arm over.
 
         Args:
@@ -83,9 +95,11 @@ class Motion:
             clock: By which it is moved.
             period: Control period [s].
             largest_step: By how much a command may differ from the one before [rad].
+            ways: How it gets to a pose without touching anything.
+            alive: Told at every reading until when the next one comes [s from now].
         """
         self.arm, self.clock, self.period = arm, clock, period
-        self._largest_step = largest_step
+        self._largest_step, self._ways, self._alive = largest_step, ways, alive
         self._sent = arm.read().positions
         self._steps = 0
         first = [arm.health(identity) for identity in arm.joints.ids]
@@ -94,19 +108,25 @@ class Motion:
         )
 
     def approach(self, pose: np.ndarray) -> None:
-        """Go to a pose [rad], shape (n,), slowly, and hold it for a moment.
+        """Go to a pose [rad], shape (n,), slowly and without touching anything, and hold it for a moment.
 
         Raises:
+            WayBlocked: there is no free way.
             ArmError: something is wrong with the arm.
         """
         begin = self.arm.read().positions
-        steps = max(1, int(np.ceil(np.abs(pose - begin).max() / APPROACH / self.period)))
-        way = begin + np.arange(1, steps + 1)[:, None] / steps * (pose - begin)
-        self.play(np.concatenate([way, np.repeat(pose[None], round(SETTLE / self.period), axis=0)]))
+        corners = np.stack([begin, *self._ways.find(begin, pose)])
+        slow = [self._slowly(a, b) for a, b in pairwise(corners)]
+        self.play(np.concatenate([*slow, np.repeat(pose[None], round(SETTLE / self.period), axis=0)]))
 
     def hold(self, pose: np.ndarray, seconds: float) -> None:
         """Stay in a pose [rad], shape (n,), for a time [s]; raises as `approach` does."""
         self.play(np.repeat(pose[None], max(1, round(seconds / self.period)), axis=0))
+
+    def cool(self, pose: np.ndarray, hot: float) -> None:
+        """Rest in a pose [rad], shape (n,), until the warmest servo is well below a temperature [°C]."""
+        while self.vitals.temperature.max() > hot - COOL:
+            self.hold(pose, COOLING)
 
     def play(self, commands: np.ndarray) -> Episode:
         """Send commands [rad], shape (T, n), one a period, and read the arm before each and after the last.
@@ -116,25 +136,51 @@ class Motion:
         """
         episode, start = Episode(), self.clock.now() + LEAD
         for number, wanted in enumerate(commands):
-            self._read(episode, start + number * self.period)
-            episode.commands.append(self._send(wanted))
-            self._look_after()
-            episode.voltages.append(self.vitals.voltage.copy())
-            episode.temperatures.append(self.vitals.temperature.copy())
-        self._read(episode, start + len(commands) * self.period)
+            self.record_reading(episode, start + number * self.period)
+            self.record_command(episode, wanted)
+        self.record_reading(episode, start + len(commands) * self.period)
         return episode
 
-    def _read(self, episode: Episode, due: float) -> None:
-        self.clock.wait_until(due)
+    def sense(self) -> Reading:
+        """Read the arm.
+
+        Raises:
+            ArmError: something is wrong with the arm.
+        """
+        self._alive(self.period)
         reading = self.arm.read()
         self.arm.refuse_alerts(reading)
+        return reading
+
+    def send(self, wanted: np.ndarray) -> np.ndarray:
+        """Send a command [rad], shape (n,), no farther from the last than is allowed; return it as it was sent.
+
+        Raises:
+            ArmError: something is wrong with the arm.
+        """
+        self._sent = self._sent + np.clip(wanted - self._sent, -self._largest_step, self._largest_step)
+        sent = self.arm.command(self._sent)
+        self._look_after()
+        return sent
+
+    def record_command(self, episode: Episode, wanted: np.ndarray) -> None:
+        """Send a command [rad], shape (n,), and add it and the vitals to an episode; raises as `send` does."""
+        episode.commands.append(self.send(wanted))
+        episode.voltages.append(self.vitals.voltage.copy())
+        episode.temperatures.append(self.vitals.temperature.copy())
+
+    def record_reading(self, episode: Episode, due: float) -> Reading:
+        """Read the arm at a time [s] and add it to an episode; raises as `sense` does."""
+        self.clock.wait_until(due)
+        reading = self.sense()
         episode.due.append(due)
         episode.readings.append(reading)
+        return reading
 
-    def _send(self, wanted: np.ndarray) -> np.ndarray:
-        """Send one command, no farther from the last than is allowed; return it as it was sent."""
-        self._sent = self._sent + np.clip(wanted - self._sent, -self._largest_step, self._largest_step)
-        return self.arm.command(self._sent)
+    def _slowly(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Return the commands of a straight way between poses [rad], shape (T, n)."""
+        steps = max(1, int(np.ceil(np.abs(end - begin).max() / APPROACH / self.period)))
+        return np.asarray(begin + np.arange(1, steps + 1)[:, None] / steps * (end - begin))
 
     def _look_after(self) -> None:
         """Read supply and warmth of the next servo, now and then."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from nas_data.effects.base import Effect, make_effect
 from nas_data.errors import OptionError
+from nas_data.recorders.ergojr_ways import Ways
 from nas_data.recorders.readings import Readings
 from nas_data.recorders.session import Protocol, Session, Target
 from nas_data.robots.base import Robot
@@ -80,14 +81,14 @@ def draw_plan(
         OptionError: a file's episode touches something, or nothing else can be drawn.
     """
     simulator = MujocoSimulator(robot, 1 / rate, effects=_limits(robot, speed), threads=1)
-    target = Target(robot, simulator, Readings(), rate)
+    target, ways = Target(robot, simulator, Readings(), rate), Ways(robot)
     commands, poses, fates = list[np.ndarray](), list[np.ndarray](), list[bool]()
     for attempt in range(ROUNDS):
         session = Session.draw(target, replace(protocol, seed=protocol.seed + attempt * FAR))
         wanted = protocol.episodes if protocol.file is None else len(session.commands)
         block = np.stack([_same_length(rows, session.commands[0]) for rows in session.commands])
         first = session.starts[:, : len(simulator.joints)]
-        free = free_of_contact(simulator, block, first)
+        free = free_of_contact(simulator, block, first, ways)
         if protocol.file is not None and not free.all():
             raise OptionError(
                 f"{protocol.file}: in episode {int(np.argmin(free))} the arm would touch itself or the floor; "
@@ -112,21 +113,26 @@ def draw_plan(
     )
 
 
-def free_of_contact(simulator: MujocoSimulator, commands: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    """Return which episodes touch nothing on their way and on the way back, shape (E,).
+def free_of_contact(simulator: MujocoSimulator, commands: np.ndarray, poses: np.ndarray, ways: Ways) -> np.ndarray:
+    """Return which episodes touch nothing on their way, on the way back, and on slow ways from and to rest, shape (E,).
 
     Args:
         simulator: The arm.
         commands: [rad], shape (E, T, n).
         poses: First poses [rad], shape (E, n).
+        ways: The arm's slow ways.
     """
-    n = poses.shape[1]
+    n, steps = poses.shape[1], commands.shape[1]
     back = np.repeat(poses[:, None], round(RETURN / simulator.period), axis=1)
     initial = np.concatenate([poses, np.zeros_like(poses)], axis=1)
-    path = simulator.rollout(initial, np.concatenate([commands, back], axis=1))
-    seen = path[:, :: max(1, round(LOOK / simulator.period)), :n]
+    path = simulator.rollout(initial, np.concatenate([commands, back], axis=1))[..., :n]
+    seen = path[:, :: max(1, round(LOOK / simulator.period))]
     counts = contact_counts(simulator, seen.reshape(-1, n)).reshape(len(poses), -1)
-    return np.asarray((counts == 0).all(axis=1) & (contact_counts(simulator, poses) == 0))
+    free = np.asarray((counts == 0).all(axis=1) & (contact_counts(simulator, poses) == 0))
+    for episode in np.flatnonzero(free):
+        last, first = path[episode, steps - 1], poses[episode]
+        free[episode] = ways.exists(last, ways.rest) and ways.exists(ways.rest, first)
+    return free
 
 
 def _limits(robot: Robot, speed: float) -> list[Effect]:

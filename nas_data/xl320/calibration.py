@@ -79,3 +79,19 @@ def read_calibration(path: Path, joints: Joints) -> Joints:
     if [number[:2] for number in numbers] != expected:
         raise OptionError(f"{path} has other identities or directions than this arm; calibrate it again.")
     return joints.calibrated(tuple(number[2] for number in numbers))
+
+
+def joints_of(joints: Joints, robot: str, name: str, path: Path | None = None) -> Joints:
+    """Return the joints of an arm with its own zeros; as they are where it was never calibrated.
+
+    Args:
+        joints: What such an arm has.
+        robot: Its kind.
+        name: Name of this very arm.
+        path: Its calibration file, where it is not in LeRobot's place.
+
+    Raises:
+        OptionError: the file that is given is missing, or the one that is there is damaged or of another arm.
+    """
+    known = path or default_path(robot, name)
+    return read_calibration(known, joints) if path or known.is_file() else joints

@@ -32,6 +32,7 @@ class ArmEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         render_mode: str | None = None,
         effects: str | Path | None = None,
         engine: str = "mujoco",
+        missed: float = 0.0,
     ) -> None:
         """Build the environment.
 
@@ -43,13 +44,14 @@ class ArmEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             render_mode: None; there is no rendering.
             effects: Gap report, or its `effects.json`, whose named effects the physics has as well.
             engine: What computes the physics, `mujoco` or `bullet`.
+            missed: Share of the touches that ErgoShield does not notice.
 
         Raises:
             UnknownName: there is no such task, dynamics or engine; lists the choices.
         """
         files = {"checkpoint": checkpoint, "effects": effects}
         paths = {name: None if file is None else str(file) for name, file in files.items()}
-        plant = Plant(task, dynamics, engine=engine, **paths)
+        plant = Plant(task, dynamics, engine=engine, missed=missed, **paths)
         self.task = plant.task
         self.arena = Arena(self.task, stepper or plant.stepper(1))
         self.observation_space = self.task.observation_space

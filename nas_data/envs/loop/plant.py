@@ -1,6 +1,6 @@
 """Where a policy lives: a task on a simulator, on a target, or on what was learned about it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +22,7 @@ class Plant:
         checkpoint: Learned model: φ corrects that physics after each step, ψ takes its place.
         effects: Gap report, or its `effects.json`, whose named effects and retuned base the physics has as well.
         engine: What computes the physics, `mujoco` or `bullet`; a gap that nobody designed lies between them.
+        missed: Share of the touches that ErgoShield does not notice.
     """
 
     environment: str
@@ -29,11 +30,24 @@ class Plant:
     checkpoint: str | None = None
     effects: str | None = None
     engine: str = "mujoco"
+    missed: float = 0.0
 
     @property
     def task(self) -> Task:
-        """The task."""
-        return find_task(self.environment)
+        """The task.
+
+        Raises:
+            UnknownName: there is no such environment.
+            OptionError: the missed touches are no share, or the task knows no touches.
+        """
+        task = find_task(self.environment)
+        if not self.missed:
+            return task
+        if not 0 < self.missed <= 1:
+            raise OptionError(f"Missed touches are {self.missed}; they are a share in 0 … 1.")
+        if "missed" not in vars(task):
+            raise OptionError(f"{self.environment} has no touches that could be missed; ErgoShield has.")
+        return replace(task, missed=self.missed)  # type: ignore[call-arg]  # a field of tasks with touches
 
     def simulator(self) -> Simulator:
         """Return the physics.
@@ -77,6 +91,7 @@ class Plant:
             "simulator": self.simulator().describe(),  # the effects' content is in here
             "model": self._describe_model(),
         }
+        described |= {"missed": self.missed} if self.missed else {}
         return described if named is None else {**described, "retuned": dict(named.retuned)}
 
     def check(self) -> None:

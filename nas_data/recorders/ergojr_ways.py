@@ -1,0 +1,114 @@
+"""Slow ways from pose to pose on which an arm touches neither itself nor the floor."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+
+from nas_data.errors import WayBlocked
+from nas_data.robots.base import Robot
+from nas_data.simulators.contact import Touches, contact_counts, touches
+from nas_data.simulators.mujoco import MujocoSimulator
+
+LOOK = 0.02  # [rad] between two looks along a way
+CLOSER = 0.001  # [m] by which what touches at the start may come closer before it parts: readings are whole ticks
+
+
+class Ways:
+    """The free ways of one arm, told by its model.
+
+    Where the arm stands may touch something, for a hand put it there; what touches may part, and nothing new may touch.
+
+    Attributes:
+        rest: The pose over which a way leads where the straight one is not free [rad], shape (n,).
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._simulator = MujocoSimulator(robot, 1 / robot.rate, threads=1)
+        self._room = mujoco.MjData(self._simulator.model)
+        self.rest = np.array(robot.rest or np.zeros(len(robot.joints)))
+
+    def find(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Return the corners of a free way: the straight one, or one round what is in its way.
+
+        Args:
+            begin: Where the arm stands [rad], shape (n,).
+            end: Where it shall go [rad], shape (n,).
+
+        Returns:
+            Poses [rad] to go to one after the other, straight in joint space, shape (k, n); the last is the end.
+
+        Raises:
+            WayBlocked: no way is free.
+        """
+        for corners in self._candidates(begin, end):
+            if self._is_free(np.stack([begin, *corners])):
+                return np.stack(corners)
+        raise WayBlocked(
+            f"On the slow way to its next pose the arm would touch {self._obstacle(begin, end)}; move it upright by "
+            "hand (the torque is off) and start again."
+        )
+
+    def exists(self, begin: np.ndarray, end: np.ndarray) -> bool:
+        """Return whether there is a free way between two poses [rad], shape (n,)."""
+        return any(self._is_free(np.stack([begin, *corners])) for corners in self._candidates(begin, end))
+
+    def touches(self, pose: np.ndarray) -> bool:
+        """Return whether a pose [rad], shape (n,), touches something."""
+        return bool(contact_counts(self._simulator, pose[None])[0])
+
+    def leads_into_touch(self, begin: np.ndarray, end: np.ndarray) -> bool:
+        """Return whether something touches in a pose [rad], shape (n,), that in another does not, or less."""
+        soon = touches(self._simulator, end, self._room)
+        now = touches(self._simulator, begin, self._room) if soon else {}
+        return any(distance < now.get(pair, np.inf) for pair, distance in soon.items())
+
+    def _candidates(self, begin: np.ndarray, end: np.ndarray) -> Iterator[list[np.ndarray]]:
+        """Yield the straight way, that over the rest pose, and those that move one joint first or last."""
+        yield [end]
+        yield [self.rest, end]
+        for first in self._one_at_rest(begin):
+            yield [first, self.rest, end]
+            for last in self._one_at_rest(end):
+                yield [first, self.rest, last, end]
+        for last in self._one_at_rest(end):
+            yield [self.rest, last, end]
+
+    def _one_at_rest(self, pose: np.ndarray) -> list[np.ndarray]:
+        """Return the pose with each of its joints in turn at rest."""
+        return [np.where(np.arange(len(pose)) == joint, self.rest, pose) for joint in range(len(pose))]
+
+    def _is_free(self, corners: np.ndarray) -> bool:
+        """Return whether nothing new touches along straight lines between poses [rad], shape (k, n)."""
+        path = np.concatenate([_between(a, b) for a, b in pairwise(corners)])
+        touching = contact_counts(self._simulator, path) > 0
+        if touching[-1]:
+            return False
+        parted = int(np.argmin(touching))
+        return not touching[parted:].any() and self._parts(path[:parted])
+
+    def _parts(self, path: np.ndarray) -> bool:
+        """Return whether what touches at the start of a path only comes apart on it."""
+        allowed: Touches | None = None
+        for pose in path:
+            now = touches(self._simulator, pose)
+            if allowed is not None and any(now[pair] < allowed.get(pair, np.inf) - CLOSER for pair in now):
+                return False
+            allowed = now if allowed is None else {pair: allowed[pair] for pair in now}
+        return True
+
+    def _obstacle(self, begin: np.ndarray, end: np.ndarray) -> str:
+        """Name what is first in the straight way."""
+        known = touches(self._simulator, begin).keys()
+        for pose in _between(begin, end):
+            new = touches(self._simulator, pose).keys() - known
+            if new:
+                return " with ".join(reversed(min(new)))
+        return "what it touches now even more"
+
+
+def _between(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Return poses [rad] along a straight line, both ends included, shape (k, n)."""
+    steps = max(1, int(np.ceil(np.abs(end - begin).max() / LOOK)))
+    return np.asarray(begin + np.linspace(0, 1, steps + 1)[:, None] * (end - begin))

@@ -1,0 +1,114 @@
+"""An arm that may be moved: looked at first, guarded while its torque is on, left without torque whatever happens."""
+
+import contextlib
+from dataclasses import dataclass, field
+from types import TracebackType
+
+import numpy as np
+
+from nas_data.errors import GuardLost
+from nas_data.recorders.ergojr_motion import Motion
+from nas_data.recorders.ergojr_ways import Ways
+from nas_data.recorders.schedule import Clock
+from nas_data.recorders.watchdog import Watchdog
+from nas_data.xl320.arm import Arm
+from nas_data.xl320.configuration import Configuration
+from nas_data.xl320.joints import Joints
+
+SETTING_UP = 10.0  # [s] that it may take to look at an arm, to set it up or to make it safe
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setup:
+    """An arm, and how it is to be moved.
+
+    Attributes:
+        port: Where the arm is.
+        joints: Its joints.
+        ways: How it gets from pose to pose without touching anything.
+        rate: Control rate [Hz].
+        configuration: Set-up of the servos.
+        largest_step: By how much a command may differ from the one before [rad].
+    """
+
+    port: str
+    joints: Joints
+    ways: Ways
+    rate: float = 100.0
+    configuration: Configuration = field(default_factory=Configuration)
+    largest_step: float = 3.2
+
+
+class GuardedArm:
+    """An arm and its guard; a context that leaves the arm without torque.
+
+    Attributes:
+        arm: The arm.
+        doubt: After leaving: what could not be done to make the arm safe; empty where everything was.
+    """
+
+    def __init__(self, setup: Setup, clock: Clock, patience: float = 0.0) -> None:
+        """Open the port and start the guard; nothing moves.
+
+        Args:
+            setup: The arm.
+            clock: By which it is moved.
+            patience: How long [s] whoever moves the arm may do something else between two readings.
+
+        Raises:
+            ArmError: the port cannot be opened.
+        """
+        self.arm = Arm(setup.port, setup.joints, clock.now)
+        self.doubt = ""
+        self._setup, self._clock, self._patience = setup, clock, patience
+        self._watchdog = Watchdog(setup.port, setup.joints)
+        self._beside: tuple[GuardedArm, ...] = ()
+
+    def take(self, pose: np.ndarray) -> Motion:
+        """Look at the arm and for a way to its first pose [rad], shape (n,), set it up, switch its torque on.
+
+        Raises:
+            ArmError: something is wrong with the arm; its torque is still off.
+        """
+        setup = self._setup
+        self.promise(SETTING_UP)
+        self.arm.check()
+        setup.ways.find(self.arm.read().positions, pose)
+        self.arm.configure(setup.configuration)
+        self.arm.torque_on()
+        return Motion(self.arm, self._clock, 1 / setup.rate, setup.largest_step, setup.ways, self.promise)
+
+    def promise(self, seconds: float) -> None:
+        """Tell the guard until when the next word comes [s from now].
+
+        Raises:
+            GuardLost: the guard is gone.
+        """
+        for guarded in (self, *self._beside):
+            guarded._watchdog.promise(max(seconds, self._patience))
+
+    def accompany(self, other: "GuardedArm") -> None:
+        """Let one loop move two arms: while it looks after the first it does the same for the other, and vice versa."""
+        self._beside, other._beside = (other,), (self,)
+
+    def make_safe(self) -> None:
+        """Hold the arm until it is slow, switch the torque off; what could not be done is in `doubt`."""
+        with contextlib.suppress(GuardLost):  # which is no reason to leave the torque on
+            self.promise(SETTING_UP)
+        self.doubt = self.arm.make_safe()
+
+    def leave(self) -> None:
+        """Make the arm safe, give the port back and send the guard home."""
+        self.make_safe()
+        for other in self._beside:
+            other._beside = ()
+        self.arm.close()
+        self._watchdog.release()
+
+    def __enter__(self) -> "GuardedArm":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.leave()
