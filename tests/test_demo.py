@@ -16,10 +16,10 @@ from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
 from nas_data.demo.pipeline import STAGES
-from nas_data.demo.plan import FULL, QUICK
+from nas_data.demo.plan import FULL, QUICK, Demo
 from nas_data.demo.recording import HELDOUT, TRAIN, newest
-from nas_data.demo.stages import Demo, Found, Stage, read_done, run_stages
 from nas_data.errors import OutputExists
+from nas_data.stages import Found, Stage, read_done, run_stages
 
 NAMES = [stage.name for stage in STAGES]
 
