@@ -199,6 +199,17 @@ def test_what_was_lost_is_done_again_with_all_that_follows(empty, lost, again):
     assert log == list(again)
 
 
+def test_a_stage_is_done_again_only_with_what_it_builds_on(empty):
+    log: list[str] = []
+    a, b, c, d = staged(log, "a", "b", "c", "d")
+    stages = (a, replace(b, builds_on=("a",)), replace(c, builds_on=("a",)), replace(d, builds_on=("b",)))
+    run_stages(stages, empty)
+    (empty.folder / "b").unlink()
+    log.clear()
+    run_stages(stages, empty)
+    assert log == ["b", "d"]
+
+
 def test_an_interrupted_stage_counts_as_not_done(empty):
     log: list[str] = []
     a, b = staged(log, "a", "b")
