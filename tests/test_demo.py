@@ -16,10 +16,10 @@ from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
 from nas_data.demo.pipeline import STAGES
-from nas_data.demo.plan import FULL, QUICK
+from nas_data.demo.plan import FULL, QUICK, Demo
 from nas_data.demo.recording import HELDOUT, TRAIN, newest
-from nas_data.demo.stages import Demo, Found, Stage, read_done, run_stages
 from nas_data.errors import OutputExists
+from nas_data.stages import Found, Stage, read_done, run_stages
 
 NAMES = [stage.name for stage in STAGES]
 
@@ -197,6 +197,17 @@ def test_what_was_lost_is_done_again_with_all_that_follows(empty, lost, again):
     log.clear()
     run_stages(stages, empty)
     assert log == list(again)
+
+
+def test_a_stage_is_done_again_only_with_what_it_builds_on(empty):
+    log: list[str] = []
+    a, b, c, d = staged(log, "a", "b", "c", "d")
+    stages = (a, replace(b, builds_on=("a",)), replace(c, builds_on=("a",)), replace(d, builds_on=("b",)))
+    run_stages(stages, empty)
+    (empty.folder / "b").unlink()
+    log.clear()
+    run_stages(stages, empty)
+    assert log == ["b", "d"]
 
 
 def test_an_interrupted_stage_counts_as_not_done(empty):

@@ -173,7 +173,7 @@ def test_load_friction_holds_without_creep_or_chatter(tmp_path, load):
     """A loaded joint that came to rest stays at rest while the load changes by less than the friction."""
     arm = simulator(tmp_path, Lever(friction=0.0, damping=0.005), effect("load_friction", ratio=0.2))
     stepper = arm.stepper(1)
-    applied = stepper._batch.bind("qfrc_applied")
+    applied = stepper.batch.bind("qfrc_applied")
     angles = []
     for step in range(500):
         applied[:] = -load * (1.0 if step < 300 else 0.95)

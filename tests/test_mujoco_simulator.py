@@ -182,10 +182,10 @@ def test_setting_states_keeps_play_delays_and_setpoints(folder):
     stepper.reset(np.zeros((1, 2)))
     for _ in range(20):
         stepper.step(np.full((1, 1), 0.5))
-    play = stepper._batch.bind("qpos")[0, 1]
+    play = stepper.batch.bind("qpos")[0, 1]
     assert abs(play) > 0.04, "gravity should lean the link on one side of its play"
     stepper.set_states(np.array([[0.3, 0.0]]))
-    assert stepper._batch.bind("qpos")[0, 1] == play
+    assert stepper.batch.bind("qpos")[0, 1] == play
     slow, _ = load(folder, "slow")
     stepper = slow.stepper(1)
     stepper.reset(np.zeros((1, 4)))
@@ -305,7 +305,7 @@ def test_joints_that_the_dataset_lacks_are_held_at_their_reference(folder):
     stepper.reset(np.array([[0.3, 0.0]]))
     for _ in range(50):
         stepper.step(np.array([[0.3]]))
-    qpos = stepper._batch.bind("qpos")[0]
+    qpos = stepper.batch.bind("qpos")[0]
     assert qpos[:3].tolist() == pytest.approx([0.3, 0.0, 0.4], abs=1e-9)
 
 

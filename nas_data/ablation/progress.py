@@ -7,6 +7,7 @@ import numpy as np
 
 from nas_data.ablation.results import error
 from nas_data.ablation.trial import Config, Record
+from nas_data.policies.watching import spoken
 
 
 class Clock:
@@ -38,7 +39,7 @@ class Clock:
         seconds = float(str(record["wall_seconds"]))
         self.took[config.kind].append(seconds)
         found = f"failed: {record['failed']}" if "failed" in record else shown(record)
-        left = f", about {length(self.left())} left" if self.waiting else ""
+        left = f", about {spoken(self.left())} left" if self.waiting else ""
         head = f"{self.total - len(self.waiting)} of {self.total}: {config.kind}, {config.amount}, seed {config.seed}"
         return f"{head}: {found} ({seconds:.0f} s{left})"
 
@@ -52,8 +53,3 @@ def shown(record: Record) -> str:
     """Return the errors of a trial's own predictor as text."""
     loop, step = (np.degrees(error(record, way)) for way in ("open_loop", "one_step"))
     return f"open loop {f'{loop:.3f}°' if np.isfinite(loop) else 'diverged'}, one step {step:.4f}°"
-
-
-def length(seconds: float) -> str:
-    """Return a length of time as people say it."""
-    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"

@@ -4,28 +4,25 @@ import json
 import os
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from safetensors.numpy import load_file, save
 
-from nas_data.dataset import versions
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
+from nas_data.demo.plan import Demo
 from nas_data.demo.recording import HELDOUT, TRAIN, newest
-from nas_data.demo.stages import INDENT, Demo, Found, Report
+from nas_data.experiments.pipeline.learning import ModelJob, train_model
+from nas_data.experiments.pipeline.trajectories import PREDICTORS, compare_models
 from nas_data.metrics import Errors
-from nas_data.models import checkpoint
-from nas_data.models.evaluation import MODEL, Evaluation, evaluate
+from nas_data.models.evaluation import MODEL, Evaluation
 from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions
-from nas_data.models.run import HISTORY, STATE, TrainingRun
-from nas_data.models.training import Training
 from nas_data.policies.parallel import run_jobs
 from nas_data.reports.file import write_whole
-from nas_data.sources import find_source, kept_files
+from nas_data.sources import find_source
+from nas_data.stages import INDENT, Found, Report
 
 FOLDERS: dict[Kind, str] = {"delta": "models/phi", "forward": "models/psi"}
 ROLLOUTS = "models/rollouts.safetensors"
@@ -34,34 +31,10 @@ ERRORS = "models/errors.json"
 ErrorTable = dict[str, dict[str, float]]
 """RMSE [rad] by predictor, then by joint; `all` is over all joints."""
 
-PREDICTORS = (MODEL["delta"], MODEL["forward"], "source", "hold", "command")  # learned models first
-Kept = TypeVar("Kept")
 
-
-@dataclass(frozen=True)
-class ModelJob:
-    """One model to be trained: its kind, on what data, how, and where it goes."""
-
-    kind: Kind
-    dataset: Path
-    options: TrainingOptions
-    folder: Path
-
-
-def train_model(job: ModelJob) -> list[dict[str, float]]:
-    """Train a model, or go on with its training; return its history."""
-    history = job.folder / HISTORY
-    if not history.is_file() or (job.folder / STATE).exists():
-        dataset = read(job.dataset)
-        source = find_source(None, (), dataset, [job.dataset])
-        parent = versions.parent_of(job.dataset, dataset)
-        provenance = {
-            "dataset": {"name": parent.name, "content_hash": parent.content_hash},
-            "source": source.describe(),
-        }
-        training = Training(job.kind, dataset, job.options, source, provenance)
-        TrainingRun(training, job.folder, reporter("φ" if job.kind == "delta" else "ψ"), kept_files(job.dataset)).run()
-    return json.loads(history.read_text(encoding="utf-8"))
+def learn(job: ModelJob) -> list[dict[str, float]]:
+    """Train one of the two models, and say which it is."""
+    return train_model(job, reporter("φ" if job.kind == "delta" else "ψ"))
 
 
 def reporter(name: str) -> Report:
@@ -74,9 +47,10 @@ def learn_models(demo: Demo) -> Found:
     train, heldout = newest(demo, TRAIN), newest(demo, HELDOUT)
     options: dict[Kind, TrainingOptions] = {"delta": demo.plan.delta, "forward": demo.plan.forward}
     jobs = [ModelJob(kind, train, options[kind], demo.folder / FOLDERS[kind]) for kind in FOLDERS]
-    histories = {jobs[number].kind: rows for number, rows in run_jobs(train_model, jobs, cores())}
+    histories = {jobs[number].kind: rows for number, rows in run_jobs(learn, jobs, cores())}
     dataset = read(heldout)
-    evaluation = compare_models(dataset, heldout, demo)
+    delta, psi = (demo.folder / FOLDERS[kind] for kind in FOLDERS)
+    evaluation = compare_models(dataset, find_source(None, (), dataset, [heldout]), delta, psi)
     save_rollouts(evaluation, dataset, demo.folder / ROLLOUTS)
     errors = {"one_step": table_of(evaluation.one_step), "open_loop": table_of(evaluation.open_loop)}
     write_whole(demo.folder / ERRORS, (json.dumps(errors, indent=1) + "\n").encode())
@@ -102,25 +76,6 @@ def load_errors(path: Path) -> dict[str, ErrorTable]:
     """Return the errors of one step and in open loop that the stage kept."""
     errors: dict[str, ErrorTable] = json.loads(path.read_text(encoding="utf-8"))
     return errors
-
-
-def compare_models(dataset: Dataset, root: Path, demo: Demo) -> Evaluation:
-    """Return the errors of φ, ψ and the trivial baselines on a dataset."""
-    source = find_source(None, (), dataset, [root])
-    delta, forward = (checkpoint.load_frozen(checkpoint.find(demo.folder / FOLDERS[kind])) for kind in FOLDERS)
-    first, second = evaluate(dataset, source, delta), evaluate(dataset, None, forward)
-    return Evaluation(
-        in_order(first.one_step, second.one_step),
-        in_order(first.open_loop, second.open_loop),
-        in_order(first.rollouts, second.rollouts),
-        {**second.diverged, **first.diverged},
-    )
-
-
-def in_order(one: Mapping[str, Kept], other: Mapping[str, Kept]) -> dict[str, Kept]:
-    """Return what two evaluations hold, in the order of tables."""
-    both = {**other, **one}
-    return {name: both[name] for name in PREDICTORS}
 
 
 def save_rollouts(evaluation: Evaluation, dataset: Dataset, path: Path) -> None:

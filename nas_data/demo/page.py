@@ -7,17 +7,17 @@ import numpy as np
 from nas_data.benchmarks.hardware import hardware
 from nas_data.dataset.provenance import now, read_provenance
 from nas_data.demo.learning import ERRORS, FOLDERS, ROLLOUTS, load_errors, load_rollouts
-from nas_data.demo.plan import Plan
+from nas_data.demo.plan import Demo, Plan
 from nas_data.demo.policies import BASELINES, load_baselines
 from nas_data.demo.policies import FOLDER as POLICIES
 from nas_data.demo.recording import HELDOUT, TRAIN, newest
-from nas_data.demo.stages import Demo, Found, read_stage
 from nas_data.reports.file import write_whole
 from nas_data.reports.page import Block, Facts, Page, Picture, Section, Table, Text
 from nas_data.reports.prediction_figures import growth, joint_errors, trajectory
 from nas_data.reports.run_sections import learning_picture, models_picture, policies_table, target_picture
 from nas_data.reports.runs import Runs, find_runs
 from nas_data.reports.style import to_png
+from nas_data.stages import Found, read_stage
 
 PAGE = "report.html"
 FIGURES = "figures"

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from nas_data.demo.plan import Plan
-from nas_data.demo.stages import Demo, Done, Found, Report, Stage, run_stages
+from nas_data.demo.plan import Demo, Plan
+from nas_data.stages import Done, Found, Report, Stage, run_stages
 
 
 def record(demo: Demo) -> Found:

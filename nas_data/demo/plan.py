@@ -7,6 +7,7 @@ from nas_data.envs.base import SOURCE, Task, find_task
 from nas_data.envs.loop.plant import Plant
 from nas_data.models.presets import TrainingOptions, preset
 from nas_data.robots.base import find_robot
+from nas_data.stages import Work
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,9 @@ class Plan:
         effects = {name: list(self.task.dynamics[name]) for name in (SOURCE, self.dynamics)}
         return {"nas_data": __version__, **asdict(self), "robot": robot.name, "model": robot.sha256, "effects": effects}
 
+
+Demo = Work[Plan]
+"""A demo in a folder."""
 
 FULL = Plan(
     episodes=200,

@@ -1,33 +1,29 @@
 """The demo's third stage: policies learn on the target, in the source and in what was learned; the target judges."""
 
 import json
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from nas_data.demo.learning import FOLDERS, cores
-from nas_data.demo.stages import INDENT, Demo, Found
+from nas_data.demo.plan import Demo
 from nas_data.envs.loop.plant import Plant
-from nas_data.errors import CheckpointError
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compare
 from nas_data.policies.evaluate import score_baselines
-from nas_data.policies.policy import read_progress
 from nas_data.policies.ppo import Hyperparameters
+from nas_data.policies.watching import watching
 from nas_data.reports.file import write_whole
+from nas_data.stages import INDENT, Found
 
 FOLDER = "policies"
 BASELINES = "policies/baselines.json"
-PAUSE = 10.0  # [s] between two lines of progress
 
 
 def learn_policies(demo: Demo) -> Found:
     """Train every method with every seed, and judge each policy on the target."""
     plan = demo.plan
     study = study_of(demo)
-    with progress(study, demo):
+    with watching(study, demo.folder / FOLDER, lambda line: demo.report(f"{INDENT}{line}")):
         comparison = compare(study, demo.folder / FOLDER, cores(), lambda line: demo.report(f"{INDENT}{line}"))
     baselines = score_baselines(plan.target, plan.judged)
     said = [
@@ -73,34 +69,3 @@ def study_of(demo: Demo) -> Study:
         episodes=plan.judged,
         hyperparameters=Hyperparameters(rollout=plan.rollout, minibatches=plan.minibatches, epochs=plan.epochs),
     )
-
-
-@contextmanager
-def progress(study: Study, demo: Demo) -> Iterator[None]:
-    """Report every few seconds how much is learned, from what the workers leave on disk."""
-    folders = [demo.folder / FOLDER / method / f"seed{seed}" for method in study.methods for seed in study.seeds]
-    over = threading.Event()
-
-    def watch() -> None:
-        total, before = study.frames * len(folders), 0.0
-        while not over.wait(PAUSE):
-            done = min(float(total), sum(frames_learned(folder) for folder in folders))
-            if done > before:
-                demo.report(f"{INDENT}{len(folders)} policies: {done / total:.0%} of {total:,} control steps")
-            before = done
-
-    thread = threading.Thread(target=watch, daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        over.set()
-        thread.join()
-
-
-def frames_learned(folder: Path) -> float:
-    """Return how many control steps a policy has learned from, as far as it was written; 0 where it has not begun."""
-    try:
-        return float(read_progress(folder)["frames"][-1])
-    except CheckpointError:
-        return 0.0

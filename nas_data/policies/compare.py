@@ -34,6 +34,7 @@ class Study:
         frames: Control steps of each training.
         episodes: Episodes of each evaluation; the same for all.
         hyperparameters: PPO's.
+        dataset: Content hash of what learned and named plants were made from, for the runs' records; None if unknown.
     """
 
     target: Plant
@@ -42,6 +43,7 @@ class Study:
     frames: int = 2_000_000
     episodes: int = 100
     hyperparameters: Hyperparameters = field(default_factory=Hyperparameters)
+    dataset: str | None = None
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,7 @@ class Run:
     episodes: int
     folder: Path
     quiet: bool = False
+    dataset: str | None = None
 
 
 def do_run(run: Run) -> Record:
@@ -77,7 +80,7 @@ def do_run(run: Run) -> Record:
     curve = read_progress(run.folder)
     record: Record = {
         "question": question,
-        "circumstances": run.training.circumstances(),
+        "circumstances": {**run.training.circumstances(), "dataset": run.dataset},
         "score": score.describe(),
         "returns": score.returns.tolist(),
         "wall_seconds": float(curve["seconds"][-1]),
@@ -100,7 +103,9 @@ def read_result(folder: Path) -> Record | None:
     return record if isinstance(record, dict) else None
 
 
-def compare(study: Study, folder: Path, workers: int = 1, report: Report = to_stderr) -> "Comparison":
+def compare(
+    study: Study, folder: Path, workers: int = 1, report: Report = to_stderr, quiet: bool = False
+) -> "Comparison":
     """Train and judge every method with every seed; goes on where it was interrupted.
 
     Args:
@@ -108,6 +113,7 @@ def compare(study: Study, folder: Path, workers: int = 1, report: Report = to_st
         folder: Results: `<method>/seed<seed>/` hold policy, learning curve and `result.json`.
         workers: Processes side by side.
         report: Told of each finished run in a sentence.
+        quiet: Whether trainings say nothing themselves; with several workers they never do.
 
     Raises:
         OptionError: there is no method or no seed, or a seed is negative.
@@ -127,7 +133,8 @@ def compare(study: Study, folder: Path, workers: int = 1, report: Report = to_st
             target=study.target,
             episodes=study.episodes,
             folder=folder / method / f"seed{seed}",
-            quiet=workers > 1,
+            quiet=quiet or workers > 1,
+            dataset=study.dataset,
         )
         for seed in study.seeds
         for method, plant in study.methods.items()

@@ -279,13 +279,14 @@ class Calm:
 
     PAUSE = 2.0  # [s]
 
-    def __init__(self, report: Report = to_stderr) -> None:
-        """Pass on to a report."""
+    def __init__(self, report: Report = to_stderr, pause: float = PAUSE) -> None:
+        """Pass on to a report, after at least a pause [s]."""
         self.report = report
+        self.pause = pause
         self.next = 0.0
 
     def __call__(self, message: str) -> None:
         """Report, or say nothing if something was said a moment ago."""
         if time.monotonic() >= self.next:
-            self.next = time.monotonic() + self.PAUSE
+            self.next = time.monotonic() + self.pause
             self.report(message)

@@ -43,6 +43,7 @@ STROKES = {
     "source": Stroke(BLUE, "-", 1.6, 4),
     "source + φ": Stroke(ORANGE, "-", 2.0, 6),
     "augmented": Stroke(ORANGE, "-", 2.0, 6),  # learned on source + φ
+    "nas": Stroke(ORANGE, "-", 2.0, 6),  # the same, by the paper's name
     "ψ": Stroke(GREEN, "--", 1.6, 5),
     "forward": Stroke(GREEN, "--", 1.8, 5),  # learned on ψ
     "hold": Stroke(LIGHT, "-.", 1.2, 1),

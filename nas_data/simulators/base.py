@@ -1,6 +1,7 @@
 """What a simulator is: something that predicts one control step, rolls out episodes and steps in a closed loop."""
 
-from typing import Protocol
+from collections.abc import Sequence
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -49,6 +50,19 @@ class Stepper(Protocol):
 
     def site_positions(self, name: str) -> np.ndarray:
         """Return where a site is in the world [m], shape (B, 3), in agreement with `states`."""
+
+
+@runtime_checkable
+class Redrawn(Protocol):
+    """A batch of simulations whose models are drawn anew with every episode."""
+
+    def redraw(self, rngs: Sequence[np.random.Generator], rows: np.ndarray | None = None) -> None:
+        """Draw the models of episodes that are about to begin; `Stepper.reset` follows.
+
+        Args:
+            rngs: One generator a simulation that starts; what it gives to others stays the same.
+            rows: Which simulations, shape (rows,); all where None.
+        """
 
 
 class Simulator(Protocol):

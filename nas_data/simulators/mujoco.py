@@ -221,7 +221,11 @@ class MujocoSimulator:
 
 
 class MujocoStepper:
-    """A batch of simulations of one model in a closed loop; implements `Stepper`."""
+    """A batch of simulations of one model in a closed loop; implements `Stepper`.
+
+    Attributes:
+        batch: The engine's batch, in which simulations may be given parameters of their own.
+    """
 
     def __init__(self, simulator: MujocoSimulator, size: int) -> None:
         """Create the batch, every simulation at rest at zero."""
@@ -230,18 +234,18 @@ class MujocoStepper:
         self.joints = simulator.joints
         self.size = size
         # persistent: what is computed for the sites of a state is not computed again by the step that follows
-        self._batch = mujoco.batch.Batch(simulator.model, nsim=size, nthread=1, persistent=True)
+        self.batch = mujoco.batch.Batch(simulator.model, nsim=size, nthread=1, persistent=True)
         self._rest = RestStates(simulator.model, self.layout, INTEGRATION)
-        self._qpos = self._batch.bind("qpos")
-        self._qvel = self._batch.bind("qvel")
-        self._ctrl = self._batch.bind("ctrl")
-        self._time = self._batch.bind("time")
+        self._qpos = self.batch.bind("qpos")
+        self._qvel = self.batch.bind("qvel")
+        self._ctrl = self.batch.bind("ctrl")
+        self._time = self.batch.bind("time")
         self._lost = np.zeros(size, bool)
-        self._sites = self._batch.bind("site_xpos") if simulator.model.nsite else None
+        self._sites = self.batch.bind("site_xpos") if simulator.model.nsite else None
         self._moved = True
         self._measured: np.ndarray | None = None
         self._servos = tuple(as_slice(places) for places in (self.layout.qpos, self.layout.dof, self.layout.control))
-        self._hooked = HookedBatch(self._batch, simulator.hooks) if simulator.hooks else None
+        self._hooked = HookedBatch(self.batch, simulator.hooks) if simulator.hooks else None
         self.reset(np.zeros((size, 2 * len(self.joints))))
 
     @property
@@ -260,7 +264,7 @@ class MujocoStepper:
     def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
         """Start simulations anew; see `Stepper.reset`."""
         chosen = slice(None) if rows is None else rows
-        self._batch.state[chosen] = self._rest(np.asarray(states, float))
+        self.batch.state[chosen] = self._rest(np.asarray(states, float))
         self._lost[chosen] = False
         self._moved, self._measured = True, None
         if self._hooked:
@@ -279,7 +283,7 @@ class MujocoStepper:
             if self._hooked:
                 self._hooked.step(self.simulator.substeps)
             else:
-                self._batch.step(nstep=self.simulator.substeps)
+                self.batch.step(nstep=self.simulator.substeps)
         # the engine goes on from its reference posture, with its clock at zero, after a simulation diverged
         self._lost |= ~(np.abs(self._time - due) < self.simulator.model.opt.timestep / 2).reshape(self.size)
         self._moved, self._measured = True, None
@@ -304,6 +308,6 @@ class MujocoStepper:
         if site < 0 or self._sites is None:
             raise ModelFileError(f"{self.simulator.robot.mjcf} has no site '{name}'; add <site name='{name}'/>.")
         if self._moved:
-            self._batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
+            self.batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
             self._moved = False
         return self._sites[:, site].copy()

@@ -7,7 +7,7 @@ import numpy as np
 
 from nas_data.envs.base import Task, Verdict
 from nas_data.errors import JointMismatch, SimulationDiverged
-from nas_data.simulators.base import Stepper
+from nas_data.simulators.base import Redrawn, Stepper
 
 
 class Arena:
@@ -53,6 +53,8 @@ class Arena:
         chosen = slice(None) if rows is None else rows
         self._goals[chosen] = goals
         self.elapsed[chosen] = 0
+        if isinstance(self.stepper, Redrawn):
+            self.stepper.redraw(rngs, rows)
         self.stepper.reset(np.stack([np.concatenate([start.state, start.objects]) for start in starts]), rows)
 
     def observe(self) -> np.ndarray:

@@ -49,9 +49,8 @@ class ArmEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         Raises:
             UnknownName: there is no such task, dynamics or engine; lists the choices.
         """
-        files = {"checkpoint": checkpoint, "effects": effects}
-        paths = {name: None if file is None else str(file) for name, file in files.items()}
-        plant = Plant(task, dynamics, engine=engine, missed=missed, **paths)
+        model, named = (None if file is None else str(file) for file in (checkpoint, effects))
+        plant = Plant(task, dynamics, model, named, engine, missed)
         self.task = plant.task
         self.arena = Arena(self.task, stepper or plant.stepper(1))
         self.observation_space = self.task.observation_space

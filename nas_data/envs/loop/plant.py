@@ -23,6 +23,7 @@ class Plant:
         effects: Gap report, or its `effects.json`, whose named effects and retuned base the physics has as well.
         engine: What computes the physics, `mujoco` or `bullet`; a gap that nobody designed lies between them.
         missed: Share of the touches that ErgoShield does not notice.
+        randomised: Whether the physics' parameters are drawn anew for every episode (domain randomisation).
     """
 
     environment: str
@@ -31,6 +32,7 @@ class Plant:
     effects: str | None = None
     engine: str = "mujoco"
     missed: float = 0.0
+    randomised: bool = False
 
     @property
     def task(self) -> Task:
@@ -64,10 +66,12 @@ class Plant:
 
         Raises:
             UnknownName: there is no such environment or engine, or it has no such dynamics.
-            OptionError: the effects cannot be read.
+            OptionError: the effects cannot be read, or a plant is to be both randomised and learned or named.
             CheckpointError: the checkpoint is damaged or does not fit the environment.
             JointMismatch: the effects or the checkpoint belong to another robot.
         """
+        if self.randomised:
+            return self._randomised(size)
         simulator = self.simulator()
         if self.checkpoint is None:
             return simulator.stepper(size)
@@ -92,11 +96,26 @@ class Plant:
             "model": self._describe_model(),
         }
         described |= {"missed": self.missed} if self.missed else {}
+        if self.randomised:
+            from nas_data.envs.loop.ranges import RANGES
+
+            described["randomised"] = RANGES.describe()
         return described if named is None else {**described, "retuned": dict(named.retuned)}
 
     def check(self) -> None:
         """Say what is wrong before hours are spent; raises what `stepper` does."""
         self.stepper(1)
+
+    def _randomised(self, size: int) -> Stepper:
+        """Return B simulations of the plain physics, whose parameters are drawn anew for every episode."""
+        from nas_data.envs.loop.randomised import RandomisedStepper, delay_line
+        from nas_data.simulators.mujoco import MujocoSimulator
+
+        if self.checkpoint or self.effects or self.engine != "mujoco":
+            raise OptionError("Only the plain physics in MuJoCo is randomised: without checkpoint and named effects.")
+        robot, effects = self.task.body(self.dynamics)
+        simulator = MujocoSimulator(robot, self.task.period, self.task.joints, (*effects, delay_line()))
+        return RandomisedStepper(simulator.stepper(size))
 
     def _named(self) -> "Named | None":
         if self.effects is None:

@@ -7,9 +7,9 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Generic, Protocol, TypeVar
 
 from nas_data.dataset.provenance import now
-from nas_data.demo.plan import Plan
 from nas_data.errors import OutputExists
 from nas_data.reports.file import write_whole
 
@@ -20,19 +20,31 @@ WIDTH, INDENT = 110, " " * 6  # of what people read while it runs
 Report = Callable[[str], None]
 
 
+class Described(Protocol):
+    """A plan that can say what its results depend on."""
+
+    def describe(self) -> dict[str, object]:
+        """Return it for JSON: other plans give other descriptions."""
+
+
+Plan = TypeVar("Plan", bound=Described)
+
+
 @dataclass(frozen=True)
-class Demo:
-    """A demo in a folder.
+class Work(Generic[Plan]):
+    """What stages work on: a plan in a folder.
 
     Attributes:
-        plan: Its sizes.
+        plan: What is to be done, and how large.
         folder: Where everything lies.
         report: Told of progress, in lines for people.
+        name: What people call it.
     """
 
     plan: Plan
     folder: Path
     report: Report
+    name: str = "demo"
 
 
 @dataclass(frozen=True)
@@ -51,22 +63,24 @@ class Found:
 
 
 @dataclass(frozen=True)
-class Stage:
-    """A part of the demo.
+class Stage(Generic[Plan]):
+    """A part of the work.
 
     Attributes:
         name: File in which what it found is kept.
         title: What it is, in a few words.
         does: What it does, in a sentence or two for newcomers.
         work: Does it.
-        made: Paths in the demo's folder without which it must be done again.
+        made: Paths in the folder without which it must be done again.
+        builds_on: Stages whose results it uses, and after which it must be done again; all before it where None.
     """
 
     name: str
     title: str
     does: str
-    work: Callable[[Demo], Found]
+    work: Callable[[Work[Plan]], Found]
     made: Sequence[str] = ()
+    builds_on: Sequence[str] | None = None
 
 
 @dataclass(frozen=True)
@@ -90,42 +104,43 @@ class Done:
     summary: Sequence[str]
 
 
-def run_stages(stages: Sequence[Stage], demo: Demo) -> dict[str, Done]:
+def run_stages(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> dict[str, Done]:
     """Do each stage that is not done yet, in order.
 
     Returns:
         What each found.
 
     Raises:
-        OutputExists: the folder holds something else, or a demo of other sizes.
+        OutputExists: the folder holds something else, or the same work with another plan.
     """
-    claim(demo)
+    claim(work)
     results: dict[str, Done] = {}
-    fresh = False  # a stage that was done anew leaves those after it behind
+    fresh: set[str] = set()  # a stage that was done anew leaves those that build on it behind
     for number, stage in enumerate(stages, start=1):
         head = f"[{number}/{len(stages)}] {stage.title}"
-        done = None if fresh else read_done(stage, demo.folder)
+        behind = fresh if stage.builds_on is None else fresh & set(stage.builds_on)
+        done = None if behind else read_done(stage, work.folder)
         if done is None:
-            fresh = True
-            demo.report(head)
-            demo.report(textwrap.fill(stage.does, WIDTH, initial_indent=INDENT, subsequent_indent=INDENT))
-            done = do(stage, demo)
+            fresh.add(stage.name)
+            work.report(head)
+            work.report(textwrap.fill(stage.does, WIDTH, initial_indent=INDENT, subsequent_indent=INDENT))
+            done = do(stage, work)
             for line in (*done.said, f"took {done.seconds:.0f} s"):
-                demo.report(f"{INDENT}{line}".rstrip())
+                work.report(f"{INDENT}{line}".rstrip())
         else:
-            demo.report(f"{head}: done before, in {done.seconds:.0f} s; kept")
+            work.report(f"{head}: done before, in {done.seconds:.0f} s; kept")
         results[stage.name] = done
     return results
 
 
-def claim(demo: Demo) -> None:
-    """Make the folder this demo's own.
+def claim(work: Work[Plan]) -> None:
+    """Make the folder this work's own.
 
     Raises:
-        OutputExists: it holds something else, or a demo of other sizes.
+        OutputExists: it holds something else, or the same work with another plan.
     """
-    path = demo.folder / PLAN
-    plan = json.loads(json.dumps(demo.plan.describe()))
+    path = work.folder / PLAN
+    plan = json.loads(json.dumps(work.plan.describe()))
     if path.is_file():
         try:
             held = json.loads(path.read_text(encoding="utf-8"))
@@ -134,18 +149,19 @@ def claim(demo: Demo) -> None:
         different = [key for key in plan if held.get(key) != plan[key]]
         if different:
             raise OutputExists(
-                f"{demo.folder} holds a demo that differs in {', '.join(different)}; remove it or choose another --out."
+                f"{work.folder} holds a {work.name} that differs in {', '.join(different)}; "
+                "remove it or choose another --out."
             )
-    elif demo.folder.exists() and (not demo.folder.is_dir() or any(demo.folder.iterdir())):
-        raise OutputExists(f"{demo.folder} exists and is no demo; choose another --out.")
+    elif work.folder.exists() and (not work.folder.is_dir() or any(work.folder.iterdir())):
+        raise OutputExists(f"{work.folder} exists and is no {work.name}; choose another --out.")
     else:
         write_whole(path, (json.dumps(plan, indent=1) + "\n").encode())
 
 
-def do(stage: Stage, demo: Demo) -> Done:
+def do(stage: Stage[Plan], work: Work[Plan]) -> Done:
     """Do a stage and keep what it found."""
     began = time.monotonic()
-    found = stage.work(demo)
+    found = stage.work(work)
     done = Done(
         seconds=round(time.monotonic() - began, 2),
         when=now(),
@@ -154,11 +170,11 @@ def do(stage: Stage, demo: Demo) -> Done:
         data=found.data,
         summary=tuple(found.summary),
     )
-    write_whole(demo.folder / STAGES / f"{stage.name}.json", (json.dumps(asdict(done), indent=1) + "\n").encode())
+    write_whole(work.folder / STAGES / f"{stage.name}.json", (json.dumps(asdict(done), indent=1) + "\n").encode())
     return done
 
 
-def read_done(stage: Stage, folder: Path) -> Done | None:
+def read_done(stage: Stage[Plan], folder: Path) -> Done | None:
     """Return what a stage found in an earlier run; None where it has to be done."""
     if not all((folder / path).exists() for path in stage.made):
         return None

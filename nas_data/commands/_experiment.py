@@ -1,0 +1,92 @@
+"""What the experiments' commands share: options, and how a request is made of them."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+from nas_data.commands.base import Command, Outcome
+
+if TYPE_CHECKING:
+    from nas_data.experiments.pipeline.sizes import Sizes
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExperimentCommand(Command):
+    """Options of every experiment."""
+
+    experiment: ClassVar[str]
+
+    env: tuple[str, ...] = ()
+    """Environments; the paper's where left out, with --quick the first of them."""
+    dynamics: str = "backlash"
+    """What the target is: one of the environments' dynamics."""
+    workers: int = 1
+    """Trainings side by side, each in a process of one thread."""
+    quick: bool = False
+    """The shape in a few minutes, from so little that it is no result; kept apart from the full experiment."""
+    out: Path = Path("runs/experiments")
+    """Folder of results, and of the recordings, models and policies that the experiments share."""
+
+    def run(self) -> Outcome:
+        """Make the experiment, or go on with it."""
+        from nas_data.experiments.base import Request, find_experiment
+        from nas_data.experiments.pipeline.conducting import conduct
+
+        known = find_experiment(self.experiment).environments
+        request = Request(
+            environments=self.env or (known[:1] if self.quick else known),
+            dynamics=self.dynamics,
+            sizes=self.sizes(),
+            folder=self.out,
+            report=report,
+            methods=self.chosen_methods(),
+            workers=self.workers,
+        )
+        made = conduct(self.experiment, request)
+        return Outcome(made.text, made.data)
+
+    def sizes(self) -> "Sizes":
+        """Return how large everything is."""
+        from nas_data.experiments.pipeline.sizes import FULL, QUICK
+
+        return QUICK if self.quick else FULL
+
+    def chosen_methods(self) -> tuple[str, ...]:
+        """Return the methods to compare; the experiment's own where empty."""
+        return ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolicyExperimentCommand(ExperimentCommand):
+    """Options of experiments that train policies."""
+
+    seeds: tuple[int, ...] = ()
+    """Seeds of every method; five where left out, with --quick two."""
+    frames: int | None = None
+    """Control steps of each policy; two million as in the paper where left out."""
+
+    def sizes(self) -> "Sizes":
+        """Return how large everything is, with what was given."""
+        from dataclasses import replace
+
+        sizes = super().sizes()
+        frames = sizes.frames if self.frames is None else self.frames
+        return replace(sizes, frames=frames, seeds=self.seeds or sizes.seeds)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MethodsExperimentCommand(PolicyExperimentCommand):
+    """Options of experiments that compare methods."""
+
+    methods: tuple[str, ...] = ()
+    """Methods: expert, source, forward, nas, named, named_nas, randomised; all where left out."""
+
+    def chosen_methods(self) -> tuple[str, ...]:
+        """Return the methods to compare."""
+        return self.methods
+
+
+def report(line: str) -> None:
+    """Show progress on stderr."""
+    print(line, file=sys.stderr, flush=True)

@@ -1,0 +1,30 @@
+"""The paper's figure 6: what a policy learned in source + φ is worth, by how many trajectories φ learned from."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from nas_data.commands._experiment import PolicyExperimentCommand
+
+if TYPE_CHECKING:
+    from nas_data.experiments.pipeline.sizes import Sizes
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExperimentFigure6(PolicyExperimentCommand):
+    """Train φ on nested subsets of a recording and a policy in each augmented environment; how much data is enough.
+
+    Example: nas experiment figure6 --workers 2
+    Example: nas experiment figure6 --counts 10 100 1000 --seeds 0 1 2
+    """
+
+    experiment: ClassVar[str] = "figure6"
+
+    counts: tuple[int, ...] = ()
+    """Numbers of trajectories that φ learns from; 10 to 2000 where left out."""
+
+    def sizes(self) -> "Sizes":
+        """Return how large everything is, with what was given."""
+        from dataclasses import replace
+
+        sizes = super().sizes()
+        return replace(sizes, counts=self.counts or sizes.counts)

@@ -1,0 +1,106 @@
+"""Domain randomisation: simulations whose masses, damping, friction, gains and delay are drawn anew each episode."""
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from nas_data.drives import driving_actuators
+from nas_data.effects.command_delay import CommandDelay
+from nas_data.envs.loop.ranges import RANGES, Factors, Ranges
+from nas_data.simulators.base import Stepper
+from nas_data.simulators.mujoco import MujocoStepper
+
+FIELDS = (
+    "body_mass",
+    "body_inertia",
+    "dof_damping",
+    "dof_frictionloss",
+    "dof_armature",
+    "actuator_gainprm",
+    "actuator_biasprm",
+    "actuator_delay",
+)
+
+
+def delay_line(ranges: Ranges = RANGES) -> CommandDelay:
+    """Return the effect that gives a model's actuators room for the longest delay."""
+    return CommandDelay(delay=ranges.delay[1])
+
+
+class RandomisedStepper(Stepper):
+    """A batch of simulations, each on a model of its own from episode to episode; implements `Redrawn`."""
+
+    def __init__(self, stepper: MujocoStepper, ranges: Ranges = RANGES) -> None:
+        """Give every simulation its own parameters.
+
+        Args:
+            stepper: Batch of B simulations of a model with `delay_line`.
+            ranges: What is drawn.
+        """
+        self.stepper, self.ranges = stepper, ranges
+        self.joints, self.size = stepper.joints, stepper.size
+        self.model = stepper.simulator.model
+        self.fields = {name: stepper.batch.expand(name) for name in FIELDS}
+        self._driven = stepper.layout.dof
+        self._torque = np.array([largest_torque(self.model, joint) for joint in self.joints])
+
+    def redraw(self, rngs: Sequence[np.random.Generator], rows: np.ndarray | None = None) -> None:
+        """Draw the models of episodes that are about to begin; see `Redrawn`."""
+        chosen = np.arange(self.size) if rows is None else np.asarray(rows)
+        for row, rng in zip(chosen, rngs, strict=True):
+            child = rng.spawn(1)[0]  # the starts and goals are those of the plain source with the same seed
+            self.apply(int(row), self.ranges.draw(child, self.model, len(self.joints)))
+        self.stepper.batch.set_const(chosen)
+
+    def apply(self, row: int, drawn: Factors) -> None:
+        """Write one simulation's parameters; what the engine derives from them is left to `redraw`."""
+        model, fields = self.model, self.fields
+        fields["body_mass"][row] = model.body_mass * drawn.mass
+        fields["body_inertia"][row] = model.body_inertia * drawn.mass[:, None]
+        fields["dof_damping"][row] = (model.dof_damping.T * drawn.damping).T
+        fields["dof_armature"][row] = model.dof_armature * drawn.armature
+        friction = model.dof_frictionloss * drawn.friction
+        friction[self._driven] += drawn.drag * self._torque
+        fields["dof_frictionloss"][row] = friction
+        fields["actuator_gainprm"][row] = model.actuator_gainprm * drawn.gain[:, None]
+        fields["actuator_biasprm"][row] = model.actuator_biasprm * drawn.gain[:, None]  # of a servo, the same gain
+        fields["actuator_delay"][row] = drawn.delay
+
+    @property
+    def states(self) -> np.ndarray:
+        """Positions [rad] then velocities [rad/s], shape (B, 2n)."""
+        return self.stepper.states
+
+    @property
+    def objects(self) -> np.ndarray:
+        """What moves beside the joints, shape (B, m)."""
+        return self.stepper.objects
+
+    def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
+        """Start simulations anew on the models that they have; see `Stepper.reset`."""
+        self.stepper.reset(states, rows)
+
+    def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
+        """Command the servos of objects; see `Stepper.guide`."""
+        self.stepper.guide(targets, rows)
+
+    def step(self, commands: np.ndarray) -> np.ndarray:
+        """Hold the commands for one control period; see `Stepper.step`."""
+        return self.stepper.step(commands)
+
+    def set_states(self, states: np.ndarray) -> None:
+        """Set the joints' state; see `Stepper.set_states`."""
+        self.stepper.set_states(states)
+
+    def site_positions(self, name: str) -> np.ndarray:
+        """Return where a site is [m], shape (B, 3)."""
+        return self.stepper.site_positions(name)
+
+
+def largest_torque(model: mujoco.MjModel, joint: str) -> float:
+    """Return the most that a joint's actuator gives [N·m]: its force limit, or its gain times its largest control."""
+    actuator = driving_actuators(model, model.joint(joint).id)[0]
+    if model.actuator_forcelimited[actuator]:
+        return float(np.abs(model.actuator_forcerange[actuator]).max())
+    return float(abs(model.actuator_gainprm[actuator, 0]) * np.abs(model.actuator_ctrlrange[actuator]).max())

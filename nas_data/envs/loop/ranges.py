@@ -1,0 +1,92 @@
+"""What domain randomisation draws anew for every episode, and between which limits."""
+
+from dataclasses import asdict, dataclass
+
+import mujoco
+import numpy as np
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Factors:
+    """One draw: what a model's parameters are multiplied by, and what is added to it.
+
+    Attributes:
+        mass: Of each body's mass and inertia, shape (nbody,).
+        damping: Of each degree of freedom's damping, shape (nv,).
+        friction: Of each degree of freedom's Coulomb friction, shape (nv,).
+        armature: Of each degree of freedom's rotor inertia, shape (nv,).
+        gain: Of each actuator's gain, shape (nu,).
+        drag: Coulomb friction added in each joint, as a share of its actuator's largest torque, shape (n,).
+        delay: Dead time of all commands [s].
+    """
+
+    mass: np.ndarray
+    damping: np.ndarray
+    friction: np.ndarray
+    armature: np.ndarray
+    gain: np.ndarray
+    drag: np.ndarray
+    delay: float
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """Limits of every draw; a factor of 1, no drag and no delay, which is the source itself, lie within all of them.
+
+    Masses, damping and gain are those of OpenAI et al., Learning dexterous in-hand manipulation, 2018
+    (arXiv:1808.00177, table 1), the delay that of Tan et al., Sim-to-real: learning agile locomotion for quadruped
+    robots, 2018 (arXiv:1804.10332, table of randomised parameters); friction and rotor inertia are given the damping's
+    and the masses' limits, and drag lets a motor that the source thinks frictionless have some. Nothing here is known
+    of the target: who randomises does not know what is missing, and play is not among what the usual recipes draw.
+
+    Attributes:
+        mass: Factor of mass and inertia, drawn evenly.
+        damping: Factor, its logarithm drawn evenly.
+        friction: Likewise.
+        armature: Factor, drawn evenly.
+        gain: Factor, its logarithm drawn evenly.
+        drag: Coulomb friction added in each joint, as a share of its actuator's largest torque, drawn evenly.
+        delay: Dead time [s], drawn evenly.
+    """
+
+    mass: Range = (0.5, 1.5)
+    damping: Range = (0.3, 3.0)
+    friction: Range = (0.3, 3.0)
+    armature: Range = (0.5, 1.5)
+    gain: Range = (0.75, 1.5)
+    drag: Range = (0.0, 0.1)
+    delay: Range = (0.0, 0.04)
+
+    def draw(self, rng: np.random.Generator, model: mujoco.MjModel, joints: int) -> Factors:
+        """Draw for one simulation.
+
+        Args:
+            rng: Source of randomness; same seed, same bits.
+            model: Its model, whose bodies, degrees of freedom and actuators are each given numbers of their own.
+            joints: Number of measured joints, n.
+        """
+        return Factors(
+            mass=rng.uniform(*self.mass, model.nbody),
+            damping=evenly_in_logarithm(rng, self.damping, model.nv),
+            friction=evenly_in_logarithm(rng, self.friction, model.nv),
+            armature=rng.uniform(*self.armature, model.nv),
+            gain=evenly_in_logarithm(rng, self.gain, model.nu),
+            drag=rng.uniform(*self.drag, joints),
+            delay=float(rng.uniform(*self.delay)),
+        )
+
+    def describe(self) -> dict[str, object]:
+        """Return the limits for JSON."""
+        return {name: list(limits) for name, limits in asdict(self).items()}
+
+
+def evenly_in_logarithm(rng: np.random.Generator, limits: Range, count: int) -> np.ndarray:
+    """Draw numbers whose logarithm is uniform between those of the limits, shape (count,)."""
+    low, high = limits
+    return np.exp(rng.uniform(np.log(low), np.log(high), count))
+
+
+NOMINAL = Ranges((1.0, 1.0), (1.0, 1.0), (1.0, 1.0), (1.0, 1.0), (1.0, 1.0), (0.0, 0.0), (0.0, 0.0))
+RANGES = Ranges()

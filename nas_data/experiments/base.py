@@ -1,0 +1,126 @@
+"""What an experiment is: a figure or table of the paper, made from a request, ending in JSON, table and pictures."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from nas_data import registry
+from nas_data.envs.base import environment_name, find_task_file
+from nas_data.experiments.pipeline.material import Material, MaterialPlan
+from nas_data.experiments.pipeline.sizes import Sizes
+
+FOLDER = "experiments"
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is asked of an experiment.
+
+    Attributes:
+        environments: Their names.
+        dynamics: What the target is: one of each environment's dynamics.
+        sizes: How large everything is.
+        folder: Where results and what they are made from go; experiments that share it share that.
+        report: Told of progress, in lines for people.
+        methods: Methods to compare, where the experiment compares some.
+        workers: Processes side by side.
+        purpose: Folder of the material below the environment's; another where it is of other sizes.
+    """
+
+    environments: tuple[str, ...]
+    dynamics: str
+    sizes: Sizes
+    folder: Path
+    report: Callable[[str], None]
+    methods: tuple[str, ...] = ()
+    workers: int = 1
+    purpose: str = "material"
+
+    def home(self, environment: str) -> Path:
+        """Return the folder of an environment's material and policies; quick ones are apart."""
+        name = f"{environment_name(find_task_file(environment))}-{self.dynamics}"
+        return (self.folder / self.sizes.name if self.sizes.quick else self.folder) / name
+
+    def material(self, environment: str, needs: Sequence[str]) -> Material:
+        """Make what is needed of an environment's material; see `make_material`."""
+        from nas_data.experiments.pipeline.stages import make_material
+
+        sizes = self.sizes
+        recipe = sizes.recipe(environment, self.dynamics)
+        plan = MaterialPlan(recipe, sizes.heldout, sizes.delta, sizes.forward, sizes.named)
+        self.report(f"{environment}, dynamics '{self.dynamics}' → {self.home(environment)}")
+        return make_material(plan, self.home(environment) / self.purpose, needs, self.report)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table.
+
+    Attributes:
+        title: What it shows, with units.
+        headers: Of its columns.
+        rows: Its cells.
+    """
+
+    title: str
+    headers: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+    def text(self) -> str:
+        """Return it for a terminal."""
+        from nas_data.policies.tables import aligned
+
+        return f"{self.title}\n{aligned(self.headers, self.rows)}"
+
+    def markdown(self) -> str:
+        """Return it as Markdown."""
+        lines = ["| " + " | ".join(row) + " |" for row in (self.headers, ["---"] * len(self.headers), *self.rows)]
+        return f"{self.title}\n\n" + "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class Result:
+    """What an experiment found.
+
+    Attributes:
+        tables: What people read.
+        notes: Sentences below them.
+        data: For machines.
+        pictures: PNG files by the end of their names; the first under the experiment's own.
+    """
+
+    tables: Sequence[Table]
+    notes: Sequence[str]
+    data: Mapping[str, object]
+    pictures: Mapping[str, bytes] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """An experiment; the file `experiments/a.py` holds the experiment `a` as `EXPERIMENT`.
+
+    Attributes:
+        title: What it shows, in a few words.
+        environments: Those of the paper.
+        run: Makes it.
+    """
+
+    title: str
+    environments: tuple[str, ...]
+    run: Callable[[Request], Result]
+
+
+def experiments() -> tuple[str, ...]:
+    """Return the names of all experiments."""
+    return registry.names(FOLDER)
+
+
+def find_experiment(name: str) -> Experiment:
+    """Return an experiment by its name.
+
+    Raises:
+        UnknownName: there is no such experiment; lists those there are.
+    """
+    experiment = registry.module(FOLDER, name, "experiment").EXPERIMENT
+    assert isinstance(experiment, Experiment)
+    return experiment

@@ -1,0 +1,42 @@
+"""Figure 5: what policies of each method are worth on the target."""
+
+from nas_data.envs.base import environment_name, find_task_file
+from nas_data.experiments.base import Experiment, Request, Result
+from nas_data.experiments.pipeline.authors import RETURNS
+from nas_data.experiments.pipeline.comparing import compare_methods, describe, median_interval, table
+from nas_data.reports.experiment_figures import Panel, returns_by_method
+from nas_data.reports.style import to_png
+
+AUTHORS = (
+    "The authors' numbers (diamonds) are of their target, which is the dynamics 'paper' here, and of their training; "
+    "beside other dynamics they stand for scale alone."
+)
+
+
+def run(request: Request) -> Result:
+    """Compare the methods on every environment."""
+    tables, panels, data = [], [], {}
+    for environment in request.environments:
+        material, comparison = compare_methods(request, environment)
+        name = environment_name(find_task_file(environment))
+        frames, judged = comparison.study.frames, comparison.study.episodes
+        title = f"{name}, '{request.dynamics}': return on the target, {frames:,} frames, {judged} episodes a policy"
+        tables.append(table(comparison, environment, title))
+        authors = RETURNS.get(find_task_file(environment), {})
+        returns = {method: comparison.values(method) for method in comparison.study.methods}
+        panels.append(
+            Panel(
+                name,
+                returns,
+                {method: median_interval(values) for method, values in returns.items()},
+                {method: numbers.values for method, numbers in authors.items()},
+            )
+        )
+        data[name] = describe(material, comparison, environment)
+    picture = to_png(returns_by_method(panels, "mean return on the target", request.sizes.quick))
+    return Result(tables, [AUTHORS], {"environments": data}, {"": picture})
+
+
+EXPERIMENT = Experiment(
+    "What policies of each method are worth on the target", ("Pusher", "Striker", "ErgoReacher"), run
+)

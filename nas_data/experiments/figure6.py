@@ -1,0 +1,160 @@
+"""Figure 6: what a policy that learned in source + φ is worth, by how many trajectories φ learned from."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from nas_data.ablation.summary import ENOUGH
+from nas_data.envs.base import find_task_file
+from nas_data.errors import OptionError
+from nas_data.experiments.base import Experiment, Request, Result, Table
+from nas_data.experiments.pipeline.authors import RETURN_BY_COUNT
+from nas_data.experiments.pipeline.comparing import hyperparameters, median_interval, run_study
+from nas_data.experiments.pipeline.counting import CountJob, do_count
+from nas_data.experiments.pipeline.material import Material
+from nas_data.experiments.pipeline.methods import METHODS, on_source, target
+from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Comparison, Study, number
+from nas_data.policies.parallel import run_jobs
+from nas_data.policies.watching import spoken
+from nas_data.reports.experiment_figures import Counted, return_over_count
+from nas_data.reports.style import to_png
+from nas_data.stages import INDENT
+
+ENDS = (EXPERT_METHOD, SOURCE_METHOD)  # what the curve lies between
+HEADERS = ("trajectories", "seeds", "return: median [95 %]", "min … max", "authors: mean ± sd")
+
+
+def run(request: Request) -> Result:
+    """Sweep the number of trajectories on one environment."""
+    if len(request.environments) != 1:
+        raise OptionError("Figure 6 is about one environment at a time; give one --env.")
+    counts = tuple(sorted(set(request.sizes.counts)))
+    if min(counts) < 2:
+        raise OptionError(
+            f"--counts has {counts[0]}; φ needs at least 2 trajectories, one of which stops its training."
+        )
+    (environment,) = request.environments
+    recorded = replace(request.sizes, trajectories=max(counts))
+    material = replace(request, sizes=recorded, purpose=f"counts{max(counts)}").material(environment, ("record",))
+    ends = run_study(study(request, material), request, environment)
+    returns = sweep(request, material, counts)
+    authors = RETURN_BY_COUNT if find_task_file(environment) == "pusher" else {}
+    picture = return_over_count(
+        Counted(np.array(counts), returns),
+        {method: float(np.median(ends.values(method))) for method in ENDS},
+        authors,
+        request.sizes.quick,
+    )
+    return Result(
+        [table(request, environment, counts, returns, ends)],
+        [enough(counts, returns)],
+        {
+            "environment": environment,
+            "counts": list(counts),
+            "seeds": list(request.sizes.seeds),
+            "returns": returns.tolist(),
+            "enough": smallest(counts, returns),
+            "ends": ends.describe(),
+            "authors": {str(count): list(pair) for count, pair in authors.items()},
+            "dataset": material.content_hash,
+            "material": material.plan.describe(),
+        },
+        {"": to_png(picture)},
+    )
+
+
+def study(request: Request, material: Material) -> Study:
+    """Return the two ends: policies that need no recording."""
+    sizes = request.sizes
+    return Study(
+        target(material),
+        {method: METHODS[method].plant(material) for method in ENDS},
+        sizes.seeds,
+        sizes.frames,
+        sizes.judged,
+        hyperparameters(sizes),
+    )
+
+
+def sweep(request: Request, material: Material, counts: tuple[int, ...]) -> np.ndarray:
+    """Return the return of each count and seed on the target, shape (counts, seeds); large counts come last."""
+    sizes = request.sizes
+    jobs = [
+        CountJob(
+            count=count,
+            seed=seed,
+            pairs=material.train,
+            content_hash=material.content_hash,
+            options=sizes.delta,
+            source=on_source(material),
+            target=target(material),
+            frames=sizes.frames,
+            episodes=sizes.judged,
+            hyperparameters=hyperparameters(sizes),
+            folder=material.folder / "sweep" / str(count) / f"seed{seed}",
+        )
+        for seed in sizes.seeds
+        for count in counts
+    ]
+    returns, began = np.full((len(counts), len(sizes.seeds)), np.nan), time.monotonic()
+    for done, (place, record) in enumerate(run_jobs(do_count, jobs, request.workers), start=1):
+        job = jobs[place]
+        returns[counts.index(job.count), sizes.seeds.index(job.seed)] = number(record, "return")
+        left = (time.monotonic() - began) / done * (len(jobs) - done)
+        told = (
+            f"{done} of {len(jobs)}: {job.count} trajectories, seed {job.seed}: return {number(record, 'return'):.2f}"
+        )
+        request.report(f"{INDENT}{told}, about {spoken(left)} left")
+    return returns
+
+
+def smallest(counts: tuple[int, ...], returns: np.ndarray) -> int:
+    """Return the smallest count whose median return is within 5 % of the best median."""
+    medians = np.median(returns, axis=1)
+    enough = medians >= medians.max() - ENOUGH * abs(medians.max())
+    return counts[int(np.argmax(enough))]
+
+
+def enough(counts: tuple[int, ...], returns: np.ndarray) -> str:
+    """Say how many trajectories are enough."""
+    medians = np.median(returns, axis=1)
+    best, count = int(np.argmax(medians)), smallest(counts, returns)
+    told = f"Smallest number of trajectories whose median return is within {ENOUGH:.0%} of the best: {count} "
+    told += f"({medians[counts.index(count)]:.2f}; best {medians[best]:.2f} with {counts[best]})"
+    last = count == counts[-1] and len(counts) > 1
+    return told + (", the most that was tried, so that more may help." if last else ".")
+
+
+def table(request: Request, environment: str, counts: tuple[int, ...], returns: np.ndarray, ends: Comparison) -> Table:
+    """Return the table: the counts, then the two ends."""
+    rows = [
+        (str(count), *cells(values), theirs(environment, count)) for count, values in zip(counts, returns, strict=True)
+    ]
+    rows += [(f"none: {method}", *cells(ends.values(method)), "") for method in ENDS]
+    title = (
+        f"{environment}, '{request.dynamics}': return on the target of policies learned in source + φ, "
+        f"{request.sizes.frames:,} frames, {request.sizes.judged} episodes each"
+    )
+    return Table(title, HEADERS, rows)
+
+
+def cells(values: np.ndarray) -> tuple[str, str, str]:
+    """Return the number of seeds, median with its interval, and extremes."""
+    low, high = median_interval(values)
+    return (
+        str(len(values)),
+        f"{np.median(values):.2f} [{low:.2f}, {high:.2f}]",
+        f"{values.min():.2f} … {values.max():.2f}",
+    )
+
+
+def theirs(environment: str, count: int) -> str:
+    """Return what the authors found, where they did."""
+    if find_task_file(environment) != "pusher" or count not in RETURN_BY_COUNT:
+        return ""
+    mean, deviation = RETURN_BY_COUNT[count]
+    return f"{mean:.2f} ± {deviation:.2f}"
+
+
+EXPERIMENT = Experiment("Return by number of trajectories that φ learned from", ("Pusher",), run)

@@ -1,0 +1,77 @@
+"""The numbers that the paper's authors published, each with its source; they are of their environments, not of ours.
+
+Their repository is aalitaiga/sim-to-real at commit d97cce7; what they simulated as backlash is `dynamics="paper"` here.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+PLOT = "aalitaiga/sim-to-real, scripts/Plot.ipynb: figure 5a, 5 seeds of 100 episodes"
+REACHER = "aalitaiga/sim-to-real, test/results.md: figure 5c, 5 seeds"
+TRAJECTORIES = "aalitaiga/sim-to-real, scripts/Plot.ipynb: figure 6, mean and standard deviation of the seeds"
+HITS = "aalitaiga/sim-to-real, results/*.npz: figure 8a, mean hits of each policy in 10 s on the real arm"
+TABLE = "paper, appendix D, table 1: squared differences of angles in units of 90°, on episodes of the training file"
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """What the authors found.
+
+    Attributes:
+        values: One a policy, or what `unit` says.
+        source: Where they are published.
+    """
+
+    values: tuple[float, ...]
+    source: str
+
+    @property
+    def mean(self) -> float:
+        """Their mean, which is what the paper gives."""
+        return sum(self.values) / len(self.values)
+
+    def describe(self) -> dict[str, object]:
+        """Return them for JSON."""
+        return {"values": list(self.values), "mean": self.mean, "source": self.source}
+
+
+# Returns of each seed on their target, by environment and method. Figure 5b (Striker) was never published in numbers.
+RETURNS: Mapping[str, Mapping[str, Numbers]] = {
+    "pusher": {
+        "expert": Numbers((-69.34, -67.84, -69.95, -65.71, -66.40), PLOT),
+        "source": Numbers((-134.24, -102.17, -136.69, -143.70, -96.46), PLOT),
+        "forward": Numbers((-94.52, -97.50, -95.60, -93.12, -91.46), PLOT),
+        "nas": Numbers((-69.67, -67.55, -64.22, -66.92, -68.04), PLOT),  # with 1000 trajectories; the text says 250
+    },
+    "ergo_reacher": {
+        "expert": Numbers((0.233, 0.316, 0.351, 0.356, 0.401), REACHER),
+        "source": Numbers((-8.37, -1.29, -0.74, 0.13, 0.15), REACHER),
+        "forward": Numbers((-0.796, -0.538, -0.118, -0.330, 0.191), REACHER),
+        "nas": Numbers((-0.025, -0.012, 0.160, 0.239, 0.377), REACHER),
+    },
+    "ergo_shield": {
+        "expert": Numbers((1.80, 1.76), HITS),
+        "source": Numbers((3.68, 5.60, 11.15, 1.28), HITS),  # trained with slower servos than the two below
+        "forward": Numbers((3.90,), HITS),  # its reward was zero throughout
+        "nas": Numbers((20.17, 11.95), HITS),  # the first over 6 episodes, the others over 20 to 25
+    },
+}
+
+# Return of NAS on Pusher by number of trajectories: mean, then standard deviation over seeds
+RETURN_BY_COUNT: Mapping[int, tuple[float, float]] = {
+    50: (-72.31, 3.27),
+    100: (-71.86, 2.34),
+    250: (-68.17, 1.04),
+    500: (-69.09, 1.96),
+    1000: (-67.28, 1.99),
+    2000: (-68.99, 0.42),
+    10_000: (-68.19, 4.41),
+    50_000: (-67.09, 1.66),
+}
+
+# First quartile, mean and third quartile by predictor, on ErgoShield's arm
+DIFFERENCES: Mapping[str, Numbers] = {
+    "source": Numbers((0.027, 0.120, 0.172), TABLE),
+    "ψ": Numbers((0.002, 0.008, 0.009), TABLE),
+    "source + φ": Numbers((0.015, 0.063, 0.078), TABLE),  # with the correction multiplied by 0.7
+}

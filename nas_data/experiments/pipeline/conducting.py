@@ -1,0 +1,101 @@
+"""Making an experiment: checked before hours are spent, and written as JSON, tables and pictures."""
+
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from nas_data.cli import finite
+from nas_data.dataset.provenance import package_versions
+from nas_data.envs.base import environment_name, find_task, find_task_file
+from nas_data.errors import OptionError, UnknownName
+from nas_data.experiments.base import Request, Result, find_experiment
+from nas_data.experiments.pipeline.methods import check_methods
+from nas_data.reports.file import write_whole
+
+
+@dataclass(frozen=True)
+class Conducted:
+    """An experiment that was made.
+
+    Attributes:
+        text: For people, with where the files are.
+        data: For machines.
+    """
+
+    text: str
+    data: Mapping[str, object]
+
+
+def conduct(name: str, request: Request) -> Conducted:
+    """Make an experiment and write its files.
+
+    Raises:
+        UnknownName: there is no such experiment, environment, dynamics or method; lists those there are.
+        OptionError: a size makes no sense.
+        OutputExists: the folder holds something else.
+    """
+    experiment = find_experiment(name)
+    check(request)
+    began = time.monotonic()
+    result = experiment.run(request)
+    seconds = round(time.monotonic() - began, 1)
+    data = {**about(name, experiment.title, request), **result.data, "seconds_of_this_call": seconds}
+    files = write(result, data, experiment.title, request, request.folder / stem_of(name, request))
+    lines = [*warnings(request), *(f"{table.text()}\n" for table in result.tables), *result.notes]
+    lines += [f"→ {path}" for path in files.values()]
+    return Conducted("\n".join(lines), {**{key: str(path) for key, path in files.items()}, **data})
+
+
+def about(name: str, title: str, request: Request) -> dict[str, object]:
+    """Return what the JSON of every experiment begins with."""
+    return {
+        "schema": 1,
+        "experiment": name,
+        "title": title,
+        "size": request.sizes.name,
+        "warning": next(iter(warnings(request)), None),
+        "dynamics": request.dynamics,
+        "versions": package_versions(),
+    }
+
+
+def warnings(request: Request) -> list[str]:
+    """Return what must stand above a table that is no result."""
+    return [sentence for sentence in (request.sizes.sentence(),) if sentence]
+
+
+def write(result: Result, data: Mapping[str, object], title: str, request: Request, stem: Path) -> Mapping[str, Path]:
+    """Write JSON, tables and pictures; return the files by what they are."""
+    named = {"result": ".json", "table": ".md", **{f"figure{end}": f"{end}.png" for end in result.pictures}}
+    files = {key: stem.with_name(stem.name + end) for key, end in named.items()}
+    page = [f"# {title}", *warnings(request), *(table.markdown() for table in result.tables), *result.notes]
+    write_whole(files["result"], (json.dumps(finite(data), indent=1, allow_nan=False) + "\n").encode())
+    write_whole(files["table"], ("\n\n".join(page) + "\n").encode())
+    for end, picture in result.pictures.items():
+        write_whole(files[f"figure{end}"], picture)
+    return files
+
+
+def stem_of(name: str, request: Request) -> str:
+    """Return what the files of an experiment are called: other environments, dynamics and sizes have other files."""
+    alone = [environment_name(find_task_file(request.environments[0]))] if len(request.environments) == 1 else []
+    quick = [request.sizes.name] if request.sizes.quick else []
+    return "-".join([name, *alone, request.dynamics, *quick])
+
+
+def check(request: Request) -> None:
+    """Refuse what cannot be done before hours are spent."""
+    sizes = request.sizes
+    if not request.environments or len(set(request.environments)) < len(request.environments):
+        raise OptionError("Give at least one environment, and none twice.")
+    for environment in request.environments:
+        task = find_task(environment)
+        if request.dynamics not in task.dynamics:
+            raise UnknownName("dynamics", request.dynamics, task.dynamics)
+    check_methods(request.methods)
+    if not sizes.seeds or min(sizes.seeds) < 0 or len(set(sizes.seeds)) < len(sizes.seeds):
+        raise OptionError(f"--seeds {' '.join(map(str, sizes.seeds))}: give different numbers, 0 or more.")
+    if min(sizes.frames, request.workers) < 1:
+        raise OptionError(f"--frames {sizes.frames} and --workers {request.workers} must be 1 or more.")

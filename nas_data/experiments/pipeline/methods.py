@@ -1,0 +1,65 @@
+"""The methods: where each learns its policies, and what of the material it needs for that."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from nas_data.envs.loop.plant import Plant
+from nas_data.errors import UnknownName
+from nas_data.experiments.pipeline.material import NAMES, PHI, PHI_NAMED, PSI, Material
+from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method.
+
+    Attributes:
+        learned_on: Where its policies learn, in a few words.
+        plant: The same as a plant.
+        needs: Stages of the material that it takes.
+    """
+
+    learned_on: str
+    plant: Callable[[Material], Plant]
+    needs: tuple[str, ...] = ()
+
+
+def target(material: Material) -> Plant:
+    """Return what every policy is judged on."""
+    return Plant(material.plan.recipe.environment, material.plan.recipe.dynamics)
+
+
+def on_source(
+    material: Material, checkpoint: str | None = None, effects: str | None = None, randomised: bool = False
+) -> Plant:
+    """Return the source with something added."""
+    plan = material.plan
+    return Plant(plan.recipe.environment, plan.source, checkpoint, effects, randomised=randomised)
+
+
+def named_nas(material: Material) -> Plant:
+    """Return the source with names and φ; with φ alone where nothing was named."""
+    return on_source(material, material.phi_named if material.named else material.phi, material.named)
+
+
+METHODS: Mapping[str, Method] = {
+    EXPERT_METHOD: Method("the target itself", target),
+    SOURCE_METHOD: Method("the source", on_source),
+    "forward": Method("ψ, with the real reward", lambda m: on_source(m, m.psi), (PSI,)),
+    "nas": Method("source + φ", lambda m: on_source(m, m.phi), (PHI,)),
+    "named": Method("source + named effects", lambda m: on_source(m, effects=m.named), (NAMES,)),
+    "named_nas": Method("source + named effects + φ", named_nas, (PHI, NAMES, PHI_NAMED)),
+    "randomised": Method("source, randomised", lambda m: on_source(m, randomised=True)),
+}
+
+
+def check_methods(names: Sequence[str]) -> None:
+    """Raise UnknownName where one is no method."""
+    for name in names:
+        if name not in METHODS:
+            raise UnknownName("method", name, METHODS)
+
+
+def needs_of(names: Sequence[str]) -> set[str]:
+    """Return the stages that some methods need, the recordings included."""
+    return {"record"}.union(*(METHODS[name].needs for name in names))

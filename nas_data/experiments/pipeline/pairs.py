@@ -1,0 +1,87 @@
+"""Recordings of a target, paired with a source, as versions of a dataset."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from nas_data.dataset import versions
+from nas_data.dataset.content import content_hash
+from nas_data.dataset.provenance import Provenance, read_provenance
+from nas_data.dataset.read import read
+from nas_data.effects.base import Effect
+from nas_data.envs.base import SOURCE, find_task
+from nas_data.pairing import pair
+from nas_data.recorders.recipe import Recipe
+from nas_data.robots.base import Robot
+from nas_data.simulators.engines import load_simulator
+from nas_data.sources import source_files
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A paired dataset.
+
+    Attributes:
+        path: Its folder below that of the work it belongs to.
+        content_hash: Its content hash.
+        episodes: Number of episodes.
+        frames: Number of transitions.
+    """
+
+    path: str
+    content_hash: str
+    episodes: int
+    frames: int
+
+    def describe(self) -> dict[str, object]:
+        """Return it for JSON."""
+        return vars(self)
+
+
+@dataclass(frozen=True)
+class Body:
+    """What predicts in a pairing.
+
+    Attributes:
+        robot: Model.
+        effects: Effects added to it.
+    """
+
+    robot: Robot
+    effects: Sequence[Effect] = ()
+
+    @classmethod
+    def of(cls, environment: str, dynamics: str = SOURCE) -> "Body":
+        """Return an environment's robot as one of its dynamics has it."""
+        return cls(*find_task(environment).body(dynamics))
+
+
+def record_and_pair(recipe: Recipe, source: Body, name: str, home: Path, folder: str) -> Recorded:
+    """Record a target, and pair the recording with a source as its next version.
+
+    Args:
+        recipe: What is recorded.
+        source: What predicts.
+        name: Of the dataset.
+        home: Where the work lies.
+        folder: Of its datasets, below that.
+    """
+    recorded, provenance = recipe.record()
+    root = versions.new_version(recorded, name, provenance, home / folder)
+    return pair_again(root, source, name, home, folder)
+
+
+def pair_again(root: Path, source: Body, name: str, home: Path, folder: str) -> Recorded:
+    """Pair a recording with a source, as the next version of a name; see `record_and_pair`."""
+    recorded = read(root)
+    simulator = load_simulator(source.robot, 1 / recorded.fps, recorded.joints, source.effects)
+    paired = pair(recorded, simulator)
+    provenance = replace(
+        read_provenance(root) or Provenance(how="paired"),
+        how="paired",
+        source=simulator.describe(),
+        parents=(versions.parent_of(root, recorded),),
+    )
+    kept = {f"meta/{file}": content for file, content in source_files(source.robot, source.effects).items()}
+    path = versions.new_version(paired, name, provenance, home / folder, kept)
+    return Recorded(str(path.relative_to(home)), content_hash(paired), paired.n_episodes, paired.n_frames)

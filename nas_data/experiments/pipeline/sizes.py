@@ -1,0 +1,118 @@
+"""How large the experiments are: as in the paper, or a quick look at their shape."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from nas_data.envs.base import find_task, find_task_file
+from nas_data.models.presets import TrainingOptions, preset
+from nas_data.recorders.recipe import Recipe
+
+
+@dataclass(frozen=True)
+class Recording:
+    """How much of an environment's target is recorded.
+
+    Attributes:
+        trajectories: Number of episodes, the paper's (sections 4.3 and 4.4).
+        steps: Control steps of each.
+        holds: Control steps that an action is held, in turn; the first is the paper's protocol, the others are what
+            policies do beyond it, which a recording of the first alone does not cover.
+    """
+
+    trajectories: int
+    steps: int
+    holds: tuple[int, ...]
+
+
+# The paper draws a new action every step in simulation, and a new target every second on the arm
+RECORDINGS: Mapping[str, Recording] = {
+    "pusher": Recording(250, 100, (1, 2, 5, 20)),
+    "striker": Recording(5000, 100, (1, 2, 5, 20)),
+    "ergo_reacher": Recording(1000, 100, (1, 5, 20, 100)),
+    "ergo_shield": Recording(500, 300, (100, 20, 5, 1)),
+}
+OTHERS = (1, 2, 5, 20)  # of environments that the paper does not have, as long as their episodes
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Sizes of every experiment.
+
+    Attributes:
+        name: `full` or `quick`.
+        heldout: Recorded episodes that models are judged on.
+        delta: Training of φ.
+        forward: Training of ψ.
+        frames: Control steps of each policy.
+        seeds: Seeds of each method.
+        judged: Episodes that each policy is judged on.
+        counts: Trajectories that φ learns from in figure 6.
+        trajectories: Recorded episodes; the paper's number where None.
+        named: Of those, how many `nas gap` is given; all where None.
+        rollout: Control steps between two updates of a policy.
+        minibatches: Parts of a rollout, one gradient step each.
+        epochs: Passes over a rollout.
+    """
+
+    name: str
+    heldout: int
+    delta: TrainingOptions
+    forward: TrainingOptions
+    frames: int
+    seeds: tuple[int, ...]
+    judged: int
+    counts: tuple[int, ...]
+    trajectories: int | None = None
+    named: int | None = None
+    rollout: int = 8192
+    minibatches: int = 32
+    epochs: int = 10
+
+    @property
+    def quick(self) -> bool:
+        """Whether this is less than the experiment."""
+        return self.name != "full"
+
+    def recipe(self, environment: str, dynamics: str) -> Recipe:
+        """Return how an environment's target is recorded."""
+        known = RECORDINGS.get(find_task_file(environment)) or Recording(250, find_task(environment).horizon, OTHERS)
+        count = self.trajectories or known.trajectories
+        return Recipe(environment=environment, dynamics=dynamics, episodes=count, steps=known.steps, holds=known.holds)
+
+    def sentence(self) -> str:
+        """Say how small a quick run is, for tables; nothing for a full one."""
+        if not self.quick:
+            return ""
+        return (
+            f"QUICK: the shape only, not a result: {self.trajectories} recorded trajectories, networks of "
+            f"{self.delta.layers} × {self.delta.hidden} units after {self.delta.updates} updates, policies of "
+            f"{self.frames:,} frames, {len(self.seeds)} seeds, {self.judged} episodes each."
+        )
+
+
+FULL = Sizes(
+    name="full",
+    heldout=100,
+    delta=preset("fast", updates=400, horizon=100),
+    forward=preset("fast", updates=600, horizon=100),
+    frames=2_000_000,
+    seeds=(0, 1, 2, 3, 4),
+    judged=100,
+    counts=(10, 25, 50, 100, 250, 500, 1000, 2000),
+)
+
+# Minutes: every stage works and every table and figure has its form, but networks and policies have hardly begun
+QUICK = Sizes(
+    name="quick",
+    heldout=12,
+    delta=preset("fast", hidden=32, layers=1, updates=60, horizon=50, frames=1600),
+    forward=preset("fast", hidden=32, layers=1, updates=60, horizon=50, frames=1600),
+    frames=40_000,
+    seeds=(0, 1),
+    judged=20,
+    counts=(10, 20, 40),
+    trajectories=40,
+    named=8,
+    rollout=2048,
+    minibatches=8,
+)

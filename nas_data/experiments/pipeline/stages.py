@@ -1,0 +1,164 @@
+"""The stages that make an environment's material: record and pair, learn φ and ψ, name, learn φ on the names."""
+
+from collections.abc import Callable, Collection
+from dataclasses import replace
+from pathlib import Path
+
+from nas_data.dataset import versions
+from nas_data.dataset.provenance import read_provenance
+from nas_data.dataset.read import read
+from nas_data.experiments.pipeline.learning import ModelJob, train_model
+from nas_data.experiments.pipeline.material import (
+    DATASETS,
+    HELDOUT,
+    NAMED,
+    NAMES,
+    PHI,
+    PHI_NAMED,
+    PSI,
+    TRAIN,
+    Material,
+    MaterialPlan,
+)
+from nas_data.experiments.pipeline.pairs import Body, pair_again, record_and_pair
+from nas_data.gap import workflow
+from nas_data.gap.named import Named
+from nas_data.models.lstm import Kind
+from nas_data.policies.ppo import Calm
+from nas_data.stages import INDENT, Found, Report, Stage, Work, run_stages
+
+Job = Work[MaterialPlan]
+
+PAUSE = 15.0  # [s] between two lines of the search, which says much
+TOLD = ("verdict", "effects", "retuned", "gap")  # what is kept of a gap report beside the report itself
+
+
+def record(job: Job) -> Found:
+    """Record what is learned from and what judges, and pair both with the source."""
+    plan = job.plan
+    source = Body.of(plan.recipe.environment, plan.source)
+    held = replace(plan.recipe, episodes=plan.heldout, seed=plan.recipe.seed + 1)
+    found = {
+        name: record_and_pair(recipe, source, name, job.folder, DATASETS)
+        for name, recipe in ((TRAIN, plan.recipe), (HELDOUT, held))
+    }
+    said = [f"{one.episodes} episodes, {one.frames:,} transitions → {job.folder / one.path}" for one in found.values()]
+    return Found(said, {name: one.describe() for name, one in found.items()})
+
+
+def learner(kind: Kind, name: str, folder: str) -> Callable[[Job], Found]:
+    """Return what trains a model of a kind on the pairs."""
+
+    def learn(job: Job) -> Found:
+        options = job.plan.delta if kind == "delta" else job.plan.forward
+        return learned(ModelJob(kind, Material(job.plan, job.folder).train, options, job.folder / folder), name, job)
+
+    return learn
+
+
+def learned(model: ModelJob, name: str, job: Job) -> Found:
+    """Train a model and say how far it came."""
+    history = train_model(model, lambda line: job.report(f"{INDENT}{name}  {line}"))
+    return Found([f"{name} → {model.folder}"], {"validations": len(history), "options": vars(model.options)})
+
+
+def name_effects(job: Job) -> Found:
+    """Let `nas gap` name what the source lacks, from the same recordings and nothing else."""
+    material = Material(job.plan, job.folder)
+    root = recordings_to_name(job)
+    say = Calm(lambda line: job.report(f"{INDENT}{line.strip()}"), PAUSE)
+    report = workflow.investigate(root, material.train / "meta/source.xml", job.folder / NAMES, say)
+    named = Named.read(job.folder / NAMES)
+    listed = ", ".join(f"{effect.name()} in {effect.joint or 'the arm'}" for effect in named.effects) or "nothing"
+    return Found(
+        [f"named: {listed}; {report['verdict']} → {job.folder / NAMES}"], {key: report.get(key) for key in TOLD}
+    )
+
+
+def recordings_to_name(job: Job) -> Path:
+    """Return the folder of what `nas gap` is given: all that was recorded, or the first episodes of it."""
+    train = Material(job.plan, job.folder).train
+    dataset, provenance = read(train), read_provenance(train)
+    if job.plan.named is None or job.plan.named >= dataset.n_episodes or provenance is None:
+        return train
+    return versions.new_version(dataset.select(range(job.plan.named)), "to_name", provenance, job.folder / DATASETS)
+
+
+def learn_on_names(job: Job) -> Found:
+    """Pair the recordings with the source that has the names, and train φ on what they leave."""
+    material, plan = Material(job.plan, job.folder), job.plan
+    if material.named is None:
+        (job.folder / PHI_NAMED).mkdir(exist_ok=True)
+        return Found(["nothing was named: φ on the names is φ"], {})
+    named, body = Named.read(material.named), Body.of(plan.recipe.environment, plan.source)
+    source = Body(named.robot(body.robot, plan.task.joints), (*body.effects, *named.effects))
+    pairs = pair_again(material.train, source, NAMED, job.folder, DATASETS)
+    model = ModelJob("delta", job.folder / pairs.path, plan.delta, job.folder / PHI_NAMED)
+    return learned(model, "φ on the names", job)
+
+
+STAGES = {
+    stage.name: stage
+    for stage in (
+        Stage(
+            "record",
+            "Record and pair",
+            "The environment's target is driven by random actions, held briefly in some episodes and long in others, "
+            "from the environment's own starts with its objects; the source is asked where each command leads.",
+            record,
+            (DATASETS,),
+            (),
+        ),
+        Stage(
+            PHI,
+            "Learn φ",
+            "φ corrects each step of the source; 'validation' is the error of its own rollouts [rad], * the best so "
+            "far, which is kept.",
+            learner("delta", "φ", PHI),
+            (PHI,),
+            ("record",),
+        ),
+        Stage(
+            PSI,
+            "Learn ψ",
+            "ψ predicts each step without a simulator.",
+            learner("forward", "ψ", PSI),
+            (PSI,),
+            ("record",),
+        ),
+        Stage(
+            NAMES,
+            "Name what is missing",
+            "`nas gap` compares source and recordings and names the effects that the source lacks.",
+            name_effects,
+            (NAMES,),
+            ("record",),
+        ),
+        Stage(
+            PHI_NAMED,
+            "Learn φ on the names",
+            "Another φ corrects the source that has the named effects.",
+            learn_on_names,
+            (PHI_NAMED,),
+            ("record", NAMES),
+        ),
+    )
+}
+
+
+def make_material(plan: MaterialPlan, folder: Path, needs: Collection[str], report: Report) -> Material:
+    """Make what is needed of an environment's material; a stage that is done is not done again.
+
+    Args:
+        plan: What it depends on.
+        folder: Where it lies.
+        needs: Names of stages; those that they build on are done as well.
+        report: Told of progress.
+
+    Raises:
+        OutputExists: the folder holds something else, or material of another plan.
+    """
+    wanted = {*needs}.union(*(STAGES[name].builds_on or () for name in needs))
+    stages = [stage for name, stage in STAGES.items() if name in wanted]
+    run_stages(stages, Work(plan, folder, report, name="folder of recordings and models"))
+    return Material(plan, folder)

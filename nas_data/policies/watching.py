@@ -1,0 +1,65 @@
+"""How far the policies of a study are, read from what the workers leave on disk, with the time left."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from nas_data.errors import CheckpointError
+from nas_data.policies.compare import Study
+from nas_data.policies.policy import read_progress
+
+PAUSE = 10.0  # [s] between two lines of progress
+
+
+@contextmanager
+def watching(study: Study, folder: Path, report: Callable[[str], None], pause: float = PAUSE) -> Iterator[None]:
+    """Report every few seconds how much is learned, as long as it grows.
+
+    Args:
+        study: What is being trained.
+        folder: Where its runs lie.
+        report: Told a line at a time.
+        pause: Between two lines [s].
+    """
+    folders = [folder / method / f"seed{seed}" for method in study.methods for seed in study.seeds]
+    over, total, first = threading.Event(), study.frames * len(folders), learned(folders)
+    began = time.monotonic()
+
+    def watch() -> None:
+        before = first
+        while not over.wait(pause):
+            done = min(float(total), learned(folders))
+            if done > before:
+                left = (total - done) / (done - first) * (time.monotonic() - began)
+                report(f"{len(folders)} policies: {done / total:.0%} of {total:,} control steps, {spoken(left)} left")
+            before = done
+
+    thread = threading.Thread(target=watch, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
+def learned(folders: list[Path]) -> float:
+    """Return how many control steps policies have learned from, as far as they were written."""
+    return sum(frames_learned(folder) for folder in folders)
+
+
+def frames_learned(folder: Path) -> float:
+    """Return how many control steps a policy has learned from; 0 where it has not begun."""
+    try:
+        return float(read_progress(folder)["frames"][-1])
+    except CheckpointError:
+        return 0.0
+
+
+def spoken(seconds: float) -> str:
+    """Return a length of time as people say it."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

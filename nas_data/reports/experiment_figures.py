@@ -1,0 +1,140 @@
+"""Figures of the paper's experiments: returns by method, and return over the number of trajectories."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
+
+from nas_data.reports.style import GREY, WIDTH, house_style, strokes
+
+THEIRS = "the authors, on their target"
+BESIDE = 0.28  # of a column's width: the authors' numbers stand right of ours
+SPREAD = 0.16  # of a column's width: dots of equal returns stay apart
+STRAY = 3.0  # times the span of the medians: what lies further off is drawn at the edge, not to squash the rest
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Returns on one environment.
+
+    Attributes:
+        title: Its name.
+        returns: Of each method, one number a seed.
+        intervals: Of each method, the interval of the median.
+        authors: What the authors found, of those methods that they have.
+    """
+
+    title: str
+    returns: Mapping[str, np.ndarray]
+    intervals: Mapping[str, tuple[float, float]]
+    authors: Mapping[str, Sequence[float]]
+
+
+def returns_by_method(panels: Sequence[Panel], label: str, quick: bool) -> Figure:
+    """Draw a panel an environment: a dot a seed, a bar at the median with its interval, diamonds for the authors'.
+
+    Args:
+        panels: What to draw.
+        label: What a return is.
+        quick: Whether to say that this is no result.
+    """
+    with house_style():
+        columns = min(len(panels), 2)
+        rows = -(-len(panels) // columns)
+        figure = Figure(figsize=(WIDTH, 3.4 * rows))
+        axes = figure.subplots(rows, columns, squeeze=False).ravel()
+        for place, panel in zip(axes, panels, strict=False):
+            draw_panel(place, panel)
+        for place in axes[len(panels) :]:
+            place.set_visible(False)
+        axes[0].set_ylabel(label)
+        warn(figure, quick)
+    return figure
+
+
+def draw_panel(axes: Axes, panel: Panel) -> None:
+    """Draw one environment."""
+    looks = strokes(list(panel.returns))
+    low, high = window(panel)
+    for column, (method, values) in enumerate(panel.returns.items()):
+        colour = looks[method].colour
+        offsets = np.linspace(-SPREAD, SPREAD, len(values)) if len(values) > 1 else np.zeros(1)
+        axes.scatter(column + offsets, values.clip(low, high), s=26, color=colour, alpha=0.7, linewidth=0, zorder=4)
+        middle = float(np.median(values))
+        axes.plot([column - 0.34, column + 0.34], [middle, middle], color=colour, linewidth=2.4, zorder=5)
+        axes.plot([column, column], np.clip(panel.intervals[method], low, high), color=colour, linewidth=1.2, zorder=3)
+        theirs = np.array(panel.authors.get(method, ()))
+        places = np.full(len(theirs), column + BESIDE)
+        axes.scatter(places, theirs.clip(low, high), s=18, marker="d", color="none", edgecolors=GREY, zorder=2)
+    axes.set_ylim(low, high)
+    axes.set_xticks(range(len(panel.returns)), list(panel.returns), rotation=35, ha="right")
+    axes.grid(visible=False, axis="x")
+    axes.set_title(f"{panel.title} (◇ {THEIRS})" if panel.authors else panel.title, fontsize=10)
+
+
+def window(panel: Panel) -> tuple[float, float]:
+    """Return the lowest and highest return that are drawn at their place."""
+    medians = np.array([float(np.median(values)) for values in panel.returns.values()])
+    every = np.concatenate([*panel.returns.values(), *(np.array(v) for v in panel.authors.values())])
+    span = max(float(np.ptp(medians)), 1e-6 + 0.05 * float(np.abs(medians).max()))
+    low, high = max(float(every.min()), medians.min() - STRAY * span), float(every.max())
+    margin = 0.06 * max(high - low, span)
+    return low - margin, high + margin
+
+
+@dataclass(frozen=True)
+class Counted:
+    """Returns over the number of trajectories.
+
+    Attributes:
+        counts: Numbers of trajectories, shape (K,).
+        returns: One number a seed, shape (K, seeds).
+    """
+
+    counts: np.ndarray
+    returns: np.ndarray
+
+
+def return_over_count(
+    ours: Counted, ends: Mapping[str, float], authors: Mapping[int, tuple[float, float]], quick: bool
+) -> Figure:
+    """Draw the median return over the number of trajectories, a band between its extremes, and the authors'.
+
+    Args:
+        ours: What we found.
+        ends: Median return of methods that need no recording, as lines across.
+        authors: Mean and standard deviation by number of trajectories.
+        quick: Whether to say that this is no result.
+    """
+    looks = strokes(["nas", *ends])
+    with house_style():
+        figure = Figure(figsize=(WIDTH, 3.6))
+        axes = figure.subplots()
+        low, middle, high = (function(ours.returns, axis=1) for function in (np.min, np.median, np.max))
+        axes.fill_between(ours.counts, low, high, color=looks["nas"].colour, alpha=0.18, linewidth=0)
+        axes.plot(ours.counts, middle, color=looks["nas"].colour, marker="o", markersize=4, label="source + φ")
+        for name, value in ends.items():
+            axes.axhline(value, color=looks[name].colour, linestyle=looks[name].line, linewidth=1.2, label=name)
+        if authors:
+            means, deviations = np.array(list(authors.values())).T
+            axes.errorbar(
+                list(authors), means, deviations, fmt="d", color=GREY, markersize=4, linewidth=1, label=THEIRS
+            )
+        axes.set_xscale("log")
+        ticks = sorted({*ours.counts.tolist(), *authors})
+        axes.set_xticks(ticks, [str(count) for count in ticks], fontsize=8)
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.set_xlabel("trajectories that φ learned from")
+        axes.set_ylabel("mean return on the target")
+        axes.legend(loc="best")
+        warn(figure, quick)
+    return figure
+
+
+def warn(figure: Figure, quick: bool) -> None:
+    """Write over a picture that it is no result, where it is none."""
+    if quick:
+        figure.text(0.5, 0.5, "quick: no result", ha="center", va="center", fontsize=30, color=GREY, alpha=0.3)

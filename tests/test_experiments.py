@@ -1,0 +1,373 @@
+"""The paper's experiments at a tiny size: each makes its files, is done once, goes on, and says what is wrong."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from command_samples import nas
+from experiment_samples import TINY, times, tiny
+
+from nas_data import registry
+from nas_data.dataset.read import read
+from nas_data.dataset.verify import verify
+from nas_data.effects.base import parse
+from nas_data.envs.loop.plant import Plant
+from nas_data.errors import OptionError, OutputExists, UnknownName
+from nas_data.experiments.base import Experiment, experiments, find_experiment
+from nas_data.experiments.figure6 import smallest
+from nas_data.experiments.pipeline import authors, stages
+from nas_data.experiments.pipeline.conducting import conduct
+from nas_data.experiments.pipeline.material import Material, MaterialPlan
+from nas_data.experiments.pipeline.methods import METHODS, needs_of
+from nas_data.experiments.pipeline.sizes import FULL, QUICK, RECORDINGS
+from nas_data.experiments.table1 import PREDICTORS, differences, statistics
+from nas_data.gap.add import write_effects
+
+CHEAP = ("expert", "source", "nas", "randomised")  # without `nas gap`, which takes minutes
+
+
+def text_of(folder, stem):
+    return (folder / f"{stem}.md").read_text(encoding="utf-8")
+
+
+def json_of(folder, stem):
+    return json.loads((folder / f"{stem}.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder in which tiny experiments on Pusher were made."""
+    place = tmp_path_factory.mktemp("experiments")
+    conduct("figure5", tiny(place, "Pusher", methods=CHEAP))
+    conduct("figure4", tiny(place, "Pusher"))
+    conduct("table1", tiny(place, "Pusher"))
+    return place
+
+
+def named_by(*effects):
+    """Stands for `nas gap`, which takes minutes: it names these effects."""
+
+    def investigate(dataset, model, out, say):
+        assert read(dataset).n_episodes == TINY.named
+        assert model.is_file()
+        say("name: which effect is missing")
+        out.mkdir(parents=True)
+        write_effects(out, [parse(text) for text in effects], {})
+        return {"verdict": "explained", "effects": list(effects), "retuned": [], "gap": {}}
+
+    return investigate
+
+
+# --- figure 5
+
+
+def test_figure5_compares_the_methods_in_json_table_and_picture(folder):
+    found = json_of(folder, "figure5-Pusher-backlash-tiny")
+    methods = found["environments"]["Pusher"]["methods"]
+    assert list(methods) == list(CHEAP)
+    page = text_of(folder, "figure5-Pusher-backlash-tiny")
+    for method, values in methods.items():
+        assert len(values["returns"]) == len(TINY.seeds)
+        assert f"| {method} | {METHODS[method].learned_on} | 2 | {np.median(values['returns']):.2f} [" in page
+    assert (folder / "figure5-Pusher-backlash-tiny.png").read_bytes().startswith(b"\x89PNG")
+    assert "-67.85" in page  # the authors' expert
+
+
+def test_every_run_of_figure5_records_what_it_depends_on(folder):
+    found = json_of(folder, "figure5-Pusher-backlash-tiny")["environments"]["Pusher"]
+    material = Material(plan_of(folder), folder / "tiny/Pusher-backlash/material")
+    for run in found["runs"]:
+        record = json.loads((folder / "tiny/Pusher-backlash/policies/256" / run["result"]).read_text())
+        assert record["question"]["training"]["seed"] == run["seed"]
+        assert record["circumstances"]["dataset"] == material.content_hash == found["dataset"]
+        assert {"mujoco", "torch", "nas_data"} <= set(record["circumstances"]["versions"])
+        assert record["wall_seconds"] > 0
+        assert record["cpu_seconds"] > 0
+    assert {run["method"] for run in found["runs"]} == set(CHEAP)
+
+
+def plan_of(folder):
+    request = tiny(folder, "Pusher")
+    sizes = request.sizes
+    return MaterialPlan(sizes.recipe("Pusher", "backlash"), sizes.heldout, sizes.delta, sizes.forward, sizes.named)
+
+
+def test_less_than_the_experiment_says_so_wherever_it_is_shown(folder):
+    for stem in ("figure5-Pusher-backlash-tiny", "figure4-Pusher-backlash-tiny", "table1-Pusher-backlash-tiny"):
+        assert "not a result" in text_of(folder, stem)
+        assert json_of(folder, stem)["warning"]
+    assert not FULL.sentence()
+
+
+def test_the_recordings_are_whole_and_hold_the_objects(folder):
+    material = Material(plan_of(folder), folder / "tiny/Pusher-backlash/material")
+    for path, episodes in ((material.train, TINY.trajectories), (material.heldout, TINY.heldout)):
+        assert verify(path) == []
+        dataset = read(path)
+        assert dataset.paired
+        assert dataset.n_episodes == episodes
+        assert "observation.environment_state" in dataset.features
+    commands = read(material.train).commands.reshape(TINY.trajectories, 100, 3)
+    changes = (np.diff(commands, axis=1) != 0).any(axis=2).sum(axis=1)
+    assert changes[:4].tolist() == [99, 49, 19, 4]  # the paper's protocol, then longer and longer holds
+
+
+def test_a_second_call_trains_nothing_and_finds_the_same(folder):
+    before = times(folder / "tiny")
+    said: list[str] = []
+    found = conduct("figure5", tiny(folder, "Pusher", said=said, methods=CHEAP))
+    assert times(folder / "tiny") == before
+    assert sum("done before" in line for line in said) == 2
+    assert found.data["environments"]["Pusher"]["methods"]["nas"]["returns"]
+
+
+def test_more_seeds_leave_those_done_before_alone(folder):
+    place = folder / "tiny/Pusher-backlash"
+    before = times(place)
+    conduct("figure5", tiny(folder, "Pusher", methods=("expert", "source"), seeds=(0, 1, 2)))
+    assert {path: time for path, time in times(place).items() if path in before} == before
+    assert (place / "policies/256/source/seed2/result.json").is_file()
+
+
+def test_the_experiments_share_recordings_and_models(folder):
+    notes = sorted(path.stem for path in (folder / "tiny/Pusher-backlash/material/stages").glob("*.json"))
+    assert notes == ["phi", "psi", "record"]
+
+
+# --- names, which stand in for `nas gap`
+
+
+@pytest.mark.parametrize("effects", [("coulomb_friction:joint=j1,torque=0.8",), ()])
+def test_named_methods_learn_in_what_was_named(tmp_path, monkeypatch, effects):
+    monkeypatch.setattr(stages.workflow, "investigate", named_by(*effects))
+    found = conduct("figure5", tiny(tmp_path, "Pusher", methods=("source", "named", "named_nas"), seeds=(0,)))
+    place = tmp_path / "tiny/Pusher-backlash/policies/256"
+    plants = {
+        method: json.loads((place / method / "seed0/result.json").read_text())["question"]["training"]["plant"]
+        for method in ("source", "named", "named_nas")
+    }
+    for method in ("named", "named_nas"):
+        assert len(plants[method]["simulator"]["effects"]) == len(effects)
+    assert plants["named_nas"]["model"]["kind"] == "delta"
+    same = found.data["environments"]["Pusher"]["methods"]
+    assert (same["named"]["returns"] == same["source"]["returns"]) == (not effects)  # nothing named is the source
+
+
+@pytest.mark.slow
+def test_nas_gap_itself_names_in_the_pipeline(tmp_path):
+    conduct("figure5", tiny(tmp_path, "Pusher", methods=("named", "named_nas"), seeds=(0,)))
+    note = json.loads((tmp_path / "tiny/Pusher-backlash/material/stages/names.json").read_text())
+    assert note["data"]["verdict"]
+
+
+# --- figure 4 and table 1
+
+
+def test_figure4_tells_the_errors_of_one_sequence_it_did_not_learn_from(folder):
+    found = json_of(folder, "figure4-Pusher-backlash-tiny")["environments"]["Pusher"]
+    dataset = read(Material(plan_of(folder), folder / "tiny/Pusher-backlash/material").heldout)
+    rows = dataset.episode(found["episode"])
+    assert found["episode"] % 4 == 0  # the paper's protocol
+    np.testing.assert_allclose(found["positions"]["measured"], dataset.next_states[rows, :3], atol=1e-6)
+    start = dataset.states[rows.start, :3]
+    np.testing.assert_allclose(found["positions"]["hold"], np.tile(start, (100, 1)), atol=1e-6)
+    rms = np.sqrt(np.square(np.subtract(found["positions"]["source"], found["positions"]["measured"])).mean(axis=1))
+    np.testing.assert_allclose(found["rms_error_rad"]["source"], rms, atol=1e-6)
+    for end in ("", "-growth"):
+        assert (folder / f"figure4-Pusher-backlash-tiny{end}.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_table1_has_quartiles_of_every_predictor(folder):
+    found = json_of(folder, "table1-Pusher-backlash-tiny")["environments"]["Pusher"]
+    for episodes in ("paper_protocol", "all_heldout"):
+        assert list(found[episodes]) == list(PREDICTORS)
+        for values in found[episodes].values():
+            assert 0 <= values["first_quartile"] <= values["median"] <= values["third_quartile"]
+
+
+class Predicted:
+    """Errors of two episodes and two joints, in which one diverged."""
+
+    class evaluation:  # noqa: N801
+        class squared:  # noqa: N801
+            squared = (np.pi / 2) ** 2 * np.array([[1.0, 2.0], [3.0, np.nan]])
+
+        open_loop = {"source": squared}  # noqa: RUF012
+
+
+def test_differences_are_in_units_of_right_angles_and_what_diverged_counts_as_infinite():
+    np.testing.assert_allclose(differences(Predicted, "source", [0, 1]), [1, 2, 3, np.inf])
+    assert statistics(Predicted, "source", [0, 1])["third_quartile"] == pytest.approx(3.0)
+    assert statistics(Predicted, "source", [0])["mean"] == pytest.approx(1.5)
+
+
+# --- figure 6 and 8
+
+
+def test_figure6_sweeps_nested_subsets_and_says_how_many_are_enough(tmp_path):
+    request = tiny(tmp_path, "Pusher", seeds=(0,))
+    found = conduct("figure6", request)
+    assert np.shape(found.data["returns"]) == (len(TINY.counts), 1)
+    assert "Smallest number of trajectories" in found.text
+    before = times(tmp_path / "tiny")
+    again = conduct("figure6", request)
+    assert times(tmp_path / "tiny") == before
+    assert again.data["returns"] == found.data["returns"]
+
+
+@pytest.mark.parametrize(
+    ("medians", "enough"),
+    [((-100, -68, -67), 25), ((-100, -90, -67), 50), ((10, 10, 10), 10), ((9.4, 9.6, 10.0), 25), ((-1, -2, -3), 10)],
+)
+def test_enough_is_within_five_per_cent_of_the_best(medians, enough):
+    assert smallest((10, 25, 50), np.array(medians, dtype=float)[:, None]) == enough
+
+
+def test_figure8_counts_hits_and_draws_a_response(tmp_path):
+    found = conduct("figure8", tiny(tmp_path, "ErgoShield", seeds=(0,)))
+    shield = found.data["environments"]["ErgoShield"]
+    assert set(shield["methods"]) == {"expert", "source", "forward", "nas", "randomised"}
+    assert "--methods asks for it" in found.text
+    assert shield["authors"]["nas"]["values"] == [20.17, 11.95]
+    assert np.shape(shield["response"]["positions"]["source + φ"]) == (300, 6)
+    assert (tmp_path / "figure8-ErgoShield-backlash-tiny-response.png").is_file()
+
+
+# --- the commands
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("figure4", ()),
+        ("figure5", ("--methods", "expert", "source", "--seeds", "0")),
+        ("figure6", ("--counts", "2", "--seeds", "0", "--frames", "256")),
+        ("table1", ("--env", "Pusher")),
+    ],
+)
+def test_each_command_makes_its_experiment(tmp_path, monkeypatch, name, options):
+    monkeypatch.setattr("nas_data.experiments.pipeline.sizes.QUICK", TINY)
+    answer = nas("experiment", name, "--quick", "--out", tmp_path, "--json", *options)
+    assert answer.code == 0, answer.err
+    assert answer.json["experiment"] == name
+    assert answer.json["size"] == "tiny"
+    written = json_of(tmp_path, f"{name}-Pusher-backlash-tiny")
+    assert {key: answer.json[key] for key in written} == written
+    assert "Pusher, dynamics 'backlash' →" in answer.err
+
+
+# --- going on
+
+
+class Cut(Exception):
+    """Stands for a power cut."""
+
+
+def test_an_experiment_goes_on_where_it_was_cut(tmp_path, monkeypatch):
+    def cut(*_):
+        raise Cut
+
+    with monkeypatch.context() as patch:
+        patch.setattr(stages, "learned", cut)
+        with pytest.raises(Cut):
+            conduct("figure4", tiny(tmp_path, "Pusher"))
+    place = tmp_path / "tiny/Pusher-backlash/material"
+    before = times(place / "datasets")
+    conduct("figure4", tiny(tmp_path, "Pusher"))
+    assert times(place / "datasets") == before
+
+
+def test_material_of_other_sizes_is_left_alone(folder):
+    before = times(folder / "tiny")
+    with pytest.raises(OutputExists, match="differs in heldout"):
+        conduct("figure4", tiny(folder, "Pusher", heldout=5))
+    assert times(folder / "tiny") == before
+
+
+def test_what_one_model_lost_is_made_again_and_the_other_kept(folder, tmp_path):
+    conduct("figure4", tiny(tmp_path, "ErgoReacher"))
+    place = tmp_path / "tiny/ErgoReacher-backlash/material"
+    before = times(place / "psi")
+    (place / "stages/phi.json").unlink()
+    conduct("figure4", tiny(tmp_path, "ErgoReacher"))
+    assert times(place / "psi") == before
+    assert (place / "stages/phi.json").is_file()
+
+
+# --- the registry, names and numbers
+
+
+@pytest.mark.parametrize("name", experiments())
+def test_every_file_of_the_folder_is_an_experiment_with_a_command(name):
+    experiment = find_experiment(name)
+    assert isinstance(experiment, Experiment)
+    assert experiment.title
+    for environment in experiment.environments:
+        assert "backlash" in Plant(environment).task.dynamics
+    assert f"experiment_{name}" in registry.names("commands")
+
+
+def test_the_experiments_of_the_paper_are_there():
+    assert set(experiments()) >= {"figure4", "figure5", "figure6", "figure8", "table1"}
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--env", "Pusher", "--methods", "nass"), r"no method 'nass'; choose one of: expert, forward"),
+        (("--env", "Pushr"), r"no environment 'Pushr'; choose one of: ErgoReacher"),
+        (("--env", "ErgoShield", "--dynamics", "paper"), r"no dynamics 'paper'; choose one of: backlash"),
+        (("--env", "Pusher", "Pusher"), r"none twice"),
+        (("--seeds", "1", "1"), r"different numbers"),
+        (("--frames", "0"), r"must be 1 or more"),
+    ],
+)
+def test_what_is_wrong_is_said_before_anything_is_written(tmp_path, options, said):
+    answer = nas("experiment", "figure5", "--out", tmp_path / "out", *options)
+    assert answer.code == 2
+    assert re.search(said, answer.err)
+    assert len(answer.err.splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_unknown_experiments_and_methods_list_the_choices(tmp_path):
+    with pytest.raises(UnknownName, match="figure4, figure5"):
+        conduct("figure9", tiny(tmp_path, "Pusher"))
+    with pytest.raises(OptionError, match="at least 2 trajectories"):
+        conduct("figure6", tiny(tmp_path, "Pusher", counts=(1, 4)))
+    with pytest.raises(OptionError, match="one environment"):
+        conduct("figure6", tiny(tmp_path, "Pusher", "ErgoReacher"))
+
+
+def test_methods_take_only_the_material_that_they_need():
+    assert needs_of(("expert", "source", "randomised")) == {"record"}
+    assert needs_of(("nas",)) == {"record", "phi"}
+    assert set(METHODS) == {"expert", "source", "forward", "nas", "named", "named_nas", "randomised"}
+
+
+def test_the_target_of_a_dynamics_with_a_source_of_its_own_is_set_against_that():
+    plan = MaterialPlan(FULL.recipe("ErgoReacher", "paper"), 1, FULL.delta, FULL.forward)
+    assert plan.source == "paper-source"
+    assert MaterialPlan(FULL.recipe("Pusher", "paper"), 1, FULL.delta, FULL.forward).source == "source"
+
+
+def test_the_full_experiment_is_the_papers():
+    assert (FULL.frames, len(FULL.seeds), FULL.judged) == (2_000_000, 5, 100)
+    assert {name: one.trajectories for name, one in RECORDINGS.items()} == {
+        "pusher": 250,
+        "ergo_reacher": 1000,
+        "striker": 5000,
+        "ergo_shield": 500,
+    }
+    assert QUICK.frames < FULL.frames / 10
+    assert (min(FULL.counts), max(FULL.counts)) == (10, 2000)
+
+
+def test_the_authors_numbers_have_sources_and_their_published_means():
+    means = {method: round(numbers.mean, 2) for method, numbers in authors.RETURNS["pusher"].items()}
+    assert means == {"expert": -67.85, "source": -122.65, "forward": -94.44, "nas": -67.28}
+    for group in (*authors.RETURNS.values(), authors.DIFFERENCES):
+        for numbers in group.values():
+            assert numbers.source.startswith(("aalitaiga/sim-to-real", "paper"))
+    assert set(authors.RETURNS) <= set(RECORDINGS)
