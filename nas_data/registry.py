@@ -51,3 +51,12 @@ def plugin(folder: str, name: str, kind: str, base: type[T]) -> type[T]:
         for value in vars(found).values()
         if isinstance(value, type) and issubclass(value, base) and value.__module__ == found.__name__
     )
+
+
+def value(folder: str, name: str, kind: str, wanted: type[T]) -> T:
+    """Return the value of a type that a plug-in's file defines, as `plugin` returns its class.
+
+    Raises:
+        UnknownName: the folder has no such file; lists those it has.
+    """
+    return next(value for value in vars(module(folder, name, kind)).values() if isinstance(value, wanted))

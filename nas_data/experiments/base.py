@@ -121,6 +121,4 @@ def find_experiment(name: str) -> Experiment:
     Raises:
         UnknownName: there is no such experiment; lists those there are.
     """
-    experiment = registry.module(FOLDER, name, "experiment").EXPERIMENT
-    assert isinstance(experiment, Experiment)
-    return experiment
+    return registry.value(FOLDER, name, "experiment", Experiment)

@@ -90,6 +90,4 @@ def find_kind(name: str) -> Kind:
     Raises:
         UnknownName: there is no such kind; lists those there are.
     """
-    kind = registry.module(FOLDER, name, "kind").KIND
-    assert isinstance(kind, Kind)
-    return kind
+    return registry.value(FOLDER, name, "kind", Kind)
