@@ -16,7 +16,8 @@ RATIO = (0.5, 1.1)  # damping ratio
 DROOP = (0.02, 0.12)  # [rad] at most under the arm's weight: rotors behind gears are as heavy as that takes
 ROTOR = (0.2, 0.8)  # rotor's over carried inertia, at least
 LIGHTEST = 5e-4  # [kg m²] reflected rotor: half that of an XL-320, the smallest servo there is
-SPARE, ERROR = (2.0, 4.0), 0.02  # torque limit over the largest gravity torque, or that of such an error [rad]
+SPARE = (2.0, 4.0)  # torque limit over the largest gravity torque, at least
+SPEED = (1.5, 5.0)  # [rad/s] that the torque limit holds against the damping: industrial arms reach 3, an XL-320 12
 FRICTION = (0.005, 0.04)  # share of the torque limit
 TIMESTEPS = (0.001, 0.002)  # [s]
 POSTURES, REACH = 40, 1.2  # in which a servo's load is measured, and how far joints are turned in them [rad]
@@ -98,7 +99,7 @@ def draw_servo(rng: np.random.Generator, inertia: float, gravity: float) -> Serv
     gain = (inertia + armature) * frequency**2
     loss = 2 * rng.uniform(*RATIO) * frequency * (inertia + armature)
     own = float(rng.choice([0.0, 0.5, 0.9]))  # part of the damping that is the servo's
-    limit = rng.uniform(*SPARE) * max(gravity, ERROR * gain)
+    limit = max(rng.uniform(*SPARE) * gravity, logarithmic(rng, *SPEED) * loss)
     return Servo(gain, own * loss, limit, armature, (1 - own) * loss, rng.uniform(*FRICTION) * limit)
 
 
