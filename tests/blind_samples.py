@@ -6,10 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.blind import excitation
 from nas_data.blind.arms import Arm, ergojr, random_arm
+from nas_data.blind.case import Identity
+from nas_data.blind.conditions import Conditions
+from nas_data.blind.plants.base import find_plant
+from nas_data.blind.plants.constants import Constants
 from nas_data.blind.plants.mujoco_plant import multiply
-from nas_data.blind.truth import Base
+from nas_data.blind.settings import any as any_setting
+from nas_data.blind.settings import xl320
+from nas_data.blind.truth import Base, Truth
 from nas_data.effects.base import add_effects, make_effect
 from nas_data.robots.base import read_spec
 
@@ -29,11 +34,27 @@ def steps(episodes: int, seconds: float, seed: int = 1, hold: int = 30) -> tuple
     return np.repeat(targets, hold, axis=1)[:, :count], rng.uniform(-0.3, 0.3, (episodes, 6))
 
 
+def positions(plant: str, arm: Arm, truths: list[Truth], commands: np.ndarray, poses: np.ndarray) -> np.ndarray:
+    """Return where a plant's links are [rad], shape (len(truths), E, T + 1, n)."""
+    return find_plant(plant)(arm, truths, commands, poses, PERIOD)[..., : len(arm.joints)]
+
+
+def drawn(number: int, episodes: int = 2) -> tuple[Arm, Conditions, np.ndarray, np.ndarray]:
+    """Return an arm of the setting `any`, its conditions, and a few commands and poses."""
+    setting, identity = any_setting.SETTING, Identity("none", "numpy", number, 5, setting="any")
+    arm, conditions = setting.draw(identity)
+    control = Constants.of(arm.model()).control
+    return arm, conditions, *setting.episodes(conditions, episodes, control, identity.stream("commands"))
+
+
 def shorten(monkeypatch) -> None:
-    """Let cases have three episodes of half a second, and two fresh ones."""
-    monkeypatch.setattr(excitation, "EPISODES", 3)
-    monkeypatch.setattr(excitation, "FRESH", 2)
-    monkeypatch.setattr(excitation, "SECONDS", 0.5)
+    """Let cases have three episodes of half a second (other arms: of one), and two fresh ones."""
+    monkeypatch.setattr(xl320, "EPISODES", 3)
+    monkeypatch.setattr(xl320, "FRESH", 2)
+    monkeypatch.setattr(xl320, "SECONDS", 0.5)
+    monkeypatch.setattr(any_setting, "EPISODES", (3, 3))
+    monkeypatch.setattr(any_setting, "FRESH", 2)
+    monkeypatch.setattr(any_setting, "SECONDS", (1.0, 1.0))
 
 
 def report_of(effects: list, verdict: str, unexplained: list | None = None) -> dict:

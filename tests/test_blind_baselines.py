@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from blind_samples import PERIOD, arms, shorten, steps
+from blind_samples import arms, positions, shorten, steps
 
 from nas_data import registry
 from nas_data.blind.baselines import one_step, phi, sysid
 from nas_data.blind.baselines.base import find_baseline
 from nas_data.blind.case import Episodes
-from nas_data.blind.draw import draw_case, readings
+from nas_data.blind.draw import draw_case
 from nas_data.blind.fresh import Fresh
-from nas_data.blind.plants.base import find_plant
+from nas_data.blind.settings.xl320 import SENSOR
 from nas_data.blind.truth import Base, Hidden, Truth
 from nas_data.blind.write import DATASET, NOMINAL, write_case
 
@@ -24,8 +24,8 @@ def weak_servo(monkeypatch, tmp_path):
     arm = arms()[0]
     commands, poses = steps(4, 1.0)
     truth = Truth(Base.nominal(6), (Hidden("servo_stiffness", "m3", {"factor": 0.5}),))
-    positions = find_plant("numpy")(arm, [truth], commands, poses, PERIOD)[0]
-    episodes = Episodes(commands, poses, positions, readings(positions, np.random.default_rng(0)))
+    true = positions("numpy", arm, [truth], commands, poses)[0]
+    episodes = Episodes(commands, poses, true, SENSOR.positions(true, np.random.default_rng(0)))
     case = draw_case("none", "numpy", 0, 0)
     write_case(replace(case, arm=arm, truth=truth, recorded=episodes, fresh=episodes, marks=(9.0,),
                        marked_joints=("m3",)), tmp_path / "case")  # fmt: skip

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from blind_samples import shorten
 
-from nas_data.blind.case import FAMILIES, FLOOR, QUANTUM, Identity
+from nas_data.blind.case import FAMILIES, Identity
 from nas_data.blind.catalogue import INSIDE, OUTSIDE
 from nas_data.blind.draw import draw_case
 from nas_data.blind.plants.hiding import RULES
+from nas_data.blind.settings.xl320 import FLOOR, QUANTUM
 from nas_data.blind.write import ANSWER, DATASET, FRESH, NOMINAL, write_case
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify

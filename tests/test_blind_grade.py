@@ -95,7 +95,7 @@ def test_a_delivered_model_without_its_sensors_is_refused(tmp_path):
     file = tmp_path / "model.xml"
     file.write_text("<mujoco/>")
     with pytest.raises(ModelFileError, match="has no 'm1'"):
-        Delivered.load(file, ["m1"], ["m1"])
+        Delivered.load(file, ["m1"], ["m1"], 100.0)
 
 
 @pytest.fixture

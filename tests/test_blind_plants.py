@@ -9,12 +9,12 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from blind_samples import PERIOD, arms, steps
+from blind_samples import PERIOD, arms, positions, steps
 
 from nas_data.blind import plants
 from nas_data.blind.arms import Arm
 from nas_data.blind.catalogue import INSIDE, OUTSIDE
-from nas_data.blind.plants.base import chain_of, find_plant, stacked
+from nas_data.blind.plants.base import chain_of, stacked
 from nas_data.blind.plants.body import Body
 from nas_data.blind.plants.constants import Constants
 from nas_data.blind.plants.drive import STEP
@@ -40,7 +40,9 @@ def imported(path: Path) -> set[str]:
     return names
 
 
-def reference(arm: Arm, commands: np.ndarray, poses: np.ndarray) -> np.ndarray:
+def reference(
+    arm: Arm, commands: np.ndarray, poses: np.ndarray, period: float = PERIOD, settle: float = 0.5
+) -> np.ndarray:
     """Return positions (E, T + 1, n) of the nominal arm in MuJoCo at a fine timestep."""
     spec = arm.spec()
     spec.option.timestep = FINE
@@ -51,11 +53,11 @@ def reference(arm: Arm, commands: np.ndarray, poses: np.ndarray) -> np.ndarray:
     for episode, pose in zip(commands, poses, strict=True):
         data = mujoco.MjData(model)
         data.qpos[:] = data.ctrl[:] = pose
-        mujoco.mj_step(model, data, round(0.5 / FINE))
+        mujoco.mj_step(model, data, round(settle / FINE))
         rows = [data.qpos.copy()]
         for command in episode:
             data.ctrl[:] = command
-            mujoco.mj_step(model, data, round(PERIOD / FINE))
+            mujoco.mj_step(model, data, round(period / FINE))
             rows.append(data.qpos.copy())
         shown.append(rows)
     return np.array(shown)
@@ -94,7 +96,7 @@ def test_rigid_body_dynamics_equal_mujocos(arm):
 @pytest.mark.parametrize("arm", arms(), ids=lambda arm: arm.name)
 def test_without_effects_a_plant_follows_mujoco(plant, arm):
     commands, poses = steps(2, 3.0, hold=100)
-    played = find_plant(plant)(arm, [NOMINAL], commands, poses, PERIOD)[0]
+    played = positions(plant, arm, [NOMINAL], commands, poses)[0]
     error = np.sqrt(np.square(played - reference(arm, commands, poses)).mean(axis=(0, 1)))
     assert error.max() < CLOSE
 
@@ -107,7 +109,7 @@ def test_each_effect_moves_the_joint_it_sits_in(plant, effect):
     commands, poses = steps(1, 0.8, hold=40)
     values = kind.draw(rng, Constants.of(arm.model()), 1, False)
     hidden = Hidden(effect, "m2" if kind.per_joint else None, values)
-    without, whole = find_plant(plant)(arm, [NOMINAL, Truth(NOMINAL.base, (hidden,))], commands, poses, PERIOD)
+    without, whole = positions(plant, arm, [NOMINAL, Truth(NOMINAL.base, (hidden,))], commands, poses)
     assert np.isfinite(whole).all()
     assert np.sqrt(np.square(whole - without).mean(axis=(0, 1)))[1] > np.radians(0.02)
 
@@ -118,7 +120,7 @@ def test_both_independent_plants_agree_on_hidden_effects():
     commands, poses = steps(1, 0.8, hold=40)
     values = {name: INSIDE[name].draw(rng, Constants.of(arm.model()), 1, False) for name in ("backlash", "deadband")}
     truths = [Truth(Base.draw(6, rng), (Hidden(name, "m2", value),)) for name, value in values.items()]
-    one, other = (find_plant(plant)(arm, truths, commands, poses, PERIOD) for plant in ("numpy", "bullet"))
+    one, other = (positions(plant, arm, truths, commands, poses) for plant in ("numpy", "bullet"))
     assert np.sqrt(np.square(one - other).mean(axis=(1, 2))).max() < 3 * CLOSE
 
 
@@ -127,7 +129,7 @@ def test_friction_holds_a_loaded_joint_without_creep():
     poses = np.full((1, 6), 0.4)
     hidden = Hidden("coulomb_friction", "m2", {"torque": 0.15})
     still = np.repeat(poses[:, None], 200, axis=1)
-    played = find_plant("numpy")(arm, [Truth(NOMINAL.base, (hidden,))], still, poses, PERIOD)[0]
+    played = positions("numpy", arm, [Truth(NOMINAL.base, (hidden,))], still, poses)[0]
     assert np.ptp(played[0, 100:, 1]) < 1e-9
 
 
@@ -135,6 +137,6 @@ def test_a_command_arrives_after_its_delay_and_not_before():
     arm = arms()[0]
     commands, poses = np.full((1, 30, 6), 0.5), np.zeros((1, 6))
     hidden = Hidden("command_delay", None, {"delay": 0.07})
-    prompt, late = find_plant("numpy")(arm, [NOMINAL, Truth(NOMINAL.base, (hidden,))], commands, poses, PERIOD)
+    prompt, late = positions("numpy", arm, [NOMINAL, Truth(NOMINAL.base, (hidden,))], commands, poses)
     np.testing.assert_allclose(late[0, 7:], prompt[0, :24], atol=1e-12 + STEP * 0.5)
     np.testing.assert_allclose(late[0, :8], np.repeat(late[0, :1], 8, axis=0), atol=1e-15)

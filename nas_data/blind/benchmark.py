@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from nas_data.blind.baselines.base import find_baseline
-from nas_data.blind.case import FAMILIES, Identity
+from nas_data.blind.case import DEFAULT, FAMILIES, Identity
 from nas_data.blind.judge import Investigate, Judge, Record, read_record, store_record
 from nas_data.blind.plants.base import find_plant
+from nas_data.blind.settings.base import find_setting
 from nas_data.errors import OptionError, UnknownName
 
 RESULTS, FOLDERS = "results", "cases"
@@ -26,6 +27,7 @@ class Plan:
         faint: Whether effects too small to be named may hide, for the power curve.
         baselines: Methods that are given the same cases.
         keep: Whether the datasets stay.
+        setting: What the cases look like.
     """
 
     families: tuple[str, ...]
@@ -35,12 +37,13 @@ class Plan:
     faint: bool = False
     baselines: tuple[str, ...] = ()
     keep: bool = False
+    setting: str = DEFAULT
 
     def check(self) -> None:
         """Say what is wrong before hours are spent.
 
         Raises:
-            UnknownName: there is no such family, plant or baseline.
+            UnknownName: there is no such family, plant, baseline or setting.
             OptionError: there is nothing to do.
         """
         for family in self.families:
@@ -50,6 +53,7 @@ class Plan:
             find_plant(plant)
         for name in self.baselines:
             find_baseline(name)
+        find_setting(self.setting)
         if self.cases < 1 or not self.families or not self.plants:
             raise OptionError("The benchmark needs at least one family, one plant and one case.")
 
@@ -58,7 +62,7 @@ class Plan:
         for number in range(self.cases):
             for family in self.families:
                 for plant in self.plants:
-                    yield Identity(family, plant, number, self.seed, self.faint)
+                    yield Identity(family, plant, number, self.seed, self.faint, self.setting)
 
 
 def run(plan: Plan, out: Path, investigate: Investigate, report: Callable[[str], None]) -> list[Record]:

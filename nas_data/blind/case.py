@@ -6,17 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from nas_data.blind.arms import Arm
+from nas_data.blind.conditions import Conditions
 from nas_data.blind.truth import Truth
 from nas_data.errors import UnknownName
 
 # how many effects of the contract's table hide in a case of each family
 FAMILIES = {"none": 0, "one": 1, "two": 2, "three": 3, "outside": 1}
-RATE = 100.0  # [Hz]
-EPISODES, FRESH = 20, 10
-SECONDS = 3.0
-QUANTUM = np.radians(0.29)  # [rad] XL-320 e-manual
-NOISE = np.radians(0.05)  # [rad] standard deviation before rounding
-FLOOR = float(QUANTUM / np.sqrt(12))  # [rad] what rounding alone leaves
+DEFAULT = "xl320"  # setting whose cases are named without it, as they were before there were others
 
 
 @dataclass(frozen=True)
@@ -29,6 +25,7 @@ class Identity:
         number: Its number in the family, from zero.
         seed: Master seed of the benchmark.
         faint: Whether effects too small to be named may hide, for the power curve.
+        setting: File of `settings/` that draws it.
     """
 
     family: str
@@ -36,6 +33,7 @@ class Identity:
     number: int
     seed: int
     faint: bool = False
+    setting: str = DEFAULT
 
     def __post_init__(self) -> None:
         if self.family not in FAMILIES:
@@ -44,7 +42,8 @@ class Identity:
     @property
     def name(self) -> str:
         """Name of its folder."""
-        return f"{'power-' if self.faint else ''}{self.family}-{self.plant}-{self.seed}-{self.number:04d}"
+        sort = f"{'power-' if self.faint else ''}{'' if self.setting == DEFAULT else f'{self.setting}-'}"
+        return f"{sort}{self.family}-{self.plant}-{self.seed}-{self.number:04d}"
 
     def stream(self, purpose: str) -> np.random.Generator:
         """Return a source of randomness of its own for one purpose, by SHA-256."""
@@ -61,12 +60,14 @@ class Episodes:
         poses: Commanded before each episode [rad], shape (E, n).
         positions: Where the links were before the first command and after each [rad], shape (E, T + 1, n).
         readings: The same as the sensors reported it [rad].
+        speeds: As they were reported [rad/s], shape (E, T + 1, n); None where they are to be differenced.
     """
 
     commands: np.ndarray
     poses: np.ndarray
     positions: np.ndarray
     readings: np.ndarray
+    speeds: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -76,20 +77,20 @@ class Case:
     Attributes:
         identity: What names it.
         arm: Nominal arm.
+        conditions: Under what it was recorded.
         truth: What hides in the plant.
         marks: What each hidden effect does to the positions, as a multiple of the noise floor.
         marked_joints: Joint on which each mark was measured.
-        excitation: Name of the command signal.
         recorded: Episodes that are handed over.
         fresh: Episodes that are never handed over.
     """
 
     identity: Identity
     arm: Arm
+    conditions: Conditions
     truth: Truth
     marks: tuple[float, ...]
     marked_joints: tuple[str, ...]
-    excitation: str
     recorded: Episodes
     fresh: Episodes
 
@@ -104,7 +105,8 @@ class Case:
             **vars(self.identity),
             "arm": self.arm.name,
             "joints": list(self.arm.joints),
-            "excitation": self.excitation,
+            "excitation": self.conditions.signal,
+            "conditions": self.conditions.to_json(),
             "effects": effects,
             "base": self.truth.base.to_json(),
         }

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nas_data.blind.case import EPISODES, FRESH, RATE, SECONDS
+from nas_data.blind.conditions import Conditions
 from nas_data.excitations.base import Excitation
 from nas_data.excitations.chirp import Chirp
 from nas_data.excitations.multisine import Multisine
@@ -14,28 +14,22 @@ RESET_SHARE = 0.2  # part of the range in which the paper's resets draw a pose
 SHARE = 0.8  # part of the range that steps use: overshoot stays within a turn's quarter
 
 
-def draw_commands(
-    signal: str, control: np.ndarray, rng: np.random.Generator
-) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """Draw the episodes that are handed over and the fresh ones.
+def episodes_of(
+    conditions: Conditions, episodes: int, control: np.ndarray, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Draw one set of episodes, in random order.
 
     Args:
-        signal: One of `SIGNALS`.
+        conditions: Rate and length; the signal is one of `SIGNALS`.
+        episodes: How many.
         control: Lowest and highest command of each joint [rad], shape (n, 2).
         rng: Source of randomness.
 
     Returns:
-        For both: commands (E, T, n) and the poses held before (E, n), rounded to single precision as stored.
+        Commands (E, T, n) and the poses held before (E, n), rounded to single precision as stored.
     """
-    handed, fresh = (episodes_of(signal, count, control, rng) for count in (EPISODES, FRESH))
-    return handed, fresh
-
-
-def episodes_of(
-    signal: str, episodes: int, control: np.ndarray, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return commands (E, T, n) and poses (E, n) of one set, in random order."""
-    parts = [part(kind, count, control, rng) for kind, count in shares(signal, episodes, rng) if count]
+    kinds = [(kind, count) for kind, count in shares(conditions.signal, episodes, rng) if count]
+    parts = [part(kind, conditions, (count, control), rng) for kind, count in kinds]
     commands, poses = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     order = rng.permutation(episodes)
     return as_stored(commands[order]), as_stored(poses[order])
@@ -52,11 +46,12 @@ def shares(signal: str, episodes: int, rng: np.random.Generator) -> list[tuple[E
 
 
 def part(
-    kind: Excitation, episodes: int, control: np.ndarray, rng: np.random.Generator
+    kind: Excitation, conditions: Conditions, size: tuple[int, np.ndarray], rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return commands and poses of one excitation; all but steps start where their signal starts."""
+    """Return so many commands of such a range, and poses, of one excitation; all but steps start at their signal's."""
+    episodes, control = size
     low, high = control.T
-    commands = kind.commands(rng, episodes, round(SECONDS * RATE), 1 / RATE, low, high)
+    commands = kind.commands(rng, episodes, conditions.steps, conditions.period, low, high)
     middle, half = (low + high) / 2, (high - low) / 2
     poses = middle + RESET_SHARE * half * rng.uniform(-1, 1, (episodes, len(low)))
     return commands, poses if isinstance(kind, Steps) else commands[:, 0].copy()

@@ -19,12 +19,14 @@ class Fresh:
 
     Attributes:
         joints: Names of the measured joints.
+        rate: Control rate [Hz].
         commands: [rad], shape (E, T, n).
         positions: True positions [rad], shape (E, T + 1, n).
         readings: The same with noise and rounding.
     """
 
     joints: tuple[str, ...]
+    rate: float
     commands: np.ndarray
     positions: np.ndarray
     readings: np.ndarray
@@ -33,7 +35,7 @@ class Fresh:
     def load(cls, folder: Path, joints: tuple[str, ...]) -> "Fresh":
         """Read them from a case's folder."""
         with np.load(folder / FRESH) as stored:
-            return cls(joints, stored["commands"], stored["positions"], stored["readings"])
+            return cls(joints, float(stored["rate"]), stored["commands"], stored["positions"], stored["readings"])
 
     @property
     def floor(self) -> float:
@@ -50,9 +52,12 @@ class Fresh:
         """Return the RMSE [rad] of the nominal model, of the delivered one, and the floor."""
         servos = actuators_of(folder / NOMINAL, self.joints)
         result: dict[str, float | str] = {"floor": self.floor}
-        result["before"] = self.error(Delivered.load(folder / NOMINAL, self.joints, servos).play)
+        result["before"] = self.error(self._loaded(folder / NOMINAL, servos).play)
         try:
-            result["after"] = self.error(Delivered.load(delivered, self.joints, servos).play)
+            result["after"] = self.error(self._loaded(delivered, servos).play)
         except NasError as error:  # what was delivered is being judged: that it cannot be used is a finding
             result |= {"after": float("inf"), "fault": str(error)}
         return result
+
+    def _loaded(self, file: Path, servos: tuple[str, ...]) -> Delivered:
+        return Delivered.load(file, self.joints, servos, self.rate)

@@ -7,6 +7,7 @@ from nas_data.blind.findings import Finding, Name, listed, mapping, number, read
 
 CONFIDENT = 0.8  # from here on a wrong name is the worst outcome
 ABOVE_FLOOR = frozenset({"unexplained", "partly_explained"})
+PLACE = frozenset("xyz")  # of a payload; where none is reported, it is at the link's centre of mass
 RIGHT_VERDICTS = {"none": frozenset({"none", "retuned"}), "outside": ABOVE_FLOOR}
 
 
@@ -81,12 +82,13 @@ def parameter_errors(hidden: Sequence[Mapping[str, object]], findings: Sequence[
         true = {key: number(value) for key, value in mapping(entry["parameters"]).items()}
         for key, value in true.items() if finding else ():
             assert finding is not None
-            found, interval = finding.parameters.get(key, math.nan), finding.intervals.get(key)
+            found = finding.parameters.get(key, 0.0 if key in PLACE else math.nan)
+            interval = finding.intervals.get(key)
             rows.append(
                 {
                     "effect": entry["effect"],
                     "parameter": key,
-                    "relative_error": abs(found - value) / size(str(entry["effect"]), true, value),
+                    "relative_error": abs(found - value) / size(str(entry["effect"]), true, key),
                     "covered": None if interval is None else interval[0] <= value <= interval[1],
                 }
             )
@@ -105,9 +107,11 @@ def as_the_model_sees(entry: Mapping[str, object], answer: Mapping[str, object])
     return {**entry, "parameters": {"factor": factor}}
 
 
-def size(effect: str, true: Mapping[str, float], value: float) -> float:
-    """Return what an error is relative to: a tilt's whole angle, for one of its two may be next to zero."""
-    return math.hypot(*true.values()) if effect == "base_tilt" else abs(value)
+def size(effect: str, true: Mapping[str, float], key: str) -> float:
+    """Return what an error is relative to: a tilt's whole angle, a place's whole distance, for parts may be zero."""
+    if effect == "base_tilt":
+        return math.hypot(*true.values())
+    return math.hypot(*(true[axis] for axis in PLACE if axis in true)) if key in PLACE else abs(true[key])
 
 
 def joint_named(hidden: Sequence[Mapping[str, object]], report: Mapping[str, object]) -> bool:

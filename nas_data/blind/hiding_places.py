@@ -1,36 +1,38 @@
 """Drawing what hides in a case: effects, their places and their sizes, until the mark of each can be seen."""
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
 from nas_data.blind.arms import Arm
 from nas_data.blind.case import FAMILIES, Identity
-from nas_data.blind.catalogue import INSIDE, OUTSIDE
-from nas_data.blind.marks import Marks, measure_marks, too_faint
+from nas_data.blind.conditions import Conditions
+from nas_data.blind.marks import Marks, measure_marks, out_of_sight
 from nas_data.blind.plants.base import find_plant
 from nas_data.blind.plants.constants import Constants
+from nas_data.blind.settings.base import Setting
 from nas_data.blind.truth import Base, Hidden, Truth
 from nas_data.errors import SimulationDiverged
 
-LEAST_MARK = 3.0  # multiples of the noise floor from which an effect is judged
-FAINTEST_MARK = 0.3  # … from which it counts in the power curve
+FAINTEST_MARK = 0.3  # multiples of the noise floor from which an effect counts in the power curve
 TRIES = 3  # sizes of an effect before another effect is drawn
-ROUNDS = 40  # before a case is given up: with these ranges a handful suffices
 SCREEN = "numpy"  # plant on which sizes are tried first, for it is the fastest
 
 
 class Hider:
     """Hides effects in one case; remembers where its stream of randomness stands."""
 
-    def __init__(self, identity: Identity, arm: Arm) -> None:
+    def __init__(self, identity: Identity, setting: Setting, arm: Arm, conditions: Conditions) -> None:
         """Start the case's stream."""
         self.identity = identity
+        self.setting = setting
         self.arm = arm
+        self.conditions = conditions
         self.constants = Constants.of(arm.model())
-        self.kinds = OUTSIDE if identity.family == "outside" else INSIDE
+        self.kinds = setting.outside if identity.family == "outside" else setting.inside
         self.rng = identity.stream("effects")
-        self.least = FAINTEST_MARK if identity.faint else LEAST_MARK
+        self.least = FAINTEST_MARK if identity.faint else setting.least
 
     def hide(self, commands: np.ndarray, poses: np.ndarray) -> tuple[Truth, Marks]:
         """Draw what hides until each of it can be seen on the case's own plant.
@@ -46,24 +48,30 @@ class Hider:
         while len(truth.hidden) < FAMILIES[self.identity.family]:
             truth = Truth(truth.base, (*truth.hidden, self._another(truth.hidden)))
         tries = [1] * len(truth.hidden)
-        for _ in range(ROUNDS):
-            marks, faint = self._seen(truth, commands, poses)
-            if not faint:
+        for _ in range(self.setting.rounds):
+            marks, unfit = self._seen(truth, commands, poses)
+            if not unfit:
                 return truth, marks
-            for index in faint:
+            for index in unfit:
                 truth = self._redrawn(truth, index, tries[index] < TRIES)
                 tries[index] = tries[index] + 1 if tries[index] < TRIES else 1
         raise SimulationDiverged(f"{self.identity.name} hides nothing that can be seen; use another number.")
 
+    def show(self, plant: str, truths: Sequence[Truth], commands: np.ndarray, poses: np.ndarray) -> np.ndarray:
+        """Return states (len(truths), E, T + 1, 2n) of commands (E, T, n) from poses (E, n) on a plant."""
+        conditions = self.conditions
+        return find_plant(plant)(self.arm, truths, commands, poses, conditions.period, conditions.settle)
+
     def _seen(self, truth: Truth, commands: np.ndarray, poses: np.ndarray) -> tuple[Marks, list[int]]:
-        """Return the marks, and which are too faint; a slow plant is asked only once the fast one sees them all."""
+        """Return the marks, and which do not fit; a slow plant is asked only once the fast one sees them all."""
         screened = self.identity.plant != SCREEN and bool(truth.hidden)
         for plant in (SCREEN, self.identity.plant) if screened else (self.identity.plant,):
-            marks = measure_marks(find_plant(plant), self.arm, truth, commands, poses)
-            faint = too_faint(marks.values, self.least)
-            if faint:
+            show = partial(self.show, plant, commands=commands, poses=poses)
+            marks = measure_marks(show, truth, self.arm.joints, self.conditions.sensor.floor)
+            unfit = out_of_sight(marks.values, self.least, self.setting.most)
+            if unfit:
                 break
-        return marks, faint
+        return marks, unfit
 
     def _redrawn(self, truth: Truth, index: int, same: bool) -> Truth:
         """Return the truth with one effect of another size, or another effect in its stead."""

@@ -61,7 +61,8 @@ class Judge:
         answer = read_json(folder / ANSWER)
         fresh = Fresh.load(folder, case.arm.joints)
         record = known or {
-            **{key: answer[key] for key in ("case", "family", "plant", "number", "seed", "faint", "arm", "excitation")},
+            **{key: answer[key] for key in ("case", "family", "plant", "number", "seed", "faint", "setting")},
+            **{key: answer[key] for key in ("arm", "excitation")},
             "drawing_seconds": drawing,
             **attempt(lambda: examine(folder, answer, fresh, self.investigate)),
         }

@@ -7,7 +7,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from nas_data.blind.case import RATE
 from nas_data.errors import JointMismatch, ModelFileError
 from nas_data.simulators.layout import settle_actuator
 
@@ -20,26 +19,27 @@ class Delivered:
 
     Attributes:
         model: Compiled.
-        substeps: Physics steps per control period.
+        rate: Control rate [Hz].
         actuators: Index of each joint's actuator.
         sensors: Where each joint's measured position lies among the sensors.
         rests: Places in `qpos` that start at the first measured position: the joint's, and what its servo drives.
     """
 
     model: mujoco.MjModel
-    substeps: int
+    rate: float
     actuators: tuple[int, ...]
     sensors: tuple[int, ...]
     rests: tuple[tuple[int, ...], ...]
 
     @classmethod
-    def load(cls, file: Path, joints: Sequence[str], actuators: Sequence[str]) -> "Delivered":
+    def load(cls, file: Path, joints: Sequence[str], actuators: Sequence[str], rate: float) -> "Delivered":
         """Load a model and find what the contract promises in it.
 
         Args:
             file: MJCF.
             joints: Names of the measured joints.
             actuators: Names of their actuators in the nominal model.
+            rate: Control rate [Hz].
 
         Raises:
             ModelFileError: it does not load, or lacks a joint, an actuator or a sensor that it must keep.
@@ -48,19 +48,20 @@ class Delivered:
             model = mujoco.MjModel.from_xml_path(str(file))
         except ValueError as error:
             raise ModelFileError(f"{file} does not load in plain MuJoCo: {error}") from None
-        return cls.of(model, file, joints, actuators)
+        return cls.of(model, joints, actuators, rate, file)
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, file: Path, joints: Sequence[str], actuators: Sequence[str]) -> "Delivered":
+    def of(
+        cls, model: mujoco.MjModel, joints: Sequence[str], actuators: Sequence[str], rate: float, file: Path
+    ) -> "Delivered":
         """Find the same in a compiled model; the file is for errors alone."""
-        substeps = int(np.ceil(1 / RATE / model.opt.timestep - 1e-6))
-        model.opt.timestep = 1 / RATE / substeps
+        model.opt.timestep = 1 / rate / int(np.ceil(1 / rate / model.opt.timestep - 1e-6))
         servos = tuple(find(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name, file) for name in actuators)
         sensors = [find(model, mujoco.mjtObj.mjOBJ_SENSOR, joint + SENSOR, file) for joint in joints]
         places = [int(model.jnt_qposadr[find(model, mujoco.mjtObj.mjOBJ_JOINT, joint, file)]) for joint in joints]
         driven = [driven_place(model, servo) for servo in servos]
         rests = tuple(tuple({own, *other}) for own, other in zip(places, driven, strict=True))
-        return cls(model, substeps, servos, tuple(int(model.sensor_adr[sensor]) for sensor in sensors), rests)
+        return cls(model, rate, servos, tuple(int(model.sensor_adr[sensor]) for sensor in sensors), rests)
 
     def play(self, commands: np.ndarray, first: np.ndarray) -> np.ndarray:
         """Return `<joint>.pos` after each command.
@@ -82,11 +83,12 @@ class Delivered:
             data.qpos[list(places)] = position
         for actuator in range(len(model.actuator_trntype)):
             settle_actuator(model, data, actuator)
+        substeps = round(1 / self.rate / model.opt.timestep)
         shown = np.full(commands.shape, np.nan)
         for step, command in enumerate(commands):
             data.ctrl[controls] = command
-            mujoco.mj_step(model, data, self.substeps)
-            if abs(data.time - (step + 1) / RATE) > 0.5 / RATE:  # the engine starts over after a divergence
+            mujoco.mj_step(model, data, substeps)
+            if abs(data.time - (step + 1) / self.rate) > 0.5 / self.rate:  # the engine starts over after a divergence
                 break
             mujoco.mj_fwdPosition(model, data)  # a step leaves the sensors of its beginning
             mujoco.mj_sensorPos(model, data)

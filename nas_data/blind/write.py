@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.blind.case import NOISE, QUANTUM, RATE, Case, Episodes
+from nas_data.blind.case import Case, Episodes
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, TIME, position_feature, state_feature, time_feature
 from nas_data.dataset.provenance import Provenance
@@ -26,19 +26,19 @@ def write_case(case: Case, folder: Path) -> None:
     write(to_dataset(case), folder / DATASET, provenance(case))
     (folder / NOMINAL).write_text(case.arm.xml, encoding="utf-8")
     fresh = case.fresh
-    np.savez_compressed(
-        folder / FRESH, commands=fresh.commands, positions=fresh.positions, readings=fresh.readings, poses=fresh.poses
-    )
+    kept = {name: getattr(fresh, name) for name in ("commands", "positions", "readings", "poses")}
+    np.savez_compressed(folder / FRESH, **kept, rate=case.conditions.rate)
     (folder / ANSWER).write_text(json.dumps(case.answer(), indent=1), encoding="utf-8")
 
 
 def provenance(case: Case) -> Provenance:
     """Return where the dataset comes from, without a trace of the answer: no seed, no plant, no effect."""
+    sensor = case.conditions.sensor
     return Provenance(
         how="simulated",
         robot=case.arm.name,
-        target={"name": case.arm.name, "quantum": QUANTUM, "noise": NOISE},
-        signal={"excitation": case.excitation},
+        target={"name": case.arm.name, "quantum": sensor.quantum, "noise": sensor.noise},
+        signal={"excitation": case.conditions.signal},
         contiguous=True,
         notes="Blind benchmark: the target is not described.",
         packages={},
@@ -47,14 +47,14 @@ def provenance(case: Case) -> Provenance:
 
 def to_dataset(case: Case) -> Dataset:
     """Return the episodes that are handed over as a dataset."""
-    joints, episodes = case.arm.joints, case.recorded
+    joints, episodes, rate = case.arm.joints, case.recorded, case.conditions.rate
     count, steps, n = episodes.commands.shape
-    states = measured_states(episodes)
+    states = measured_states(episodes, rate)
     columns: dict[str, np.ndarray] = {
         STATE: states[:, :-1].reshape(-1, 2 * n).astype(np.float32),
         ACTION: episodes.commands.reshape(-1, n).astype(np.float32),
         NEXT_STATE: states[:, 1:].reshape(-1, 2 * n).astype(np.float32),
-        TIME: np.tile(np.arange(steps) / RATE, count)[:, None],
+        TIME: np.tile(np.arange(steps) / rate, count)[:, None],
     }
     features = {
         STATE: state_feature(joints),
@@ -66,13 +66,15 @@ def to_dataset(case: Case) -> Dataset:
         features=features,
         columns=columns,
         lengths=np.full(count, steps),
-        fps=RATE,
+        fps=rate,
         robot_type=case.arm.name,
-        tasks=(case.excitation,) * count,
+        tasks=(case.conditions.signal,) * count,
     )
 
 
-def measured_states(episodes: Episodes) -> np.ndarray:
-    """Return readings and their backward differences, zero at the start: (E, T + 1, 2n) [rad, rad/s]."""
-    speeds = np.diff(episodes.readings, axis=1, prepend=episodes.readings[:, :1]) * RATE
+def measured_states(episodes: Episodes, rate: float) -> np.ndarray:
+    """Return readings and speeds (E, T + 1, 2n) [rad, rad/s]; differences backward, zero at the start, if need be."""
+    speeds = episodes.speeds
+    if speeds is None:
+        speeds = np.diff(episodes.readings, axis=1, prepend=episodes.readings[:, :1]) * rate
     return np.concatenate([episodes.readings, speeds], axis=2)

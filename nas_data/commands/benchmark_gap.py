@@ -26,6 +26,8 @@ class BenchmarkGap(Command):
     """Master seed: same seed, same cases."""
     out: Path = Path("runs/blind")
     """Folder of the results and the cases."""
+    setting: str = "xl320"
+    """What the cases look like: xl320 (one size, rate and resolution), or any (2 to 7 joints of any size and rate)."""
     power: bool = False
     """Hide effects from 0.3 noise floors upwards, to see which size is found."""
     baselines: str = ""
@@ -40,11 +42,12 @@ class BenchmarkGap(Command):
         from nas_data.blind.tables import tables
 
         families, plants, baselines = (words(text) for text in (self.families, self.plants, self.baselines))
-        plan = Plan(families, plants, self.cases, self.seed, self.power, baselines, self.keep)
+        plan = Plan(families, plants, self.cases, self.seed, self.power, baselines, self.keep, self.setting)
         records = run(plan, self.out, investigate, lambda line: print(line, file=sys.stderr, flush=True))
         found = tables(records)
-        text = f"{len(records)} blind cases, seed {self.seed}\n\n{print_tables(found)}\n→ {self.out}"
-        return Outcome(text, {"out": self.out, "cases": len(records), "seed": self.seed, "tables": found})
+        text = f"{len(records)} blind cases ({self.setting}), seed {self.seed}\n\n{print_tables(found)}\n→ {self.out}"
+        told = {"out": self.out, "cases": len(records), "setting": self.setting, "seed": self.seed}
+        return Outcome(text, {**told, "tables": found})
 
 
 def investigate(dataset: Path, model: Path, out: Path) -> None:

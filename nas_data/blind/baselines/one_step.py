@@ -25,7 +25,7 @@ def answer(dataset: Path, model: Path) -> Claim:
     shares = np.array([explained(regressors(recorded, joint), residual[..., joint].ravel()) for joint in range(n)])
     joint, effect = np.unravel_index(int(np.argmax(shares)), shares.shape)
     named = (claim(EFFECTS[int(effect)], recorded.joints[int(joint)]),) if shares.max() > LEAST else ()
-    plain = Delivered.load(model, recorded.joints, actuators_of(model, recorded.joints))
+    plain = Delivered.load(model, recorded.joints, actuators_of(model, recorded.joints), recorded.rate)
     return Claim(named, plain.play)
 
 

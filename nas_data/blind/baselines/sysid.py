@@ -90,7 +90,8 @@ def answer(dataset: Path, model: Path) -> Claim:
     )
     logarithms = np.asarray(best).reshape(-1)
     doubts = half_widths(fit, logarithms)
-    fitted = Delivered.of(fit.changed(logarithms), model, recorded.joints, actuators_of(model, recorded.joints))
+    servos = actuators_of(model, recorded.joints)
+    fitted = Delivered.of(fit.changed(logarithms), recorded.joints, servos, recorded.rate, model)
     out = np.abs(logarithms) - doubts - TOLERATED
     worst = int(np.argmax(out))
     kind, row = divmod(worst, len(recorded.joints))

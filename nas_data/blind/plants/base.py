@@ -17,26 +17,34 @@ from nas_data.blind.truth import Truth
 from nas_data.errors import UnknownName
 
 SUFFIX = "_plant"  # of the files that are plants
-SETTLE = 0.5  # [s] for which the first pose is commanded before an episode begins
+SETTLE = 0.5  # [s] for which the first pose is commanded before an episode begins, unless said otherwise
 
 
 class Play(Protocol):
     """Plays the same episodes on an arm under each of several truths."""
 
     def __call__(
-        self, arm: Arm, truths: Sequence[Truth], commands: np.ndarray, poses: np.ndarray, period: float
+        self,
+        arm: Arm,
+        truths: Sequence[Truth],
+        commands: np.ndarray,
+        poses: np.ndarray,
+        period: float,
+        settle: float = SETTLE,
     ) -> np.ndarray:
-        """Return where the links are, without noise.
+        """Return where the links are and how fast, without noise.
 
         Args:
             arm: Nominal arm.
             truths: What is hidden; each is played.
             commands: Commanded positions [rad], shape (E, T, n).
-            poses: Commanded for half a second before each episode [rad], shape (E, n).
+            poses: Commanded before each episode [rad], shape (E, n).
             period: Control period [s].
+            settle: For how long they are [s].
 
         Returns:
-            Positions before the first command and after each [rad], shape (len(truths), E, T + 1, n).
+            Positions [rad], then velocities [rad/s], before the first command and after each, shape
+            (len(truths), E, T + 1, 2n).
         """
 
 
@@ -53,9 +61,11 @@ def find_plant(name: str) -> Play:
     return play
 
 
-def with_settling(commands: np.ndarray, poses: np.ndarray, period: float) -> tuple[np.ndarray, int]:
+def with_settling(
+    commands: np.ndarray, poses: np.ndarray, period: float, settle: float = SETTLE
+) -> tuple[np.ndarray, int]:
     """Return commands preceded by the held pose, and how many control periods that takes."""
-    held = max(1, math.ceil(SETTLE / period - 1e-9))
+    held = max(1, math.ceil(settle / period - 1e-9))
     return np.concatenate([np.repeat(poses[:, None], held, axis=1), commands], axis=1), held
 
 

@@ -13,10 +13,12 @@ NEUTRAL = {
     "delay": 0.0, "speed": np.inf, "offset": 0.0, "deadband": 0.0, "play": 0.0, "spring": np.inf,
     "cogs": 0.0, "cog_count": 1.0, "cog_phase": 0.0, "cable": 0.0, "cable_angle": 0.0, "cable_side": 1.0,
 }  # fmt: skip
+FLANK, HARDER = 500.0, 190.0  # [N m/rad] 0.2 N m sink into a gear's flank by 0.02 degrees; least multiple of the gain
 PENDULUM = {
     "damping": 2e-5,  # [N m s/rad] a weight on a pin swings for seconds
     "force": (0.0, 0.0),
     "control": (-np.inf, np.inf),
+    "flank": FLANK,
 }
 
 
@@ -29,6 +31,7 @@ class Body:
         speed: Rate at which the servo's goal moves.
         play: Half width of the free play.
         spring: Stiffness of the transmission; infinite for a rigid one.
+        flank: Stiffness of a gear's flank, where play ends [N m/rad].
         cogs: Amplitude of a torque that goes with the motor's angle, `cog_count` periods a turn.
         cable: Stiffness of a cable that pulls towards `cable_angle` from the side `cable_side` of it.
         driven: Number of joints with a servo; a swinging load is one more, undriven.
@@ -59,6 +62,7 @@ class Body:
     deadband: np.ndarray
     play: np.ndarray
     spring: np.ndarray
+    flank: np.ndarray
     cogs: np.ndarray
     cog_count: np.ndarray
     cog_phase: np.ndarray
@@ -72,7 +76,8 @@ class Body:
         """Return the nominal arm with its base parameters multiplied."""
         n = len(constants.joints)
         nominal = {key: np.array(value) for key, value in vars(constants).items() if key != "joints"}
-        body = cls(**nominal, **{key: np.full(n, value) for key, value in NEUTRAL.items()}, driven=n)
+        flank = np.maximum(FLANK, HARDER * constants.gain)  # a larger servo has larger teeth
+        body = cls(**nominal, **{key: np.full(n, value) for key, value in NEUTRAL.items()}, flank=flank, driven=n)
         mass, damping = np.array(base.mass), np.array(base.damping)
         body.masses *= mass
         body.inertias *= mass[:, None, None]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.blind.arms import Arm
-from nas_data.blind.plants.base import alike, starting, told, with_settling
+from nas_data.blind.plants.base import SETTLE, alike, starting, told, with_settling
 from nas_data.blind.plants.body import Body, stacked
 from nas_data.blind.plants.drive import REFRESH, STEP, Drive
 from nas_data.blind.plants.motion import Motion
@@ -20,30 +20,37 @@ UNBOUNDED = 1e5  # [rad/s] PyBullet's own bound, 100 rad/s, is no physics
 LEAD = (REFRESH - STEP) / 2  # [s] by which PyBullet's positions run ahead: its step adds the speed at its end
 
 
-def play(arm: Arm, truths: Sequence[Truth], commands: np.ndarray, poses: np.ndarray, period: float) -> np.ndarray:
+def play(
+    arm: Arm,
+    truths: Sequence[Truth],
+    commands: np.ndarray,
+    poses: np.ndarray,
+    period: float,
+    settle: float = SETTLE,
+) -> np.ndarray:
     """Play episodes under each truth; see `Play`."""
-    whole, held = with_settling(commands, poses, period)
-    result = np.empty((len(truths), len(commands), whole.shape[1] + 1, commands.shape[2]))
+    whole, held = with_settling(commands, poses, period, settle)
+    result = np.empty((len(truths), len(commands), whole.shape[1] + 1, 2 * commands.shape[2]))
     for rows, bodies in alike(arm, truths):
         result[rows] = simulate(bodies, whole, poses, period)
     return result[:, :, held:]
 
 
 def simulate(bodies: list[Body], commands: np.ndarray, poses: np.ndarray, period: float) -> np.ndarray:
-    """Return positions (C, E, T + 1, n) of C arms alike under commands (E, T, n) from poses (E, n)."""
+    """Return states (C, E, T + 1, 2n) of C arms alike under commands (E, T, n) from poses (E, n)."""
     episodes, steps, n = commands.shape
     starts = [starting(body, poses) for body in bodies]
     drive = Drive.of(stacked(bodies, episodes))
     motion = Motion(drive, np.tile(told(bodies[0], commands), (len(bodies), 1, 1)), period, np.concatenate(starts))
-    measured = np.empty((len(motion.q), steps + 1, n))
-    measured[:, 0] = motion.q[:, :n]
+    measured = np.empty((len(motion.q), steps + 1, 2 * n))
+    measured[:, 0] = motion.state(n)
     with ExitStack() as open_worlds:
         worlds = [open_worlds.enter_context(BulletArms(body, at)) for body, at in zip(bodies, starts, strict=True)]
         for step in range(steps):
             for _ in range(round(period / REFRESH)):
                 move(motion, worlds, episodes)
-            measured[:, step + 1] = motion.q[:, :n]
-    return measured.reshape(len(bodies), episodes, steps + 1, n)
+            measured[:, step + 1] = motion.state(n)
+    return measured.reshape(len(bodies), episodes, steps + 1, 2 * n)
 
 
 def move(motion: Motion, worlds: "list[BulletArms]", episodes: int) -> None:

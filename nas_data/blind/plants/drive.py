@@ -10,7 +10,6 @@ REFRESH = 1e-3  # [s] for which mass matrix and bias torques are held
 SWEEPS = 3  # of the friction solver; it starts from the step before, so the torques are settled
 SPRING_LOSS = 1e-3  # [s] damping over stiffness of an elastic transmission, as the contract's effect has it
 STOP_RATE = 0.3 / STEP  # [rad/s] frequency of a link on the flank of its gear: as stiff as the step resolves
-STIFFEST = 500.0  # [N m/rad] of a gear's flank: 0.2 N m sink in by 0.02 degrees
 FLANK_LOSS = 1.4  # twice the damping ratio of a tooth that hits its flank
 
 
@@ -36,6 +35,7 @@ class Drive:
     deadband: np.ndarray
     play: np.ndarray
     spring: np.ndarray
+    flank: np.ndarray
     cogs: np.ndarray
     cog_count: np.ndarray
     cog_phase: np.ndarray
@@ -91,7 +91,7 @@ class Drive:
             inertia: What a link opposes to its own motor [kg m²].
         """
         beyond = lead - np.clip(lead, -self.play, self.play)
-        flank = np.minimum(STIFFEST, np.minimum(inertia, self.armature) * STOP_RATE**2)
+        flank = np.minimum(self.flank, np.minimum(inertia, self.armature) * STOP_RATE**2)
         elastic = np.isfinite(self.spring)
         stiffness = np.where(elastic, np.where(elastic, self.spring, 0), flank)
         loss = np.where(elastic, SPRING_LOSS * stiffness, FLANK_LOSS * np.sqrt(stiffness * inertia))

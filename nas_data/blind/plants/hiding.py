@@ -15,7 +15,12 @@ Joints = slice  # the joint that an effect sits in, or all of them
 
 
 def payload(body: Body, _: Joints, values: Values) -> None:
-    """A point mass in the last link's centre of mass."""
+    """A point mass on the last link, x, y, z from its centre of mass; there, where they are left out."""
+    place = np.array([values.get(axis, 0.0) for axis in "xyz"])
+    share = values["mass"] / (body.masses[-1] + values["mass"])
+    # the parallel axis theorem for both about their common centre of mass
+    body.inertias[-1] += share * body.masses[-1] * (place @ place * np.eye(3) - np.outer(place, place))
+    body.centres[-1] += share * place
     body.masses[-1] += values["mass"]
 
 

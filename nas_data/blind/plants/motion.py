@@ -46,6 +46,10 @@ class Motion:
             self._step(mobility, inertia, bias)
             self.time += STEP
 
+    def state(self, joints: int) -> np.ndarray:
+        """Return angles [rad], then speeds [rad/s] of the first joints' links: (B, 2 joints)."""
+        return np.concatenate([self.q[:, :joints], self.v[:, :joints]], axis=1)
+
     def _step(self, mobility: np.ndarray, inertia: np.ndarray, bias: np.ndarray) -> None:
         drive, loose = self.drive, self.drive.loose
         angle = self.q if self.rigid else np.where(loose, self.angle, self.q)

@@ -8,23 +8,30 @@ import mujoco
 import numpy as np
 
 from nas_data.blind.arms import Arm
-from nas_data.blind.plants.base import with_settling
+from nas_data.blind.plants.base import SETTLE, with_settling
 from nas_data.blind.truth import Base, Truth
 from nas_data.effects.base import make_effect
 from nas_data.robots.base import Robot
 from nas_data.simulators.mujoco import MujocoSimulator
 
 
-def play(arm: Arm, truths: Sequence[Truth], commands: np.ndarray, poses: np.ndarray, period: float) -> np.ndarray:
+def play(
+    arm: Arm,
+    truths: Sequence[Truth],
+    commands: np.ndarray,
+    poses: np.ndarray,
+    period: float,
+    settle: float = SETTLE,
+) -> np.ndarray:
     """Play episodes under each truth; see `Play`.
 
     Raises:
         UnknownName: a truth hides something outside the contract's table.
     """
-    whole, held = with_settling(commands, poses, period)
+    whole, held = with_settling(commands, poses, period, settle)
     rest = np.concatenate([poses, np.zeros_like(poses)], axis=1)
     played = [build(arm, truth, period).rollout(rest, whole) for truth in truths]
-    return np.stack(played)[:, :, held - 1 :, : len(arm.joints)]
+    return np.stack(played)[:, :, held - 1 :, : 2 * len(arm.joints)]
 
 
 def build(arm: Arm, truth: Truth, period: float) -> MujocoSimulator:
@@ -40,7 +47,8 @@ def build(arm: Arm, truth: Truth, period: float) -> MujocoSimulator:
 def multiply(spec: mujoco.MjSpec, arm: Arm, base: Base) -> None:
     """Multiply the model's own parameters."""
     for row, name in enumerate(arm.joints):
-        joint, servo = spec.joint(name), spec.actuator(name)
+        joint = spec.joint(name)
+        servo = next(actuator for actuator in spec.actuators if actuator.target == name)
         joint.damping = joint.damping * base.damping[row]
         joint.armature *= base.armature[row]
         gain, bias = servo.gainprm.copy(), servo.biasprm.copy()

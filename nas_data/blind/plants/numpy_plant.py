@@ -5,34 +5,41 @@ from collections.abc import Sequence
 import numpy as np
 
 from nas_data.blind.arms import Arm
-from nas_data.blind.plants.base import alike, chain_of, starting, told, with_settling
+from nas_data.blind.plants.base import SETTLE, alike, chain_of, starting, told, with_settling
 from nas_data.blind.plants.body import Body, stacked
 from nas_data.blind.plants.drive import REFRESH, Drive
 from nas_data.blind.plants.motion import Motion
 from nas_data.blind.truth import Truth
 
 
-def play(arm: Arm, truths: Sequence[Truth], commands: np.ndarray, poses: np.ndarray, period: float) -> np.ndarray:
+def play(
+    arm: Arm,
+    truths: Sequence[Truth],
+    commands: np.ndarray,
+    poses: np.ndarray,
+    period: float,
+    settle: float = SETTLE,
+) -> np.ndarray:
     """Play episodes under each truth; see `Play`."""
-    whole, held = with_settling(commands, poses, period)
-    result = np.empty((len(truths), len(commands), whole.shape[1] + 1, commands.shape[2]))
+    whole, held = with_settling(commands, poses, period, settle)
+    result = np.empty((len(truths), len(commands), whole.shape[1] + 1, 2 * commands.shape[2]))
     for rows, bodies in alike(arm, truths):
         result[rows] = simulate(bodies, whole, poses, period)
     return result[:, :, held:]
 
 
 def simulate(bodies: list[Body], commands: np.ndarray, poses: np.ndarray, period: float) -> np.ndarray:
-    """Return positions (C, E, T + 1, n) of C arms alike under commands (E, T, n) from poses (E, n)."""
+    """Return states (C, E, T + 1, 2n) of C arms alike under commands (E, T, n) from poses (E, n)."""
     episodes, steps, n = commands.shape
     numbers = stacked(bodies, episodes)
     chain = chain_of(numbers)
     # C arms times E episodes, an arm's episodes side by side
     start = np.concatenate([starting(body, poses) for body in bodies])
     motion = Motion(Drive.of(numbers), np.tile(told(bodies[0], commands), (len(bodies), 1, 1)), period, start)
-    measured = np.empty((len(start), steps + 1, n))
-    measured[:, 0] = motion.q[:, :n]
+    measured = np.empty((len(start), steps + 1, 2 * n))
+    measured[:, 0] = motion.state(n)
     for step in range(steps):
         for _ in range(round(period / REFRESH)):
             motion.advance(*chain.dynamics(motion.q, motion.v))
-        measured[:, step + 1] = motion.q[:, :n]
-    return measured.reshape(len(bodies), episodes, steps + 1, n)
+        measured[:, step + 1] = motion.state(n)
+    return measured.reshape(len(bodies), episodes, steps + 1, 2 * n)

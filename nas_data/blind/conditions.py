@@ -1,0 +1,68 @@
+"""Under what a case is recorded: control rate, episodes, command signal, and what the sensors make of the truth."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """What a servo reports of its joint.
+
+    Attributes:
+        noise: Standard deviation of a position before rounding [rad].
+        quantum: Resolution of a position [rad]; 0 for an exact one.
+        floor: What of it counts as the noise floor [rad].
+        speed_noise: Standard deviation of a measured speed [rad/s]; None where speeds are differences of positions.
+    """
+
+    noise: float
+    quantum: float
+    floor: float
+    speed_noise: float | None = None
+
+    def positions(self, true: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Return reported positions [rad]: noise, then rounding."""
+        noisy = true + self.noise * rng.standard_normal(true.shape)
+        return np.round(noisy / self.quantum) * self.quantum if self.quantum else noisy
+
+    def speeds(self, true: np.ndarray, rng: np.random.Generator) -> np.ndarray | None:
+        """Return reported speeds [rad/s]; None where none is measured."""
+        return None if self.speed_noise is None else true + self.speed_noise * rng.standard_normal(true.shape)
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What holds for every episode of a case.
+
+    Attributes:
+        rate: Control rate [Hz].
+        seconds: Length of an episode [s].
+        episodes: How many are handed over.
+        fresh: How many are kept back.
+        settle: For how long the first pose is commanded before an episode begins [s].
+        signal: Name of the command signal.
+        sensor: What the servos report.
+    """
+
+    rate: float
+    seconds: float
+    episodes: int
+    fresh: int
+    settle: float
+    signal: str
+    sensor: Sensor
+
+    @property
+    def period(self) -> float:
+        """Control period [s]."""
+        return 1 / self.rate
+
+    @property
+    def steps(self) -> int:
+        """Control periods in an episode."""
+        return round(self.seconds * self.rate)
+
+    def to_json(self) -> dict[str, object]:
+        """Return the conditions as the answer holds them."""
+        return {**vars(self), "sensor": vars(self.sensor)}

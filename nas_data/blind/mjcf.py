@@ -1,0 +1,97 @@
+"""A drawn serial arm as MJCF: links along z, position servos in either of MuJoCo's two spellings, a sensor a joint."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+GRAVITY = 9.81  # [m/s²]
+
+
+@dataclass(frozen=True)
+class Link:
+    """A link and the joint that carries it, as MJCF has them.
+
+    Attributes:
+        place: Of its joint in the link before [m].
+        axis: Of its joint.
+        geom: Attributes of its shape: type, size [m], place of its centre [m], mass [kg].
+    """
+
+    place: str
+    axis: str
+    geom: str
+
+
+@dataclass(frozen=True)
+class Servo:
+    """A joint's drive.
+
+    Attributes:
+        gain: Position gain [N m/rad].
+        own: Damping of the servo's own, within its saturation [N m s/rad].
+        limit: Largest torque [N m].
+        armature: Reflected inertia [kg m²].
+        damping: Of the joint [N m s/rad].
+        friction: Coulomb friction [N m].
+    """
+
+    gain: float
+    own: float
+    limit: float
+    armature: float
+    damping: float
+    friction: float
+
+
+@dataclass(frozen=True)
+class Style:
+    """How a model is written.
+
+    Attributes:
+        timestep: [s].
+        integrator: MuJoCo's word.
+        spelling: `position` or `general`.
+        control: Commands' half range [rad]; None for no range.
+    """
+
+    timestep: float
+    integrator: str
+    spelling: str
+    control: float | None
+
+
+def to_mjcf(joints: Sequence[str], links: Sequence[Link], servos: Sequence[Servo], style: Style) -> str:
+    """Write an arm; without servos where none are given."""
+    bodies = ""
+    for row in reversed(range(len(joints))):
+        drive = passive(servos[row], style) if servos else ""
+        bodies = (
+            f'<body name="link_{joints[row]}" pos="{links[row].place}">'
+            f'<joint name="{joints[row]}" axis="{links[row].axis}"{drive}/>'
+            f'<geom {links[row].geom} contype="0" conaffinity="0"/>{bodies}</body>'
+        )
+    drives = "".join(actuator(joint, servo, style) for joint, servo in zip(joints, servos, strict=False))
+    sensors = "".join(f'<jointpos name="{joint}.pos" joint="{joint}"/>' for joint in joints)
+    return (
+        f'<mujoco model="arm"><compiler angle="radian" autolimits="true"/>'
+        f'<option timestep="{style.timestep}" integrator="{style.integrator}" gravity="0 0 {-GRAVITY}"/>'
+        f"<worldbody>{bodies}</worldbody><actuator>{drives}</actuator><sensor>{sensors}</sensor></mujoco>"
+    )
+
+
+def passive(servo: Servo, style: Style) -> str:
+    """Return a joint's attributes; its friction is as hard as the timestep allows, for gears do not creep."""
+    return (
+        f' damping="{servo.damping:.6g}" armature="{servo.armature:.6g}" frictionloss="{servo.friction:.6g}" '
+        f'solimpfriction="0.99 0.99 0.001" solreffriction="{2 * style.timestep} 1"'
+    )
+
+
+def actuator(joint: str, servo: Servo, style: Style) -> str:
+    """Return a servo, named otherwise than its joint."""
+    law = {
+        "position": f'kp="{servo.gain:.6g}" kv="{servo.own:.6g}"',
+        "general": f'gainprm="{servo.gain:.6g}" biastype="affine" biasprm="0 {-servo.gain:.6g} {-servo.own:.6g}"',
+    }[style.spelling]
+    ends = "" if style.control is None else f' ctrlrange="{-style.control} {style.control}"'
+    force = f'forcerange="{-servo.limit:.6g} {servo.limit:.6g}"'
+    return f'<{style.spelling} name="{joint}_servo" joint="{joint}" {law} {force}{ends}/>'

@@ -1,0 +1,48 @@
+"""What a setting is: how a case's arm, recording conditions and commands are drawn, and what may hide how visibly."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from nas_data import registry
+from nas_data.blind.arms import Arm
+from nas_data.blind.case import Identity
+from nas_data.blind.catalogue import Kind
+from nas_data.blind.conditions import Conditions
+
+# conditions, number of episodes, range of each command (n, 2) [rad] → commands (E, T, n), poses held before (E, n)
+Episodes = Callable[[Conditions, int, np.ndarray, np.random.Generator], tuple[np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A sort of cases; the file `settings/xl320.py` holds the setting `xl320` as `SETTING`.
+
+    Attributes:
+        draw: Draws a case's nominal arm and its conditions.
+        episodes: Draws commands, rounded to single precision as stored.
+        inside: What of the contract's table may hide.
+        outside: What else may hide.
+        least: Multiples of the noise floor from which an effect is judged.
+        most: Multiples beyond which an effect is drawn again: nobody needs a search for those.
+        rounds: Draws before a case is given up.
+    """
+
+    draw: Callable[[Identity], tuple[Arm, Conditions]]
+    episodes: Episodes
+    inside: Mapping[str, Kind]
+    outside: Mapping[str, Kind]
+    least: float
+    most: float
+    rounds: int
+
+
+def find_setting(name: str) -> Setting:
+    """Return a setting by its name.
+
+    Raises:
+        UnknownName: there is no such setting; lists those there are.
+    """
+    setting: Setting = registry.module("blind.settings", name, "setting").SETTING
+    return setting
