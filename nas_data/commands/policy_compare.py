@@ -15,6 +15,7 @@ class PolicyCompare(Command):
     The share is (method − source) / (expert − source) of the mean return. Runs already done are not done again.
 
     Example: nas policy compare --dynamics backlash --delta runs/phi --forward runs/psi --seed 0 1 2 3 4
+
     Example: nas policy compare --delta runs/phi --effects runs/gap --delta-named runs/phi_named --frames 400000
     """
 

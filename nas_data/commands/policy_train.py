@@ -16,6 +16,7 @@ class PolicyTrain(Command):
     """Train one policy a seed with PPO; the same command goes on where it was interrupted.
 
     Example: nas policy train --env ErgoReacher --on augmented --checkpoint runs/delta --frames 400000 --seed 0 1 2
+
     Example: nas policy train --env ErgoReacher --on named --effects runs/gap --frames 400000 --seed 0 1 2
     """
 
