@@ -49,13 +49,13 @@ class RobotErgojr(Command):
         """Look, and do what is asked for."""
         from nas_data.virtual_bus.ports import port_of
         from nas_data.xl320.arm import Arm
-        from nas_data.xl320.calibration import default_path, read_calibration
+        from nas_data.xl320.calibration import default_path, joints_of
         from nas_data.xl320.ergojr import ergojr_joints
 
         path = self.calibration or default_path(NAME, self.id)
         joints = ergojr_joints()
-        if path.is_file() and not self.calibrate:
-            joints = read_calibration(path, joints)
+        if not self.calibrate:
+            joints = joints_of(joints, NAME, self.id, self.calibration)
         with port_of(self.port, self.effect, self.fault) as port:
             arm = Arm(port, joints)
             try:
