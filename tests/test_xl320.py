@@ -435,10 +435,22 @@ def test_zeros_are_stored_and_used(folder, capsys):
 
 
 def test_a_pose_far_from_zero_is_no_calibration(folder, capsys):
-    code, _, err = run(capsys, "--port", "virtual", "--calibrate")
+    code, _, err = run(capsys, "--port", "virtual", "--calibrate", "--calibration", "zeros.json")
     assert code == 2
     assert "put the arm into its zero pose" in err
-    assert not (folder / "calibration").exists()
+    assert not any(folder.iterdir())
+
+
+def test_a_virtual_arm_leaves_the_zeros_of_a_real_one_alone(folder, capsys):
+    path = default_path("ergojr", "ergojr")
+    path.parent.mkdir(parents=True)
+    write_calibration(path, ergojr_joints((50,) * 6))
+    before = path.read_bytes()
+    code, _, err = run(capsys, "--port", "virtual", "--fault", "zeroed", "--calibrate")
+    assert code == 2
+    assert "say where to keep them: --calibration FILE" in err
+    assert "Zeros: not calibrated" in run(capsys, "--port", "virtual")[1]
+    assert path.read_bytes() == before
 
 
 def test_a_servo_gets_another_identity(folder, capsys):
