@@ -1,6 +1,8 @@
 """The program end to end: what each command prints, writes and returns."""
 
+import inspect
 import json
+import shlex
 import subprocess
 import sys
 from dataclasses import fields
@@ -12,7 +14,7 @@ from command_samples import FAST, SIMULATED, done, nas
 from recording_samples import pendulum, positions_only
 from simulator_samples import SO101, needs_so101
 
-from nas_data.cli import command_class, command_files, finite, main, overview, summary
+from nas_data.cli import command_class, command_files, finite, main, overview, parse, split, summary
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.write import write
@@ -51,6 +53,18 @@ def test_every_command_has_help_with_an_example_and_a_word_for_each_option(name,
     assert "--json" in text
     for field in fields(command_class(name)):
         assert field.name.replace("_", "-").rstrip("-") in text.replace("\n", " ") or field.name.upper() in text
+
+
+@pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_every_example_of_a_help_is_a_paragraph_and_a_command_that_is_understood(name):
+    paragraphs = (inspect.getdoc(command_class(name)) or "").split("\n\n")
+    examples = [paragraph for paragraph in paragraphs if "Example: " in paragraph]
+    assert examples
+    for example in examples:
+        program, *words = shlex.split(example.removeprefix("Example: "))
+        assert program == "nas"
+        assert split(words)[0] == name
+        assert isinstance(parse(*split(words)), command_class(name))
 
 
 @pytest.mark.parametrize("words", [("train",), ("policy", "--help"), ("fly",), ("train", "gamma"), ("--nonsense",)])

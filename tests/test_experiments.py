@@ -17,7 +17,7 @@ from nas_data.errors import OptionError, OutputExists, UnknownName
 from nas_data.experiments.base import Experiment, experiments, find_experiment
 from nas_data.experiments.figure6 import smallest
 from nas_data.experiments.pipeline import authors, stages
-from nas_data.experiments.pipeline.conducting import conduct
+from nas_data.experiments.pipeline.conducting import conduct, stem_of
 from nas_data.experiments.pipeline.material import Material, MaterialPlan
 from nas_data.experiments.pipeline.methods import METHODS, needs_of
 from nas_data.experiments.pipeline.sizes import FULL, QUICK, RECORDINGS
@@ -308,6 +308,14 @@ def test_every_file_of_the_folder_is_an_experiment_with_a_command(name):
     assert f"experiment_{name}" in registry.names("commands")
 
 
+def test_other_environments_have_other_files(tmp_path):
+    three = find_experiment("figure5").environments
+    names = [stem_of("figure5", tiny(tmp_path, *chosen)) for chosen in (three, three[:2], three[:1], three[::-1])]
+    assert names[0] == "figure5-backlash-tiny"
+    assert names[1] == "figure5-Pusher-Striker-backlash-tiny"
+    assert len(set(names)) == 4
+
+
 def test_the_experiments_of_the_paper_are_there():
     assert set(experiments()) >= {"figure4", "figure5", "figure6", "figure8", "table1"}
 
@@ -319,8 +327,10 @@ def test_the_experiments_of_the_paper_are_there():
         (("--env", "Pushr"), r"no environment 'Pushr'; choose one of: ErgoReacher"),
         (("--env", "ErgoShield", "--dynamics", "paper"), r"no dynamics 'paper'; choose one of: backlash"),
         (("--env", "Pusher", "Pusher"), r"none twice"),
+        (("--env", "Pusher", "nas/Pusher-v0"), r"none twice"),
+        (("--workers", "0"), r"--workers is 0; it must be 1 or more"),
         (("--seeds", "1", "1"), r"different numbers"),
-        (("--frames", "0"), r"must be 1 or more"),
+        (("--frames", "0"), r"--frames is 0; it must be 1 or more"),
     ],
 )
 def test_what_is_wrong_is_said_before_anything_is_written(tmp_path, options, said):

@@ -157,6 +157,44 @@ def test_a_wrong_model_gets_a_sentence(change: str, sentence: str, arm: Path, tm
     assert "Traceback" not in told
 
 
+@pytest.mark.parametrize(
+    ("mine", "sentence"),
+    [
+        ("figures/photo.png", "holds figures, which no gap report wrote"),
+        ("model.xml", "holds model.xml, which no gap report wrote"),
+        ("phi/checkpoint/config.json", "holds phi, which no gap report wrote"),
+    ],
+)
+def test_a_report_replaces_nothing_but_a_report(mine: str, sentence: str, arm: Path, tmp_path: Path, capsys):
+    data = recorded(arm, tmp_path / "data", "--episodes", "2")
+    path = tmp_path / "out" / mine
+    path.parent.mkdir(parents=True)
+    path.write_text("years of work")
+    assert main(["gap", str(data), "--model", str(arm), "--out", str(tmp_path / "out")]) == 2
+    assert sentence in capsys.readouterr().err
+    assert [found for found in (tmp_path / "out").rglob("*") if found.is_file()] == [path]
+
+
+@pytest.mark.parametrize("stage", [(), ("add",)])
+def test_a_model_is_not_replaced_by_what_explains_it(stage: tuple[str, ...], arm: Path, tmp_path: Path, capsys):
+    data = recorded(arm, tmp_path / "data", "--episodes", "2")
+    model, effects = tmp_path / "report/model.xml", tmp_path / "report/effects.json"
+    model.parent.mkdir()
+    model.write_text(ARM)
+    effects.write_text('{"effects": []}')
+    options = ["--effects", str(effects)] if stage else []
+    assert main(["gap", *stage, str(data), "--model", str(model), "--out", str(model.parent), *options]) == 2
+    assert "choose another --out" in capsys.readouterr().err
+    assert model.read_text() == ARM
+
+
+def test_a_negative_number_of_updates_is_refused_before_the_search(arm: Path, tmp_path: Path, capsys):
+    data = recorded(arm, tmp_path / "data", "--episodes", "2")
+    assert main(["gap", str(data), "--model", str(arm), "--out", str(tmp_path / "out"), "--learn", "-1"]) == 2
+    assert "--learn is -1" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_one_episode_is_too_few(arm: Path, tmp_path: Path, capsys):
     data = recorded(arm, tmp_path / "data", "--episodes", "1")
     assert main(["gap", str(data), "--model", str(arm), "--out", str(tmp_path / "out")]) == 2

@@ -74,6 +74,10 @@ def test_a_dataset_of_lerobots_needs_no_map(here, capsys):
     assert provenance.parents[0].name == "wave"
     assert main(["import", answer["dataset"]]) == 2
     assert "is a dataset of nas already" in capsys.readouterr().err
+    assert main(["import", "datasets/wave"]) == 2
+    assert "is a dataset of nas already" in capsys.readouterr().err
+    assert main(["import", "wave", "wave"]) == 2
+    assert "one at a time" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -81,6 +85,7 @@ def test_a_dataset_of_lerobots_needs_no_map(here, capsys):
     [
         (["--map", "map.toml"], "No log is given"),
         (["log.npz"], "log.npz is no LeRobot dataset; give --map"),
+        (["none.npz"], "There is no log none.npz"),
         (["none.npz", "--map", "map.toml"], "There is no log none.npz"),
         (["log.npz", "--map", "none.toml"], "There is no map none.toml"),
         (["log.npz", "--map", "other"], "There is no map 'other'"),

@@ -295,7 +295,7 @@ def test_the_commands_train_and_judge(tmp_path, capsys):
         (["train", "--on", "augmented"], "needs --checkpoint"),
         (["train", "--checkpoint", "x"], "takes no --checkpoint"),
         (["train", "--on", "augmented", "--checkpoint", "nowhere"], "nowhere"),
-        (["train", "--frames", "0"], "--frames 0"),
+        (["train", "--frames", "0"], "--frames is 0"),
         (["train", "--seed", "1", "1"], "different numbers"),
         (["evaluate", "nowhere"], "nowhere holds no policy"),
         (["evaluate", "nowhere", "--episodes", "0"], "0 episodes"),

@@ -435,10 +435,22 @@ def test_zeros_are_stored_and_used(folder, capsys):
 
 
 def test_a_pose_far_from_zero_is_no_calibration(folder, capsys):
-    code, _, err = run(capsys, "--port", "virtual", "--calibrate")
+    code, _, err = run(capsys, "--port", "virtual", "--calibrate", "--calibration", "zeros.json")
     assert code == 2
     assert "put the arm into its zero pose" in err
-    assert not (folder / "calibration").exists()
+    assert not any(folder.iterdir())
+
+
+def test_a_virtual_arm_leaves_the_zeros_of_a_real_one_alone(folder, capsys):
+    path = default_path("ergojr", "ergojr")
+    path.parent.mkdir(parents=True)
+    write_calibration(path, ergojr_joints((50,) * 6))
+    before = path.read_bytes()
+    code, _, err = run(capsys, "--port", "virtual", "--fault", "zeroed", "--calibrate")
+    assert code == 2
+    assert "say where to keep them: --calibration FILE" in err
+    assert "Zeros: not calibrated" in run(capsys, "--port", "virtual")[1]
+    assert path.read_bytes() == before
 
 
 def test_a_servo_gets_another_identity(folder, capsys):
@@ -459,6 +471,13 @@ def test_a_servo_gets_another_identity(folder, capsys):
         (("--port", "virtual", "--fault", "overload:when=2"), "overload has no parameter 'when'"),
         (("--port", "virtual", "--fault", "overload:servo=two"), "is not a fault"),
         (("--port", "virtual", "--effect", "gremlins"), "gremlins"),
+        (("--port", "virtual", "--effect", "backlash:joint=m9,half_width=0.03"), "names the joint 'm9'"),
+        (("--port", "virtual", "--effect", "object_mass:factor=2"), "acts on a pushed object"),
+        (("--port", "virtual", "--fault", "unplugged:servo=12"), "names servo 12; the virtual arm has: 1, 2"),
+        (("--port", "virtual", "--fault", "overload:servo=3,after=2", "--fault", "unplugged"), "has: 1, 2, 4, 5, 6"),
+        (("--port", "virtual", "--fault", "bent:servo=0"), "bends servo 0; the virtual arm has 1 to 6"),
+        (("--port", "virtual", "--fault", "duplicate_id:identity=300"), "id is 300; it must lie in 0 … 255"),
+        (("--port", "virtual", "--calibration", "absent.json"), "absent.json is no calibration of this arm"),
         (("--port", "virtual", "--rename", "six:seven"), "write OLD:NEW"),
         (("--port", "virtual", "--calibration", __file__), "is no calibration of this arm"),
         (("--port", "virtual", "--fault", "lost_packet:share=1"), "No servo answers on"),

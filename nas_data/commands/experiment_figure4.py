@@ -11,6 +11,7 @@ class ExperimentFigure4(ExperimentCommand):
     """Record, pair, learn φ and ψ, and predict a held-out sequence in open loop: pictures, errors over the rollout.
 
     Example: nas experiment figure4
+
     Example: nas experiment figure4 --env ErgoReacher --dynamics paper --quick
     """
 

@@ -14,6 +14,7 @@ class ExperimentFigure5(MethodsExperimentCommand):
     `nas gap` names), named_nas, randomised (domain randomisation).
 
     Example: nas experiment figure5 --env Pusher --workers 2
+
     Example: nas experiment figure5 --env Pusher ErgoReacher --dynamics paper --methods expert source forward nas
     """
 

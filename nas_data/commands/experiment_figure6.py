@@ -14,6 +14,7 @@ class ExperimentFigure6(PolicyExperimentCommand):
     """Train φ on nested subsets of a recording and a policy in each augmented environment; how much data is enough.
 
     Example: nas experiment figure6 --workers 2
+
     Example: nas experiment figure6 --counts 10 100 1000 --seeds 0 1 2
     """
 

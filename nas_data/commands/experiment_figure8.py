@@ -11,6 +11,7 @@ class ExperimentFigure8(MethodsExperimentCommand):
     """Train policies of every method on ErgoShield, count their hits on the target, draw one joint's response.
 
     Example: nas experiment figure8 --seeds 0 1 2 --workers 2
+
     Example: nas experiment figure8 --methods expert source forward nas --quick
     """
 

@@ -11,6 +11,7 @@ class ExperimentTable1(ExperimentCommand):
     """Record, pair, learn φ and ψ, and compare their open-loop trajectories with held-out ones.
 
     Example: nas experiment table1
+
     Example: nas experiment table1 --env Pusher --quick
     """
 

@@ -22,7 +22,6 @@ class Gap(Command):
     """The model as it is: an MJCF or URDF file, or a robot's name."""
     out: Path
     """Folder of the report; an earlier report in it is replaced."""
-
     learn: int = 0
     """Updates in which φ learns what the names leave, minutes of work; its share goes into the report."""
 

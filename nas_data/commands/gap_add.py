@@ -32,9 +32,11 @@ class GapAdd(Command):
 
         from nas_data.gap.added import added
         from nas_data.gap.named import Named
+        from nas_data.gap.place import check_model
         from nas_data.gap.problem import Problem
         from nas_data.gap.search.final import Final
 
+        check_model(self.out, self.model)
         problem = Problem.load(self.dataset, self.model)
         named = Named.read(self.effects)
         final = Final(named.effects, named.retuned, ())

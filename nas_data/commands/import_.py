@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from nas_data.commands.base import Command, Outcome
-from nas_data.errors import OptionError
+from nas_data.errors import LogError, OptionError
 
 if TYPE_CHECKING:
     from nas_data.importing.finding import Finding
@@ -70,8 +70,15 @@ class ImportLogs(Command):
         from nas_data.importing.lerobot import import_dataset, is_dataset
 
         path = self.logs[0]
-        if len(self.logs) > 1 or not is_dataset(path):
+        absent = next((log for log in self.logs if not log.exists()), None)
+        if absent is not None:
+            raise LogError(f"There is no log {absent}; give recorded files or folders, or a LeRobot dataset's folder.")
+        if versions.list_versions(path):
+            path = versions.resolve(path)
+        if not is_dataset(path):
             raise OptionError(f"{path} is no LeRobot dataset; give --map, which says what a log's columns mean.")
+        if len(self.logs) > 1:
+            raise OptionError("LeRobot datasets are imported one at a time; then join them: nas merge.")
         versions.check_place(out=self.out, name=self.name or path.resolve().name)
         dataset, provenance = import_dataset(path)
         root = versions.save(dataset, provenance, out=self.out, name=self.name or path.resolve().name)

@@ -15,6 +15,7 @@ class PolicyCompare(Command):
     The share is (method − source) / (expert − source) of the mean return. Runs already done are not done again.
 
     Example: nas policy compare --dynamics backlash --delta runs/phi --forward runs/psi --seed 0 1 2 3 4
+
     Example: nas policy compare --delta runs/phi --effects runs/gap --delta-named runs/phi_named --frames 400000
     """
 
@@ -51,8 +52,11 @@ class PolicyCompare(Command):
         from nas_data.envs.loop.plant import Plant
         from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compare
 
-        if min(self.frames, self.episodes, self.workers) < 1 or len(set(self.seed)) < len(self.seed):
-            raise OptionError("Frames, episodes and workers must be 1 or more, seeds all different.")
+        for option, value in (("--frames", self.frames), ("--episodes", self.episodes), ("--workers", self.workers)):
+            if value < 1:
+                raise OptionError(f"{option} is {value}; it must be 1 or more.")
+        if len(set(self.seed)) < len(self.seed):
+            raise OptionError(f"--seed {' '.join(map(str, self.seed))}: give different numbers, 0 or more.")
         if self.delta_named and not self.effects:
             raise OptionError("--delta-named corrects a source with named effects; say which: --effects DIR.")
         target = Plant(self.env, self.dynamics, engine=self.engine)

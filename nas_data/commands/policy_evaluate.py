@@ -69,7 +69,21 @@ class PolicyEvaluate(Command):
         if (self.on == "ergojr") != (self.port is not None):
             needed = "needs --port PORT" if self.on == "ergojr" else "takes no --port"
             raise OptionError(f"Judging on '{self.on}' {needed}; see: nas policy evaluate --help.")
+        self._check_unused()
         return self._on_arm(self.port) if self.port else self._in_simulation()
+
+    def _check_unused(self) -> None:
+        """Refuse options that would do nothing, so that nobody waits for what they ask."""
+        arms = {
+            "--defender-port": self.defender_port,
+            "--hits": self.hits,
+            "--record": self.record,
+            "--lockstep": self.lockstep,
+        }
+        simulations = {"--engine": self.engine != "mujoco", "--dynamics": self.dynamics != "backlash"}
+        unused = [option for option, given in (simulations if self.port else arms).items() if given]
+        if unused:
+            raise OptionError(f"Judging on '{self.on}' takes no {unused[0]}; see: nas policy evaluate --help.")
 
     def _in_simulation(self) -> Outcome:
         from nas_data.envs.base import SOURCE
@@ -103,6 +117,8 @@ class PolicyEvaluate(Command):
     def _on_arm(self, port: str) -> Outcome:
         from nas_data.commands._on_arm import OnArm
 
+        if not self.largest_step > 0:
+            raise OptionError(f"--largest-step is {self.largest_step}; it must be above zero.")
         virtual = {name for name in (port, self.defender_port) if name == "virtual"}
         if self.hits is None and self.defender_port and not virtual:
             raise OptionError("Say where hits are read: --hits /dev/input/by-id/…-event-kbd, or --hits simulated.")

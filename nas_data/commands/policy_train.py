@@ -16,6 +16,7 @@ class PolicyTrain(Command):
     """Train one policy a seed with PPO; the same command goes on where it was interrupted.
 
     Example: nas policy train --env ErgoReacher --on augmented --checkpoint runs/delta --frames 400000 --seed 0 1 2
+
     Example: nas policy train --env ErgoReacher --on named --effects runs/gap --frames 400000 --seed 0 1 2
     """
 
@@ -83,8 +84,9 @@ class PolicyTrain(Command):
         if (self.on == "named" and self.effects is None) or (self.effects and self.on not in {"named", "augmented"}):
             needed = "needs --effects DIR, a gap report" if self.on == "named" else "takes no --effects"
             raise OptionError(f"Training on '{self.on}' {needed}; see: nas policy train --help.")
-        if self.frames < 1 or self.workers < 1:
-            raise OptionError(f"--frames {self.frames} and --workers {self.workers} must be 1 or more.")
+        for option, value in (("--frames", self.frames), ("--workers", self.workers)):
+            if value < 1:
+                raise OptionError(f"{option} is {value}; it must be 1 or more.")
         if not self.seed or len(set(self.seed)) < len(self.seed) or min(self.seed) < 0:
             raise OptionError(f"--seed {' '.join(map(str, self.seed))}: give different numbers, 0 or more.")
         from nas_data.envs.base import SOURCE

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 NAME = "ergojr"
 FASTEST = 200.0  # [Hz] beyond what six servos answer in time at 1 Mbit/s through a USB adapter
+COOLEST = 35.0  # [°C] a servo cools little further in a warm room, and the arm would rest for ever
+SHUTDOWN = 65.0  # [°C] temperature limit of a new servo, XL-320 e-manual
 LONGEST = 3600.0  # [s] of an episode, which is lost as a whole where something fails
 
 
@@ -191,6 +193,11 @@ class RecordErgojr(Command):
             raise OptionError(f"--rate is {self.rate}; it must lie above 0 and up to {FASTEST:g} Hz.")
         if not self.largest_step > 0:
             raise OptionError(f"--largest-step is {self.largest_step}; it must be above zero.")
+        if not COOLEST <= self.hot <= SHUTDOWN - 1:
+            raise OptionError(
+                f"--hot is {self.hot:g}; it must lie in {COOLEST:g} … {SHUTDOWN - 1:g} °C, "
+                f"for servos shut down at {SHUTDOWN:g}."
+            )
         return Protocol(
             excitation=parse(self.excitation),
             file=self.commands,

@@ -26,6 +26,7 @@ class RecordSim(Command):
     """Record episodes from a simulated target into a new dataset version.
 
     Example: nas record sim --robot ergojr --effect backlash:joint=m3,half_width=0.02 --episodes 200 --seconds 3
+
     Example: nas record sim --env Pusher --dynamics backlash --excitation babbling --episodes 250
     """
 

@@ -33,7 +33,7 @@ class RobotErgojr(Command):
     calibrate: bool = False
     """Take the present pose as zero and store it where LeRobot looks for it, or in --calibration."""
     calibration: Path | None = None
-    """Calibration file; LeRobot's own place where not given."""
+    """Calibration file; LeRobot's own place where not given, which a virtual arm neither reads nor writes."""
     id: str = NAME
     """Name of this very arm: LeRobot's robot id, which names its calibration file."""
     reboot: bool = False
@@ -47,15 +47,19 @@ class RobotErgojr(Command):
 
     def run(self) -> Outcome:
         """Look, and do what is asked for."""
-        from nas_data.virtual_bus.ports import port_of
+        from nas_data.virtual_bus.ports import VIRTUAL, port_of
         from nas_data.xl320.arm import Arm
-        from nas_data.xl320.calibration import default_path, read_calibration
+        from nas_data.xl320.calibration import default_path, joints_of
         from nas_data.xl320.ergojr import ergojr_joints
 
-        path = self.calibration or default_path(NAME, self.id)
+        path = self.calibration or (None if self.port == VIRTUAL else default_path(NAME, self.id))
         joints = ergojr_joints()
-        if path.is_file() and not self.calibrate:
-            joints = read_calibration(path, joints)
+        if self.calibrate and path is None:
+            raise OptionError(
+                "The zeros of a virtual arm are not those of yours; say where to keep them: --calibration FILE."
+            )
+        if path and not self.calibrate:
+            joints = joints_of(joints, NAME, self.id, self.calibration)
         with port_of(self.port, self.effect, self.fault) as port:
             arm = Arm(port, joints)
             try:
@@ -63,7 +67,7 @@ class RobotErgojr(Command):
             finally:
                 arm.close()
 
-    def _look(self, arm: "Arm", path: Path) -> Outcome:
+    def _look(self, arm: "Arm", path: Path | None) -> Outcome:
         from nas_data.xl320.inventory import take_inventory
 
         if self.rename:
@@ -74,10 +78,12 @@ class RobotErgojr(Command):
         inventory = take_inventory(arm)
         lines = [*table(inventory.servos, arm), *(f"problem: {problem}" for problem in inventory.problems)]
         ready = not inventory.problems
-        if self.calibrate:
+        if self.calibrate and path:
             lines.append(self._calibrate(arm, path))
         elif ready:
-            lines.append(f"The arm is ready. Zeros: {path if path.is_file() else 'not calibrated (--calibrate)'}")
+            lines.append(
+                f"The arm is ready. Zeros: {path if path and path.is_file() else 'not calibrated (--calibrate)'}"
+            )
         return Outcome("\n".join(lines), data(inventory, arm), ready)
 
     def _calibrate(self, arm: "Arm", path: Path) -> str:

@@ -38,9 +38,9 @@ def about(found: Sequence, environment: str) -> str:
     )
     hold, steps = found.material.plan.recipe.holds[0], len(found.measured[found.episode])
     return (
-        f"{environment}: held-out episode {found.episode}, under the paper's protocol (random actions, each held for "
-        f"{hold} of {steps} control steps); of these the one in which the source's error is the median. "
-        f"Drawn is {found.dataset.joints[found.joint]}, which the source predicts worst. 'All held out' is the median "
+        f"{environment}: held-out episode {found.episode} of {steps} control steps, under the paper's protocol (random "
+        f"actions, each held for {hold} step{'s' if hold > 1 else ''}); of these the one in which the source's error "
+        f"is the median. Drawn is {found.dataset.joints[found.joint]}, which the source predicts worst. 'All held out' is the median "
         f"of {found.dataset.n_episodes} episodes.{lost}"
     )
 

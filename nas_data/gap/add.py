@@ -37,9 +37,10 @@ def write_model(
         measure(spec, joint)
     keep_assets(spec, nominal.robot.mjcf)
     spec.compile()
+    written = write_effects(folder, effects, factors)  # first: it marks the folder as a report's, whoever is killed now
     model = folder / MODEL
     model.write_text(spec.to_xml(), encoding="utf-8")
-    return model, write_effects(folder, effects, factors)
+    return model, written
 
 
 def write_effects(folder: Path, effects: Sequence[Effect], factors: Mapping[str, float]) -> Path:

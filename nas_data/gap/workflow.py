@@ -1,16 +1,16 @@
 """Find, name, add, show: the whole workflow from a dataset and a model to a report."""
 
-import shutil
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from nas_data.errors import NasError
+from nas_data.errors import NasError, OptionError
 from nas_data.gap.added import added
 from nas_data.gap.experiments.experiment import Rival, next_experiment, write
 from nas_data.gap.finding.find import Found, find
 from nas_data.gap.name import Naming, name
+from nas_data.gap.place import check_place, clear
 from nas_data.gap.problem import Problem
 from nas_data.gap.report import write_report, write_series
 from nas_data.gap.showing.show import show
@@ -41,10 +41,14 @@ def investigate(
 
     Raises:
         NasError: the dataset or the model cannot be used.
+        OutputExists: the folder holds what no report wrote, and a report would replace.
+        OptionError: the number of updates is negative.
     """
-    began = time.monotonic()
+    began, folder = time.monotonic(), Path(out)
+    if learn < 0:
+        raise OptionError(f"--learn is {learn}; give 0, which leaves φ out, or a number of updates such as 400.")
+    check_place(folder, model)
     problem = Problem.load(dataset, model)
-    folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     clear(folder)
     say("find: where model and recording disagree")
@@ -98,10 +102,3 @@ def proposed(problem: Problem, naming: Naming, folder: Path) -> Mapping[str, obj
         return {"next_experiment": f"none could be computed: {error}", "experiments": []}
     write(experiment, folder / EXPERIMENT)
     return {"next_experiment": f"{experiment.text} (commands in {EXPERIMENT})", "experiments": experiment.to_json()}
-
-
-def clear(folder: Path) -> None:
-    """Remove what an earlier report left."""
-    for item in ("report.json", "report.html", "effects.json", "model.xml", "series.npz", EXPERIMENT):
-        (folder / item).unlink(missing_ok=True)
-    shutil.rmtree(folder / "figures", ignore_errors=True)

@@ -54,7 +54,7 @@ class Bench:
             raise OptionError(f"An ErgoJr cannot do the task of a {task.robot}; roll out ErgoReacher or ErgoShield.")
         if isinstance(task, ErgoShield) != (self.defender is not None):
             what = "needs a second arm: give --defender-port" if self.defender is None else "takes no --defender-port"
-            raise OptionError(f"The task of {task.robot} {what}.")
+            raise OptionError(f"{type(task).__name__} {what}.")
         if not 0 <= self.missed <= 1 or (self.missed and (self.hits != SIMULATED or self.defender is None)):
             raise OptionError(f"--missed {self.missed} is a share (0 … 1) of simulated hits in ErgoShield.")
 

@@ -1,5 +1,6 @@
 """What a virtual arm is started with."""
 
+import contextlib
 import json
 from dataclasses import asdict, dataclass
 
@@ -10,6 +11,7 @@ from nas_data.errors import OptionError
 from nas_data.virtual_bus.arm import VirtualArm
 from nas_data.virtual_bus.clock import LockStep, RealClock
 from nas_data.virtual_bus.device import Device
+from nas_data.virtual_bus.faults.base import LineGone
 from nas_data.virtual_bus.faults.base import parse as parse_fault
 from nas_data.virtual_bus.terminal import Terminal
 
@@ -35,17 +37,23 @@ class Options:
     lockstep: bool = False
 
     def check(self) -> None:
-        """Refuse what cannot be understood, before a process is started for it.
+        """Refuse what cannot be understood or cannot happen, before a process is started for it.
+
+        The faults strike another arm in their order: what goes wrong in the process reaches nobody as a sentence.
 
         Raises:
-            NasError: an effect or a fault is unknown or malformed.
+            NasError: an effect or a fault is unknown, malformed, or of a joint or servo that the arm does not have.
         """
-        for text in self.effects:
-            parse_effect(text)
-        for text in self.faults:
-            parse_fault(text)
+        effects = [parse_effect(text) for text in self.effects]
+        faults = sorted((parse_fault(text) for text in self.faults), key=lambda fault: fault.after)
         if len(self.offsets) not in (0, 6):
             raise OptionError(f"{len(self.offsets)} offsets are given; one for each of the six servos is needed.")
+        if not effects and not faults:
+            return
+        arm = VirtualArm(effects, self.offsets)
+        for fault in faults:
+            with contextlib.suppress(LineGone):
+                fault.strike(arm)
 
     def to_json(self) -> str:
         """Return the choices as one line."""

@@ -1,5 +1,6 @@
 """One simulated XL-320: its memory, and what it does when it is asked to read or write."""
 
+from nas_data.errors import OptionError
 from nas_data.virtual_bus.packet import ALERT, Error
 from nas_data.xl320.control_table import OVERHEAT, OVERLOAD, REGISTERS, SIZE, VOLTAGE, Register
 
@@ -34,8 +35,14 @@ class Servo:
         return int.from_bytes(self.memory[register.address : register.address + register.size], "little")
 
     def put(self, name: str, value: int) -> None:
-        """Set a register, whatever its rules are."""
+        """Set a register, whatever its rules are.
+
+        Raises:
+            OptionError: the value is negative or needs more bytes than the register has.
+        """
         register = REGISTERS[name]
+        if not 0 <= value < 256**register.size:
+            raise OptionError(f"{name} is {value}; it must lie in 0 … {256**register.size - 1}.")
         self.memory[register.address : register.address + register.size] = value.to_bytes(register.size, "little")
 
     @property

@@ -3,7 +3,7 @@
 import json
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from nas_data.cli import finite
@@ -37,6 +37,8 @@ def conduct(name: str, request: Request) -> Conducted:
         OutputExists: the folder holds something else.
     """
     experiment = find_experiment(name)
+    spelt = tuple(environment_name(find_task_file(environment)) for environment in request.environments)
+    request = replace(request, environments=spelt)  # however it is spelt, an environment's files have one name
     check(request)
     began = time.monotonic()
     result = experiment.run(request)
@@ -80,9 +82,10 @@ def write(result: Result, data: Mapping[str, object], title: str, request: Reque
 
 def stem_of(name: str, request: Request) -> str:
     """Return what the files of an experiment are called: other environments, dynamics and sizes have other files."""
-    alone = [environment_name(find_task_file(request.environments[0]))] if len(request.environments) == 1 else []
+    names = request.environments
+    usual = len(names) > 1 and names == find_experiment(name).environments
     quick = [request.sizes.name] if request.sizes.quick else []
-    return "-".join([name, *alone, request.dynamics, *quick])
+    return "-".join([name, *(() if usual else names), request.dynamics, *quick])
 
 
 def check(request: Request) -> None:
@@ -97,5 +100,6 @@ def check(request: Request) -> None:
     check_methods(request.methods)
     if not sizes.seeds or min(sizes.seeds) < 0 or len(set(sizes.seeds)) < len(sizes.seeds):
         raise OptionError(f"--seeds {' '.join(map(str, sizes.seeds))}: give different numbers, 0 or more.")
-    if min(sizes.frames, request.workers) < 1:
-        raise OptionError(f"--frames {sizes.frames} and --workers {request.workers} must be 1 or more.")
+    for option, value in (("--frames", sizes.frames), ("--workers", request.workers)):
+        if value < 1:
+            raise OptionError(f"{option} is {value}; it must be 1 or more.")

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nas_data.errors import OptionError
 from nas_data.virtual_bus.arm import VirtualArm
 from nas_data.virtual_bus.faults.base import Fault
 
@@ -21,7 +22,13 @@ class Bent(Fault):
     radians: float = 1.9
 
     def strike(self, arm: VirtualArm) -> None:
-        """Put the joint there; see `Fault.strike`."""
+        """Put the joint there; see `Fault.strike`.
+
+        Raises:
+            OptionError: the arm has no such servo.
+        """
+        if not 1 <= self.servo <= len(arm.servos):
+            raise OptionError(f"A fault bends servo {self.servo}; the virtual arm has 1 to {len(arm.servos)}.")
         positions = arm.body.positions.copy()
         positions[self.servo - 1] = self.radians
         arm.body.place(np.concatenate([positions, np.zeros_like(positions)]))
