@@ -24,7 +24,8 @@ from nas_data.errors import UnknownName
 BEFORE = [
     (("none", "numpy", 0, 11), "ed6a2e6bfa971089"),
     (("one", "numpy", 1, 11), "5ce12b0927f20eb7"),
-    (("two", "mujoco", 2, 11), "b5b5810532c49137"),
+    (("none", "mujoco", 2, 11), "d6a7f43edfc1f7da"),  # what is hidden there is ours, and may become more exact
+    (("two", "numpy", 2, 11), "2922a59b9ea72931"),
     (("three", "numpy", 0, 11), "3bfcaa65c35fd586"),
     (("outside", "numpy", 3, 11), "0698bd6e65eb2201"),
     pytest.param(("one", "bullet", 0, 11), "7140c84926ada8b3", marks=WITHOUT_BULLET),
