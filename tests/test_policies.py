@@ -71,6 +71,14 @@ def test_same_seed_same_bits_for_10000_frames_and_another_seed_others(tmp_path):
     )
 
 
+def test_a_rollout_in_which_no_episode_ended_has_no_score(tmp_path):
+    told = []
+    short = Hyperparameters(arms=4, rollout=16, minibatches=2, epochs=1)  # four steps of an episode
+    learn(tmp_path / "a", 16, hyperparameters=short, report=told.append)
+    assert "no episode over yet" in told[-1]
+    assert "nan" not in told[-1]
+
+
 @pytest.mark.parametrize("stopped", [3, Learner.SEGMENT, Learner.SEGMENT + 4])
 def test_an_interrupted_training_goes_on_to_the_same_bits(tmp_path, stopped):
     frames = (Learner.SEGMENT + 6) * SMALL.rollout

@@ -62,8 +62,8 @@ class PolicyTrain(Command):
             rows[number] = (
                 str(policy.seed),
                 f"{policy.frames:,}",
-                f"{last['mean_return']:.2f}",
-                f"{last['success_rate']:.0%}",
+                f"{last['mean_return']:.2f}" if last["episodes"] else "–",
+                f"{last['success_rate']:.0%}" if last["episodes"] else "–",
                 f"{rate:,.0f}",
                 str(path),
             )

@@ -40,8 +40,8 @@ def about(found: Sequence, environment: str) -> str:
     return (
         f"{environment}: held-out episode {found.episode} of {steps} control steps, under the paper's protocol (random "
         f"actions, each held for {hold} step{'s' if hold > 1 else ''}); of these the one in which the source's error "
-        f"is the median. Drawn is {found.dataset.joints[found.joint]}, which the source predicts worst. 'All held out' "
-        f"is the median of {found.dataset.n_episodes} episodes.{lost}"
+        f"is the median. Drawn is {found.dataset.joints[found.joint]}, which the source predicts worst. "
+        f"'All held out' is the median of {found.dataset.n_episodes} episodes.{lost}"
     )
 
 

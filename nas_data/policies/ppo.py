@@ -263,9 +263,9 @@ def sentence(row: files.Row, training: Training) -> str:
     """Say where a training stands."""
     total = training.rollouts * training.hyperparameters.rollout
     rate = row.frames / row.seconds
+    scored = f"return {row.mean_return:.2f}, success {row.success_rate:.0%}" if row.episodes else "no episode over yet"
     return (
-        f"{row.frames:,} of {total:,} frames, return {row.mean_return:.2f}, "
-        f"success {row.success_rate:.0%}, {rate:,.0f} frames/s, {(total - row.frames) / rate:.0f} s left"
+        f"{row.frames:,} of {total:,} frames, {scored}, {rate:,.0f} frames/s, {(total - row.frames) / rate:.0f} s left"
     )
 
 
