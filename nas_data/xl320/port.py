@@ -11,8 +11,10 @@ from nas_data.errors import AdapterLost, ArmError, NoSuchPort, PortBusy, PortDen
 
 BAUD = 1_000_000  # [bit/s] of an XL-320 from the factory
 PATIENCE = 0.02  # [s] to wait for a reply beyond its time on the wire: more than any USB latency timer (16 ms)
+LENIENCE = 0.04  # [s] the same where another program plays the servos, which must first be given a processor
 WAIT = 0.002  # [s] that one look for bytes may last
 WRITING = 0.2  # [s] after which a port that takes no bytes is given up
+PSEUDO_TERMINALS = "/dev/pts/"
 KINDS = ("ttyUSB*", "ttyACM*", "ttyAMA*", "tty.usb*", "cu.usb*")
 
 
@@ -54,6 +56,7 @@ def open_port(path: str, baud: int = BAUD) -> Port:
         ArmError: it is no serial port.
     """
     port = Port(path)
+    port.patience = LENIENCE if path.startswith(PSEUDO_TERMINALS) else PATIENCE
     try:
         port.setBaudRate(baud)
     except (OSError, ValueError) as error:

@@ -11,7 +11,8 @@ from nas_data.effects.edits.series import angle, clear_defaults
 from nas_data.effects.edits.servo import stiffness
 
 STEPS = 3.0  # physics steps in which the slack's own oscillation turns by a radian; fewer would not resolve it
-DAMPING = 0.5  # part of critical damping of that oscillation; more would drag on the joint
+DAMPING = 0.3  # part of critical damping of that oscillation; more would drag on the joint
+CALM = 1.0  # 4 would keep it below the limit when the full torque throws it all the way
 MASS, INERTIA = 1e-9, 1e-12  # [kg], [kg m²] of the slack's body, which must have some
 
 
@@ -26,7 +27,7 @@ def add_slack(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator, half_w
         slack.solimp_limit = HARD_STOP
         move_dampers(spec.joint(joint), servo)
         move_limit(spec.joint(joint), servo)
-        drive_both(spec, joint, slack, servo)
+        drive_both(spec, joint, slack, servo, half_width)
     width = float(slack.range[1]) + angle(spec, half_width)
     slack.range = [-width, width]
 
@@ -67,7 +68,9 @@ def move_limit(joint: mujoco.MjsJoint, servo: mujoco.MjsActuator) -> None:
     servo.forcelimited, servo.forcerange = mujoco.mjtLimited.mjLIMITED_FALSE, [0.0, 0.0]
 
 
-def drive_both(spec: mujoco.MjSpec, joint: str, slack: mujoco.MjsJoint, servo: mujoco.MjsActuator) -> None:
+def drive_both(
+    spec: mujoco.MjSpec, joint: str, slack: mujoco.MjsJoint, servo: mujoco.MjsActuator, half_width: float
+) -> None:
     """Make the sum of joint and slack what the servo drives and feels, its damping the joint's alone.
 
     The servo damps the sum; the tendon takes that away again and the joint gets it back. Only a torque at its limit
@@ -76,7 +79,7 @@ def drive_both(spec: mujoco.MjSpec, joint: str, slack: mujoco.MjsJoint, servo: m
     first = spec.joint(joint)
     gear = float(servo.gear[0]) ** 2
     kp, kv = stiffness(servo) * gear, -float(servo.biasprm[2]) * gear
-    slack.armature = kp * (STEPS * spec.option.timestep) ** 2
+    slack.armature = max(kp * (STEPS * spec.option.timestep) ** 2, calm(first, kv, half_width))
     slack.damping = [2 * DAMPING * math.sqrt(kp * slack.armature), 0.0, 0.0]
     tendon = spec.add_tendon(name=joint + DRIVE, damping=[-kv, 0.0, 0.0], stiffness=np.zeros(3), frictionloss=0.0)
     tendon.limited = mujoco.mjtLimited.mjLIMITED_FALSE
@@ -84,3 +87,13 @@ def drive_both(spec: mujoco.MjSpec, joint: str, slack: mujoco.MjsJoint, servo: m
     tendon.wrap_joint(slack.name, 1.0)
     first.damping = first.damping + np.array([kv, 0.0, 0.0])
     servo.trntype, servo.target = mujoco.mjtTrn.mjTRN_TENDON, tendon.name
+
+
+def calm(joint: mujoco.MjsJoint, kv: float, half_width: float) -> float:
+    """Return the inertia [kg m²] with which slack that the servo throws from stop to stop stays slow enough.
+
+    The servo damps slack and joint alike, and the tendon gives the joint back what it damps of the slack. What the
+    torque limit cuts off of that damping is given back all the same: a kick.
+    """
+    limit = float(np.abs(joint.actfrcrange).max())
+    return CALM * half_width * kv**2 / limit if limit > 0 else 0.0

@@ -17,7 +17,7 @@ class Latency(Fault):
     """
 
     share: float = 0.01
-    seconds: float = 0.03
+    seconds: float = 0.06
 
     def delay(self, rng: np.random.Generator) -> float:
         """Wait now and then; see `Fault.delay`."""
