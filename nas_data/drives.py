@@ -1,9 +1,12 @@
-"""Which joint an actuator drives: directly, or through the tendon that adds slack to it."""
+"""Which joint an actuator drives: directly, or by way of the goal that a servo with a dead band follows."""
 
 import mujoco
 import numpy as np
 
-DRIVE = "_drive"  # a fixed tendon `<joint>_drive` stands for its joint: the joint plus what a servo's slack takes up
+DRIVE = "_drive"  # a fixed tendon `<joint>_drive` stands for its joint: the goal that its servo follows
+GOAL = "_goal"  # a weightless joint `<joint>_goal` in the world, which is where the servo's goal is
+GAIN, BAND, DAMPING = "_gain", "_band", "_damping"  # passive actuators: what such a servo then gives the joint
+PARTS = (GAIN, BAND, DAMPING)
 
 
 def driven_joint(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> str | None:
@@ -13,8 +16,8 @@ def driven_joint(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> str | Non
     if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT:
         return str(actuator.target)
     joint = actuator.target.removesuffix(DRIVE)
-    slack = actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON and joint != actuator.target
-    return joint if slack and spec.joint(joint) is not None else None
+    by_goal = actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON and joint != actuator.target
+    return joint if by_goal and spec.joint(joint) is not None else None
 
 
 def driving_actuators(model: mujoco.MjModel, joint: int) -> np.ndarray:
@@ -22,5 +25,32 @@ def driving_actuators(model: mujoco.MjModel, joint: int) -> np.ndarray:
     tendon = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, model.joint(joint).name + DRIVE)
     kind, target = model.actuator_trntype, model.actuator_trnid[:, 0]
     direct = (kind == int(mujoco.mjtTrn.mjTRN_JOINT)) & (target == joint)
-    slack = (kind == int(mujoco.mjtTrn.mjTRN_TENDON)) & (target == tendon) & (tendon >= 0)
-    return np.flatnonzero((direct | slack) & (model.actuator_ctrlnum > 0))
+    by_goal = (kind == int(mujoco.mjtTrn.mjTRN_TENDON)) & (target == tendon) & (tendon >= 0)
+    return np.flatnonzero((direct | by_goal) & (model.actuator_ctrlnum > 0))
+
+
+def servo_actuators(model: mujoco.MjModel, joint: int) -> list[int]:
+    """Return the indices of all actuators that are one joint's servo: the first that drives it, then its parts."""
+    driving = driving_actuators(model, joint)[:1].tolist()
+    name = model.joint(joint).name
+    parts = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name + part) for part in PARTS]
+    return driving + [part for part in parts if part >= 0 and model.actuator_ctrlnum[part] == 0]
+
+
+def leverage(model: mujoco.MjModel, actuator: int, joint: int) -> float:
+    """Return the torque about a joint per unit of an actuator's force, which acts on it or on a fixed tendon."""
+    gear = float(model.actuator_gear[actuator, 0])
+    target = int(model.actuator_trnid[actuator, 0])
+    if model.actuator_trntype[actuator] == int(mujoco.mjtTrn.mjTRN_JOINT):
+        return gear if target == joint else 0.0
+    wraps = slice(int(model.tendon_adr[target]), int(model.tendon_adr[target] + model.tendon_num[target]))
+    return gear * float(model.wrap_prm[wraps][model.wrap_objid[wraps] == joint].sum())
+
+
+def goal_joints(model: mujoco.MjModel) -> list[int]:
+    """Return the indices of the joints that are a servo's goal, which is no part of the robot."""
+    names = [model.joint(index).name for index in range(model.njnt)]
+    tendons = {model.tendon(index).name for index in range(model.ntendon)}
+    return [
+        index for index, name in enumerate(names) if name.endswith(GOAL) and name.removesuffix(GOAL) + DRIVE in tendons
+    ]

@@ -7,18 +7,17 @@ from typing import ClassVar
 import mujoco
 
 from nas_data.effects.base import Effect, Parameter, Scales
+from nas_data.effects.edits.band import add_band
 from nas_data.effects.edits.servo import position_servo
-from nas_data.effects.edits.slack import add_slack
 
 
 @dataclass(frozen=True, kw_only=True)
 class Deadband(Effect):
     """Within `half_width` of its goal the servo gives no torque, beyond it that of the remaining error.
 
-    Native: the servo drives the joint plus a slack `<joint>_slack`, a weightless joint with stops at the half width. As
-    the servo's torque acts on both, the slack gives way until the torque is gone or a stop is reached. Gains, torque
-    limit, delay and slew rate stay the servo's own. Where the servo has damping and saturates, the slack's way from
-    stop to stop adds an impulse of damping · 2 · half_width.
+    Native: the servo, with its delay and slew rate, moves a weightless goal `<joint>_goal`; passive actuators pull the
+    joint after it as the servo would, with its stiffness, its band, its damping and its torque limit. Within the band a
+    change of the command is felt for one physics step. An integral gain acts on the goal, and is lost to the joint.
     """
 
     half_width: float
@@ -38,6 +37,6 @@ class Deadband(Effect):
         return tuple({"half_width": width} for width in (0.008, 0.025, 0.07))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Put the slack between the servo and its joint; slack that is there already becomes wider."""
+        """Put a goal between the servo and its joint; a band that is there already becomes wider."""
         assert self.joint is not None
-        add_slack(spec, self.joint, position_servo(spec, self.joint, self.name()), self.half_width)
+        add_band(spec, self.joint, position_servo(spec, self.joint, self.name()), self.half_width)

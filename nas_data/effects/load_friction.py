@@ -7,7 +7,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from nas_data.drives import driving_actuators
+from nas_data.drives import leverage, servo_actuators
 from nas_data.effects.base import Effect, Parameter, Scales, joint_actuator
 from nas_data.effects.coulomb_friction import CoulombFriction
 from nas_data.effects.edits.holding import hold_firmly
@@ -53,13 +53,16 @@ class LoadFriction(Effect):
     def hook(self, model: mujoco.MjModel) -> StepHook:
         """Return what sets the friction."""
         assert self.joint is not None
-        actuator = driving_actuators(model, model.joint(self.joint).id)[0]
-        force = int(model.actuator_outadr[actuator])
-        gear = abs(float(model.actuator_gear[actuator, 0]))
-        dof = int(model.joint(self.joint).dofadr[0])
+        joint = model.joint(self.joint).id
+        servo = servo_actuators(model, joint)
+        forces = model.actuator_outadr[servo]
+        levers = np.array([leverage(model, actuator, joint) for actuator in servo])
+        most = np.abs(model.jnt_actfrcrange[joint]).max() if model.jnt_actfrclimited[joint] else np.inf
+        dof = int(model.jnt_dofadr[joint])
 
         def add_friction(step: StepForces) -> None:
-            load = np.where(step.released, 0.5 * abs(step.bias[:, dof]), gear * abs(step.force[:, force]))
+            torque = np.minimum(abs(step.force[:, forces] @ levers), most)
+            load = np.where(step.released, 0.5 * abs(step.bias[:, dof]), torque)
             step.friction[:, dof] += self.ratio * load
 
         return add_friction

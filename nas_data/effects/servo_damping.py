@@ -7,7 +7,7 @@ from typing import ClassVar
 import mujoco
 
 from nas_data.effects.base import Effect, Parameter, Scales
-from nas_data.effects.edits.servo import position_servo
+from nas_data.effects.edits.servo import damping, position_servo, scale_damping
 from nas_data.errors import ModelFileError
 
 
@@ -44,11 +44,9 @@ class ServoDamping(Effect):
         """Multiply the velocity gain of the joint's servo; the joint's own damping stays."""
         assert self.joint is not None
         actuator = position_servo(spec, self.joint, self.name())
-        bias = actuator.biasprm.copy()
-        if bias[2] >= 0:
+        if damping(spec, self.joint) <= 0:
             raise ModelFileError(
                 f"{self.name()} acts on a servo with velocity feedback; the actuator '{actuator.name}' of the joint "
                 f"'{self.joint}' has none: its model needs kv or dampratio."
             )
-        bias[2] *= self.factor
-        actuator.biasprm = bias
+        scale_damping(spec, self.joint, self.factor)

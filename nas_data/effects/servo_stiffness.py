@@ -31,4 +31,5 @@ class ServoStiffness(Effect):
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Multiply the position gain of the joint's servo; damping and limits stay."""
         assert self.joint is not None
-        scale_stiffness(position_servo(spec, self.joint, self.name()), self.factor)
+        position_servo(spec, self.joint, self.name())
+        scale_stiffness(spec, self.joint, self.factor)

@@ -8,7 +8,7 @@ from typing import ClassVar
 import mujoco
 
 from nas_data.effects.base import Effect, Parameter, Scales
-from nas_data.effects.edits.servo import position_servo, stiffness
+from nas_data.effects.edits.servo import feedback, position_servo
 from nas_data.errors import ModelFileError
 
 POSITION_INPUT = 1  # the first input of a <pid>, its position setpoint, and no other
@@ -43,7 +43,7 @@ class SpeedLimit(Effect):
                 f"speed_limit cannot be added to the actuator '{servo.name}', which filters its command already."
             )
         bias = servo.biasprm.copy()
-        servo.set_to_pid(kp=stiffness(servo), kv=-float(bias[2]), slewmax=self.speed, ctrlspec=POSITION_INPUT)
+        servo.set_to_pid(kp=feedback(servo), kv=-float(bias[2]), slewmax=self.speed, ctrlspec=POSITION_INPUT)
         servo.biasprm = bias  # set_to_pid forgets a constant bias
 
     def _limit_pid(self, servo: mujoco.MjsActuator) -> None:

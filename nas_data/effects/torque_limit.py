@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import mujoco
 
+from nas_data.drives import BAND
 from nas_data.effects.base import Effect, Parameter, Scales, joint_actuator
 
 
@@ -28,8 +29,12 @@ class TorqueLimit(Effect):
         return tuple({"torque": share * scales.torque} for share in (0.2, 0.45, 0.8))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Set the force range of the joint's actuator."""
+        """Set the force range of the joint's actuator; of the joint where its servo has a dead band."""
         assert self.joint is not None
         actuator = joint_actuator(spec, self.joint)
+        if spec.actuator(self.joint + BAND) is not None:
+            joint = spec.joint(self.joint)
+            joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_TRUE, [-self.torque, self.torque]
+            return
         actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
         actuator.forcerange = [-self.torque, self.torque]

@@ -7,8 +7,7 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from nas_data.effects.base import joint_actuator
-from nas_data.effects.edits.servo import scale_stiffness, stiffness
+from nas_data.effects.edits.servo import damping, scale_damping, scale_stiffness, stiffness
 
 Kind = Literal["mass", "gain", "damping", "servo_damping", "armature", "frictionloss"]
 TOLERANCE = 0.06  # [-] standard deviation of a base parameter's logarithm: a few to ten percent off
@@ -42,9 +41,9 @@ class BaseParameter:
                 body.mass *= factor
                 body.inertia = body.inertia * factor
         elif self.kind == "gain":
-            scale_stiffness(joint_actuator(spec, self.joint), factor)
+            scale_stiffness(spec, self.joint, factor)
         elif self.kind == "servo_damping":
-            scale_servo_damping(joint_actuator(spec, self.joint), factor)
+            scale_damping(spec, self.joint, factor)
         else:
             joint = spec.joint(self.joint)
             setattr(joint, self.kind, getattr(joint, self.kind) * factor)
@@ -54,15 +53,8 @@ def own_size(spec: mujoco.MjSpec, joint: str, kind: str) -> float:
     """Return what the model has of something that effects add to: damping, armature or frictionloss, in SI units."""
     element = spec.joint(joint)
     if kind == "damping":
-        return float(element.damping[0]) - float(joint_actuator(spec, joint).biasprm[2])
+        return float(element.damping[0]) + max(damping(spec, joint), 0.0)
     return float(getattr(element, kind)) if kind in {"armature", "frictionloss"} else 0.0
-
-
-def scale_servo_damping(actuator: mujoco.MjsActuator, factor: float) -> None:
-    """Multiply a servo's velocity feedback, which ends where the servo saturates and the joint's damping does not."""
-    bias = actuator.biasprm.copy()
-    bias[2] *= factor
-    actuator.biasprm = bias
 
 
 def base_parameters(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[BaseParameter, ...]:
@@ -73,13 +65,12 @@ def base_parameters(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[BasePar
         bodies = moved_by(model, joint, joints)
         if bodies:
             found.append(BaseParameter(joint, "mass", bodies))
-        actuator = joint_actuator(spec, joint)
         element = spec.joint(joint)
-        if stiffness(actuator) > 0:
+        if stiffness(spec, joint) > 0:
             found.append(BaseParameter(joint, "gain"))
         if element.damping[0] > 0:
             found.append(BaseParameter(joint, "damping"))
-        if actuator.biasprm[2] < 0:
+        if damping(spec, joint) > 0:
             found.append(BaseParameter(joint, "servo_damping"))
         if element.armature > 0:
             found.append(BaseParameter(joint, "armature"))

@@ -127,7 +127,8 @@ class Nominal:
         spec = self.spec.copy()
         for joint, gain in zip(self.joints, gains, strict=True):
             if gain != 1:
-                scale_stiffness(position_servo(spec, joint, "A position gain of the recording"), float(gain))
+                position_servo(spec, joint, "A position gain of the recording")
+                scale_stiffness(spec, joint, float(gain))
         return replace(self, spec=spec)
 
 

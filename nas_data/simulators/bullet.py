@@ -8,6 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from nas_data.drives import goal_joints
 from nas_data.effects.base import Effect
 from nas_data.effects.edits.hook import StepForces
 from nas_data.errors import ModelFileError, SimulationDiverged
@@ -115,6 +116,8 @@ class BulletArm:
         # MuJoCo evaluates the servos: their torques at PyBullet's state, and what they remember (delay, setpoint)
         self.servos = mujoco.MjData(self.model)
         self.servo_model = without_constraints(self.model)
+        goals = goal_joints(self.model)
+        self.goal_qpos, self.goal_dof = self.model.jnt_qposadr[goals], self.model.jnt_dofadr[goals]
         self.hooks = simulator.hooks
         self.forces = StepForces(
             force=self.servos.actuator_force[None],
@@ -133,11 +136,15 @@ class BulletArm:
         self.servos.ctrl[:] = controls
         for _ in range(self.substeps):
             qpos, qvel = self.world.read()
+            qpos[self.goal_qpos] = self.servos.qpos[self.goal_qpos]
+            qvel[self.goal_dof] = self.servos.qvel[self.goal_dof]
             self.servos.qpos[:], self.servos.qvel[:] = qpos, qvel
             mujoco.mj_step(self.servo_model, self.servos)
             if self.hooks:
                 self._set_friction()
-            self.world.step(self.servos.qfrc_actuator + self.servos.qfrc_passive)
+            torques = self.servos.qfrc_actuator + self.servos.qfrc_passive
+            torques[self.goal_dof] = 0.0  # MuJoCo's copy moves them
+            self.world.step(torques)
         return self.measure()
 
     def _set_friction(self) -> None:

@@ -1,10 +1,12 @@
 """Starts of rollouts from a measured pose: the arm at rest in it, its hidden parts loaded as they would be."""
 
+from dataclasses import dataclass
 from enum import IntEnum
 
 import mujoco
 import numpy as np
 
+from nas_data.drives import BAND, GAIN, GOAL, servo_actuators
 from nas_data.simulators.layout import Layout, settle_actuator
 
 WEIGHTLESS = 1e-4  # [N m] below which a load decides nothing about the side of a play
@@ -19,6 +21,36 @@ class Hold(IntEnum):
     MORE = 3  # the servo held the weight and friction, too
 
 
+@dataclass(frozen=True)
+class Band:
+    """A servo's dead band.
+
+    Attributes:
+        goal: Index in qpos of the servo's goal, which the joint is pulled to.
+        stiffness: Of the servo [N m/rad].
+        half_width: Of the band [rad].
+    """
+
+    goal: int
+    stiffness: float
+    half_width: float
+
+    def edge(self, load: float) -> float:
+        """Return the error within the band where it leans on a load [rad]: an edge, or its middle without a load."""
+        return 0.0 if abs(load) < WEIGHTLESS else float(np.copysign(self.half_width, load))
+
+
+def find_band(model: mujoco.MjModel, joint: int) -> Band | None:
+    """Return the dead band of a joint's servo, None where it has none."""
+    name = model.joint(joint).name
+    gain, band = (mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name + part) for part in (GAIN, BAND))
+    if len(servo_actuators(model, joint)) == 1:
+        return None
+    stiffness = -float(model.actuator_biasprm[gain, 1])
+    goal = int(model.joint(name + GOAL).qposadr[0])
+    return Band(goal, stiffness, float(model.actuator_forcerange[band, 1]) / stiffness)
+
+
 class SettledStates:
     """The full state of a model that has long been held in a posture under its own weight.
 
@@ -31,6 +63,7 @@ class SettledStates:
         """Prepare the states; arguments as for `RestStates`."""
         self.model, self.layout, self.spec = model, layout, spec
         self.data = mujoco.MjData(model)
+        self.bands = [find_band(model, int(joint)) for joint in model.dof_jntid[layout.dof]]
 
     def __call__(self, states: np.ndarray, holds: np.ndarray) -> np.ndarray:
         """Return full states (B, size) for positions [rad] then velocities [rad/s] (B, 2n) and holds (B, n)."""
@@ -81,14 +114,22 @@ class SettledStates:
             data.qpos[own] -= turned
 
     def holding_commands(self, loads: np.ndarray) -> np.ndarray:
-        """Return the commanded positions (n,) at which the servos hold the loads; saturation is left out."""
+        """Return the commanded positions (n,) at which the servos hold the loads; saturation is left out.
+
+        A servo with a dead band has its goal put there, too: beyond the edge of the band that the load leans on.
+        """
         model, layout = self.model, self.layout
         commands = self.data.qpos[layout.qpos].copy()
         for place, control in enumerate(layout.control):
             actuator = int(np.flatnonzero((model.actuator_ctrladr == control) & (model.actuator_ctrlnum > 0))[0])
             stiffness = -float(model.actuator_biasprm[actuator, 1])
             gear = float(model.actuator_gear[actuator, 0])
+            load = float(loads[place])
             if stiffness > 0 and gear:
-                bias = float(model.actuator_biasprm[actuator, 0])
-                commands[place] += (float(loads[place]) / gear - bias) / (stiffness * gear)
+                rest = float(model.actuator_biasprm[actuator, 0]) / (stiffness * gear)
+                if (band := self.bands[place]) is None:
+                    commands[place] += load / (stiffness * gear**2) - rest
+                else:
+                    commands[place] += load / band.stiffness + band.edge(load) - rest
+                    self.data.qpos[band.goal] = commands[place] + rest
         return commands

@@ -3,6 +3,8 @@
 import mujoco
 import numpy as np
 
+from nas_data.effects.edits.passive import add_passive
+
 REST = 1e-3  # part of the bristles' friction that stays at speed; the engine divides by it
 
 
@@ -15,14 +17,8 @@ def add_bristles(spec: mujoco.MjSpec, joint: str, torque: float, velocity: float
     plus inertia · velocity / timestep tears them off.
     """
     stiffness = felt_inertia(spec, joint) / spec.option.timestep**2
-    bristles = spec.add_actuator(name=free_name(spec, f"{joint}_stribeck"), target=joint)
-    bristles.trntype = mujoco.mjtTrn.mjTRN_JOINT
-    bristles.set_to_dcmotor(
-        motorconst=np.zeros(2),
-        resistance=1.0,  # must be positive; without a motor constant no current flows
-        lugre=np.array([stiffness, 0.0, REST * torque, torque, velocity]),
-        ctrlspec=int(mujoco.mjtCtrlInput.mjINPUT_NONE),
-    )
+    lugre = np.array([stiffness, 0.0, REST * torque, torque, velocity])
+    add_passive(spec, free_name(spec, f"{joint}_stribeck"), mujoco.mjtTrn.mjTRN_JOINT, joint, lugre)
 
 
 def felt_inertia(spec: mujoco.MjSpec, joint: str) -> float:

@@ -3,8 +3,9 @@
 from collections.abc import Iterable
 
 import mujoco
+import numpy as np
 
-from nas_data.drives import driven_joint
+from nas_data.drives import BAND, DAMPING, GAIN, GOAL, PARTS, driven_joint
 from nas_data.effects.base import joint_actuator
 from nas_data.errors import ModelFileError
 
@@ -22,7 +23,7 @@ def position_servo(spec: mujoco.MjSpec, joint: str, effect: str) -> mujoco.MjsAc
         ModelFileError: what drives it takes torques.
     """
     actuator = joint_actuator(spec, joint)
-    if stiffness(actuator) <= 0:
+    if feedback(actuator) <= 0:
         raise ModelFileError(
             f"{effect} acts on a position servo; the actuator '{actuator.name}' of the joint '{joint}' has no "
             "position feedback: give a model whose actuators are <position> or <pid>."
@@ -30,13 +31,45 @@ def position_servo(spec: mujoco.MjSpec, joint: str, effect: str) -> mujoco.MjsAc
     return actuator
 
 
-def stiffness(actuator: mujoco.MjsActuator) -> float:
-    """Return a servo's torque per position error [N·m/rad]; 0 for an actuator without position feedback."""
+def feedback(actuator: mujoco.MjsActuator) -> float:
+    """Return an actuator's force per position error; 0 for one without position feedback."""
     return -float(actuator.biasprm[1])
 
 
-def scale_stiffness(actuator: mujoco.MjsActuator, factor: float) -> None:
-    """Multiply a servo's position gain; its damping stays, and so does the angle at which it comes to rest."""
+def stiffness(spec: mujoco.MjSpec, joint: str) -> float:
+    """Return the torque that a joint's servo gives per position error [N·m/rad]; 0 without position feedback."""
+    actuator = part(spec, joint, GAIN)
+    return feedback(actuator) * float(actuator.gear[0]) ** 2
+
+
+def damping(spec: mujoco.MjSpec, joint: str) -> float:
+    """Return the torque that a joint's servo gives against its speed [N·m·s/rad]; negative for a damping ratio."""
+    actuator = part(spec, joint, DAMPING)
+    return -float(actuator.biasprm[2]) * float(actuator.gear[0]) ** 2
+
+
+def scale_stiffness(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
+    """Multiply a servo's position gain; damping and dead band stay, and so does the angle at which it rests."""
+    multiply_feedback(joint_actuator(spec, joint), factor)
+    for name in PARTS:
+        if (other := spec.actuator(joint + name)) is not None:
+            multiply_feedback(other, factor)
+    if (band := spec.actuator(joint + BAND)) is not None:
+        band.forcerange = band.forcerange * factor
+        goal = spec.joint(joint + GOAL)
+        goal.damping, goal.armature = goal.damping * factor, goal.armature * factor
+
+
+def scale_damping(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
+    """Multiply a servo's velocity feedback, which ends where the servo saturates and the joint's damping does not."""
+    actuator = part(spec, joint, DAMPING)
+    bias = actuator.biasprm.copy()
+    bias[2] *= factor
+    actuator.biasprm = bias
+
+
+def multiply_feedback(actuator: mujoco.MjsActuator, factor: float) -> None:
+    """Multiply an actuator's force per position error."""
     bias = actuator.biasprm.copy()
     bias[:2] *= factor
     actuator.biasprm = bias
@@ -46,11 +79,33 @@ def scale_stiffness(actuator: mujoco.MjsActuator, factor: float) -> None:
         actuator.gainprm = gain
 
 
+def part(spec: mujoco.MjSpec, joint: str, name: str) -> mujoco.MjsActuator:
+    """Return a part of a servo with a dead band, or the whole servo where it has none."""
+    if spec.actuator(joint + BAND) is None:
+        return joint_actuator(spec, joint)
+    return spec.actuator(joint + name)
+
+
 def shift_rest(actuator: mujoco.MjsActuator, offset: float) -> None:
     """Let a servo come to rest at its command plus an offset [rad]."""
     bias = actuator.biasprm.copy()
-    bias[0] += stiffness(actuator) * offset
+    bias[0] += feedback(actuator) * offset
     actuator.biasprm = bias
+
+
+def torque_limits(actuator: mujoco.MjsActuator) -> tuple[float, float] | None:
+    """Return the lowest and highest force of an actuator, None where it has no limits."""
+    limited = actuator.forcelimited == mujoco.mjtLimited.mjLIMITED_TRUE or (
+        actuator.forcelimited == mujoco.mjtLimited.mjLIMITED_AUTO and bool(np.any(actuator.forcerange))
+    )
+    return (float(actuator.forcerange[0]), float(actuator.forcerange[1])) if limited else None
+
+
+def limit_torque(joint: mujoco.MjsJoint, low: float, high: float) -> None:
+    """Bound what all actuators together give a joint [N·m]; narrower bounds that it has already stay."""
+    if joint.actfrclimited != mujoco.mjtLimited.mjLIMITED_FALSE and np.any(joint.actfrcrange):
+        low, high = max(low, joint.actfrcrange[0]), min(high, joint.actfrcrange[1])
+    joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_TRUE, [low, high]
 
 
 def actuators_of(spec: mujoco.MjSpec, joint: str | None) -> Iterable[mujoco.MjsActuator]:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from nas_data.drives import driving_actuators
+from nas_data.drives import BAND, driving_actuators, goal_joints, servo_actuators
 from nas_data.effects.command_delay import CommandDelay
 from nas_data.envs.loop.ranges import RANGES, Factors, Ranges
 from nas_data.simulators.base import Stepper
@@ -19,6 +19,7 @@ FIELDS = (
     "dof_armature",
     "actuator_gainprm",
     "actuator_biasprm",
+    "actuator_forcerange",
     "actuator_delay",
 )
 
@@ -43,6 +44,8 @@ class RandomisedStepper(Stepper):
         self.model = stepper.simulator.model
         self.fields = {name: stepper.batch.expand(name) for name in FIELDS}
         self._driven = stepper.layout.dof
+        self._goals = np.isin(self.model.dof_jntid, goal_joints(self.model))
+        self._control, self._bands = controls_of(self.model, self.joints)
         self._torque = np.array([largest_torque(self.model, joint) for joint in self.joints])
 
     def redraw(self, rngs: Sequence[np.random.Generator], rows: np.ndarray | None = None) -> None:
@@ -58,13 +61,17 @@ class RandomisedStepper(Stepper):
         model, fields = self.model, self.fields
         fields["body_mass"][row] = model.body_mass * drawn.mass
         fields["body_inertia"][row] = model.body_inertia * drawn.mass[:, None]
-        fields["dof_damping"][row] = (model.dof_damping.T * drawn.damping).T
-        fields["dof_armature"][row] = model.dof_armature * drawn.armature
+        fields["dof_damping"][row] = (model.dof_damping.T * np.where(self._goals, 1.0, drawn.damping)).T
+        fields["dof_armature"][row] = model.dof_armature * np.where(self._goals, 1.0, drawn.armature)
         friction = model.dof_frictionloss * drawn.friction
         friction[self._driven] += drawn.drag * self._torque
         fields["dof_frictionloss"][row] = friction
-        fields["actuator_gainprm"][row] = model.actuator_gainprm * drawn.gain[:, None]
-        fields["actuator_biasprm"][row] = model.actuator_biasprm * drawn.gain[:, None]  # of a servo, the same gain
+        gain = np.append(drawn.gain, 1.0)[self._control]  # passive actuators that are no servo's keep theirs
+        fields["actuator_gainprm"][row] = model.actuator_gainprm * gain[:, None]
+        fields["actuator_biasprm"][row] = model.actuator_biasprm * gain[:, None]  # of a servo, the same gain
+        fields["actuator_forcerange"][row] = model.actuator_forcerange
+        for band in self._bands:  # a dead band's edge is where its gain has this torque
+            fields["actuator_forcerange"][row][band] *= gain[band]
         fields["actuator_delay"][row] = drawn.delay
 
     @property
@@ -96,6 +103,17 @@ class RandomisedStepper(Stepper):
     def site_positions(self, name: str) -> np.ndarray:
         """Return where a site is [m], shape (B, 3)."""
         return self.stepper.site_positions(name)
+
+
+def controls_of(model: mujoco.MjModel, joints: Sequence[str]) -> tuple[np.ndarray, list[int]]:
+    """Return the control that each actuator belongs to, -1 for none, and the indices of the dead bands."""
+    controls = np.where(model.actuator_ctrlnum > 0, model.actuator_ctrladr, -1)
+    bands = []
+    for joint in joints:
+        servo = servo_actuators(model, model.joint(joint).id)
+        controls[servo] = model.actuator_ctrladr[servo[0]]
+        bands += [actuator for actuator in servo if model.actuator(actuator).name == joint + BAND]
+    return controls, bands
 
 
 def largest_torque(model: mujoco.MjModel, joint: str) -> float:

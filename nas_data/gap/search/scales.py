@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from nas_data.effects.base import Scales, joint_actuator
-from nas_data.effects.edits.servo import stiffness
+from nas_data.effects.edits.servo import damping, stiffness
 from nas_data.gap.evidence import Evidence
 from nas_data.gap.nominal import Nominal
 
@@ -30,8 +30,8 @@ def joint_scales(
     joint = nominal.joints[index]
     actuator = joint_actuator(nominal.spec, joint)
     element = nominal.spec.joint(joint)
-    gain = stiffness(actuator)
-    damping = float(element.damping[0]) - float(actuator.biasprm[2])
+    gain = stiffness(nominal.spec, joint)
+    losses = float(element.damping[0]) + max(damping(nominal.spec, joint), 0.0)
     inertia = float(model.dof_M0[model.joint(joint).dofadr[0]])
     speed = large_speed(evidence, index)
     if gain > 0:
@@ -40,7 +40,7 @@ def joint_scales(
         torque = min(limit, gain * float(np.percentile(errors, 98)))
     else:
         torque = float(np.percentile(np.abs(evidence.commands[..., index]), 98))
-    return Scales(gain or max(torque, 1e-4), damping, inertia, mass, max(torque, 1e-4), max(speed, 1e-2))
+    return Scales(gain or max(torque, 1e-4), losses, inertia, mass, max(torque, 1e-4), max(speed, 1e-2))
 
 
 def large_speed(evidence: Evidence, index: int) -> float:
