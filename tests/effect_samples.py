@@ -6,8 +6,20 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from nas_data.effects.base import Effect, make_effect
+from nas_data.robots.base import Robot
+from nas_data.simulators.mujoco import MujocoSimulator
+
 PERIOD = 0.01
 FINE = 5e-5  # [s] step of the written-down servo
+
+TIMES = PERIOD * np.arange(300)
+SIGNALS = {
+    "ramp": 0.2 * TIMES,
+    "triangle": 0.6 * np.abs((TIMES / 3 + 0.5) % 1 * 2 - 1) - 0.3,
+    "sine": 0.4 * np.sin(2 * np.pi * TIMES),
+    "holds": np.repeat(np.random.default_rng(0).uniform(-0.9, 0.9, 6), 50),
+}
 
 LEVER = """
 <mujoco>
@@ -71,3 +83,21 @@ class Lever:
                 angle += FINE * speed
             angles.append(angle)
         return np.array(angles)
+
+
+def effect(name: str, **values: float) -> Effect:
+    return make_effect(name, "j", values)
+
+
+def simulator(tmp_path, lever: Lever, *effects: Effect) -> MujocoSimulator:
+    file = tmp_path / "lever.xml"
+    file.write_text(lever.spec().to_xml())
+    return MujocoSimulator(Robot(name="lever", mjcf=file, joints=("j",)), PERIOD, effects=effects, threads=1)
+
+
+def simulate(tmp_path, lever: Lever, commands: np.ndarray, *effects: Effect) -> np.ndarray:
+    return simulator(tmp_path, lever, *effects).rollout(np.zeros((1, 2)), commands[None, :, None])[0, :, 0]
+
+
+def rms_degrees(difference: np.ndarray) -> float:
+    return float(np.degrees(np.sqrt(np.mean(difference**2))))

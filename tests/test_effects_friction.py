@@ -5,39 +5,11 @@ import math
 import mujoco
 import numpy as np
 import pytest
-from effect_samples import PERIOD, Lever
+from effect_samples import SIGNALS, Lever, effect, rms_degrees, simulate, simulator
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from nas_data.effects.base import Effect, add_effects, make_effect
-from nas_data.robots.base import Robot
-from nas_data.simulators.mujoco import MujocoSimulator
-
-TIMES = PERIOD * np.arange(300)
-SIGNALS = {
-    "ramp": 0.2 * TIMES,
-    "triangle": 0.6 * np.abs((TIMES / 3 + 0.5) % 1 * 2 - 1) - 0.3,
-    "sine": 0.4 * np.sin(2 * np.pi * TIMES),
-    "holds": np.repeat(np.random.default_rng(0).uniform(-0.9, 0.9, 6), 50),
-}
-
-
-def effect(name: str, **values: float) -> Effect:
-    return make_effect(name, "j", values)
-
-
-def simulator(tmp_path, lever: Lever, *effects: Effect) -> MujocoSimulator:
-    file = tmp_path / "lever.xml"
-    file.write_text(lever.spec().to_xml())
-    return MujocoSimulator(Robot(name="lever", mjcf=file, joints=("j",)), PERIOD, effects=effects, threads=1)
-
-
-def simulate(tmp_path, lever: Lever, commands: np.ndarray, *effects: Effect) -> np.ndarray:
-    return simulator(tmp_path, lever, *effects).rollout(np.zeros((1, 2)), commands[None, :, None])[0, :, 0]
-
-
-def rms_degrees(difference: np.ndarray) -> float:
-    return float(np.degrees(np.sqrt(np.mean(difference**2))))
+from nas_data.effects.base import add_effects
 
 
 def stribeck(torque: float, ratio: float, velocity: float):
@@ -104,63 +76,6 @@ def test_two_stribeck_frictions_in_one_joint_add_up(tmp_path):
     whole = effect("stribeck_friction", torque=0.04, kinetic_ratio=0.5, stribeck_velocity=0.3)
     both, one = (simulate(tmp_path, Lever(), SIGNALS["triangle"], *effects) for effects in (halves, [whole]))
     assert rms_degrees(both - one) < 0.1
-
-
-@pytest.mark.parametrize("signal", SIGNALS)
-@pytest.mark.parametrize("half_width", [0.005, 0.02, 0.06])
-def test_a_dead_band_follows_its_equation(tmp_path, half_width, signal):
-    expected = Lever().move(SIGNALS[signal], ignored=half_width)
-    found = simulate(tmp_path, Lever(), SIGNALS[signal], effect("deadband", half_width=half_width))
-    assert rms_degrees(found - expected) < 0.2
-    assert rms_degrees(Lever().move(SIGNALS[signal]) - expected) > 3 * rms_degrees(found - expected)
-
-
-def test_a_dead_band_leaves_the_servo_its_damping(tmp_path):
-    """Inside and outside the band, as long as the servo does not saturate."""
-    lever = Lever(damping=0.003, friction=0.005, kv=0.0277, limit=1.0)
-    expected = lever.move(SIGNALS["holds"], ignored=0.03)
-    found = simulate(tmp_path, lever, SIGNALS["holds"], effect("deadband", half_width=0.03))
-    assert rms_degrees(found - expected) < 0.4
-    undamped = Lever(damping=0.003, friction=0.005, limit=1.0).move(SIGNALS["holds"], ignored=0.03)
-    assert rms_degrees(undamped - expected) > 5 * rms_degrees(found - expected)
-
-
-@settings(max_examples=10, deadline=None)
-@given(half_width=st.floats(0.005, 0.1), start=st.floats(-0.9, 0.9))
-def test_errors_within_the_dead_band_move_nothing(half_width, start):
-    """A link without friction stays where it is for any error up to the half width, and not beyond."""
-    spec = Lever(friction=0.0).spec()
-    add_effects(spec, [effect("deadband", half_width=half_width)])
-    model = spec.compile()
-    assert model.actuator(0).name == "j"
-    for command, moves in ((start * half_width, False), (half_width + 0.1, True)):
-        data = mujoco.MjData(model)
-        data.ctrl[0] = command
-        mujoco.mj_step(model, data, 2000)
-        assert (abs(data.qpos[0]) > 0.05) == moves
-        if moves:
-            assert 0.098 < data.qpos[0] < 0.102 + 2 * half_width
-        else:
-            assert abs(data.qpos[0]) < 0.3 * half_width
-
-
-def test_two_dead_bands_in_one_servo_add_up():
-    spec = Lever().spec()
-    add_effects(spec, [effect("deadband", half_width=0.02), effect("deadband", half_width=0.03)])
-    whole = Lever().spec()
-    add_effects(whole, [effect("deadband", half_width=0.05)])
-    ranges = [each.compile().actuator("j_band").forcerange for each in (spec, whole)]
-    assert ranges[0] == pytest.approx(ranges[1])
-
-
-def test_a_dead_band_keeps_a_damping_ratio():
-    spec = Lever().spec()
-    spec.actuators[0].set_to_position(kp=0.336, dampratio=1.0)
-    expected = spec.compile().actuator("j").biasprm[:3]
-    add_effects(spec, [effect("deadband", half_width=0.02)])
-    model = spec.compile()
-    assert model.actuator("j_gain").biasprm[:3] == pytest.approx([0.0, expected[1], 0.0])
-    assert model.actuator("j_damping").biasprm[:3] == pytest.approx([0.0, 0.0, expected[2]])
 
 
 @pytest.mark.parametrize("signal", ["triangle", "sine", "holds"])

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from nas_data.drives import BAND, driving_actuators, goal_joints, servo_actuators
+from nas_data.drives import BAND, GOAL, driving_actuators, goal_joints, servo_actuators
 from nas_data.effects.command_delay import CommandDelay
 from nas_data.envs.loop.ranges import RANGES, Factors, Ranges
 from nas_data.simulators.base import Stepper
@@ -44,7 +44,7 @@ class RandomisedStepper(Stepper):
         self.model = stepper.simulator.model
         self.fields = {name: stepper.batch.expand(name) for name in FIELDS}
         self._driven = stepper.layout.dof
-        self._goals = np.isin(self.model.dof_jntid, goal_joints(self.model))
+        self._goal_dof = self.model.jnt_dofadr[goal_joints(self.model)]
         self._control, self._bands = controls_of(self.model, self.joints)
         self._torque = np.array([largest_torque(self.model, joint) for joint in self.joints])
 
@@ -61,12 +61,14 @@ class RandomisedStepper(Stepper):
         model, fields = self.model, self.fields
         fields["body_mass"][row] = model.body_mass * drawn.mass
         fields["body_inertia"][row] = model.body_inertia * drawn.mass[:, None]
-        fields["dof_damping"][row] = (model.dof_damping.T * np.where(self._goals, 1.0, drawn.damping)).T
-        fields["dof_armature"][row] = model.dof_armature * np.where(self._goals, 1.0, drawn.armature)
+        gain = np.append(drawn.gain, 1.0)[self._control]  # passive actuators that are no servo's keep theirs
+        damping, armature = drawn.damping.copy(), drawn.armature.copy()
+        damping[self._goal_dof] = armature[self._goal_dof] = gain[self._bands]  # as quick as the servo that moves it
+        fields["dof_damping"][row] = (model.dof_damping.T * damping).T
+        fields["dof_armature"][row] = model.dof_armature * armature
         friction = model.dof_frictionloss * drawn.friction
         friction[self._driven] += drawn.drag * self._torque
         fields["dof_frictionloss"][row] = friction
-        gain = np.append(drawn.gain, 1.0)[self._control]  # passive actuators that are no servo's keep theirs
         fields["actuator_gainprm"][row] = model.actuator_gainprm * gain[:, None]
         fields["actuator_biasprm"][row] = model.actuator_biasprm * gain[:, None]  # of a servo, the same gain
         fields["actuator_forcerange"][row] = model.actuator_forcerange
@@ -106,14 +108,13 @@ class RandomisedStepper(Stepper):
 
 
 def controls_of(model: mujoco.MjModel, joints: Sequence[str]) -> tuple[np.ndarray, list[int]]:
-    """Return the control that each actuator belongs to, -1 for none, and the indices of the dead bands."""
+    """Return the control that each actuator belongs to, -1 for none, and the dead bands in the order of their goals."""
     controls = np.where(model.actuator_ctrlnum > 0, model.actuator_ctrladr, -1)
-    bands = []
     for joint in joints:
         servo = servo_actuators(model, model.joint(joint).id)
         controls[servo] = model.actuator_ctrladr[servo[0]]
-        bands += [actuator for actuator in servo if model.actuator(actuator).name == joint + BAND]
-    return controls, bands
+    goals = [model.joint(joint).name for joint in goal_joints(model)]
+    return controls, [model.actuator(name.removesuffix(GOAL) + BAND).id for name in goals]
 
 
 def largest_torque(model: mujoco.MjModel, joint: str) -> float:
