@@ -1,8 +1,8 @@
 """What a plant is: an arm with something hidden in it that plays commands and shows where its links are."""
 
 import math
-from collections.abc import Iterator, Sequence
-from typing import Protocol
+from collections.abc import Callable, Iterator, Sequence
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
@@ -18,6 +18,10 @@ from nas_data.errors import UnknownName
 
 SUFFIX = "_plant"  # of the files that are plants
 SETTLE = 0.5  # [s] for which the first pose is commanded before an episode begins, unless said otherwise
+
+
+# states (C, E, T + 1, 2n) of C arms alike under commands (E, T, n) from poses (E, n) at a control period [s]
+Simulate: TypeAlias = Callable[[list[Body], np.ndarray, np.ndarray, float], np.ndarray]
 
 
 class Play(Protocol):
@@ -58,6 +62,26 @@ def find_plant(name: str) -> Play:
     if name not in plants:
         raise UnknownName("plant", name, plants)
     play: Play = registry.module("blind.plants", name + SUFFIX, "plant").play
+    return play
+
+
+def player(simulate: Simulate) -> Play:
+    """Return a plant's `play` from its simulation of arms that are alike."""
+
+    def play(
+        arm: Arm,
+        truths: Sequence[Truth],
+        commands: np.ndarray,
+        poses: np.ndarray,
+        period: float,
+        settle: float = SETTLE,
+    ) -> np.ndarray:
+        whole, held = with_settling(commands, poses, period, settle)
+        result = np.empty((len(truths), len(commands), whole.shape[1] + 1, 2 * commands.shape[2]))
+        for rows, bodies in alike(arm, truths):
+            result[rows] = simulate(bodies, whole, poses, period)
+        return result[:, :, held:]
+
     return play
 
 

@@ -1,39 +1,20 @@
 """The same drives on PyBullet's multibody: its dynamics and its integration, our servos, friction and transmissions."""
 
 import tempfile
-from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 
-from nas_data.blind.arms import Arm
-from nas_data.blind.plants.base import SETTLE, alike, starting, told, with_settling
+from nas_data.blind.plants.base import player, starting, told
 from nas_data.blind.plants.body import Body, stacked
 from nas_data.blind.plants.drive import REFRESH, STEP, Drive
 from nas_data.blind.plants.motion import Motion
 from nas_data.blind.plants.urdf import to_urdf
-from nas_data.blind.truth import Truth
 from nas_data.simulators.bullet_world import import_pybullet, silence
 
 UNBOUNDED = 1e5  # [rad/s] PyBullet's own bound, 100 rad/s, is no physics
 LEAD = (REFRESH - STEP) / 2  # [s] by which PyBullet's positions run ahead: its step adds the speed at its end
-
-
-def play(
-    arm: Arm,
-    truths: Sequence[Truth],
-    commands: np.ndarray,
-    poses: np.ndarray,
-    period: float,
-    settle: float = SETTLE,
-) -> np.ndarray:
-    """Play episodes under each truth; see `Play`."""
-    whole, held = with_settling(commands, poses, period, settle)
-    result = np.empty((len(truths), len(commands), whole.shape[1] + 1, 2 * commands.shape[2]))
-    for rows, bodies in alike(arm, truths):
-        result[rows] = simulate(bodies, whole, poses, period)
-    return result[:, :, held:]
 
 
 def simulate(bodies: list[Body], commands: np.ndarray, poses: np.ndarray, period: float) -> np.ndarray:
@@ -51,6 +32,9 @@ def simulate(bodies: list[Body], commands: np.ndarray, poses: np.ndarray, period
                 move(motion, worlds, episodes)
             measured[:, step + 1] = motion.state(n)
     return measured.reshape(len(bodies), episodes, steps + 1, 2 * n)
+
+
+play = player(simulate)
 
 
 def move(motion: Motion, worlds: "list[BulletArms]", episodes: int) -> None:

@@ -1,31 +1,11 @@
 """An arm written in NumPy from the equations alone, no physics engine beneath: every episode at once."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from nas_data.blind.arms import Arm
-from nas_data.blind.plants.base import SETTLE, alike, chain_of, starting, told, with_settling
+from nas_data.blind.plants.base import chain_of, player, starting, told
 from nas_data.blind.plants.body import Body, stacked
 from nas_data.blind.plants.drive import REFRESH, Drive
 from nas_data.blind.plants.motion import Motion
-from nas_data.blind.truth import Truth
-
-
-def play(
-    arm: Arm,
-    truths: Sequence[Truth],
-    commands: np.ndarray,
-    poses: np.ndarray,
-    period: float,
-    settle: float = SETTLE,
-) -> np.ndarray:
-    """Play episodes under each truth; see `Play`."""
-    whole, held = with_settling(commands, poses, period, settle)
-    result = np.empty((len(truths), len(commands), whole.shape[1] + 1, 2 * commands.shape[2]))
-    for rows, bodies in alike(arm, truths):
-        result[rows] = simulate(bodies, whole, poses, period)
-    return result[:, :, held:]
 
 
 def simulate(bodies: list[Body], commands: np.ndarray, poses: np.ndarray, period: float) -> np.ndarray:
@@ -43,3 +23,6 @@ def simulate(bodies: list[Body], commands: np.ndarray, poses: np.ndarray, period
             motion.advance(*chain.dynamics(motion.q, motion.v))
         measured[:, step + 1] = motion.state(n)
     return measured.reshape(len(bodies), episodes, steps + 1, 2 * n)
+
+
+play = player(simulate)
