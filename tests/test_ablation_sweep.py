@@ -322,7 +322,7 @@ def test_bad_input_is_one_sentence_and_writes_nothing(place, here, options, sent
 
 def test_an_unpaired_dataset_cannot_teach_phi_and_a_source_is_asked_for(place, here):
     answer = nas("ablate", place.raw, "--counts", "2")
-    assert answer.code == 2 and "is not paired, and the kind delta" in answer.err and "nas pair" in answer.err
+    assert answer.code == 2 and "The kind delta learns from" in answer.err and "nas pair" in answer.err
     answer = nas("ablate", place.raw, "--counts", "2", "--kinds", "named")
     assert answer.code == 2 and "keeps none; give --model" in answer.err
     content = done("ablate", place.raw, "--counts", "2", "--kinds", "forward", "--seeds", "0", *BRIEF, "--json").json

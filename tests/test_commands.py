@@ -305,3 +305,14 @@ def test_json_on_stdout_is_json_and_nothing_else(place, here, words):
     content = done(*words.split(), *arguments[words], "--json").json
     assert isinstance(content, dict)
     assert content
+
+
+def test_who_paired_a_recording_in_its_own_folder_is_shown_the_pairs(place, here):
+    """`datasets/NAME` may be a dataset itself; `nas pair` then puts the pairs below it."""
+    recording = write(read(place.raw), Path("datasets/swings"), SIMULATED)
+    answer = nas("train", "delta", recording, "--out", "phi", *FAST)
+    assert answer.code == 2 and "nas pair datasets/swings" in answer.err
+    paired = done("pair", recording, "--model", "pendulum", "--json").json["dataset"]
+    answer = nas("train", "delta", recording, "--out", "phi", *FAST)
+    assert answer.code == 2 and f"give its paired version, {paired}" in answer.err
+    done("train", "delta", paired, "--out", "phi", *FAST)

@@ -8,6 +8,7 @@ from nas_data.ablation.sweep import Plan
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.episode_hash import episode_hashes
 from nas_data.dataset.features import ACTION, STATE
+from nas_data.dataset.versions import check_paired
 from nas_data.errors import DatasetInvalid, JointMismatch, ModelFileError, OptionError
 from nas_data.pairing import check_fits, check_source
 from nas_data.simulators.engines import ENGINES
@@ -58,11 +59,8 @@ def check_sources(plan: Plan, dataset: Dataset, kinds: dict[str, Kind]) -> None:
     """Refuse kinds whose source or pairs are missing."""
     material, source = plan.material, plan.material.source()
     for name, kind in kinds.items():
-        if kind.needs_pairs and not dataset.paired:
-            raise DatasetInvalid(
-                f"{material.root} is not paired, and the kind {name} learns from the source's predictions: "
-                "run `nas pair` on it first, or leave it out (--kinds forward)."
-            )
+        if kind.needs_pairs:
+            check_paired(material.root, dataset, f"The kind {name}", ", or leave it out (--kinds forward)")
         if kind.needs_source and source is None:
             raise ModelFileError(
                 f"The kind {name} needs a source, and {material.root} keeps none; give --model MODEL.xml."

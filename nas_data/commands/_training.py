@@ -72,6 +72,8 @@ class Train(Command):
         )
         root = versions.resolve(self.dataset)
         full = read(root)
+        if self.kind == "delta":
+            versions.check_paired(root, full, "A delta model")
         dataset, derived = as_transitions(full.select(self.episodes) if self.episodes else full)
         notes = [f"derived {key}: {how}" for key, how in derived.items()]
         parent = versions.parent_of(root, full)

@@ -16,7 +16,7 @@ from nas_data.dataset.layout import INFO, SOURCE, SOURCE_EFFECTS
 from nas_data.dataset.provenance import Parent, Provenance, read_provenance
 from nas_data.dataset.staging import check_creatable, publish, staged
 from nas_data.dataset.write import fill, write
-from nas_data.errors import DatasetNotFound, OptionError
+from nas_data.errors import DatasetInvalid, DatasetNotFound, OptionError
 
 FOLDER = Path("datasets")
 VERSION = re.compile(r"v(\d+)-([0-9a-f]{8})")
@@ -43,6 +43,32 @@ def list_versions(folder: Path) -> list[Path]:
         return []
     found = [path for path in folder.iterdir() if VERSION.fullmatch(path.name) and (path / INFO).is_file()]
     return sorted(found, key=lambda path: (_number(path), path.name))
+
+
+def paired_below(root: Path) -> Path | None:
+    """Return the newest paired version in a dataset's own folder, where `nas pair` puts it if that is datasets/NAME."""
+    paired = [path for path in list_versions(root) if (path / SOURCE).is_file()]
+    return paired[-1] if paired else None
+
+
+def check_paired(root: Path, dataset: Dataset, who: str, otherwise: str = "") -> None:
+    """Refuse a dataset without a source's predictions.
+
+    Args:
+        root: Where it lies.
+        dataset: The dataset.
+        who: Learns from the predictions.
+        otherwise: What else could be done about it, for the error.
+
+    Raises:
+        DatasetInvalid: names the version that has them, or how to make one.
+    """
+    if dataset.paired:
+        return
+    below = paired_below(root)
+    remedy = f"give its paired version, {below}" if below else f"run `nas pair {root}` first"
+    lacking = f"{who} learns from the source's predictions, which {root} does not hold"
+    raise DatasetInvalid(f"{lacking}: {remedy}{otherwise}.")
 
 
 def identity(path: Path) -> str:
