@@ -7,6 +7,7 @@ import pytest
 from test_gap_workflow import ARM, recorded
 
 from nas_data.cli import main
+from nas_data.gap.summary import summary
 from nas_data.models.checkpoint import find, load_frozen
 from nas_data.simulators.mujoco import MujocoSimulator
 
@@ -36,3 +37,9 @@ def test_the_checkpoint_knows_the_model_with_the_names(report: tuple[Path, dict]
     model = load_frozen(find(folder / "phi"))
     assert model.kind == "delta"
     assert model.provenance["source"] == MujocoSimulator.load(folder / "model.xml", 0.01).describe()
+
+
+def test_an_earlier_phi_is_called_one(report: tuple[Path, dict]):
+    folder, content = report
+    assert "earlier" not in summary(content, folder)
+    assert "earlier report" in summary({**content, "shares": {**content["shares"], "learned": None}}, folder)

@@ -22,6 +22,7 @@ class Backlash(Effect):
     half_width: float
 
     parameters: ClassVar = (Parameter("half_width", "rad", 0.0, 0.2, 0.0),)
+    late: ClassVar = 1
     equation: ClassVar = "q = q_servo + p, |p| ≤ half_width"
     source: ClassVar = "MuJoCo documentation, Modeling, Backlash: two hinges on one axis"
     signature: ClassVar = (

@@ -70,7 +70,8 @@ class Effect:
         in_model: Whether the edited model alone expresses it; otherwise only with its hook.
         replaces: Base parameter of its joint that it sets itself, so that both are not sought at once; or nothing.
         strains: Kind of base parameter that strays where this is missing, if none is replaced.
-        late: Whether its edit is fitted to what others change (gains, inertia), and so comes after theirs.
+        late: Rank of its edit: one that is fitted to what others change (masses, gains, the joints that there are)
+            comes after theirs.
     """
 
     joint: str | None = None
@@ -79,7 +80,7 @@ class Effect:
     whole_arm: ClassVar[bool] = False
     per_joint: ClassVar[bool] = True
     in_model: ClassVar[bool] = True
-    late: ClassVar[bool] = False
+    late: ClassVar[int] = 0
     replaces: ClassVar[str] = ""
     strains: ClassVar[str] = ""
     equation: ClassVar[str] = ""

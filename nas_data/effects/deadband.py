@@ -23,7 +23,7 @@ class Deadband(Effect):
     half_width: float
 
     parameters: ClassVar = (Parameter("half_width", "rad", 0.0, 0.2, 0.0),)
-    late: ClassVar = True
+    late: ClassVar = 2
     equation: ClassVar = "torque = kp · dz(command − q) − kv · dq/dt, dz(e) = sign(e) · max(|e| − half_width, 0)"
     source: ClassVar = "Robotis e-manuals, compliance margin of AX and MX servos"
     signature: ClassVar = (

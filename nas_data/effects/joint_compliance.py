@@ -8,7 +8,7 @@ from typing import ClassVar
 import mujoco
 
 from nas_data.effects.base import Effect, Parameter, Scales
-from nas_data.effects.edits.series import SMALLEST_ARMATURE, add_series_joint
+from nas_data.effects.edits.series import add_series_joint, lacking_inertia
 
 LOSS_TIME = 1e-3  # [s] damping over stiffness: a tenth of critical at 100 rad/s, typical of plastic gears
 
@@ -20,6 +20,7 @@ class JointCompliance(Effect):
     stiffness: float
 
     parameters: ClassVar = (Parameter("stiffness", "N·m/rad", 0.05, 1e6, math.inf),)
+    late: ClassVar = 1
     equation: ClassVar = "q = q_servo + s, torque = stiffness · s + 1 ms · stiffness · ds/dt"
     source: ClassVar = "Flexible-joint model, Spong 1987 (doi:10.1115/1.3143860)"
     signature: ClassVar = (
@@ -41,5 +42,5 @@ class JointCompliance(Effect):
         total = self.stiffness * present / (self.stiffness + present) if present else self.stiffness
         flex.stiffness = [total, 0.0, 0.0]
         flex.damping = [total * LOSS_TIME, 0.0, 0.0]
-        # keeps the spring's own frequency below what the timestep resolves; invisible where the spring is stiff
-        flex.armature = max(SMALLEST_ARMATURE, total * spec.option.timestep**2)
+        # keeps the spring's own frequency below what the timestep resolves; nothing where the link itself is slow enough
+        flex.armature = max(flex.armature, lacking_inertia(spec, self.joint, total * spec.option.timestep**2))

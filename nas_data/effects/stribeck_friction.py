@@ -28,7 +28,7 @@ class StribeckFriction(Effect):
         Parameter("kinetic_ratio", "", 0.2, 1.0, 1.0),
         Parameter("stribeck_velocity", "rad/s", 0.02, 5.0, 1.0),
     )
-    late: ClassVar = True
+    late: ClassVar = 2
     replaces: ClassVar = "frictionloss"
     equation: ClassVar = (
         "friction = torque · (kinetic_ratio + (1 − kinetic_ratio) · exp(−(v / stribeck_velocity)²)) · sign(v), "

@@ -33,6 +33,8 @@ def summary(report: Mapping[str, object], folder: Path) -> str:
     )
     if report.get("next_experiment"):
         lines.append(f"record next: {report['next_experiment']}")
+    if (folder / "phi").is_dir() and not mapping(report["shares"]).get("learned"):
+        lines.append(f"{folder / 'phi'} is what an earlier report learned on top; --learn replaces it")
     return "\n".join([*lines, f"{folder / 'report.html'}", f"{folder / 'model.xml'}"])
 
 

@@ -10,6 +10,7 @@ from nas_data.errors import ModelFileError
 
 ROTOR = "_rotor"  # suffix of the link that carries a joint's reflected inertia
 LEAST_MASS = 1e-6  # [kg] of links that have none, which physics engines refuse
+LEAST_ROTOR = 1e-6  # [kg m²] with which torques between joints in series have something to act on
 LEAST_INERTIA = 1e-9  # [kg m²] of such links, far below any armature
 
 
@@ -46,7 +47,7 @@ def to_urdf(model: mujoco.MjModel) -> Export:
     for body in range(1, model.nbody):
         anchors[body] = add_body(robot, model, body, anchors[int(model.body_parentid[body])])
     for joint in range(model.njnt):
-        if model.dof_armature[model.jnt_dofadr[joint]] > 0:
+        if rotor_inertia(model, joint) > 0:
             add_rotor(robot, model, joint)
             rotors.append(joint)
     Xml.indent(robot)
@@ -138,10 +139,16 @@ def add_fixed(robot: Xml.Element, parent: str, child: str, position: np.ndarray,
     Xml.SubElement(element, "child", link=child)
 
 
+def rotor_inertia(model: mujoco.MjModel, joint: int) -> float:
+    """Return a joint's reflected inertia [kg m²]; a little of it for joints in series, between which is next to none."""
+    series = model.body_jntnum[model.jnt_bodyid[joint]] > 1
+    return max(float(model.dof_armature[model.jnt_dofadr[joint]]), LEAST_ROTOR if series else 0.0)
+
+
 def add_rotor(robot: Xml.Element, model: mujoco.MjModel, joint: int) -> None:
     """Add the flywheel of a joint's reflected inertia, on the base, where no other joint turns it."""
     name = model.joint(joint).name + ROTOR
-    inertia = float(model.dof_armature[model.jnt_dofadr[joint]])
+    inertia = rotor_inertia(model, joint)
     link = Xml.SubElement(robot, "link", name=name)
     add_inertia(link, LEAST_MASS, np.full(3, inertia), np.zeros(3), np.array([1.0, 0, 0, 0]))
     element = Xml.SubElement(robot, "joint", name=name, type="continuous")

@@ -6,7 +6,8 @@ import mujoco
 
 from nas_data.dataset.features import POSITION
 
-SMALLEST_ARMATURE = 2e-5  # [kg m²] a hinge with less inertia than this rings at 2 ms
+SMALLEST = 2e-5  # [kg m²] a hinge that carries less inertia than this rings at 2 ms
+SURE = 0.5  # part of a link's inertia in the reference posture that it has in nearly all postures
 
 
 def add_series_joint(spec: mujoco.MjSpec, joint: str, suffix: str) -> mujoco.MjsJoint:
@@ -24,13 +25,22 @@ def add_series_joint(spec: mujoco.MjSpec, joint: str, suffix: str) -> mujoco.Mjs
     if (existing := spec.joint(name)) is not None:
         return existing
     first = spec.joint(joint)
+    # a servo without rotor inertia would be left with none at all
+    armature = max(lacking_inertia(spec, joint, SMALLEST), SMALLEST - first.armature)
     second = first.parent.add_joint(name=name, type=first.type, pos=first.pos, axis=first.axis)
     if first.frame is not None:
         second.set_frame(first.frame)
     clear_defaults(second)
-    second.armature = SMALLEST_ARMATURE
+    second.armature = armature
     measured_tendon(spec, joint).wrap_joint(name, 1.0)
     return second
+
+
+def lacking_inertia(spec: mujoco.MjSpec, joint: str, wanted: float) -> float:
+    """Return the rotor inertia that a second hinge needs beside its link's for a wanted one [kg·m²]; often none."""
+    model = spec.compile()
+    dof = int(model.joint(joint).dofadr[0])
+    return max(0.0, wanted - SURE * float(model.dof_M0[dof] - model.dof_armature[dof]))
 
 
 def clear_defaults(joint: mujoco.MjsJoint) -> None:
