@@ -74,6 +74,30 @@ def test_a_spring_in_the_joint_yields_in_proportion_to_the_load(stiffness):
     assert data.qpos[1] == pytest.approx(0.1 / stiffness, rel=0.01)
 
 
+@pytest.mark.parametrize("inertia", [2e-4, 7e-5, 4e-5])
+def test_a_light_link_swings_on_its_spring_at_its_own_frequency(inertia):
+    """Inertia that only serves the integration must not be felt where the link has enough of its own."""
+    stiffness, rotor = 0.25, 0.01
+    xml = (
+        '<mujoco><option timestep="0.0005" integrator="implicitfast" gravity="0 0 0"/><worldbody><body>'
+        f'<joint name="j" axis="0 0 1" armature="{rotor}"/><inertial pos="0 0 0" mass="0.01" diaginertia="{inertia} '
+        f'{inertia} {inertia}"/></body></worldbody><actuator><position name="j" joint="j" kp="1"/></actuator></mujoco>'
+    )
+    spec = mujoco.MjSpec.from_string(xml)
+    add_effects(spec, [parse(f"joint_compliance:joint=j,stiffness={stiffness}")])
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.joint("j_flex").qpos[0] = 0.1
+    stretch = []
+    for _ in range(2000):
+        mujoco.mj_step(model, data)
+        stretch.append(data.joint("j_flex").qpos[0])
+    turns = np.flatnonzero(np.diff(np.sign(stretch)) != 0)
+    period = 2 * np.mean(np.diff(turns)) * 0.0005
+    reduced = 1 / (1 / inertia + 1 / rotor)
+    assert period == pytest.approx(2 * np.pi * np.sqrt(reduced / stiffness), rel=0.01)
+
+
 def test_a_stiff_spring_stays_stable_on_the_lightest_link():
     arm = MujocoSimulator.load("ergojr", 0.01, effects=[parse("joint_compliance:joint=m6,stiffness=100")], threads=1)
     commands = np.repeat(np.random.default_rng(0).uniform(-0.9, 0.9, (1, 6, 6)), 50, axis=1)
