@@ -28,4 +28,5 @@ class ExperimentFigure6(PolicyExperimentCommand):
         from dataclasses import replace
 
         sizes = super().sizes()
-        return replace(sizes, counts=self.counts or sizes.counts)
+        counts = self.counts or sizes.counts
+        return replace(sizes, counts=counts, trajectories=max(counts) if sizes.quick else sizes.trajectories)

@@ -42,5 +42,5 @@ class JointCompliance(Effect):
         total = self.stiffness * present / (self.stiffness + present) if present else self.stiffness
         flex.stiffness = [total, 0.0, 0.0]
         flex.damping = [total * LOSS_TIME, 0.0, 0.0]
-        # keeps the spring's own frequency below what the timestep resolves; nothing where the link itself is slow enough
+        # keeps the spring below what the timestep resolves; nothing where the link itself is slow enough
         flex.armature = max(flex.armature, lacking_inertia(spec, self.joint, total * spec.option.timestep**2))

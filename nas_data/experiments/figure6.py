@@ -10,7 +10,7 @@ from nas_data.envs.base import find_task_file
 from nas_data.errors import OptionError
 from nas_data.experiments.base import Experiment, Request, Result, Table
 from nas_data.experiments.pipeline.authors import RETURN_BY_COUNT
-from nas_data.experiments.pipeline.comparing import hyperparameters, median_interval, run_study
+from nas_data.experiments.pipeline.comparing import hyperparameters, median_text, run_study
 from nas_data.experiments.pipeline.counting import CountJob, do_count
 from nas_data.experiments.pipeline.material import Material
 from nas_data.experiments.pipeline.methods import METHODS, on_source, target
@@ -141,10 +141,9 @@ def table(request: Request, environment: str, counts: tuple[int, ...], returns: 
 
 def cells(values: np.ndarray) -> tuple[str, str, str]:
     """Return the number of seeds, median with its interval, and extremes."""
-    low, high = median_interval(values)
     return (
         str(len(values)),
-        f"{np.median(values):.2f} [{low:.2f}, {high:.2f}]",
+        median_text(values),
         f"{values.min():.2f} … {values.max():.2f}",
     )
 

@@ -26,9 +26,11 @@ class Share:
     at_stake: float
 
     def __str__(self) -> str:
-        """Return it in per cent, with its interval."""
+        """Return it in per cent, with its interval unless all resamples are alike, as those of a single seed are."""
         if np.isnan(self.value):
             return "nothing at stake"
+        if self.low == self.high:
+            return f"{self.value:.0%}"
         return f"{self.value:.0%} [{self.low:.0%}, {self.high:.0%}]"
 
     def describe(self) -> dict[str, object]:

@@ -140,7 +140,7 @@ def add_fixed(robot: Xml.Element, parent: str, child: str, position: np.ndarray,
 
 
 def rotor_inertia(model: mujoco.MjModel, joint: int) -> float:
-    """Return a joint's reflected inertia [kg m²]; a little of it for joints in series, between which is next to none."""
+    """Return a joint's reflected inertia [kg m²]; joints in series, with next to nothing between, have a little."""
     series = model.body_jntnum[model.jnt_bodyid[joint]] > 1
     return max(float(model.dof_armature[model.jnt_dofadr[joint]]), LEAST_ROTOR if series else 0.0)
 

@@ -71,6 +71,14 @@ def median_interval(values: np.ndarray) -> tuple[float, float]:
     return float(low), float(high)
 
 
+def median_text(values: np.ndarray) -> str:
+    """Return the median over seeds with its interval, which a single seed does not have."""
+    if len(values) < 2:
+        return f"{np.median(values):.2f}"
+    low, high = median_interval(values)
+    return f"{np.median(values):.2f} [{low:.2f}, {high:.2f}]"
+
+
 def table(comparison: Comparison, environment: str, title: str) -> Table:
     """Return the comparison as a table, the authors' means beside ours."""
     rows = [row(comparison, environment, method) for method in comparison.study.methods]
@@ -80,13 +88,12 @@ def table(comparison: Comparison, environment: str, title: str) -> Table:
 def row(comparison: Comparison, environment: str, method: str) -> Sequence[str]:
     """Return one method's row."""
     returns, closed = comparison.values(method), comparison.share_closed(method)
-    low, high = median_interval(returns)
     authors = RETURNS.get(find_task_file(environment), {}).get(method)
     return (
         method,
         METHODS[method].learned_on,
         str(len(returns)),
-        f"{np.median(returns):.2f} [{low:.2f}, {high:.2f}]",
+        median_text(returns),
         f"{returns.min():.2f} … {returns.max():.2f}",
         f"{np.median(comparison.values(method, 'success_rate')):.0%}",
         "" if closed is None else str(closed),
