@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from nas_data.blind.plants.constants import Constants
+from nas_data.blind.plants.numbers import Hideable, Links, Servos
 from nas_data.blind.plants.vectors import about
 from nas_data.blind.truth import Base
 
@@ -23,52 +24,13 @@ PENDULUM = {
 
 
 @dataclass
-class Body:
-    """One arm. Arrays have one row a joint (or its link), in SI units; see `Constants` and the contract's table.
+class Body(Hideable, Servos, Links):
+    """One arm with what hides in it.
 
     Attributes:
-        stribeck: Break-away torque that falls to `kinetic_ratio` of it around `stribeck_velocity`.
-        speed: Rate at which the servo's goal moves.
-        play: Half width of the free play.
-        spring: Stiffness of the transmission; infinite for a rigid one.
-        flank: Stiffness of a gear's flank, where play ends [N m/rad].
-        cogs: Amplitude of a torque that goes with the motor's angle, `cog_count` periods a turn.
-        cable: Stiffness of a cable that pulls towards `cable_angle` from the side `cable_side` of it.
         driven: Number of joints with a servo; a swinging load is one more, undriven.
     """
 
-    offsets: np.ndarray
-    turns: np.ndarray
-    axes: np.ndarray
-    masses: np.ndarray
-    centres: np.ndarray
-    inertias: np.ndarray
-    gravity: np.ndarray
-    damping: np.ndarray
-    armature: np.ndarray
-    friction: np.ndarray
-    gain: np.ndarray
-    servo_damping: np.ndarray
-    force: np.ndarray
-    control: np.ndarray
-    viscous: np.ndarray
-    stribeck: np.ndarray
-    kinetic_ratio: np.ndarray
-    stribeck_velocity: np.ndarray
-    load_ratio: np.ndarray
-    delay: np.ndarray
-    speed: np.ndarray
-    offset: np.ndarray
-    deadband: np.ndarray
-    play: np.ndarray
-    spring: np.ndarray
-    flank: np.ndarray
-    cogs: np.ndarray
-    cog_count: np.ndarray
-    cog_phase: np.ndarray
-    cable: np.ndarray
-    cable_angle: np.ndarray
-    cable_side: np.ndarray
     driven: int
 
     @classmethod

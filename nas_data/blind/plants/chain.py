@@ -1,34 +1,15 @@
 """Rigid-body dynamics of serial chains, many at once: composite inertias for M(q), Newton-Euler for the bias."""
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from nas_data.blind.plants.numbers import Links
 from nas_data.blind.plants.vectors import cross, from_here_on, skew
 
 
-@dataclass(frozen=True)
-class Chain:
-    """B simulations of a serial chain of n hinges, each link carried by the one before it.
-
-    Attributes:
-        offsets: Each joint in the frame of the link before it [m], shape (B, n, 3).
-        turns: Each link's rotation in that frame at angle zero, shape (B, n, 3, 3).
-        axes: Each joint's axis in its link's frame, shape (B, n, 3).
-        masses: Of each link [kg], shape (B, n).
-        centres: Centre of mass in the link's frame [m], shape (B, n, 3).
-        inertias: About the centre of mass, in the link's frame [kg m²], shape (B, n, 3, 3).
-        gravity: In the base's frame [m/s²], shape (B, 3).
-    """
-
-    offsets: np.ndarray
-    turns: np.ndarray
-    axes: np.ndarray
-    masses: np.ndarray
-    centres: np.ndarray
-    inertias: np.ndarray
-    gravity: np.ndarray
+class Chain(Links):
+    """B simulations of a serial chain, every number with a leading axis of B."""
 
     @cached_property
     def _rodrigues(self) -> tuple[np.ndarray, np.ndarray]:

@@ -5,47 +5,20 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from nas_data.blind.plants.numbers import Links, Servos
 from nas_data.blind.plants.vectors import rotation
 from nas_data.errors import ModelFileError
 
 
-@dataclass(frozen=True)
-class Constants:
+@dataclass
+class Constants(Servos, Links):
     """A serial arm of n hinges, each with a position servo.
 
     Attributes:
         joints: Names, from the base on.
-        offsets: Each joint in the frame of the link before it [m], shape (n, 3).
-        turns: Each link's rotation in that frame at angle zero, shape (n, 3, 3).
-        axes: Each joint's axis in its link's frame, shape (n, 3).
-        masses: Of the links [kg], shape (n,).
-        centres: Centres of mass in the links' frames [m], shape (n, 3).
-        inertias: About the centres of mass, in the links' frames [kg m²], shape (n, 3, 3).
-        gravity: [m/s²], shape (3,).
-        damping: Joint damping [N m s/rad], shape (n,).
-        armature: Reflected inertia [kg m²], shape (n,).
-        friction: Coulomb friction [N m], shape (n,).
-        gain: Servo's position gain [N m/rad], shape (n,).
-        servo_damping: Servo's own damping, within its saturation [N m s/rad], shape (n,).
-        force: Lowest and highest torque of the servo [N m], shape (n, 2).
-        control: Lowest and highest command [rad], shape (n, 2).
     """
 
     joints: tuple[str, ...]
-    offsets: np.ndarray
-    turns: np.ndarray
-    axes: np.ndarray
-    masses: np.ndarray
-    centres: np.ndarray
-    inertias: np.ndarray
-    gravity: np.ndarray
-    damping: np.ndarray
-    armature: np.ndarray
-    friction: np.ndarray
-    gain: np.ndarray
-    servo_damping: np.ndarray
-    force: np.ndarray
-    control: np.ndarray
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> "Constants":

@@ -5,6 +5,8 @@ from functools import cached_property
 
 import numpy as np
 
+from nas_data.blind.plants.numbers import Hideable, Servos
+
 STEP = 2.5e-4  # [s] physics step of the drives
 REFRESH = 1e-3  # [s] for which mass matrix and bias torques are held
 SWEEPS = 3  # of the friction solver; it starts from the step before, so the torques are settled
@@ -13,35 +15,9 @@ STOP_RATE = 0.3 / STEP  # [rad/s] frequency of a link on the flank of its gear: 
 FLANK_LOSS = 1.4  # twice the damping ratio of a tooth that hits its flank
 
 
-@dataclass(frozen=True)
-class Drive:
-    """Numbers of n drives in B arms, each of shape (B, n) but `force` and `control`, (B, n, 2); see `Body`."""
-
-    gain: np.ndarray
-    servo_damping: np.ndarray
-    damping: np.ndarray
-    armature: np.ndarray
-    friction: np.ndarray
-    force: np.ndarray
-    control: np.ndarray
-    viscous: np.ndarray
-    stribeck: np.ndarray
-    kinetic_ratio: np.ndarray
-    stribeck_velocity: np.ndarray
-    load_ratio: np.ndarray
-    delay: np.ndarray
-    speed: np.ndarray
-    offset: np.ndarray
-    deadband: np.ndarray
-    play: np.ndarray
-    spring: np.ndarray
-    flank: np.ndarray
-    cogs: np.ndarray
-    cog_count: np.ndarray
-    cog_phase: np.ndarray
-    cable: np.ndarray
-    cable_angle: np.ndarray
-    cable_side: np.ndarray
+@dataclass
+class Drive(Hideable, Servos):
+    """Numbers of n drives in B arms, each of shape (B, n) but `force` and `control`, (B, n, 2)."""
 
     @classmethod
     def of(cls, numbers: dict[str, np.ndarray]) -> "Drive":
