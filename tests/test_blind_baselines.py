@@ -9,12 +9,15 @@ from blind_samples import arms, positions, shorten, steps
 from nas_data import registry
 from nas_data.blind.baselines import one_step, phi, sysid
 from nas_data.blind.baselines.base import find_baseline
+from nas_data.blind.best import least_error
 from nas_data.blind.case import Episodes
 from nas_data.blind.draw import draw_case
 from nas_data.blind.fresh import Fresh
+from nas_data.blind.judge import Judge
 from nas_data.blind.settings.xl320 import SENSOR
 from nas_data.blind.truth import Base, Hidden, Truth
-from nas_data.blind.write import DATASET, NOMINAL, write_case
+from nas_data.blind.write import ANSWER, DATASET, NOMINAL, write_case
+from nas_data.dataset.layout import read_json
 
 
 @pytest.fixture
@@ -58,3 +61,25 @@ def test_the_learned_residual_names_nothing_and_predicts(weak_servo, monkeypatch
     claim = phi.answer(weak_servo / DATASET, weak_servo / NOMINAL)
     assert not claim.findings
     assert np.isfinite(Fresh.load(weak_servo, arms()[0].joints).error(claim.predict))
+
+
+def test_who_knows_the_answer_leaves_least(weak_servo):
+    fresh = Fresh.load(weak_servo, arms()[0].joints)
+    answer = read_json(weak_servo / ANSWER)
+    errors = fresh.errors_of_models(weak_servo, weak_servo / NOMINAL)
+    least = least_error(weak_servo, answer, fresh)
+    assert fresh.floor < least < 0.5 * errors["before"]
+    assert least_error(weak_servo, {**answer, "effects": []}, fresh) == pytest.approx(errors["before"], rel=0.1)
+    for beyond in (
+        {"effect": "cable", "joint": "m3"},
+        {"effect": "load_friction", "joint": "m3", "parameters": {"ratio": 0.3}},
+    ):
+        assert least_error(weak_servo, {**answer, "effects": [beyond]}, fresh) is None
+
+
+def test_a_record_of_before_is_completed_where_the_case_still_tells(weak_servo):
+    record = {"fresh": {"floor": 1.0, "after": 2.0}}
+    whole = Judge(lambda *_: None).complete(record, weak_servo)
+    assert whole["fresh"]["least"] > 0 and whole["fresh"]["after"] == 2.0
+    assert Judge(lambda *_: None).complete(whole, weak_servo) is whole
+    assert Judge(lambda *_: None).complete(record, weak_servo / "nowhere") is record

@@ -89,6 +89,8 @@ def run(plan: Plan, out: Path, investigate: Investigate, report: Callable[[str],
             judged += 1
             left = (time.monotonic() - began) / judged * (len(identities) - done)
             report(f"{done} of {len(identities)}, about {left / 60:.0f} min left: {tell(record)}")
+        elif (whole := judge.complete(record, out / FOLDERS / identity.name)) is not record:
+            record = store_record(path, whole)
         records.append(record)
     return records
 

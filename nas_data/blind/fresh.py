@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import mujoco
 import numpy as np
 
 from nas_data.blind.resimulate import Delivered, actuators_of
@@ -58,6 +59,11 @@ class Fresh:
         except NasError as error:  # what was delivered is being judged: that it cannot be used is a finding
             result |= {"after": float("inf"), "fault": str(error)}
         return result
+
+    def error_of(self, model: mujoco.MjModel, nominal: Path) -> float:
+        """Return the RMSE [rad] of a compiled model whose actuators are those of a nominal one's file."""
+        servos = actuators_of(nominal, self.joints)
+        return self.error(Delivered.of(model, self.joints, servos, self.rate, nominal).play)
 
     def _loaded(self, file: Path, servos: tuple[str, ...]) -> Delivered:
         return Delivered.load(file, self.joints, servos, self.rate)

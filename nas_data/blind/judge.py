@@ -10,9 +10,10 @@ from functools import partial
 from pathlib import Path
 
 from nas_data.blind.baselines.base import find_baseline
+from nas_data.blind.best import least_error
 from nas_data.blind.case import Identity
 from nas_data.blind.draw import draw_case
-from nas_data.blind.findings import Name, mapping
+from nas_data.blind.findings import Name, mapping, sequence
 from nas_data.blind.fresh import Fresh
 from nas_data.blind.grade import compared, grade_names
 from nas_data.blind.write import ANSWER, DATASET, NOMINAL, write_case
@@ -23,6 +24,7 @@ Investigate = Callable[[Path, Path, Path], None]  # dataset, nominal model, fold
 Record = dict[str, object]
 REPORT, MODEL = "report.json", "model.xml"
 FOUND = "found"  # the workflow's folder within a case's
+LEAST = "least"  # error on the fresh episodes of who knows the answer
 FAILED = "failed"  # verdict of a workflow that raised an error
 
 
@@ -71,6 +73,15 @@ class Judge:
             shutil.rmtree(folder / DATASET)
         return {**record, "baselines": {**mapping(record.get("baselines", {})), **answered}}
 
+    def complete(self, record: Record, folder: Path) -> Record:
+        """Return a record with what versions of before did not measure, where the case's folder still tells."""
+        fresh = record.get("fresh")
+        if not isinstance(fresh, dict) or LEAST in fresh or not (folder / ANSWER).is_file():
+            return record
+        answer = read_json(folder / ANSWER)
+        joints = tuple(str(joint) for joint in sequence(answer["joints"]))
+        return {**record, "fresh": {**fresh, LEAST: least_error(folder, answer, Fresh.load(folder, joints))}}
+
     def _lacking(self, record: Record) -> list[str]:
         answered = mapping(record.get("baselines", {}))
         return [name for name in self.baselines if name not in answered]
@@ -83,7 +94,8 @@ def examine(folder: Path, answer: Record, fresh: Fresh, investigate: Investigate
     investigate(folder / DATASET, folder / NOMINAL, found)
     seconds = time.monotonic() - began
     grade = grade_names(answer, read_json(found / REPORT))
-    return {**grade, "seconds": seconds, "fresh": fresh.errors_of_models(folder, found / MODEL)}
+    errors = {**fresh.errors_of_models(folder, found / MODEL), LEAST: least_error(folder, answer, fresh)}
+    return {**grade, "seconds": seconds, "fresh": errors}
 
 
 def baseline(name: str, folder: Path, answer: Record, fresh: Fresh) -> Record:

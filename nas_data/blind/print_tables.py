@@ -7,7 +7,7 @@ from nas_data.blind.tables import Row
 
 PERCENT = ("exact", "confident_wrong", "abstained", "verdict_right", "covered", "unexplained_joint_named")
 TITLES = {
-    "families": "Families (rest, before: median error on fresh episodes over the noise floor)",
+    "families": "Families (before, rest: median error on fresh episodes / noise floor; least: with the answer)",
     "confusions": "What was named where one effect hides, or none",
     "reliability": "Is the confidence true?",
     "power": "Found by size of the mark [noise floors]",
@@ -15,6 +15,7 @@ TITLES = {
 }
 SHORT = {
     "confident_wrong": "conf. wrong", "verdict_right": "verdict ok", "rest_over_floor": "rest",
+    "least_over_floor": "least",
     "before_over_floor": "before", "parameter_error": "param. error", "unexplained_joint_named": "joint of rest",
     "seconds": "s",
 }  # fmt: skip

@@ -55,6 +55,7 @@ def family_row(family: str, plant: str, records: Sequence[Record]) -> Row:
         "verdict_right": share(record.get("verdict_right", False) for record in records),
         "verdicts": dict(Counter(str(record["verdict"]) for record in records)),
         "rest_over_floor": median(rest(record) for record in done),
+        "least_over_floor": median(rest(record, "least") for record in done if mapping(record["fresh"]).get("least")),
         "before_over_floor": median(rest(record, "before") for record in done),
         "parameter_error": median(number(entry["relative_error"]) for entry in errors),
         "covered": share(entry["covered"] for entry in errors if entry["covered"] is not None),

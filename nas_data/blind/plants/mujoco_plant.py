@@ -40,13 +40,13 @@ def build(arm: Arm, truth: Truth, period: float) -> MujocoSimulator:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "arm.xml"
         file.write_text(arm.xml, encoding="utf-8")
-        robot = Robot(arm.name, file, arm.joints, edit=lambda spec: multiply(spec, arm, truth.base))
+        robot = Robot(arm.name, file, arm.joints, edit=lambda spec: multiply(spec, arm.joints, truth.base))
         return MujocoSimulator(robot, period, effects=effects, threads=1)
 
 
-def multiply(spec: mujoco.MjSpec, arm: Arm, base: Base) -> None:
-    """Multiply the model's own parameters."""
-    for row, name in enumerate(arm.joints):
+def multiply(spec: mujoco.MjSpec, joints: Sequence[str], base: Base) -> None:
+    """Multiply the model's own parameters, those of each joint by its factors."""
+    for row, name in enumerate(joints):
         joint = spec.joint(name)
         servo = next(actuator for actuator in spec.actuators if actuator.target == name)
         joint.damping = joint.damping * base.damping[row]
