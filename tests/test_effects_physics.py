@@ -231,3 +231,16 @@ def test_tilting_the_base_is_leaning_gravity_the_other_way(roll, pitch):
         mujoco.mj_forward(model, data)
         torques.append(data.qfrc_bias[0])
     assert torques[0] == pytest.approx(torques[1], abs=1e-12)
+
+
+def test_play_and_a_spring_in_one_joint_leave_no_piece_without_inertia():
+    spec = mujoco.MjSpec.from_string(SERVO.format(angle="radian", axis="0 0 1"))
+    add_effects(spec, [parse("backlash:joint=j,half_width=0.02"), parse("joint_compliance:joint=j,stiffness=5")])
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.ctrl[0] = 0.5
+    mujoco.mj_step(model, data, 2000)
+    mass = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, mass)
+    assert np.linalg.eigvalsh(mass).min() > 1e-6
+    assert data.qpos.sum() == pytest.approx(0.5, abs=0.05)

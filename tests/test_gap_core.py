@@ -18,7 +18,7 @@ from nas_data.gap.add import write_model
 from nas_data.gap.base import base_parameters
 from nas_data.gap.evidence import Evidence, divide, windows
 from nas_data.gap.floor import noise_floor, quantum
-from nas_data.gap.nominal import Nominal, fine_timestep
+from nas_data.gap.nominal import Nominal, fine_timestep, with_timestep
 from nas_data.gap.search.fit import Task, constrained, fit
 from nas_data.gap.search.unknowns import Unknowns
 from nas_data.gap.verdict import verdict
@@ -40,12 +40,18 @@ def commanded(episodes: int = 4, seconds: float = 1.5, seed: int = 0) -> Evidenc
     return Evidence(JOINTS, 0.01, np.zeros((episodes, 6)), commands, empty, counts, np.arange(episodes))
 
 
-def measured(effects: str = "", factors: dict[str, float] | None = None, seed: int = 0) -> tuple[Nominal, Evidence]:
-    """The ErgoJr and what a target with an effect measures, with noise and quantisation of an XL-320."""
+def measured(
+    effects: str = "", factors: dict[str, float] | None = None, seed: int = 0, timestep: float | None = None
+) -> tuple[Nominal, Evidence]:
+    """The ErgoJr and what a target with an effect measures, with noise and quantisation of an XL-320.
+
+    The target takes the model's own physics steps unless a timestep is given [s].
+    """
     evidence = commanded(seed=seed)
     nominal = Nominal.load("ergojr", evidence)
     hidden = [parse(effects)] if effects else []
-    truth = nominal.predict(evidence, hidden, factors)
+    target = with_timestep(nominal, timestep) if timestep else nominal
+    truth = target.predict(evidence, hidden, factors)
     noisy = truth + np.random.default_rng(seed + 1).normal(0, np.radians(0.05), truth.shape)
     rounded = np.round(noisy / QUANTUM) * QUANTUM
     parts = (evidence.starts, evidence.commands, rounded, evidence.counts, evidence.numbers)

@@ -14,6 +14,7 @@ from nas_data.gap.search.detail import detailed
 from nas_data.gap.search.fit import Task, fit
 from nas_data.gap.search.hypothesis import Hypothesis, labels, lent_slopes, relieves, strained
 from nas_data.gap.search.state import Search
+from nas_data.gap.search.steps import stepped
 from nas_data.gap.search.unknowns import Unknowns, free_base
 
 FLOOR = np.full(6, QUANTUM / np.sqrt(12))
@@ -63,6 +64,30 @@ def test_a_base_that_strays_is_seen():
     assert strained(Hypothesis(near, np.zeros((1, 6)))) == set()
     assert strained(Hypothesis(far, np.zeros((1, 6)))) == {"m2"}
     assert not relieves(Hypothesis(near, np.zeros((1, 6))), Hypothesis(near, np.zeros((1, 6))))
+
+
+@pytest.mark.parametrize("fine", [False, True])
+def test_the_physics_steps_of_a_recording_are_told_after_both_were_fitted(fine):
+    """Base parameters that were fitted to the wrong steps speak for them."""
+    nominal, evidence = measured(factors={"m2.gain": 1.05, "m3.damping": 0.95}, timestep=2.5e-4 if fine else None)
+    unknowns = Unknowns((), nominal.base)
+    wrong = Task(nominal, evidence, FLOOR, fine=not fine).focused(unknowns, unknowns.start())
+    found = fit(wrong, unknowns, unknowns.start(), steps=5)
+    task, better = stepped(wrong, found)
+    assert task.fine == fine
+    assert task.timestep == (5e-4 if fine else 2e-3)
+    assert stepped(task, better)[0].fine == fine
+
+
+def test_friction_may_be_less_than_the_models_own_and_hardly_more():
+    """More of it has a name."""
+    friction = next(base for base in measured()[0].base if base.kind == "frictionloss")
+    damping = next(base for base in measured()[0].base if base.kind == "damping")
+    assert friction.tolerance(-0.1) == damping.tolerance(-0.1) == damping.tolerance(0.1) > 2 * friction.tolerance(0.1)
+    for factor in (0.85, 1.15):
+        _, found = fitted("", hidden="", factors={"m2.frictionloss": factor})
+        near = found.factors["m2.frictionloss"] == pytest.approx(factor, abs=0.04)
+        assert near == (factor < 1)
 
 
 def test_servos_that_all_lack_the_same_are_named_together(tmp_path: Path):

@@ -1,7 +1,7 @@
 """Score a model with its named effects on the held-out episodes, from the written file."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +42,8 @@ def added(problem: Problem, final: Final, null: Final, folder: Path) -> Outcome:
     Where an effect is beyond MJCF, the file holds the nearest one that is not, fitted in its place; the error after
     is then that of the effects named, which `effects.json` holds, and the file's own is told beside it.
     """
-    task = problem.train.begun(final.effects, dict(final.factors)).corrected(final.effects, dict(final.factors))
+    task = replace(problem.train, fine=final.fine).begun(final.effects, dict(final.factors))
+    task = task.corrected(final.effects, dict(final.factors))
     hold = usual_hold(task, final)
     nominal, held = problem.held.nominal, problem.held.evidence.begun(hold)
     effects, factors = final.effects, dict(final.factors)

@@ -11,6 +11,7 @@ from nas_data.effects.edits.servo import damping, scale_damping, scale_stiffness
 
 Kind = Literal["mass", "gain", "damping", "servo_damping", "armature", "frictionloss"]
 TOLERANCE = 0.06  # [-] standard deviation of a base parameter's logarithm: a few to ten percent off
+MORE_FRICTION = 0.02  # the same for friction above the model's, which has a name
 WIDEST = float(np.log(1.25))  # beyond ±25 % a change is a missing effect, not a retuned parameter
 
 
@@ -27,6 +28,10 @@ class BaseParameter:
     joint: str
     kind: Kind
     bodies: tuple[str, ...] = ()
+
+    def tolerance(self, logarithm: float) -> float:
+        """Return the standard deviation of its logarithm, on the side on which a value lies."""
+        return MORE_FRICTION if self.kind == "frictionloss" and logarithm > 0 else TOLERANCE
 
     @property
     def name(self) -> str:

@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from nas_data.effects.base import Effect
 from nas_data.gap.search.choose import choose
+from nas_data.gap.search.expressible import expressible
 from nas_data.gap.search.final import Final, finish
 from nas_data.gap.search.fit import Task
 from nas_data.gap.search.hypothesis import Hypothesis, place
@@ -89,10 +90,10 @@ def name(train: Task, held: Task, say: Callable[[str], None] = lambda text: None
         say: Told what is going on.
     """
     search = Search(train, held, say)
-    kept = choose(search)
+    kept = expressible(search, choose(search))
     null = Final((), search.null.fit.factors, ())
     say("last fit, on all training episodes")
-    final = finish(train, kept.effects, kept.fit.factors)
+    final = finish(replace(train, fine=search.sub.fine), kept.effects, kept.fit.factors)
     judged = [judge(search, kept, final, number) for number in range(len(kept.effects))]
     order = sorted(range(len(judged)), key=lambda number: -judged[number][0].confidence)
     findings, rivals = [judged[number][0] for number in order], [judged[number][1] for number in order]

@@ -25,8 +25,9 @@ def add_series_joint(spec: mujoco.MjSpec, joint: str, suffix: str) -> mujoco.Mjs
     if (existing := spec.joint(name)) is not None:
         return existing
     first = spec.joint(joint)
-    # a servo without rotor inertia would be left with none at all
-    armature = max(lacking_inertia(spec, joint, SMALLEST), SMALLEST - first.armature)
+    # nothing may be left without any inertia: no servo without a rotor, no piece between two such hinges
+    between = SMALLEST if len(first.parent.joints) > 1 else SMALLEST - first.armature
+    armature = max(lacking_inertia(spec, joint, SMALLEST), between)
     second = first.parent.add_joint(name=name, type=first.type, pos=first.pos, axis=first.axis)
     if first.frame is not None:
         second.set_frame(first.frame)

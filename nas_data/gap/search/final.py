@@ -10,6 +10,7 @@ from nas_data.effects.base import Effect, Parameter
 from nas_data.gap.base import TOLERANCE, own_size
 from nas_data.gap.search.fit import Fit, Task, fit
 from nas_data.gap.search.hypothesis import lent_slopes
+from nas_data.gap.search.steps import stepped
 from nas_data.gap.search.unknowns import Unknowns, free_base
 
 ROUNDS = 2  # fits, each with the correction for finer steps computed where the last one ended
@@ -25,11 +26,13 @@ class Final:
         effects: Effects with fitted parameters.
         factors: Factors of the base parameters, by name.
         intervals: For each effect, lowest and highest value of each parameter in 95 % of repetitions.
+        fine: Whether they stand for finer physics steps than the model's own; as the last fit has it.
     """
 
     effects: tuple[Effect, ...]
     factors: Mapping[str, float]
     intervals: tuple[Mapping[str, tuple[float, float]], ...]
+    fine: bool = True
 
 
 def finish(task: Task, effects: Sequence[Effect], factors: dict[str, float], rounds: int = ROUNDS) -> Final:
@@ -52,7 +55,8 @@ def finish(task: Task, effects: Sequence[Effect], factors: dict[str, float], rou
         found, numbers = better, better.numbers
     if found is None:
         return Final(tuple(effects), factors, tuple({} for _ in effects))
-    return Final(found.effects, found.factors, intervals(task, found))
+    task, found = stepped(task, found)
+    return Final(found.effects, found.factors, intervals(task, found), task.fine)
 
 
 def intervals(task: Task, found: Fit) -> tuple[Mapping[str, tuple[float, float]], ...]:
@@ -83,7 +87,7 @@ def deviations(task: Task, found: Fit) -> tuple[np.ndarray, np.ndarray]:
     weights = task.weights(found.predicted) * task.evidence.counts[..., None]
     rows = (found.slopes * weights).reshape(size, episodes, -1)
     flat = rows.reshape(size, -1)
-    inverse = np.linalg.inv(flat @ flat.T + np.diag(found.unknowns.prior() ** 2) + 1e-9 * np.eye(size))
+    inverse = np.linalg.inv(flat @ flat.T + np.diag(found.unknowns.prior(found.numbers) ** 2) + 1e-9 * np.eye(size))
     errors = (task.evidence.errors(found.predicted) * weights).reshape(episodes, -1)
     pulls = inverse @ np.einsum("pet,et->pe", rows, errors)
     by_episode = np.sqrt((pulls**2).sum(1) * episodes / max(1, episodes - 1))

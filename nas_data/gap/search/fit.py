@@ -32,6 +32,7 @@ class Task:
         evidence: Episodes.
         floor: Noise floor of each joint [rad], shape (n,).
         correction: What finer physics steps would change in the positions [rad], shape (E, T, n), or 0.
+        fine: Whether the recording obeys finer physics steps than the model's own.
         coarseness: Errors of each joint that do not matter yet, while larger ones are explained [rad], shape (n,).
     """
 
@@ -40,6 +41,7 @@ class Task:
     floor: np.ndarray
     correction: np.ndarray | float = 0.0
     coarseness: np.ndarray | float = 0.0
+    fine: bool = True
 
     def select(self, episodes: Sequence[int] | np.ndarray) -> "Task":
         """Return the task on some of the episodes."""
@@ -89,23 +91,21 @@ class Task:
         """Return the task with the correction for finer physics steps, computed at a hypothesis.
 
         A model's own timestep delays it by about half a step, more than the noise shows. Simulating everything in
-        fine steps would cost four times as much; the difference hardly depends on the parameters. Where the model's
-        own steps explain the recording better (it was simulated with them), nothing is corrected.
+        fine steps would cost four times as much; the difference hardly depends on the parameters.
         """
-        fine = with_timestep(self.nominal, fine_timestep(self.nominal))
+        own, small = self.nominal, with_timestep(self.nominal, self.timestep)
+        if not self.fine or own.spec.option.timestep == small.spec.option.timestep:
+            return replace(self, correction=0.0)
         try:
-            rough = self.nominal.predict(self.evidence, effects, factors)
-            finer = fine.predict(self.evidence, effects, factors)
+            rough, finer = (each.predict(self.evidence, effects, factors) for each in (own, small))
         except ModelFileError:
             return replace(self, correction=0.0)
-        better = self.misfit(finer) <= self.misfit(rough)
-        return replace(self, correction=finer - rough if better else 0.0)
+        return replace(self, correction=finer - rough)
 
     @property
     def timestep(self) -> float:
         """The physics step for which the predictions stand [s]."""
-        own = float(self.nominal.spec.option.timestep)
-        return own if isinstance(self.correction, float) else fine_timestep(self.nominal)
+        return fine_timestep(self.nominal) if self.fine else float(self.nominal.spec.option.timestep)
 
     def predict(self, unknowns: Unknowns, numbers: np.ndarray) -> np.ndarray | None:
         """Return positions (E, T, n) for fitted numbers, None where the model diverges."""
@@ -180,7 +180,7 @@ class Fit:
 
 def penalty(unknowns: Unknowns, numbers: np.ndarray) -> float:
     """Return the prior's part of the loss."""
-    return float(0.5 * ((unknowns.prior() * numbers) ** 2).sum())
+    return float(0.5 * ((unknowns.prior(numbers) * numbers) ** 2).sum())
 
 
 def slopes(
@@ -272,7 +272,7 @@ def step(
     errors = (task.evidence.errors(predicted) * weights).ravel()
     rows = rows * np.repeat(task.evidence.counts[..., None], predicted.shape[2], -1).ravel()
     square = rows @ rows.T
-    prior = unknowns.prior() ** 2
+    prior = unknowns.prior(numbers) ** 2
     pull = rows @ errors + prior * numbers
     for damping in DAMPING:
         change = constrained(square + np.diag(prior), pull, damping, low - numbers, high - numbers)

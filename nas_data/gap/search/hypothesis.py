@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from nas_data.effects.base import Effect
-from nas_data.gap.base import TOLERANCE
+from nas_data.gap.base import BaseParameter
 from nas_data.gap.search.fit import Fit, Task
 from nas_data.gap.search.screen import Candidate
 from nas_data.gap.search.unknowns import Unknowns
 
 SHORTLIST = 6  # candidates that are fitted, of those screened
 BESIDE = 3  # candidates beside the best of each joint
-STRAINED = 2.5 * TOLERANCE  # logarithm of a base parameter's factor from which it is hardly to be believed
+STRAINED = 2.5  # standard deviations from which a base parameter is hardly to be believed
 GAIN = 12.0  # nats by which an added effect must lower the loss on fitted episodes
 PLAUSIBLE = 12.0  # nats by which an effect may lower the loss by what it spares the base
 MOVED = 10.0  # noise floors between a joint's extremes in an episode from which it counts as having moved
@@ -67,15 +67,20 @@ def lively(task: Task) -> set[str]:
 
 def strained(h: Hypothesis) -> set[str]:
     """Return the joints whose base parameters had to go beyond what a real arm's do."""
-    factors = h.fit.factors
-    return {base.joint for base in h.fit.unknowns.base if abs(np.log(factors[base.name])) > STRAINED}
+    return {base.joint for base in h.fit.unknowns.base if is_strained(h, base)}
+
+
+def is_strained(h: Hypothesis, base: BaseParameter) -> bool:
+    """Whether a base parameter had to go beyond what a real arm's does."""
+    log = float(np.log(h.fit.factors[base.name]))
+    return abs(log) > STRAINED * base.tolerance(log)
 
 
 def relief(h: Hypothesis, effect: Effect) -> bool:
     """Whether a base parameter that had to go beyond what a real arm's does may stand for an effect."""
     kind = effect.replaces or effect.strains
     near = [base for base in h.fit.unknowns.base if base.kind == kind and effect.joint in (None, base.joint)]
-    return any(abs(np.log(h.fit.factors[base.name])) > STRAINED for base in near)
+    return any(is_strained(h, base) for base in near)
 
 
 def worth(h: Hypothesis) -> float:

@@ -89,7 +89,7 @@ def first_order(task: Task, state: Fit, base: np.ndarray, effect: Effect) -> Can
     shift: np.ndarray = np.zeros(len(base))
     low, high = unknowns.bounds()
     low, high = low[len(state.unknowns.sought) :] - logs, high[len(state.unknowns.sought) :] - logs
-    prior = unknowns.prior()[len(state.unknowns.sought) :]
+    prior = unknowns.prior(state.numbers)[len(state.unknowns.sought) :]
     stretch = 1.0
     for _ in range(3):
         squares = (guess**2).sum(1) / task.evidence.counts.sum(1)[:, None]

@@ -1,7 +1,7 @@
 """The state of a search: the episodes it works on, and hypotheses fitted to and judged by them."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from nas_data.gap.search.fit import Fit, Task, fit, slopes
 from nas_data.gap.search.hypothesis import Hypothesis, Place, lent_slopes, lively
 from nas_data.gap.search.scales import scales
 from nas_data.gap.search.screen import Candidate, screen
+from nas_data.gap.search.steps import stepped
 from nas_data.gap.search.unknowns import Unknowns, free_base
 
 SCREENED = 6  # episodes on which candidates are compared
@@ -52,7 +53,7 @@ class Search:
         self.sizes = scales(self.train.nominal, self.sub.evidence, predicted)
         self.lively = lively(self.train)
         null = self.fitted((), {}, self.nominal.fit, steps=8, renewals=1)
-        self.null = self.nominal if null is None or null.loss > self.nominal.loss else null
+        self.null = self.nominal if null is None or null.loss > self.nominal.loss else self.in_steps(null.fit)
         self.report("base alone", self.null)
 
     def judged(self, found: Fit) -> Hypothesis:
@@ -90,7 +91,14 @@ class Search:
         self.sub = self.sub.focused(h.fit.unknowns, h.fit.numbers)
         self.held = self.held.focused(h.fit.unknowns, h.fit.numbers)
         found = fit(self.sub, h.fit.unknowns, h.fit.numbers, steps=5, renewals=1)
-        return self.judged(found) if found else h
+        return self.in_steps(found) if found else h
+
+    def in_steps(self, found: Fit) -> Hypothesis:
+        """Take the physics steps, the model's own or finer ones, that leave a fit less; judge it with them."""
+        self.sub, found = stepped(self.sub, found)
+        if self.held.fine != self.sub.fine:
+            self.held = replace(self.held, fine=self.sub.fine).focused(found.unknowns, found.numbers)
+        return self.judged(found)
 
     def without(self, kept: Hypothesis, number: int) -> Hypothesis | None:
         """Return the hypothesis with one effect fewer, fitted anew."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nas_data.effects.base import Effect, Parameter, make_effect
-from nas_data.gap.base import TOLERANCE, WIDEST, BaseParameter
+from nas_data.gap.base import WIDEST, BaseParameter
 
 STEP = 0.02  # finite difference in a logarithm: well above what contacts and friction make rough
 SIGNED_SCALE = 0.05  # [rad] offsets and tilts are in units of this
@@ -99,9 +99,11 @@ class Unknowns:
         low, high = np.array(pairs).reshape(-1, 2).T
         return low, high
 
-    def prior(self) -> np.ndarray:
+    def prior(self, numbers: np.ndarray) -> np.ndarray:
         """Return each number's weight in the prior, one over its standard deviation, shape (size,)."""
-        return np.array([unknown.weight for unknown in self.sought] + [1 / TOLERANCE] * len(self.base))
+        logs = numbers[len(self.sought) :]
+        base = [1 / parameter.tolerance(float(log)) for parameter, log in zip(self.base, logs, strict=True)]
+        return np.array([unknown.weight for unknown in self.sought] + base)
 
     def start(self, factors: dict[str, float] | None = None) -> np.ndarray:
         """Return the numbers of the first guess, with base factors where given, shape (size,)."""
