@@ -9,14 +9,12 @@ from threadpoolctl import threadpool_limits
 
 from nas_data.effects.base import Effect
 from nas_data.gap.search.choose import choose
-from nas_data.gap.search.expressible import expressible
 from nas_data.gap.search.final import Final, finish
 from nas_data.gap.search.fit import Task
-from nas_data.gap.search.hypothesis import Hypothesis, place
+from nas_data.gap.search.hypothesis import Hypothesis
+from nas_data.gap.search.rivals import beside, fitted_rivals, outdone
 from nas_data.gap.search.state import Search
-from nas_data.gap.side_by_side import side_by_side
 
-RIVALS = 3  # that are fitted beside the other effects, for each effect named
 SHARPNESS = 4.0  # how fast doubt falls with the ratio of the runner-up's error to the winner's
 SURE = 0.8  # confidence below which an experiment is proposed that would decide
 ALIKE = 0.8  # closeness of a rival, 1 where it predicts as well, from which the data cannot tell it from the winner
@@ -90,7 +88,7 @@ def name(train: Task, held: Task, say: Callable[[str], None] = lambda text: None
         say: Told what is going on.
     """
     search = Search(train, held, say)
-    kept = expressible(search, choose(search))
+    kept = outdone(search, choose(search))
     null = Final((), search.null.fit.factors, ())
     say("last fit, on all training episodes")
     final = finish(replace(train, fine=search.sub.fine), kept.effects, kept.fit.factors)
@@ -103,11 +101,9 @@ def name(train: Task, held: Task, say: Callable[[str], None] = lambda text: None
 def judge(search: Search, kept: Hypothesis, final: Final, number: int) -> tuple[Finding, Hypothesis | None]:
     """Compare one effect with nothing and with its rivals; return the finding and the best rival's hypothesis."""
     effect = kept.effects[number]
-    others = tuple(e for i, e in enumerate(kept.effects) if i != number)
+    others = beside(kept, number)
     without = search.without(kept, number) or search.null
-    rivals = contenders(search, effect, others)
-    fitted = side_by_side(lambda rival: search.rival((*others, rival), kept), rivals)
-    ranked = sorted((h for h in fitted if h), key=lambda h: h.loss)
+    ranked = fitted_rivals(search, kept, number)
     twins = [h for twin in effect.twins(effect.joint) if (h := search.rival((*others, twin), kept))]
     joints = concerned(search, effect)
     confidence = surety(search, kept, ranked, without)
@@ -121,17 +117,6 @@ def judge(search: Search, kept: Hypothesis, final: Final, number: int) -> tuple[
         equals=tuple(h.effects[-1] for h in [*ranked, *twins] if closeness(search, kept, h) >= ALIKE),
     )
     return finding, ranked[0] if ranked else None
-
-
-def contenders(search: Search, effect: Effect, others: Sequence[Effect]) -> list[Effect]:
-    """Return what competed with an effect when it was added, the best first, each place once."""
-    taken = {place(effect), *map(place, others)}
-    result = []
-    for rival in search.rivals.get(place(effect), []):
-        if place(rival) not in taken:
-            taken.add(place(rival))
-            result.append(rival)
-    return result[:RIVALS]
 
 
 def concerned(search: Search, effect: Effect) -> list[int]:

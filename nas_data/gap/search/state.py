@@ -32,6 +32,7 @@ class Search:
         rivals: For each place, effects that competed with it when it was added.
         settled: Sets of effects in which exchanges were tried.
         fewer: What was fitted with one effect fewer, by the effects and the number of the one left out.
+        beaten: What was fitted in the place of what is kept, by the effects of both and the steps.
     """
 
     train: Task
@@ -40,6 +41,7 @@ class Search:
     rivals: dict[Place, list[Effect]] = field(default_factory=dict)
     settled: set[frozenset[Place]] = field(default_factory=set)
     fewer: dict[tuple[tuple[Effect, ...], int], Hypothesis | None] = field(default_factory=dict)
+    beaten: dict[tuple[tuple[Effect, ...], tuple[Effect, ...], int], Hypothesis | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         unknowns = Unknowns((), self.train.nominal.base)
@@ -77,9 +79,12 @@ class Search:
         return None if found is None else self.judged(found)
 
     def rival(self, effects: Sequence[Effect], kept: Hypothesis, steps: int = 4) -> Hypothesis | None:
-        """Fit other effects in the place of those kept, thoroughly where they come near."""
-        found = self.fitted(effects, kept.fit.factors, kept.fit, steps)
-        return found if found is None or found.loss > kept.loss + FAR_BEHIND else self.continued(found)
+        """Fit other effects in the place of those kept, thoroughly where they come near; once."""
+        key = (tuple(effects), kept.effects, steps)
+        if key not in self.beaten:
+            found = self.fitted(effects, kept.fit.factors, kept.fit, steps)
+            self.beaten[key] = found if found is None or found.loss > kept.loss + FAR_BEHIND else self.continued(found)
+        return self.beaten[key]
 
     def continued(self, h: Hypothesis) -> Hypothesis:
         """Fit further from where a short fit ended, with its slopes as long as they serve."""

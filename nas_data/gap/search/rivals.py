@@ -1,0 +1,62 @@
+"""Rivals of the effects that are kept: each may still prove better, or as good and easier to write down."""
+
+from collections.abc import Sequence
+
+from nas_data.effects.base import Effect
+from nas_data.gap.search.hypothesis import Hypothesis, place
+from nas_data.gap.search.state import Search
+from nas_data.gap.side_by_side import side_by_side
+
+RIVALS = 3  # that are fitted beside the other effects, for each effect
+BETTER = 4.0  # nats by which a rival must be ahead of what is kept
+SPARE = 2.0  # nats that a rival's every further parameter must bring besides
+TIE = 6.0  # nats by which an effect beyond MJCF must be ahead of one within
+
+
+def outdone(search: Search, kept: Hypothesis, rounds: int = 3) -> Hypothesis:
+    """Replace effects by rivals that do better beside all the others.
+
+    Rivals were beaten when less was known. Where one that a model file can express does as well as one that only a
+    hook can, it is taken: friction under load, say, and a lower torque limit are one and the same where nothing is
+    lifted and every move saturates the servo.
+    """
+    for number, effect in enumerate(kept.effects if rounds else ()):
+        others = beside(kept, number)
+        for found in fitted_rivals(search, kept, number):
+            if found.loss < kept.loss - lead(effect, found.effects[-1]):
+                search.report(f"{effect.name()} outdone", found)
+                search.rivals[place(found.effects[-1])] = [effect, *contenders(search, effect, others)]
+                return outdone(search, search.continued(found), rounds - 1)
+    return kept
+
+
+def lead(effect: Effect, rival: Effect) -> float:
+    """Return by how many nats a rival must be ahead of an effect to take its place."""
+    if rival.in_model and not effect.in_model:
+        return -TIE
+    more = max(0, len(rival.sought) - len(effect.sought))
+    return BETTER + SPARE * more + (TIE if effect.in_model and not rival.in_model else 0.0)
+
+
+def fitted_rivals(search: Search, kept: Hypothesis, number: int) -> list[Hypothesis]:
+    """Return what is kept with each rival of one effect in its place, fitted, the best first."""
+    others = beside(kept, number)
+    rivals = contenders(search, kept.effects[number], others)
+    fitted = side_by_side(lambda rival: search.rival((*others, rival), kept), rivals)
+    return sorted((h for h in fitted if h), key=lambda h: h.loss)
+
+
+def beside(kept: Hypothesis, number: int) -> tuple[Effect, ...]:
+    """Return the effects that are kept beside one."""
+    return tuple(effect for index, effect in enumerate(kept.effects) if index != number)
+
+
+def contenders(search: Search, effect: Effect, others: Sequence[Effect]) -> list[Effect]:
+    """Return what competed with an effect when it was added, the best first, each place once."""
+    taken = {place(effect), *map(place, others)}
+    result = []
+    for rival in search.rivals.get(place(effect), []):
+        if place(rival) not in taken:
+            taken.add(place(rival))
+            result.append(rival)
+    return result[:RIVALS]
