@@ -12,7 +12,8 @@ from nas_data.cli import main
 from nas_data.effects.base import parse
 from nas_data.gap.search.detail import detailed
 from nas_data.gap.search.fit import Task, fit
-from nas_data.gap.search.hypothesis import Hypothesis, labels, lent_slopes, relieves, strained
+from nas_data.gap.search.hypothesis import Hypothesis, labels, lent_slopes, place, relieves, strained
+from nas_data.gap.search.rivals import contenders, lead, outdone
 from nas_data.gap.search.state import Search
 from nas_data.gap.search.steps import stepped
 from nas_data.gap.search.unknowns import Unknowns, free_base
@@ -88,6 +89,30 @@ def test_friction_may_be_less_than_the_models_own_and_hardly_more():
         _, found = fitted("", hidden="", factors={"m2.frictionloss": factor})
         near = found.factors["m2.frictionloss"] == pytest.approx(factor, abs=0.04)
         assert near == (factor < 1)
+
+
+def test_a_rival_must_be_ahead_by_what_it_has_more_of():
+    coulomb, stribeck = (
+        parse("coulomb_friction:joint=m2,torque=0.02"),
+        parse("stribeck_friction:joint=m2,torque=0.02,kinetic_ratio=0.5,stribeck_velocity=0.3"),
+    )
+    load, limit = parse("load_friction:joint=m2,ratio=0.2"), parse("torque_limit:joint=m2,torque=0.1")
+    assert 0 < lead(stribeck, coulomb) < lead(coulomb, stribeck)
+    assert lead(load, limit) < 0 < lead(limit, coulomb) < lead(limit, load)
+
+
+def test_what_came_second_takes_the_place_of_what_it_beats():
+    """Friction was kept where damping is hidden; the search remembers that damping was tried."""
+    nominal, evidence = measured("viscous_friction:joint=m2,coefficient=0.05")
+    search = Search(Task(nominal, evidence, FLOOR), Task(nominal, evidence, FLOOR))
+    friction, damping = parse("coulomb_friction:joint=m2,torque=0.01"), parse(FRICTION)
+    search.rivals[place(friction)] = [damping]
+    kept = search.fitted((friction,), {})
+    better = outdone(search, kept)
+    assert [effect.name() for effect in better.effects] == ["viscous_friction"]
+    assert better.effects[0].coefficient == pytest.approx(0.05, rel=0.1)
+    assert contenders(search, better.effects[0], ())[0].name() == "coulomb_friction"
+    assert outdone(search, better) is better
 
 
 def test_servos_that_all_lack_the_same_are_named_together(tmp_path: Path):
