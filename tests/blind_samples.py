@@ -87,7 +87,7 @@ def know_everything(dataset: Path, model: Path, out: Path) -> None:
     hidden = [(entry["effect"], entry["joint"], entry["parameters"]) for entry in answer["effects"]]
     spec = read_spec(model)
     joints = tuple(answer["joints"])
-    multiply(spec, Arm("arm", model.read_text(), joints), Base(**answer["base"]))
+    multiply(spec, joints, Base(**answer["base"]))
     add_effects(spec, [make_effect(*entry) for entry in hidden])
     spec.compile()
     out.mkdir(parents=True)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 RESAMPLES = 10_000  # of the bootstrap
+NOTHING = 1e-9  # part of the returns by which the expert must be better for something to be at stake
 LEVEL = 0.95  # of its intervals
 
 
@@ -50,11 +51,11 @@ def share(method: np.ndarray, source: np.ndarray, expert: np.ndarray) -> Share:
         expert: Returns of policies that learned on the target.
     """
     start, end = float(np.median(source)), float(np.median(expert))
-    if end <= start:
+    if end - start <= NOTHING * max(1.0, abs(start), abs(end)):
         return Share(np.nan, np.nan, np.nan, end - start)
     rng = np.random.default_rng(0)
     starts, ends, reached = (resampled_medians(values, rng) for values in (source, expert, method))
-    telling = ends > starts
+    telling = ends - starts > NOTHING * np.maximum(1.0, np.maximum(abs(starts), abs(ends)))
     shares = (reached - starts)[telling] / (ends - starts)[telling]
     low, high = np.quantile(shares, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
     return Share(float((np.median(method) - start) / (end - start)), float(low), float(high), end - start)

@@ -271,11 +271,14 @@ def step(
     rows = (grad * weights).reshape(len(grad), -1)
     errors = (task.evidence.errors(predicted) * weights).ravel()
     rows = rows * np.repeat(task.evidence.counts[..., None], predicted.shape[2], -1).ravel()
-    square = rows @ rows.T
-    prior = unknowns.prior(numbers) ** 2
-    pull = rows @ errors + prior * numbers
+    square, pull = rows @ rows.T, rows @ errors
+
+    def wanted(prior: np.ndarray, damping: float) -> np.ndarray:
+        return constrained(square + np.diag(prior), pull + prior * numbers, damping, low - numbers, high - numbers)
+
     for damping in DAMPING:
-        change = constrained(square + np.diag(prior), pull, damping, low - numbers, high - numbers)
+        change = wanted(unknowns.prior(numbers) ** 2, damping)
+        change = wanted(unknowns.prior(numbers + change) ** 2, damping)  # which is another where a sign changes
         change *= min(1.0, LONGEST_STEP / max(float(np.abs(change).max()), 1e-12))
         moved = np.clip(numbers + change, low, high)
         other = task.predict(unknowns, moved)
