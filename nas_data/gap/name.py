@@ -9,7 +9,8 @@ from threadpoolctl import threadpool_limits
 
 from nas_data.effects.base import Effect
 from nas_data.gap.search.choose import choose
-from nas_data.gap.search.final import Final, finish
+from nas_data.gap.search.decide import decided
+from nas_data.gap.search.final import Final
 from nas_data.gap.search.fit import Task
 from nas_data.gap.search.hypothesis import Hypothesis
 from nas_data.gap.search.rivals import beside, fitted_rivals, outdone
@@ -91,7 +92,7 @@ def name(train: Task, held: Task, say: Callable[[str], None] = lambda text: None
     kept = outdone(search, choose(search))
     null = Final((), search.null.fit.factors, ())
     say("last fit, on all training episodes")
-    final = finish(replace(train, fine=search.sub.fine), kept.effects, kept.fit.factors)
+    kept, final = decided(search, replace(train, fine=search.sub.fine), kept)
     judged = [judge(search, kept, final, number) for number in range(len(kept.effects))]
     order = sorted(range(len(judged)), key=lambda number: -judged[number][0].confidence)
     findings, rivals = [judged[number][0] for number in order], [judged[number][1] for number in order]

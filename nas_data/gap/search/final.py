@@ -27,12 +27,14 @@ class Final:
         factors: Factors of the base parameters, by name.
         intervals: For each effect, lowest and highest value of each parameter in 95 % of repetitions.
         fine: Whether they stand for finer physics steps than the model's own; as the last fit has it.
+        loss: Misfit and prior on all training episodes; infinite where nothing was fitted.
     """
 
     effects: tuple[Effect, ...]
     factors: Mapping[str, float]
     intervals: tuple[Mapping[str, tuple[float, float]], ...]
     fine: bool = True
+    loss: float = math.inf
 
 
 def finish(task: Task, effects: Sequence[Effect], factors: dict[str, float], rounds: int = ROUNDS) -> Final:
@@ -56,7 +58,7 @@ def finish(task: Task, effects: Sequence[Effect], factors: dict[str, float], rou
     if found is None:
         return Final(tuple(effects), factors, tuple({} for _ in effects))
     task, found = stepped(task, found)
-    return Final(found.effects, found.factors, intervals(task, found), task.fine)
+    return Final(found.effects, found.factors, intervals(task, found), task.fine, found.loss)
 
 
 def intervals(task: Task, found: Fit) -> tuple[Mapping[str, tuple[float, float]], ...]:

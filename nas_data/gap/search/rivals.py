@@ -10,14 +10,13 @@ from nas_data.gap.side_by_side import side_by_side
 RIVALS = 3  # that are fitted beside the other effects, for each effect
 BETTER = 4.0  # nats by which a rival must be ahead of what is kept
 SPARE = 2.0  # nats that a rival's every further parameter must bring besides
-TIE = 6.0  # nats by which an effect beyond MJCF must be ahead of one within
 
 
 def outdone(search: Search, kept: Hypothesis, rounds: int = 3) -> Hypothesis:
     """Replace effects by rivals that do better beside all the others.
 
-    Rivals were beaten when less was known. Where one that a model file can express does as well as one that only a
-    hook can, it is taken: friction under load, say, and a lower torque limit are one and the same where nothing is
+    Rivals were beaten when less was known. Where one that a model file can express does no worse than one that only a
+    hook can, it is taken: friction under load, say, and a lower torque limit are nearly the same where nothing is
     lifted and every move saturates the servo.
     """
     for number, effect in enumerate(kept.effects if rounds else ()):
@@ -33,9 +32,8 @@ def outdone(search: Search, kept: Hypothesis, rounds: int = 3) -> Hypothesis:
 def lead(effect: Effect, rival: Effect) -> float:
     """Return by how many nats a rival must be ahead of an effect to take its place."""
     if rival.in_model and not effect.in_model:
-        return -TIE
-    more = max(0, len(rival.sought) - len(effect.sought))
-    return BETTER + SPARE * more + (TIE if effect.in_model and not rival.in_model else 0.0)
+        return 0.0
+    return BETTER + SPARE * max(0, len(rival.sought) - len(effect.sought))
 
 
 def fitted_rivals(search: Search, kept: Hypothesis, number: int) -> list[Hypothesis]:
