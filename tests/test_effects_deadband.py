@@ -13,6 +13,7 @@ from nas_data.effects.base import add_effects, parse
 from nas_data.effects.edits.servo import scale_damping, scale_stiffness
 from nas_data.envs.loop.randomised import RandomisedStepper, delay_line
 from nas_data.envs.loop.ranges import NOMINAL
+from nas_data.errors import ModelFileError
 from nas_data.simulators.mujoco import MujocoSimulator
 from nas_data.simulators.settled import Hold
 
@@ -145,6 +146,13 @@ def test_nothing_of_a_models_default_class_gets_into_a_dead_band():
     for each in (spec, expected):
         add_effects(each, [BAND])
     assert np.array_equal(holds(spec.compile()), holds(expected.compile()))
+
+
+def test_a_servo_with_an_integral_gain_has_no_dead_band():
+    spec = Lever().spec()
+    spec.actuators[0].set_to_pid(kp=0.336, ki=0.1)
+    with pytest.raises(ModelFileError, match="integral"):
+        add_effects(spec, [BAND])
 
 
 def test_load_friction_feels_the_torque_of_a_servo_with_a_dead_band(tmp_path):

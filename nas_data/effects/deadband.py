@@ -9,6 +9,7 @@ import mujoco
 from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.effects.edits.band import add_band
 from nas_data.effects.edits.servo import position_servo
+from nas_data.errors import ModelFileError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,7 +18,7 @@ class Deadband(Effect):
 
     Native: the servo, with its delay and slew rate, moves a weightless goal `<joint>_goal`; passive actuators pull the
     joint after it as the servo would, with its stiffness, its band, its damping and its torque limit. Within the band a
-    change of the command is felt for one physics step. An integral gain acts on the goal, and is lost to the joint.
+    change of the command is felt for one physics step.
     """
 
     half_width: float
@@ -37,6 +38,16 @@ class Deadband(Effect):
         return tuple({"half_width": width} for width in (0.008, 0.025, 0.07))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Put a goal between the servo and its joint; a band that is there already becomes wider."""
+        """Put a goal between the servo and its joint; a band that is there already becomes wider.
+
+        Raises:
+            ModelFileError: no position servo drives the joint, or one with an integral gain.
+        """
         assert self.joint is not None
-        add_band(spec, self.joint, position_servo(spec, self.joint, self.name()), self.half_width)
+        servo = position_servo(spec, self.joint, self.name())
+        if servo.gaintype == mujoco.mjtGain.mjGAIN_PID and servo.gainprm[0]:
+            raise ModelFileError(
+                f"{self.name()} cannot be added to the actuator '{servo.name}', whose integral gain would overcome it; "
+                "give a model without ki."
+            )
+        add_band(spec, self.joint, servo, self.half_width)
