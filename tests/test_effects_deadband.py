@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from nas_data.effects.base import add_effects, parse
 from nas_data.effects.edits.servo import scale_damping, scale_stiffness
-from nas_data.envs.loop.randomised import RandomisedStepper, delay_line
+from nas_data.envs.loop.randomised import RandomisedStepper, delay_line, largest_torque
 from nas_data.envs.loop.ranges import NOMINAL
 from nas_data.errors import ModelFileError
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -190,3 +190,9 @@ def test_randomised_gains_are_those_of_the_whole_servo(tmp_path):
         each.set_states(np.zeros((1, 2)))
         states.append(np.stack([each.step(np.array([[command]])).copy() for command in SIGNALS["triangle"]]))
     assert np.abs(states[0] - states[1])[..., 0].max() < 2e-3
+
+
+def test_the_largest_torque_of_a_servo_with_a_dead_band_is_its_own(tmp_path):
+    """What randomised drag is a share of."""
+    plain, banded = (simulator(tmp_path, Lever(), *effects).model for effects in ((), (BAND,)))
+    assert largest_torque(banded, "j") == pytest.approx(largest_torque(plain, "j")) == pytest.approx(0.208)

@@ -20,8 +20,10 @@ SUFFIX = "_plant"  # of the files that are plants
 SETTLE = 0.5  # [s] for which the first pose is commanded before an episode begins, unless said otherwise
 
 
-# states (C, E, T + 1, 2n) of C arms alike under commands (E, T, n) from poses (E, n) at a control period [s]
-Simulate: TypeAlias = Callable[[list[Body], np.ndarray, np.ndarray, float], np.ndarray]
+# states (C, E, T + 1, 2n) of an arm under C truths with commands (E, T, n) from poses (E, n) at a control period [s]
+Simulate: TypeAlias = Callable[[Arm, Sequence[Truth], np.ndarray, np.ndarray, float], np.ndarray]
+# the same of C arms alike
+SimulateAlike: TypeAlias = Callable[[list[Body], np.ndarray, np.ndarray, float], np.ndarray]
 
 
 class Play(Protocol):
@@ -66,7 +68,7 @@ def find_plant(name: str) -> Play:
 
 
 def player(simulate: Simulate) -> Play:
-    """Return a plant's `play` from its simulation of arms that are alike."""
+    """Return a plant's `play` from its simulation."""
 
     def play(
         arm: Arm,
@@ -77,12 +79,22 @@ def player(simulate: Simulate) -> Play:
         settle: float = SETTLE,
     ) -> np.ndarray:
         whole, held = with_settling(commands, poses, period, settle)
-        result = np.empty((len(truths), len(commands), whole.shape[1] + 1, 2 * commands.shape[2]))
-        for rows, bodies in alike(arm, truths):
-            result[rows] = simulate(bodies, whole, poses, period)
-        return result[:, :, held:]
+        return simulate(arm, truths, whole, poses, period)[:, :, held:]
 
     return play
+
+
+def in_groups(simulate: SimulateAlike) -> Simulate:
+    """Return a simulation under any truths from one of arms that are alike."""
+
+    def every(arm: Arm, truths: Sequence[Truth], commands: np.ndarray, poses: np.ndarray, period: float) -> np.ndarray:
+        episodes, steps, n = commands.shape
+        result = np.empty((len(truths), episodes, steps + 1, 2 * n))
+        for rows, bodies in alike(arm, truths):
+            result[rows] = simulate(bodies, commands, poses, period)
+        return result
+
+    return every
 
 
 def with_settling(

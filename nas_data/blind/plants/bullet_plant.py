@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.blind.plants.base import player, starting, told
+from nas_data.blind.plants.base import in_groups, player, starting, told
 from nas_data.blind.plants.body import Body, stacked
 from nas_data.blind.plants.drive import REFRESH, STEP, Drive
 from nas_data.blind.plants.motion import Motion
@@ -34,7 +34,7 @@ def simulate(bodies: list[Body], commands: np.ndarray, poses: np.ndarray, period
     return measured.reshape(len(bodies), episodes, steps + 1, 2 * n)
 
 
-play = player(simulate)
+play = player(in_groups(simulate))
 
 
 def move(motion: Motion, worlds: "list[BulletArms]", episodes: int) -> None:

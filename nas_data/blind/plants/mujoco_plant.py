@@ -8,30 +8,25 @@ import mujoco
 import numpy as np
 
 from nas_data.blind.arms import Arm
-from nas_data.blind.plants.base import SETTLE, with_settling
+from nas_data.blind.plants.base import player
 from nas_data.blind.truth import Base, Truth
 from nas_data.effects.base import make_effect
 from nas_data.robots.base import Robot
 from nas_data.simulators.mujoco import MujocoSimulator
 
 
-def play(
-    arm: Arm,
-    truths: Sequence[Truth],
-    commands: np.ndarray,
-    poses: np.ndarray,
-    period: float,
-    settle: float = SETTLE,
-) -> np.ndarray:
-    """Play episodes under each truth; see `Play`.
+def simulate(arm: Arm, truths: Sequence[Truth], commands: np.ndarray, poses: np.ndarray, period: float) -> np.ndarray:
+    """Return states (C, E, T + 1, 2n) under each truth; see `Simulate`.
 
     Raises:
         UnknownName: a truth hides something outside the contract's table.
     """
-    whole, held = with_settling(commands, poses, period, settle)
     rest = np.concatenate([poses, np.zeros_like(poses)], axis=1)
-    played = [build(arm, truth, period).rollout(rest, whole) for truth in truths]
-    return np.stack(played)[:, :, held - 1 :, : 2 * len(arm.joints)]
+    played = np.stack([build(arm, truth, period).rollout(rest, commands) for truth in truths])[..., : rest.shape[1]]
+    return np.concatenate([np.broadcast_to(rest[:, None], (len(truths), len(rest), 1, rest.shape[1])), played], axis=2)
+
+
+play = player(simulate)
 
 
 def build(arm: Arm, truth: Truth, period: float) -> MujocoSimulator:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nas_data.blind.plants.base import chain_of, player, starting, told
+from nas_data.blind.plants.base import chain_of, in_groups, player, starting, told
 from nas_data.blind.plants.body import Body, stacked
 from nas_data.blind.plants.drive import REFRESH, Drive
 from nas_data.blind.plants.motion import Motion
@@ -25,4 +25,4 @@ def simulate(bodies: list[Body], commands: np.ndarray, poses: np.ndarray, period
     return measured.reshape(len(bodies), episodes, steps + 1, 2 * n)
 
 
-play = player(simulate)
+play = player(in_groups(simulate))

@@ -119,7 +119,10 @@ def controls_of(model: mujoco.MjModel, joints: Sequence[str]) -> tuple[np.ndarra
 
 def largest_torque(model: mujoco.MjModel, joint: str) -> float:
     """Return the most that a joint's actuator gives [N·m]: its force limit, or its gain times its largest control."""
-    actuator = driving_actuators(model, model.joint(joint).id)[0]
+    index = model.joint(joint).id
+    if model.jnt_actfrclimited[index]:  # also where a dead band moved the servo's limit to
+        return float(np.abs(model.jnt_actfrcrange[index]).max())
+    actuator = driving_actuators(model, index)[0]
     if model.actuator_forcelimited[actuator]:
         return float(np.abs(model.actuator_forcerange[actuator]).max())
     return float(abs(model.actuator_gainprm[actuator, 0]) * np.abs(model.actuator_ctrlrange[actuator]).max())

@@ -35,7 +35,7 @@ def joint_scales(
     inertia = float(model.dof_M0[model.joint(joint).dofadr[0]])
     speed = large_speed(evidence, index)
     if gain > 0:
-        limit = float(np.abs(actuator.forcerange).max()) or np.inf
+        limit = min(float(np.abs(each).max()) or np.inf for each in (actuator.forcerange, element.actfrcrange))
         errors = np.abs(evidence.commands[..., index] - predicted[..., index])[evidence.counts]
         torque = min(limit, gain * float(np.percentile(errors, 98)))
     else:
