@@ -21,12 +21,13 @@ def driven_joint(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> str | Non
 
 
 def driving_actuators(model: mujoco.MjModel, joint: int) -> np.ndarray:
-    """Return the indices of the actuators with a control that drive a joint of a compiled model."""
+    """Return the indices of the actuators with a control that drive a joint of a compiled model, its servo first."""
     tendon = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, model.joint(joint).name + DRIVE)
     kind, target = model.actuator_trntype, model.actuator_trnid[:, 0]
     direct = (kind == int(mujoco.mjtTrn.mjTRN_JOINT)) & (target == joint)
     by_goal = (kind == int(mujoco.mjtTrn.mjTRN_TENDON)) & (target == tendon) & (tendon >= 0)
-    return np.flatnonzero((direct | by_goal) & (model.actuator_ctrlnum > 0))
+    found = np.flatnonzero((direct | by_goal) & (model.actuator_ctrlnum > 0))
+    return found[np.argsort(model.actuator_biasprm[found, 1] == 0, kind="stable")]  # a servo feeds positions back
 
 
 def servo_actuators(model: mujoco.MjModel, joint: int) -> list[int]:

@@ -10,6 +10,7 @@ import mujoco
 
 from nas_data import registry
 from nas_data.drives import driven_joint
+from nas_data.effects.edits.damping_ratio import settle_damping
 from nas_data.effects.edits.hook import StepHook
 from nas_data.errors import JointMismatch, OptionError
 
@@ -149,6 +150,11 @@ class Effect:
         return ()
 
     @classmethod
+    def idle(cls, scales: Scales) -> float:
+        """Return the first parameter's value at which the effect ends to do anything at a joint of these sizes."""
+        return cls.parameters[0].neutral
+
+    @classmethod
     def twins(cls, joint: str | None) -> tuple["Effect", ...]:
         """Return effects that may do exactly the same and are never searched for beside it, at first guesses."""
         return ()
@@ -244,7 +250,10 @@ def add_effects(spec: mujoco.MjSpec, effects: Iterable[Effect]) -> None:
     Raises:
         JointMismatch: an effect names a joint that the model lacks.
     """
-    for effect in sorted(effects, key=lambda effect: effect.late):
+    chosen = sorted(effects, key=lambda effect: effect.late)
+    if not all(effect.is_neutral for effect in chosen):
+        settle_damping(spec)
+    for effect in chosen:
         if effect.joint is not None and spec.joint(effect.joint) is None:
             names = ", ".join(joint.name for joint in spec.joints)
             raise JointMismatch(f"{effect.name()} names the joint '{effect.joint}'; the model has: {names}.")
@@ -253,12 +262,12 @@ def add_effects(spec: mujoco.MjSpec, effects: Iterable[Effect]) -> None:
 
 
 def joint_actuator(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsActuator:
-    """Return the actuator that drives a joint.
+    """Return the actuator that drives a joint; of several the first with position feedback.
 
     Raises:
         JointMismatch: no actuator does.
     """
-    for actuator in spec.actuators:
-        if driven_joint(spec, actuator) == joint:
-            return actuator
+    driving = [actuator for actuator in spec.actuators if driven_joint(spec, actuator) == joint]
+    for actuator in sorted(driving, key=lambda actuator: actuator.biasprm[1] == 0):
+        return actuator
     raise JointMismatch(f"No actuator of the model drives the joint '{joint}'.")

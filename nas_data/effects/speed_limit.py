@@ -43,12 +43,13 @@ class SpeedLimit(Effect):
                 f"speed_limit cannot be added to the actuator '{servo.name}', which filters its command already."
             )
         bias = servo.biasprm.copy()
-        servo.set_to_pid(kp=feedback(servo), kv=-float(bias[2]), slewmax=self.speed, ctrlspec=POSITION_INPUT)
+        slewmax = self.speed * abs(float(servo.gear[0]))
+        servo.set_to_pid(kp=feedback(servo), kv=-float(bias[2]), slewmax=slewmax, ctrlspec=POSITION_INPUT)
         servo.biasprm = bias  # set_to_pid forgets a constant bias
 
     def _limit_pid(self, servo: mujoco.MjsActuator) -> None:
         """Lower the limit of a servo that has one, or give one to a servo with an integral term."""
         parameters = servo.dynprm.copy()
-        present = float(parameters[1])
-        parameters[1] = min(self.speed, present) if present > 0 else self.speed
+        present, limit = float(parameters[1]), self.speed * abs(float(servo.gear[0]))
+        parameters[1] = min(limit, present) if present > 0 else limit
         servo.dynprm = parameters

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
+import numpy as np
 
 from nas_data.drives import BAND
 from nas_data.effects.base import Effect, Parameter, Scales, joint_actuator
@@ -28,13 +29,18 @@ class TorqueLimit(Effect):
         """A fifth to four fifths of the torque that the model gives."""
         return tuple({"torque": share * scales.torque} for share in (0.2, 0.45, 0.8))
 
+    @classmethod
+    def idle(cls, scales: Scales) -> float:
+        """The torque that the model gives: a higher limit is none."""
+        return scales.torque
+
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Set the force range of the joint's actuator; of the joint where its servo has a dead band."""
+        """Set the force range of the joint's actuator; of the joint where it has one, or its servo a dead band."""
         assert self.joint is not None
-        actuator = joint_actuator(spec, self.joint)
-        if spec.actuator(self.joint + BAND) is not None:
-            joint = spec.joint(self.joint)
+        actuator, joint = joint_actuator(spec, self.joint), spec.joint(self.joint)
+        has_band = spec.actuator(self.joint + BAND) is not None
+        if has_band or (joint.actfrclimited != mujoco.mjtLimited.mjLIMITED_FALSE and np.any(joint.actfrcrange)):
             joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_TRUE, [-self.torque, self.torque]
-            return
-        actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
-        actuator.forcerange = [-self.torque, self.torque]
+        if not has_band:
+            force = self.torque / abs(float(actuator.gear[0]))
+            actuator.forcelimited, actuator.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, [-force, force]

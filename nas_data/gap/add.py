@@ -10,6 +10,7 @@ from nas_data.dataset.features import POSITION
 from nas_data.effects.base import Effect, add_effects
 from nas_data.errors import OptionError
 from nas_data.gap.nominal import Nominal, fine_timestep
+from nas_data.meshless import exact_xml
 
 MODEL, EFFECTS = "model.xml", "effects.json"
 
@@ -39,7 +40,7 @@ def write_model(
     spec.compile()
     written = write_effects(folder, effects, factors)  # first: it marks the folder as a report's, whoever is killed now
     model = folder / MODEL
-    model.write_text(spec.to_xml(), encoding="utf-8")
+    model.write_bytes(exact_xml(spec))
     return model, written
 
 

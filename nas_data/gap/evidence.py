@@ -13,6 +13,7 @@ from nas_data.simulators.settled import Hold
 
 SHORTEST = 10  # control steps below which an episode says nothing about dynamics
 WINDOW = 5.0  # [s] into which longer episodes are cut: errors of a servoed arm do not grow with time
+WHOLE = 1.5  # times as long an episode may be and is not cut
 STILLER = 0.5  # [s] around an even spacing in which the stillest moment is taken as a window's start
 PARTS = ("starts", "commands", "measured", "counts", "numbers", "speeds", "holds", "gains", "driven")  # by episode
 
@@ -136,28 +137,33 @@ def divide(evidence: Evidence, share: float = 1 / 3) -> tuple[Evidence, Evidence
 
 
 def windows(evidence: Evidence, rows: int) -> Evidence:
-    """Return windows of at most `WINDOW` seconds, evenly over the recording, of `rows` rows in all.
+    """Return stretches of about `WINDOW` seconds, evenly over the recording, of `rows` rows in all.
 
-    Episodes that are short anyway are returned as they are, evenly thinned out where they have more rows.
+    An episode gives as many stretches as it has room for side by side, at least one: what is counted twice would
+    only seem to be known better. Where no episode is much longer than a stretch, all stay whole.
 
     Args:
         evidence: Episodes.
-        rows: How many rows are wanted at most; at least two windows are returned.
+        rows: How many rows are wanted at most; at least two stretches are returned if there are as many.
     """
-    steps = min(evidence.commands.shape[1], round(WINDOW / evidence.period))
-    wanted = max(2, rows // steps)
-    if steps == evidence.commands.shape[1]:
-        count = len(evidence)
-        return evidence.select(np.unique(np.linspace(0, count - 1, min(count, wanted)).round().astype(int)))
-    lengths = np.maximum(evidence.counts.sum(1) - steps, 0)
-    ends = np.cumsum(lengths + 1)
-    places = np.unique(np.linspace(0, ends[-1] - 1, wanted).astype(int))
-    parts = []
-    for place in places:
-        episode = int(np.searchsorted(ends, place, side="right"))
-        offset = int(place - (ends[episode] - lengths[episode] - 1))
-        parts.append(window(evidence, episode, stillest(evidence, episode, offset, int(lengths[episode])), steps))
-    return joined(parts)
+    longest, steps = evidence.commands.shape[1], round(WINDOW / evidence.period)
+    if longest <= WHOLE * steps:
+        return evidence.select(thinned(len(evidence), rows // longest))
+    places = [place for number in range(len(evidence)) for place in stretches(evidence, number, steps)]
+    return joined([window(evidence, *places[index], steps) for index in thinned(len(places), rows // steps)])
+
+
+def thinned(count: int, wanted: int) -> np.ndarray:
+    """Return which of a number of things to take where some are wanted, evenly spaced; at least two."""
+    return np.unique(np.linspace(0, count - 1, min(count, max(2, wanted))).round().astype(int))
+
+
+def stretches(evidence: Evidence, number: int, steps: int) -> list[tuple[int, int]]:
+    """Return an episode's number and the first row of each stretch of some steps that it is cut into."""
+    last = max(0, int(evidence.counts[number].sum()) - steps)
+    count = max(1, round((last + steps) / steps))
+    offsets = np.linspace(0, last, count).round().astype(int)
+    return [(number, stillest(evidence, number, int(offset), last)) for offset in offsets]
 
 
 def stillest(evidence: Evidence, episode: int, offset: int, last: int) -> int:

@@ -13,7 +13,7 @@ from nas_data.gap.search.decide import decided
 from nas_data.gap.search.final import Final
 from nas_data.gap.search.fit import Task
 from nas_data.gap.search.hypothesis import Hypothesis
-from nas_data.gap.search.rivals import beside, fitted_rivals, outdone
+from nas_data.gap.search.rivals import beside, confronted, fitted_rivals, outdone
 from nas_data.gap.search.state import Search
 
 SHARPNESS = 4.0  # how fast doubt falls with the ratio of the runner-up's error to the winner's
@@ -89,7 +89,9 @@ def name(train: Task, held: Task, say: Callable[[str], None] = lambda text: None
         say: Told what is going on.
     """
     search = Search(train, held, say)
-    kept = outdone(search, choose(search))
+    kept = choose(search)
+    confronted(search, kept)
+    kept = outdone(search, kept)
     null = Final((), search.null.fit.factors, ())
     say("last fit, on all training episodes")
     kept, final = decided(search, replace(train, fine=search.sub.fine), kept)
@@ -103,9 +105,10 @@ def judge(search: Search, kept: Hypothesis, final: Final, number: int) -> tuple[
     """Compare one effect with nothing and with its rivals; return the finding and the best rival's hypothesis."""
     effect = kept.effects[number]
     others = beside(kept, number)
-    without = search.without(kept, number) or search.null
+    without = search.without(kept, number)
+    without = without if without and without.is_sound else search.null
     ranked = fitted_rivals(search, kept, number)
-    twins = [h for twin in effect.twins(effect.joint) if (h := search.rival((*others, twin), kept))]
+    twins = [h for twin in effect.twins(effect.joint) if (h := search.rival((*others, twin), kept)) and h.is_sound]
     joints = concerned(search, effect)
     confidence = surety(search, kept, ranked, without)
     finding = Finding(

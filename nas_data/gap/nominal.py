@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from nas_data.effects.base import Effect
+from nas_data.effects.edits.damping_ratio import settle_damping
 from nas_data.effects.edits.servo import position_servo, scale_stiffness
 from nas_data.explicit import explicit
 from nas_data.gap.base import BaseParameter, apply_base, base_parameters
@@ -52,7 +53,7 @@ class Nominal:
 
     @classmethod
     def load(cls, model: str | Path, evidence: Evidence) -> "Nominal":
-        """Read the model.
+        """Read the model; its physics step is shortened to one of which whole numbers make a control period.
 
         Raises:
             ModelFileError, JointMismatch: it cannot be used, or has other joints than the recording.
@@ -60,6 +61,8 @@ class Nominal:
         robot = find_robot(model)
         MujocoSimulator(robot, evidence.period, evidence.joints)  # says what is wrong with the model, if anything
         spec = explicit(robot.spec())
+        settle_damping(spec)
+        spec.option.timestep = evidence.period / np.ceil(evidence.period / spec.option.timestep - 1e-6)
         return cls(robot, spec, evidence.joints, evidence.period, base_parameters(spec, evidence.joints))
 
     def edited(self, factors: Mapping[str, float]) -> mujoco.MjSpec:

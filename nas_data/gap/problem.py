@@ -14,6 +14,7 @@ from nas_data.gap.floor import noise_floor
 from nas_data.gap.gains import with_relative_gains
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.search.fit import Task
+from nas_data.pairing import check_fits
 
 TRAIN_STEPS = 120_000  # physics steps that one rollout of all training episodes may take, half a second of work
 HELD_STEPS = 60_000  # the same for the held-out episodes
@@ -71,6 +72,7 @@ class Problem:
                 "record more, or cut it with 'nas split'."
             )
         nominal = Nominal.load(model, evidence)
+        check_fits(transitions, nominal.simulator())
         floor = noise_floor(evidence)
         train, held = divide(evidence)
         substeps = nominal.simulator().substeps

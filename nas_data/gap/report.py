@@ -59,8 +59,8 @@ def write_report(
         **experiment,
         "find": found.to_json(),
         "episodes": {
-            "train": problem.train.evidence.numbers.tolist(),
-            "heldout": held.evidence.numbers.tolist(),
+            "train": np.unique(problem.train.evidence.numbers).tolist(),
+            "heldout": np.unique(held.evidence.numbers).tolist(),
         },
         "seed": 0,
         "seconds": round(seconds, 2),

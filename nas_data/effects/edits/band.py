@@ -31,7 +31,6 @@ def add_band(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator, half_wi
 
 def put_goal_between(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator) -> None:
     """Let the servo drive a goal, and passive actuators with its gains the joint; without a band the same torque."""
-    settle_damping(spec, servo)
     first, gear = spec.joint(joint), float(servo.gear[0])
     kp, kv = feedback(servo) * gear**2, -float(servo.biasprm[2]) * gear**2
     move_dampers(first, servo)
@@ -49,12 +48,6 @@ def put_goal_between(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator)
     add_feedback(spec, joint + DAMPING, add_sum(spec, joint + "_turn", {joint: 1.0}), 0.0, -kv)
     if limits is not None:
         limit_torque(first, *np.sort(np.array(limits) * gear))
-
-
-def settle_damping(spec: mujoco.MjSpec, servo: mujoco.MjsActuator) -> None:
-    """Replace a damping ratio by its damping, which the compiler would otherwise compute for the goal."""
-    if servo.biasprm[2] > 0:
-        servo.biasprm = spec.compile().actuator(servo.name).biasprm
 
 
 def move_dampers(joint: mujoco.MjsJoint, servo: mujoco.MjsActuator) -> None:

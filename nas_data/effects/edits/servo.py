@@ -87,9 +87,9 @@ def part(spec: mujoco.MjSpec, joint: str, name: str) -> mujoco.MjsActuator:
 
 
 def shift_rest(actuator: mujoco.MjsActuator, offset: float) -> None:
-    """Let a servo come to rest at its command plus an offset [rad]."""
+    """Let a servo come to rest at its command plus an offset of the joint [rad]."""
     bias = actuator.biasprm.copy()
-    bias[0] += feedback(actuator) * offset
+    bias[0] += feedback(actuator) * float(actuator.gear[0]) * offset
     actuator.biasprm = bias
 
 

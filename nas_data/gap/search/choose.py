@@ -16,6 +16,8 @@ def choose(search: Search) -> Hypothesis:
         return kept
     while not is_full(search, kept) and (search.ratio(kept).max() > AT_FLOOR or strained(kept)):
         larger = grown(search, kept, extensions(search, kept, around))
+        if larger is None and around is not kept.fit:
+            larger = grown(search, kept, extensions(search, kept, kept.fit))
         larger = larger or grown(search, kept, overlooked(search, kept))
         if larger is None:
             break

@@ -48,6 +48,11 @@ class Hypothesis:
         """Loss on the fitted episodes: misfit and prior."""
         return self.fit.loss
 
+    @property
+    def is_sound(self) -> bool:
+        """Whether the model runs on every held-out episode without diverging."""
+        return bool(np.isfinite(self.heldout).all())
+
     def text(self) -> str:
         """Say it in a line."""
         parts = [

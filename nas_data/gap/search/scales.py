@@ -35,7 +35,8 @@ def joint_scales(
     inertia = float(model.dof_M0[model.joint(joint).dofadr[0]])
     speed = large_speed(evidence, index)
     if gain > 0:
-        limit = min(float(np.abs(each).max()) or np.inf for each in (actuator.forcerange, element.actfrcrange))
+        ranges = (actuator.forcerange * float(actuator.gear[0]), element.actfrcrange)
+        limit = min(float(np.abs(each).max()) or np.inf for each in ranges)
         errors = np.abs(evidence.commands[..., index] - predicted[..., index])[evidence.counts]
         torque = min(limit, gain * float(np.percentile(errors, 98)))
     else:

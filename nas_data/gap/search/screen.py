@@ -68,14 +68,28 @@ def screen(task: Task, state: Fit, sizes: Sequence[Scales], joints: Container[st
         for effect in candidates(task.nominal.joints, sizes)
         if (effect.name(), effect.joint) not in present and (effect.joint is None or effect.joint in joints)
     ]
-    for found in side_by_side(lambda effect: first_order(task, state, base, effect), wanted):
+    by_joint = dict(zip(task.nominal.joints, sizes, strict=True))
+
+    def estimated(effect: Effect) -> Candidate | None:
+        idle = effect.idle(by_joint[effect.joint]) if effect.joint else effect.parameters[0].neutral
+        return first_order(task, state, base, effect, idle)
+
+    for found in side_by_side(estimated, wanted):
         if found is not None and (found.place not in best or found.misfit < best[found.place].misfit):
             best[found.place] = found
     return sorted(best.values(), key=lambda candidate: candidate.misfit)
 
 
-def first_order(task: Task, state: Fit, base: np.ndarray, effect: Effect) -> Candidate | None:
-    """Simulate one candidate beside the state; None where the model cannot take it or diverges."""
+def first_order(task: Task, state: Fit, base: np.ndarray, effect: Effect, idle: float) -> Candidate | None:
+    """Simulate one candidate beside the state; None where the model cannot take it or diverges.
+
+    Args:
+        task: Some episodes.
+        state: Hypothesis fitted so far.
+        base: Its slopes by the base's parameters, shape (parameters, E, T, n).
+        effect: Candidate at a first guess.
+        idle: Value of its first parameter at which it ends to do anything.
+    """
     try:
         predicted = task.nominal.predict(task.evidence, (*state.effects, effect), state.factors) + task.correction
     except NasError:
@@ -106,7 +120,7 @@ def first_order(task: Task, state: Fit, base: np.ndarray, effect: Effect) -> Can
     misfit += float(0.5 * ((prior * (logs + shift)) ** 2).sum())
     names = [parameter.name for parameter in state.unknowns.base]
     factors = {name: float(np.exp(log)) for name, log in zip(names, logs + shift, strict=True)}
-    return Candidate(stretched(effect, stretch), misfit, factors)
+    return Candidate(stretched(effect, stretch, idle), misfit, factors)
 
 
 def is_signed(effect: Effect) -> bool:
@@ -114,14 +128,16 @@ def is_signed(effect: Effect) -> bool:
     return effect.parameters[0].low < 0
 
 
-def stretched(effect: Effect, stretch: float) -> Effect:
-    """Return an effect whose mark is, to first order, `stretch` times as large."""
+def stretched(effect: Effect, stretch: float, idle: float) -> Effect:
+    """Return an effect whose mark is, to first order, `stretch` times as large; none where it is idle."""
     if not is_signed(effect):
         stretch = max(stretch, SMALLEST_STRETCH)
     values = {}
     for place, p in enumerate(effect.parameters):
         value = getattr(effect, p.name)
-        if place == 0 or p.low < 0:
-            value = value / stretch if np.isinf(p.neutral) else p.neutral + stretch * (value - p.neutral)
+        if place == 0 and np.isinf(p.neutral):
+            value = 1 / max(stretch / value + (1 - stretch) / idle, 1e-12)
+        elif place == 0 or p.low < 0:
+            value = p.neutral + stretch * (value - p.neutral)
         values[p.name] = float(np.clip(value, p.low, p.high))
     return make_effect(effect.name(), effect.joint, values)
