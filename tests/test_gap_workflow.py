@@ -235,3 +235,14 @@ def test_what_is_left_is_told_by_what_it_goes_with(quantity: str):
         "time": np.broadcast_to(0.01 * np.linspace(0, 1, q.shape[1])[None, :, None] ** 2, q.shape),
     }[quantity]
     assert goes_with(evidence, extra, 2) == quantity
+
+
+def test_positions_are_not_commanded_to_torque_motors(
+    arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = recorded(arm, tmp_path / "data")
+    motors = tmp_path / "motors.xml"
+    motors.write_text(ARM.replace("<position name", "<motor name"))
+    assert main(["gap", str(data), "--model", str(motors), "--out", str(tmp_path / "out")]) == 2
+    assert "commands positions, the model's actuators take torques" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

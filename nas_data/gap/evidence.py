@@ -150,7 +150,8 @@ def windows(evidence: Evidence, rows: int) -> Evidence:
     if longest <= WHOLE * steps:
         return evidence.select(thinned(len(evidence), rows // longest))
     places = [place for number in range(len(evidence)) for place in stretches(evidence, number, steps)]
-    return joined([window(evidence, *places[index], steps) for index in thinned(len(places), rows // steps)])
+    chosen = [places[index] for index in thinned(len(places), rows // steps)]
+    return joined([window(evidence, number, first, steps) for number, first in chosen])
 
 
 def thinned(count: int, wanted: int) -> np.ndarray:

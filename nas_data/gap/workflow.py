@@ -49,8 +49,6 @@ def investigate(
         raise OptionError(f"--learn is {learn}; give 0, which leaves φ out, or a number of updates such as 400.")
     check_place(folder, model)
     problem = Problem.load(dataset, model)
-    folder.mkdir(parents=True, exist_ok=True)
-    clear(folder)
     say("find: where model and recording disagree")
     found = find(problem.dataset, problem.evidence, problem.train.nominal, problem.train.floor)
     return conclude(problem, found, folder, began, say, learn)
@@ -62,6 +60,8 @@ def conclude(problem: Problem, found: Found, folder: Path, began: float, say: Sa
         say("; ".join(found.undecidable))
     say("name: which effect is missing")
     naming = name(problem.train, problem.held, say)
+    folder.mkdir(parents=True, exist_ok=True)
+    clear(folder)  # not before: a run that is cut short leaves the earlier report
     say("add: write the model with the effects")
     outcome = added(problem, naming.final, naming.null, folder)
     if learn:
