@@ -7,13 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.code_hash import code_hash
 from nas_data.envs.loop.plant import Plant
 from nas_data.errors import OptionError
 from nas_data.policies.evaluate import score_policy, spread
 from nas_data.policies.folder import write
+from nas_data.policies.learner import Hyperparameters, Training
 from nas_data.policies.parallel import run_jobs
 from nas_data.policies.policy import load_policy, read_progress
-from nas_data.policies.ppo import Hyperparameters, Report, Training, to_stderr, train
+from nas_data.policies.ppo import Report, check_folder, to_stderr, train
 from nas_data.policies.share import Share, share
 from nas_data.policies.tables import aligned
 
@@ -58,6 +60,33 @@ class Run:
     quiet: bool = False
     dataset: str | None = None
 
+    def question(self) -> dict[str, object]:
+        """Return what decides the result: two runs are the same where this is."""
+        training, rollout = self.training, self.training.hyperparameters.rollout
+        return {
+            "method": self.method,
+            "training": {**training.identity(), "frames": training.rollouts * rollout},
+            "target": self.target.describe(),
+            "episodes": self.episodes,
+            "code": code_hash(*self.target.modules(), "nas_data.policies.evaluate"),
+        }
+
+
+def check_run(run: Run) -> None:
+    """Refuse a run whose folder holds another, before hours are spent.
+
+    Raises:
+        OutputExists: the folder holds another training, or one by other code.
+    """
+    if known_record(run, run.question()) is None:
+        check_folder(run.folder, run.training)
+
+
+def known_record(run: Run, question: Record) -> Record | None:
+    """Return the record of a run that was done before, None where it is still to be done."""
+    known = read_result(run.folder)
+    return known if known is not None and known.get("question") == question else None
+
 
 def do_run(run: Run) -> Record:
     """Train and judge one policy, or read what an earlier run of the same found.
@@ -66,14 +95,9 @@ def do_run(run: Run) -> Record:
         OutputExists: the folder holds another training.
         CheckpointError: the plant's checkpoint cannot be used.
     """
-    question = {
-        "method": run.method,
-        "training": {**run.training.identity(), "frames": run.training.rollouts * run.training.hyperparameters.rollout},
-        "target": run.target.describe(),
-        "episodes": run.episodes,
-    }
-    known = read_result(run.folder)
-    if known is not None and known.get("question") == question:
+    question = run.question()
+    known = known_record(run, question)
+    if known is not None:
         return known
     train(run.training, run.folder, report=silence if run.quiet else None)
     score = score_policy(load_policy(run.folder), run.target, run.episodes)
@@ -118,7 +142,7 @@ def compare(
     Raises:
         OptionError: there is no method or no seed, or a seed is negative.
         UnknownName: an environment or a dynamics does not exist.
-        OutputExists: the folder holds a run of another study under the same name.
+        OutputExists: the folder holds a run of another study, or one by other code, under the same name.
     """
     if not study.methods or not study.seeds:
         raise OptionError("A comparison needs at least one method and one seed.")
@@ -139,6 +163,8 @@ def compare(
         for seed in study.seeds
         for method, plant in study.methods.items()
     ]
+    for run in runs:
+        check_run(run)
     records: dict[tuple[str, int], Record] = {}
     for number, record in run_jobs(do_run, runs, workers):
         run = runs[number]

@@ -11,7 +11,7 @@ from nas_data.experiments.pipeline.material import Material
 from nas_data.experiments.pipeline.methods import METHODS, needs_of, target
 from nas_data.experiments.pipeline.sizes import Sizes
 from nas_data.policies.compare import Comparison, Study, compare
-from nas_data.policies.ppo import Hyperparameters
+from nas_data.policies.learner import Hyperparameters
 from nas_data.policies.share import LEVEL, resampled_medians
 from nas_data.policies.watching import watching
 from nas_data.stages import INDENT

@@ -12,7 +12,7 @@ from nas_data.experiments.pipeline.material import PHI
 from nas_data.models.holding_out import rows_of
 from nas_data.models.presets import TrainingOptions
 from nas_data.policies.compare import Record, Run, do_run, silence
-from nas_data.policies.ppo import Hyperparameters, Training
+from nas_data.policies.learner import Hyperparameters, Training
 
 
 @dataclass(frozen=True)
