@@ -18,21 +18,6 @@ def training(environment, dynamics="source"):
     return Training(Plant(environment, dynamics), 0, 32, SMALL)
 
 
-@pytest.fixture
-def edited(monkeypatch):
-    """Return what lets a module read as if its text were another."""
-    original = code_hash.source_of
-
-    def edit(module, old, new):
-        text = original(module).replace(old, new)
-        assert text != original(module)
-        monkeypatch.setattr(code_hash, "source_of", lambda name: text if name == module else original(name))
-        code_hash.studied.cache_clear()
-
-    yield edit
-    code_hash.studied.cache_clear()
-
-
 @pytest.mark.parametrize(
     ("module", "old", "new"),
     [

@@ -93,6 +93,7 @@ def sweep(request: Request, material: Material, counts: tuple[int, ...]) -> np.n
             episodes=sizes.judged,
             hyperparameters=hyperparameters(sizes),
             folder=material.folder / "sweep" / str(count) / f"seed{seed}",
+            threads=1 if request.workers > 1 else None,
         )
         for seed in sizes.seeds
         for count in counts

@@ -31,6 +31,7 @@ class CountJob:
         episodes: Episodes that it is judged on.
         hyperparameters: PPO's.
         folder: Where φ and the policy go.
+        threads: Threads that simulate φ's source; all cores where None.
     """
 
     count: int
@@ -44,6 +45,7 @@ class CountJob:
     episodes: int
     hyperparameters: Hyperparameters
     folder: Path
+    threads: int | None = None
 
     def subset(self, dataset: Dataset) -> Dataset:
         """Return the trajectories that φ learns from."""
@@ -53,7 +55,7 @@ class CountJob:
 
 def do_count(job: CountJob) -> Record:
     """Train φ and then the policy, judge it on the target; what was done before is read."""
-    model = ModelJob("delta", job.pairs, replace(job.options, seed=job.seed), job.folder / PHI)
+    model = ModelJob("delta", job.pairs, replace(job.options, seed=job.seed), job.folder / PHI, job.threads)
     train_model(model, silence, job.subset)
     plant = replace(job.source, checkpoint=str(model.folder))
     run = Run(
