@@ -1,6 +1,7 @@
 """Methods against each other on one target: every method and seed is one run, one JSON file, never done twice."""
 
 import json
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,7 +10,7 @@ import numpy as np
 
 from nas_data.code_hash import code_hash
 from nas_data.envs.loop.plant import Plant
-from nas_data.errors import OptionError
+from nas_data.errors import OptionError, SimulationDiverged
 from nas_data.policies.evaluate import score_policy, spread
 from nas_data.policies.folder import write
 from nas_data.policies.learner import Hyperparameters, Training
@@ -94,13 +95,19 @@ def do_run(run: Run) -> Record:
     Raises:
         OutputExists: the folder holds another training.
         CheckpointError: the plant's checkpoint cannot be used.
+        SimulationDiverged: the plant cannot be simulated at all.
     """
     question = run.question()
     known = known_record(run, question)
     if known is not None:
         return known
-    train(run.training, run.folder, report=silence if run.quiet else None)
-    score = score_policy(load_policy(run.folder), run.target, run.episodes)
+    try:
+        train(run.training, run.folder, report=silence if run.quiet else None)
+        wall, cpu = time.perf_counter(), time.process_time()
+        score = score_policy(load_policy(run.folder), run.target, run.episodes)
+        wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    except SimulationDiverged as error:
+        raise SimulationDiverged(f"{run.method}, seed {run.training.seed}: {error}") from error
     curve = read_progress(run.folder)
     record: Record = {
         "question": question,
@@ -109,6 +116,8 @@ def do_run(run: Run) -> Record:
         "returns": score.returns.tolist(),
         "wall_seconds": float(curve["seconds"][-1]),
         "cpu_seconds": float(curve["cpu_seconds"][-1]),
+        "judging": {"wall_seconds": wall, "cpu_seconds": cpu},
+        "diverged": {"learning": int(curve["diverged"].sum()), "judging": int(score.diverged.sum())},
     }
     write(run.folder / RESULT, (json.dumps(record, indent=1) + "\n").encode())
     return record
@@ -142,6 +151,7 @@ def compare(
     Raises:
         OptionError: there is no method or no seed, or a seed is negative.
         UnknownName: an environment or a dynamics does not exist.
+        JobsFailed: several runs could not be done; all others are, and will not be done again.
         OutputExists: the folder holds a run of another study, or one by other code, under the same name.
     """
     if not study.methods or not study.seeds:
@@ -203,6 +213,23 @@ class Comparison:
         """Return a score of each seed of a method on the target, shape (seeds,)."""
         return np.array([number(self.records[method, seed], key) for seed in self.study.seeds])
 
+    def diverged(self, method: str, when: str) -> np.ndarray:
+        """Return how many episodes of each seed left all bounds while `learning` or `judging`, shape (seeds,)."""
+        counts = [self.records[method, seed]["diverged"] for seed in self.study.seeds]
+        return np.array([count[when] for count in counts if isinstance(count, dict)])
+
+    def lost(self) -> list[str]:
+        """Say of each method how many episodes left all bounds, where some did."""
+        said = []
+        for method in self.study.methods:
+            learning, judging = (int(self.diverged(method, when).sum()) for when in ("learning", "judging"))
+            if learning or judging:
+                said.append(
+                    f"{method}: {learning:,} episodes while learning and {judging} while judged left all bounds; each "
+                    "was ended there, with the least reward for every step that it still had."
+                )
+        return said
+
     def policy_folder(self, method: str, seed: int) -> Path:
         """Return where a policy lies."""
         return self.folder / method / f"seed{seed}"
@@ -231,13 +258,14 @@ class Comparison:
             "success_rates": self.values(method, "success_rate").tolist(),
             "return": spread(self.values(method)),
             "success_rate": spread(self.values(method, "success_rate")),
+            "diverged": {when: self.diverged(method, when).tolist() for when in ("learning", "judging")},
             "share_closed": None if closed is None else closed.describe(),
         }
 
     def table(self) -> str:
         """Return the comparison as text."""
         headers = ("method", "seeds", "return: median", "min … max", "success: median", "distance closed")
-        return aligned(headers, [self._row(method) for method in self.study.methods])
+        return "\n".join([aligned(headers, [self._row(method) for method in self.study.methods]), *self.lost()])
 
     def _row(self, method: str) -> tuple[str, ...]:
         returns, success = spread(self.values(method)), spread(self.values(method, "success_rate"))

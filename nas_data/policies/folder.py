@@ -37,6 +37,7 @@ class Row:
         mean_return: Their mean return.
         success_rate: Share of them that reached the goal.
         mean_length: Their mean length in control steps.
+        diverged: How many of them ended because the simulation left all bounds.
         action_std: Standard deviation of the exploring actions.
         divergence: Mean approximate Kullback-Leibler divergence of the update.
         value_loss: Mean squared error of the critic, in normalised returns.
@@ -49,6 +50,7 @@ class Row:
     mean_return: float
     success_rate: float
     mean_length: float
+    diverged: int
     action_std: float
     divergence: float
     value_loss: float

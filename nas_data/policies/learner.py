@@ -141,6 +141,7 @@ class Learner:
             mean_return=mean([episode.total for episode in episodes]),
             success_rate=mean([float(episode.success) for episode in episodes]),
             mean_length=mean([float(episode.length) for episode in episodes]),
+            diverged=sum(episode.diverged for episode in episodes),
             action_std=float(values["train/std"]),
             divergence=float(values["train/approx_kl"]),
             value_loss=float(values["train/value_loss"]),

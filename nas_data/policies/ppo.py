@@ -99,6 +99,7 @@ def sentence(row: files.Row, training: Training) -> str:
     total = training.rollouts * training.hyperparameters.rollout
     rate = row.frames / row.seconds
     scored = f"return {row.mean_return:.2f}, success {row.success_rate:.0%}" if row.episodes else "no episode over yet"
+    scored += f", {row.diverged} diverged" if row.diverged else ""
     return (
         f"{row.frames:,} of {total:,} frames, {scored}, {rate:,.0f} frames/s, {(total - row.frames) / rate:.0f} s left"
     )
