@@ -17,7 +17,7 @@ from nas_data.policies.learner import Hyperparameters, Training
 from nas_data.policies.parallel import run_jobs
 from nas_data.policies.policy import load_policy, read_progress
 from nas_data.policies.ppo import Report, check_folder, to_stderr, train
-from nas_data.policies.share import Share, share
+from nas_data.policies.share import Share, Stake, share, stake
 from nas_data.policies.tables import aligned
 
 RESULT = "result.json"
@@ -241,13 +241,21 @@ class Comparison:
             return None
         return share(self.values(method), self.values(SOURCE_METHOD), self.values(EXPERT_METHOD))
 
+    def at_stake(self) -> Stake | None:
+        """Return how far the expert is above the source; None where one of them is not compared."""
+        if not {SOURCE_METHOD, EXPERT_METHOD} <= set(self.study.methods):
+            return None
+        return stake(self.values(SOURCE_METHOD), self.values(EXPERT_METHOD))
+
     def describe(self) -> dict[str, object]:
         """Return the comparison for JSON."""
+        at_stake = self.at_stake()
         return {
             "target": self.study.target.describe(),
             "frames": self.study.frames,
             "episodes": self.study.episodes,
             "seeds": list(self.study.seeds),
+            "at_stake": None if at_stake is None else at_stake.describe(),
             "methods": {method: self._describe_method(method) for method in self.study.methods},
         }
 

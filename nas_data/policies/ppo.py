@@ -77,8 +77,8 @@ def rollouts_in(folder: Path, training: Training, identity: Mapping[str, object]
     if not (folder / CONFIG).is_file():
         raise OutputExists(f"{folder} exists and holds no policy; choose another --out.")
     held = read_config(folder)
-    different = [key for key, value in identity.items() if held.get(key) != value]
-    if different == ["code"]:
+    different = [key for key, value in identity.items() if held.get(key) != value and key != "code"]
+    if not different and held.get("code") != identity["code"]:
         raise OutputExists(
             f"{folder} holds a policy that other code of nas_data trained: its task, its dynamics or PPO were changed "
             "since; remove it or choose another --out."

@@ -30,6 +30,7 @@ class CountJob:
         frames: Control steps of the policy.
         episodes: Episodes that it is judged on.
         hyperparameters: PPO's.
+        policies: Folder of policies of this length and PPO.
         folder: Where φ and the policy go.
         threads: Threads that simulate φ's source; all cores where None.
     """
@@ -44,6 +45,7 @@ class CountJob:
     frames: int
     episodes: int
     hyperparameters: Hyperparameters
+    policies: str
     folder: Path
     threads: int | None = None
 
@@ -63,7 +65,7 @@ def do_count(job: CountJob) -> Record:
         training=Training(plant, job.seed, job.frames, job.hyperparameters),
         target=job.target,
         episodes=job.episodes,
-        folder=job.folder / "policy" / str(job.frames),
+        folder=job.folder / "policy" / job.policies,
         quiet=True,
         dataset=job.content_hash,
     )

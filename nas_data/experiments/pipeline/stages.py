@@ -26,7 +26,7 @@ from nas_data.gap import workflow
 from nas_data.gap.named import Named
 from nas_data.models.lstm import Kind
 from nas_data.policies.ppo import Calm
-from nas_data.stages import INDENT, Found, Report, Stage, Work, run_stages
+from nas_data.stages import INDENT, Found, Report, Stage, Work, read_done, run_stages
 
 Job = Work[MaterialPlan]
 
@@ -150,6 +150,13 @@ STAGES = {
         ),
     )
 }
+
+
+def describe_stages(material: Material) -> dict[str, object]:
+    """Return for JSON what each stage of a material that is done cost, when, and by which commit."""
+    told = ("seconds", "cpu_seconds", "when", "load", "commit")
+    found = {name: read_done(stage, material.folder) for name, stage in STAGES.items()}
+    return {name: {key: getattr(done, key) for key in told} for name, done in found.items() if done is not None}
 
 
 def make_material(plan: MaterialPlan, folder: Path, needs: Collection[str], report: Report) -> Material:
