@@ -103,6 +103,8 @@ def plan_of(folder):
 def test_less_than_the_experiment_says_so_wherever_it_is_shown(folder):
     for stem in (PART, "figure4-Pusher-backlash-tiny", "table1-Pusher-backlash-tiny"):
         assert "not a result" in text_of(folder, stem)
+        assert "coulomb_friction (torque 1 N·m) in j1" in text_of(folder, stem)
+        assert "seed 0" in text_of(folder, stem)
         assert json_of(folder, stem)["warning"]
     assert not FULL.sentence()
 
@@ -176,6 +178,7 @@ def test_figure4_tells_the_errors_of_one_sequence_it_did_not_learn_from(folder):
     found = json_of(folder, "figure4-Pusher-backlash-tiny")["environments"]["Pusher"]
     dataset = read(Material(plan_of(folder), folder / "tiny/Pusher-backlash/material").heldout)
     rows = dataset.episode(found["episode"])
+    assert set(found["stages"]) == {"record", "phi", "psi"}
     assert found["episode"] % 4 == 0  # the paper's protocol
     np.testing.assert_allclose(found["positions"]["measured"], dataset.next_states[rows, :3], atol=1e-6)
     start = dataset.states[rows.start, :3]

@@ -12,7 +12,7 @@ from nas_data.experiments.base import Experiment, Request, Result, Table
 from nas_data.experiments.pipeline.authors import RETURN_BY_COUNT
 from nas_data.experiments.pipeline.comparing import hyperparameters, run_study, study
 from nas_data.experiments.pipeline.counting import CountJob, do_count
-from nas_data.experiments.pipeline.dynamics import describe_dynamics
+from nas_data.experiments.pipeline.dynamics import dynamics_of
 from nas_data.experiments.pipeline.material import Material
 from nas_data.experiments.pipeline.methods import on_source, target
 from nas_data.experiments.pipeline.stages import describe_stages
@@ -70,12 +70,6 @@ def run(request: Request) -> Result:
         },
         {"": to_png(picture)},
     )
-
-
-def dynamics_of(material: Material) -> str:
-    """Say what the target is."""
-    plan = material.plan
-    return describe_dynamics(plan.task, plan.recipe.dynamics, plan.source)
 
 
 def sweep(request: Request, material: Material, counts: tuple[int, ...]) -> np.ndarray:

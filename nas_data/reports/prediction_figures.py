@@ -106,9 +106,10 @@ def quartiles(episodes: Sequence[np.ndarray]) -> np.ndarray:
     padded = np.full((len(episodes), longest), np.nan)
     for row, episode in zip(padded, episodes, strict=True):
         row[: len(episode)] = np.where(np.isfinite(episode), episode, np.inf)
-    with np.errstate(invalid="ignore"):  # between a number and infinity, which is told below
+    lower, higher = (np.nanquantile(padded, QUARTILES, axis=0, method=side) for side in ("lower", "higher"))
+    with np.errstate(invalid="ignore"):  # infinity beside a number
         between = np.nanquantile(padded, QUARTILES, axis=0)
-    return np.where(np.isinf(np.nanquantile(padded, QUARTILES, axis=0, method="higher")), np.inf, between)
+    return np.where(lower == higher, lower, np.where(np.isinf(higher), np.inf, between))
 
 
 def joint_errors(predicted: np.ndarray, measured: np.ndarray, joints: int) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 from nas_data.envs.base import find_task_file
 from nas_data.experiments.base import Request, Table
 from nas_data.experiments.pipeline.authors import RETURNS
-from nas_data.experiments.pipeline.dynamics import describe_dynamics
+from nas_data.experiments.pipeline.dynamics import dynamics_of
 from nas_data.experiments.pipeline.material import Material
 from nas_data.experiments.pipeline.methods import METHODS, needs_of, target
 from nas_data.experiments.pipeline.sizes import Sizes
@@ -133,7 +133,7 @@ def describe(material: Material, comparison: Comparison) -> dict[str, object]:
         "named_nas_minus_nas": describe_paired(comparison),
         "authors": {method: numbers.describe() for method, numbers in authors.items()},
         "hyperparameters": asdict(comparison.study.hyperparameters),
-        "dynamics": describe_dynamics(plan.task, plan.recipe.dynamics, plan.source),
+        "dynamics": dynamics_of(material),
         "dataset": comparison.study.dataset,
         "material": plan.describe(),
         "stages": describe_stages(material),

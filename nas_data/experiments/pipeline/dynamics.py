@@ -4,6 +4,13 @@ from functools import partial
 
 from nas_data.effects.base import Effect
 from nas_data.envs.base import SOURCE, Edit, InTurn, Task
+from nas_data.experiments.pipeline.material import Material
+
+
+def dynamics_of(material: Material) -> str:
+    """Say what the target of a material is."""
+    plan = material.plan
+    return describe_dynamics(plan.task, plan.recipe.dynamics, plan.source)
 
 
 def describe_dynamics(task: Task, dynamics: str, source: str = SOURCE) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from nas_data.experiments.pipeline.dynamics import describe_dynamics
+from nas_data.experiments.pipeline.dynamics import dynamics_of
 from nas_data.experiments.pipeline.material import Material
 from nas_data.experiments.pipeline.methods import METHODS
 from nas_data.policies.compare import Comparison
@@ -16,12 +16,19 @@ ONE_MATERIAL = (
     "methods learned before it."
 )
 
+ONE_MODEL = "φ and ψ are one each, of seed 0 and from one recording: the numbers have no spread over trainings."
+
+
+def notes_on_models(material: Material) -> list[str]:
+    """Return the sentences below a table of φ and ψ."""
+    return [dynamics_of(material), ONE_MODEL]
+
 
 def notes(material: Material, comparison: Comparison) -> list[str]:
     """Return the sentences below a table of methods."""
-    plan, stake = material.plan, comparison.at_stake()
+    stake = comparison.at_stake()
     nothing = None if stake is None else stake.sentence()
-    said = [describe_dynamics(plan.task, plan.recipe.dynamics, plan.source)]
+    said = [dynamics_of(material)]
     said += [nothing] if nothing else []
     said += [ONE_MATERIAL] if any(METHODS[method].needs for method in comparison.study.methods) else []
     said += [on_intervals(len(comparison.study.seeds)), *paired_text(comparison), *comparison.lost()]
