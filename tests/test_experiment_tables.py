@@ -224,6 +224,16 @@ def test_named_and_phi_is_compared_with_phi_alone_seed_by_seed():
     assert describe_paired(comparison(nas=[1.0])) is None
 
 
+def test_episodes_that_left_all_bounds_are_told_by_method():
+    found = comparison(nas=[-70.0, -60.0], source=[-70.0, -60.0])
+    assert found.lost() == []
+    found.records["nas", 1]["diverged"].update(learning=1200, judging=3)
+    (sentence,) = found.lost()
+    assert sentence.startswith("nas: 1,200 episodes while learning and 3 while judged left all bounds")
+    assert found.describe()["methods"]["nas"]["diverged"] == {"learning": [0, 1200], "judging": [0, 3]}
+    assert sentence in found.table()
+
+
 def test_where_source_and_expert_overlap_nothing_is_at_stake():
     apart = stake(np.array([-122.0, -120.0, -130.0]), np.array([-67.0, -70.0, -66.0]))
     assert apart.shown and apart.sentence() is None
