@@ -240,8 +240,9 @@ def test_where_source_and_expert_overlap_nothing_is_at_stake():
     alike = stake(np.array([-70.0, -66.0, -68.0]), np.array([-67.0, -69.0, -66.5]))
     assert not alike.shown and "nothing is at stake" in alike.sentence()
     assert not stake(np.array([1.0]), np.array([1.0])).shown
-    told = comparison(source=[-70.0, -66.0, -68.0], expert=[-67.0, -69.0, -66.5]).describe()
-    assert told["at_stake"]["shown"] is False
+    found = comparison(source=[-70.0, -66.0, -68.0], expert=[-67.0, -69.0, -66.5])
+    assert found.describe()["at_stake"]["shown"] is False
+    assert alike.sentence() in found.table()
 
 
 def test_the_authors_medians_and_means_stand_beside_ours_of_the_same_kind():

@@ -273,7 +273,10 @@ class Comparison:
     def table(self) -> str:
         """Return the comparison as text."""
         headers = ("method", "seeds", "return: median", "min … max", "success: median", "distance closed")
-        return "\n".join([aligned(headers, [self._row(method) for method in self.study.methods]), *self.lost()])
+        at_stake = self.at_stake()
+        nothing = None if at_stake is None else at_stake.sentence()
+        told = [*([nothing] if nothing else []), *self.lost()]
+        return "\n".join([aligned(headers, [self._row(method) for method in self.study.methods]), *told])
 
     def _row(self, method: str) -> tuple[str, ...]:
         returns, success = spread(self.values(method)), spread(self.values(method, "success_rate"))
