@@ -67,6 +67,10 @@ class WorkerLost(NasError, RuntimeError):
     """A worker process ended before its work was done."""
 
 
+class JobsFailed(NasError, RuntimeError):
+    """Several of many independent jobs could not be done; the others are."""
+
+
 class UnknownName(NasError, LookupError):
     """A name (robot, effect, excitation, dynamics …) that is not in its registry."""
 

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Generic, Protocol, TypeVar
 
+from nas_data.circumstances import commit
 from nas_data.dataset.provenance import now
 from nas_data.errors import OutputExists
 from nas_data.reports.file import write_whole
@@ -73,6 +74,7 @@ class Stage(Generic[Plan]):
         work: Does it.
         made: Paths in the folder without which it must be done again.
         builds_on: Stages whose results it uses, and after which it must be done again; all before it where None.
+        code: Returns a hash of the code that decides its results; None where any code will do.
     """
 
     name: str
@@ -81,6 +83,7 @@ class Stage(Generic[Plan]):
     work: Callable[[Work[Plan]], Found]
     made: Sequence[str] = ()
     builds_on: Sequence[str] | None = None
+    code: Callable[[Plan], str] | None = None
 
 
 @dataclass(frozen=True)
@@ -94,6 +97,9 @@ class Done:
         said: Lines for people.
         data: For machines.
         summary: What it comes to.
+        cpu_seconds: Processor time that it took, processes of its own included [s].
+        code: Hash of the code that did it.
+        commit: Commit of that code, where it is known.
     """
 
     seconds: float
@@ -102,6 +108,9 @@ class Done:
     said: Sequence[str]
     data: Mapping[str, object]
     summary: Sequence[str]
+    cpu_seconds: float = 0.0
+    code: str = ""
+    commit: str | None = None
 
 
 def run_stages(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> dict[str, Done]:
@@ -111,9 +120,10 @@ def run_stages(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> dict[str, Don
         What each found.
 
     Raises:
-        OutputExists: the folder holds something else, or the same work with another plan.
+        OutputExists: the folder holds something else, or the same work with another plan or by other code.
     """
     claim(work)
+    check_code(stages, work)
     results: dict[str, Done] = {}
     fresh: set[str] = set()  # a stage that was done anew leaves those that build on it behind
     for number, stage in enumerate(stages, start=1):
@@ -158,12 +168,32 @@ def claim(work: Work[Plan]) -> None:
         write_whole(path, (json.dumps(plan, indent=1) + "\n").encode())
 
 
+def check_code(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> None:
+    """Refuse what other code did, before anything is built on it.
+
+    Raises:
+        OutputExists: other code did one of the stages.
+    """
+    for stage in stages:
+        done = read_done(stage, work.folder)
+        if done is not None and stage.code is not None and done.code != stage.code(work.plan):
+            raise OutputExists(
+                f"{work.folder} holds '{stage.title}' by other code of nas_data: what decides it was changed since; "
+                f"remove {work.folder / STAGES / stage.name}.json to have it made anew, with all that builds on it, "
+                "or choose another --out."
+            )
+
+
 def do(stage: Stage[Plan], work: Work[Plan]) -> Done:
     """Do a stage and keep what it found."""
-    began = time.monotonic()
+    began, cpu = time.monotonic(), cpu_seconds()
+    code = "" if stage.code is None else stage.code(work.plan)
     found = stage.work(work)
     done = Done(
         seconds=round(time.monotonic() - began, 2),
+        cpu_seconds=round(cpu_seconds() - cpu, 2),
+        code=code,
+        commit=commit(),
         when=now(),
         load=round(os.getloadavg()[0], 1),
         said=tuple(found.said),
@@ -172,6 +202,11 @@ def do(stage: Stage[Plan], work: Work[Plan]) -> Done:
     )
     write_whole(work.folder / STAGES / f"{stage.name}.json", (json.dumps(asdict(done), indent=1) + "\n").encode())
     return done
+
+
+def cpu_seconds() -> float:
+    """Return the processor time of this process and of those that it started and that have ended [s]."""
+    return sum(os.times()[:4])
 
 
 def read_done(stage: Stage[Plan], folder: Path) -> Done | None:

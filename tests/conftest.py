@@ -1,12 +1,13 @@
 """What several files of tests start from."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from command_samples import Place, furnish
 from recording_samples import paired_pendulum
 
+from nas_data import code_hash
 from nas_data.dataset.dataset import Dataset
 
 
@@ -47,3 +48,18 @@ def one_thread() -> Iterator[None]:
 def swings() -> Dataset:
     """Return paired episodes of a pendulum."""
     return paired_pendulum((60,) * 24)
+
+
+@pytest.fixture
+def edited(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str, str, str], None]]:
+    """Return what lets a module read as if its text were another."""
+    original = code_hash.source_of
+
+    def edit(module: str, old: str, new: str) -> None:
+        text = original(module).replace(old, new)
+        assert text != original(module)
+        monkeypatch.setattr(code_hash, "source_of", lambda name: text if name == module else original(name))
+        code_hash.studied.cache_clear()
+
+    yield edit
+    code_hash.studied.cache_clear()

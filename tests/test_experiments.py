@@ -17,14 +17,16 @@ from nas_data.errors import OptionError, OutputExists, UnknownName
 from nas_data.experiments.base import Experiment, experiments, find_experiment
 from nas_data.experiments.figure6 import smallest
 from nas_data.experiments.pipeline import authors, stages
-from nas_data.experiments.pipeline.conducting import conduct, stem_of
+from nas_data.experiments.pipeline.conducting import conduct
 from nas_data.experiments.pipeline.material import Material, MaterialPlan
 from nas_data.experiments.pipeline.methods import METHODS, needs_of
+from nas_data.experiments.pipeline.naming import stem_of
 from nas_data.experiments.pipeline.sizes import FULL, QUICK, RECORDINGS
 from nas_data.experiments.table1 import PREDICTORS, differences, statistics
 from nas_data.gap.add import write_effects
 
 CHEAP = ("expert", "source", "nas", "randomised")  # without `nas gap`, which takes minutes
+PART = "figure5-Pusher-backlash-tiny-methods-expert-source-nas-randomised"
 
 
 def text_of(folder, stem):
@@ -63,27 +65,32 @@ def named_by(*effects):
 
 
 def test_figure5_compares_the_methods_in_json_table_and_picture(folder):
-    found = json_of(folder, "figure5-Pusher-backlash-tiny")
+    found = json_of(folder, PART)
     methods = found["environments"]["Pusher"]["methods"]
     assert list(methods) == list(CHEAP)
-    page = text_of(folder, "figure5-Pusher-backlash-tiny")
+    page = text_of(folder, PART)
     for method, values in methods.items():
         assert len(values["returns"]) == len(TINY.seeds)
         assert f"| {method} | {METHODS[method].learned_on} | 2 | {np.median(values['returns']):.2f} [" in page
-    assert (folder / "figure5-Pusher-backlash-tiny.png").read_bytes().startswith(b"\x89PNG")
-    assert "-67.85" in page  # the authors' expert
+    assert (folder / f"{PART}.png").read_bytes().startswith(b"\x89PNG")
+    assert "-67.84 | -67.85 |" in page  # the authors' expert, median and mean
 
 
 def test_every_run_of_figure5_records_what_it_depends_on(folder):
-    found = json_of(folder, "figure5-Pusher-backlash-tiny")["environments"]["Pusher"]
+    found = json_of(folder, PART)["environments"]["Pusher"]
     material = Material(plan_of(folder), folder / "tiny/Pusher-backlash/material")
     for run in found["runs"]:
         record = json.loads((folder / "tiny/Pusher-backlash/policies/256" / run["result"]).read_text())
         assert record["question"]["training"]["seed"] == run["seed"]
-        assert record["circumstances"]["dataset"] == material.content_hash == found["dataset"]
-        assert {"mujoco", "torch", "nas_data"} <= set(record["circumstances"]["versions"])
+        known = material.content_hash if METHODS[run["method"]].needs else None
+        assert record["circumstances"]["dataset"] == known
+        assert {"python", "onnxruntime", "mujoco", "torch", "nas_data"} <= set(record["circumstances"]["versions"])
         assert record["wall_seconds"] > 0
         assert record["cpu_seconds"] > 0
+        assert run["judging"]["cpu_seconds"] > 0
+    assert found["dataset"] == material.content_hash
+    assert set(found["stages"]) >= {"record", "phi"}
+    assert all(stage["cpu_seconds"] > 0 for stage in found["stages"].values())
     assert {run["method"] for run in found["runs"]} == set(CHEAP)
 
 
@@ -94,8 +101,10 @@ def plan_of(folder):
 
 
 def test_less_than_the_experiment_says_so_wherever_it_is_shown(folder):
-    for stem in ("figure5-Pusher-backlash-tiny", "figure4-Pusher-backlash-tiny", "table1-Pusher-backlash-tiny"):
+    for stem in (PART, "figure4-Pusher-backlash-tiny", "table1-Pusher-backlash-tiny"):
         assert "not a result" in text_of(folder, stem)
+        assert "coulomb_friction (torque 1 N·m) in j1" in text_of(folder, stem)
+        assert "seed 0" in text_of(folder, stem)
         assert json_of(folder, stem)["warning"]
     assert not FULL.sentence()
 
@@ -119,6 +128,7 @@ def test_a_second_call_trains_nothing_and_finds_the_same(folder):
     found = conduct("figure5", tiny(folder, "Pusher", said=said, methods=CHEAP))
     assert times(folder / "tiny") == before
     assert sum("done before" in line for line in said) == 2
+    assert "all environments together" not in said
     assert found.data["environments"]["Pusher"]["methods"]["nas"]["returns"]
 
 
@@ -168,6 +178,7 @@ def test_figure4_tells_the_errors_of_one_sequence_it_did_not_learn_from(folder):
     found = json_of(folder, "figure4-Pusher-backlash-tiny")["environments"]["Pusher"]
     dataset = read(Material(plan_of(folder), folder / "tiny/Pusher-backlash/material").heldout)
     rows = dataset.episode(found["episode"])
+    assert set(found["stages"]) == {"record", "phi", "psi"}
     assert found["episode"] % 4 == 0  # the paper's protocol
     np.testing.assert_allclose(found["positions"]["measured"], dataset.next_states[rows, :3], atol=1e-6)
     start = dataset.states[rows.start, :3]
@@ -231,28 +242,28 @@ def test_figure8_counts_hits_and_draws_a_response(tmp_path):
     assert "--methods asks for it" in found.text
     assert shield["authors"]["nas"]["values"] == [20.17, 11.95]
     assert np.shape(shield["response"]["positions"]["source + φ"]) == (300, 6)
-    assert (tmp_path / "figure8-ErgoShield-backlash-tiny-response.png").is_file()
+    assert (tmp_path / "figure8-ErgoShield-backlash-tiny-seeds-0-response.png").is_file()
 
 
 # --- the commands
 
 
 @pytest.mark.parametrize(
-    ("name", "options"),
+    ("name", "end", "options"),
     [
-        ("figure4", ()),
-        ("figure5", ("--methods", "expert", "source", "--seeds", "0")),
-        ("figure6", ("--counts", "2", "--seeds", "0", "--frames", "256")),
-        ("table1", ("--env", "Pusher")),
+        ("figure4", "", ()),
+        ("figure5", "-methods-expert-source-seeds-0", ("--methods", "expert", "source", "--seeds", "0")),
+        ("figure6", "-seeds-0-counts-2-frames-128", ("--counts", "2", "--seeds", "0", "--frames", "128")),
+        ("table1", "", ("--env", "Pusher")),
     ],
 )
-def test_each_command_makes_its_experiment(tmp_path, monkeypatch, name, options):
+def test_each_command_makes_its_experiment(tmp_path, monkeypatch, name, end, options):
     monkeypatch.setattr("nas_data.experiments.pipeline.sizes.QUICK", TINY)
     answer = nas("experiment", name, "--quick", "--out", tmp_path, "--json", *options)
     assert answer.code == 0, answer.err
     assert answer.json["experiment"] == name
     assert answer.json["size"] == "tiny"
-    written = json_of(tmp_path, f"{name}-Pusher-backlash-tiny")
+    written = json_of(tmp_path, f"{name}-Pusher-backlash-tiny{end}")
     assert {key: answer.json[key] for key in written} == written
     assert "Pusher, dynamics 'backlash' →" in answer.err
 
@@ -351,8 +362,8 @@ def test_unknown_experiments_and_methods_list_the_choices(tmp_path):
 
 
 def test_methods_take_only_the_material_that_they_need():
-    assert needs_of(("expert", "source", "randomised")) == {"record"}
-    assert needs_of(("nas",)) == {"record", "phi"}
+    assert needs_of(("expert", "source", "randomised")) == set()
+    assert needs_of(("nas",)) == {"phi"}
     assert set(METHODS) == {"expert", "source", "forward", "nas", "named", "named_nas", "randomised"}
 
 

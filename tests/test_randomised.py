@@ -14,8 +14,9 @@ from nas_data.envs.loop.plant import Plant
 from nas_data.envs.loop.randomised import RandomisedStepper, delay_line
 from nas_data.envs.loop.ranges import NOMINAL, RANGES
 from nas_data.errors import OptionError
+from nas_data.policies.learner import Hyperparameters, Training
 from nas_data.policies.policy import load_policy
-from nas_data.policies.ppo import Hyperparameters, Training, train
+from nas_data.policies.ppo import train
 from nas_data.simulators.base import Redrawn
 from nas_data.simulators.mujoco import MujocoSimulator
 

@@ -19,7 +19,7 @@ from training_samples import TINY, train
 
 from nas_data.envs.loop.plant import Plant
 from nas_data.errors import CheckpointError
-from nas_data.policies import ppo
+from nas_data.policies import learner, ppo
 from nas_data.policies.compare import RESULT
 from nas_data.reports.file import write_whole
 from nas_data.reports.learning_figures import Curve, learning, model_training, returns_on_target
@@ -30,7 +30,7 @@ from nas_data.reports.runs import find_runs
 from nas_data.reports.style import OTHERS, STROKES, strokes, to_png
 
 PIXEL = b"\x89PNG\r\n\x1a\n" + bytes(16)
-SMALL = ppo.Hyperparameters(arms=4, rollout=256, minibatches=2, epochs=1)
+SMALL = learner.Hyperparameters(arms=4, rollout=256, minibatches=2, epochs=1)
 # Machado, Oliveira and Fernandes (2009), severity 1, on linear RGB.
 BLINDNESS = {
     "deuteranopia": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
@@ -216,7 +216,7 @@ def test_a_file_appears_whole_and_replaces_the_one_before(tmp_path):
 
 def a_policy(folder: Path, seed: int, plant="ErgoReacher", dynamics="source", score=None):
     """Train a policy on two rollouts, and write the result that a comparison would have written."""
-    training = ppo.Training(Plant(plant, dynamics), seed, 512, SMALL)
+    training = learner.Training(Plant(plant, dynamics), seed, 512, SMALL)
     ppo.train(training, folder, lambda _: None, FirstOrderArm(SMALL.arms))
     if score is not None:
         record = {"score": {"return": score, "success_rate": 0.5, "episodes": 10}}

@@ -3,7 +3,7 @@
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from nas_data.commands.base import Command, Outcome
 
@@ -32,6 +32,7 @@ class ExperimentCommand(Command):
         """Make the experiment, or go on with it."""
         from nas_data.experiments.base import Request, find_experiment
         from nas_data.experiments.pipeline.conducting import conduct
+        from nas_data.experiments.pipeline.sizes import FULL, QUICK
 
         known = find_experiment(self.experiment).environments
         request = Request(
@@ -42,6 +43,7 @@ class ExperimentCommand(Command):
             report=report,
             methods=self.chosen_methods(),
             workers=self.workers,
+            whole=QUICK if self.quick else FULL,
         )
         made = conduct(self.experiment, request)
         return Outcome(made.text, made.data)
@@ -65,6 +67,9 @@ class PolicyExperimentCommand(ExperimentCommand):
     """Seeds of every method; five where left out, with --quick two."""
     frames: int | None = None
     """Control steps of each policy; two million as in the paper where left out."""
+    ppo: Literal["ours", "authors"] = "ours"
+    """Rollouts of 16 arms × 512 steps, as long as in the paper's robot experiments, or the authors' in simulation:
+    one arm × 2048 steps, 32 minibatches of 64, 10 epochs."""
 
     def sizes(self) -> "Sizes":
         """Return how large everything is, with what was given."""
@@ -72,7 +77,7 @@ class PolicyExperimentCommand(ExperimentCommand):
 
         sizes = super().sizes()
         frames = sizes.frames if self.frames is None else self.frames
-        return replace(sizes, frames=frames, seeds=self.seeds or sizes.seeds)
+        return replace(sizes.with_ppo(self.ppo), frames=frames, seeds=self.seeds or sizes.seeds)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ from nas_data.commands.base import Command, Outcome
 from nas_data.errors import OptionError
 
 if TYPE_CHECKING:
-    from nas_data.policies.ppo import Training
+    from nas_data.policies.learner import Training
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +91,7 @@ class PolicyTrain(Command):
             raise OptionError(f"--seed {' '.join(map(str, self.seed))}: give different numbers, 0 or more.")
         from nas_data.envs.base import SOURCE
         from nas_data.envs.loop.plant import Plant
-        from nas_data.policies.ppo import Training
+        from nas_data.policies.learner import Training
 
         plant = Plant(
             environment=self.env,

@@ -46,7 +46,8 @@ def learn_models(demo: Demo) -> Found:
     """Train both models and compare them on the held-out episodes."""
     train, heldout = newest(demo, TRAIN), newest(demo, HELDOUT)
     options: dict[Kind, TrainingOptions] = {"delta": demo.plan.delta, "forward": demo.plan.forward}
-    jobs = [ModelJob(kind, train, options[kind], demo.folder / FOLDERS[kind]) for kind in FOLDERS]
+    threads = 1 if cores() > 1 else None  # side by side, a core each
+    jobs = [ModelJob(kind, train, options[kind], demo.folder / FOLDERS[kind], threads) for kind in FOLDERS]
     histories = {jobs[number].kind: rows for number, rows in run_jobs(learn, jobs, cores())}
     dataset = read(heldout)
     delta, psi = (demo.folder / FOLDERS[kind] for kind in FOLDERS)

@@ -10,7 +10,7 @@ from nas_data.demo.plan import Demo
 from nas_data.envs.loop.plant import Plant
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compare
 from nas_data.policies.evaluate import score_baselines
-from nas_data.policies.ppo import Hyperparameters
+from nas_data.policies.learner import Hyperparameters
 from nas_data.policies.watching import watching
 from nas_data.reports.file import write_whole
 from nas_data.stages import INDENT, Found

@@ -150,15 +150,28 @@ class Task:
         return robot, effects
 
 
+@dataclass(frozen=True)
+class InTurn:
+    """An edit of a model that does one after the other.
+
+    Attributes:
+        first: May be none.
+        second: Comes after it.
+    """
+
+    first: Edit | None
+    second: Edit
+
+    def __call__(self, spec: mujoco.MjSpec) -> None:
+        """Edit a model."""
+        if self.first is not None:
+            self.first(spec)
+        self.second(spec)
+
+
 def in_turn(first: Edit | None, second: Edit) -> Edit:
     """Return an edit of a model that does one after the other."""
-
-    def edit(spec: mujoco.MjSpec) -> None:
-        if first is not None:
-            first(spec)
-        second(spec)
-
-    return edit
+    return InTurn(first, second)
 
 
 def environment_name(task: str) -> str:

@@ -25,6 +25,7 @@ class Request:
         methods: Methods to compare, where the experiment compares some.
         workers: Processes side by side.
         purpose: Folder of the material below the environment's; another where it is of other sizes.
+        whole: Sizes of the whole experiment, so that files of a part of it are told apart; `sizes` where None.
     """
 
     environments: tuple[str, ...]
@@ -35,6 +36,7 @@ class Request:
     methods: tuple[str, ...] = ()
     workers: int = 1
     purpose: str = "material"
+    whole: Sizes | None = None
 
     def home(self, environment: str) -> Path:
         """Return the folder of an environment's material and policies; quick ones are apart."""
@@ -60,22 +62,24 @@ class Table:
         title: What it shows, with units.
         headers: Of its columns.
         rows: Its cells.
+        notes: Sentences right below it.
     """
 
     title: str
     headers: Sequence[str]
     rows: Sequence[Sequence[str]]
+    notes: Sequence[str] = ()
 
     def text(self) -> str:
         """Return it for a terminal."""
         from nas_data.policies.tables import aligned
 
-        return f"{self.title}\n{aligned(self.headers, self.rows)}"
+        return "\n".join([self.title, aligned(self.headers, self.rows), *self.notes])
 
     def markdown(self) -> str:
         """Return it as Markdown."""
         lines = ["| " + " | ".join(row) + " |" for row in (self.headers, ["---"] * len(self.headers), *self.rows)]
-        return f"{self.title}\n\n" + "\n".join(lines)
+        return "\n\n".join([self.title, "\n".join(lines), *self.notes])
 
 
 @dataclass(frozen=True)
@@ -103,11 +107,13 @@ class Experiment:
         title: What it shows, in a few words.
         environments: Those of the paper.
         run: Makes it.
+        several: Whether it can be about several environments at a time.
     """
 
     title: str
     environments: tuple[str, ...]
     run: Callable[[Request], Result]
+    several: bool = True
 
 
 def experiments() -> tuple[str, ...]:

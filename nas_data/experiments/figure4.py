@@ -4,6 +4,7 @@ import numpy as np
 
 from nas_data.experiments.base import Experiment, Request, Result, Table
 from nas_data.experiments.pipeline.sequence import DRAWN, Sequence, predict_heldout
+from nas_data.experiments.pipeline.telling import notes_on_models
 from nas_data.reports.experiment_figures import warn
 from nas_data.reports.prediction_figures import growth
 from nas_data.reports.style import to_png
@@ -25,7 +26,7 @@ def run(request: Request) -> Result:
         pictures[f"{end}-growth"] = to_png(figure)
         title = f"{environment}, '{request.dynamics}': RMS position error over joints, started once, held-out sequence"
         rows = [row(found, name) for name in DRAWN]
-        tables.append(Table(title, HEADERS, rows))
+        tables.append(Table(title, HEADERS, rows, notes_on_models(found.material)))
         notes.append(about(found, environment))
         data[environment] = {**found.describe(), "rms_error_rad": {name: curve(found, name) for name in DRAWN}}
     return Result(tables, notes, {"environments": data}, pictures)

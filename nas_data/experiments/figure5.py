@@ -3,7 +3,8 @@
 from nas_data.envs.base import environment_name, find_task_file
 from nas_data.experiments.base import Experiment, Request, Result
 from nas_data.experiments.pipeline.authors import RETURNS
-from nas_data.experiments.pipeline.comparing import compare_methods, describe, median_interval, table
+from nas_data.experiments.pipeline.comparing import compare_methods, describe, table
+from nas_data.policies.intervals import median_interval
 from nas_data.reports.experiment_figures import Panel, returns_by_method
 from nas_data.reports.style import to_png
 
@@ -21,7 +22,7 @@ def run(request: Request) -> Result:
         name = environment_name(find_task_file(environment))
         frames, judged = comparison.study.frames, comparison.study.episodes
         title = f"{name}, '{request.dynamics}': return on the target, {frames:,} frames, {judged} episodes a policy"
-        tables.append(table(comparison, environment, title))
+        tables.append(table(material, comparison, title))
         authors = RETURNS.get(find_task_file(environment), {})
         returns = {method: comparison.values(method) for method in comparison.study.methods}
         panels.append(
@@ -32,7 +33,7 @@ def run(request: Request) -> Result:
                 {method: numbers.values for method, numbers in authors.items()},
             )
         )
-        data[name] = describe(material, comparison, environment)
+        data[name] = describe(material, comparison)
     picture = to_png(returns_by_method(panels, "mean return on the target", request.sizes.quick))
     return Result(tables, [AUTHORS], {"environments": data}, {"": picture})
 

@@ -1,7 +1,7 @@
 """Figure 6: what a policy that learned in source + φ is worth, by how many trajectories φ learned from."""
 
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 
@@ -10,11 +10,16 @@ from nas_data.envs.base import find_task_file
 from nas_data.errors import OptionError
 from nas_data.experiments.base import Experiment, Request, Result, Table
 from nas_data.experiments.pipeline.authors import RETURN_BY_COUNT
-from nas_data.experiments.pipeline.comparing import hyperparameters, median_text, run_study
+from nas_data.experiments.pipeline.comparing import hyperparameters, run_study, study
 from nas_data.experiments.pipeline.counting import CountJob, do_count
+from nas_data.experiments.pipeline.dynamics import dynamics_of
 from nas_data.experiments.pipeline.material import Material
-from nas_data.experiments.pipeline.methods import METHODS, on_source, target
-from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Comparison, Study, number
+from nas_data.experiments.pipeline.methods import on_source, target
+from nas_data.experiments.pipeline.stages import describe_stages
+from nas_data.experiments.pipeline.telling import on_intervals
+from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Comparison, number
+from nas_data.policies.evaluate import spread
+from nas_data.policies.intervals import kind_of, median_text
 from nas_data.policies.parallel import run_jobs
 from nas_data.policies.watching import spoken
 from nas_data.reports.experiment_figures import Counted, return_over_count
@@ -22,13 +27,11 @@ from nas_data.reports.style import to_png
 from nas_data.stages import INDENT
 
 ENDS = (EXPERT_METHOD, SOURCE_METHOD)  # what the curve lies between
-HEADERS = ("trajectories", "seeds", "return: median [95 %]", "min … max", "authors: mean ± sd")
+ONE_RECORDING = "One recording (of seed 0) serves all seeds; the subset, φ and the policy are each seed's own."
 
 
 def run(request: Request) -> Result:
     """Sweep the number of trajectories on one environment."""
-    if len(request.environments) != 1:
-        raise OptionError("Figure 6 is about one environment at a time; give one --env.")
     counts = tuple(sorted(set(request.sizes.counts)))
     if min(counts) < 2:
         raise OptionError(
@@ -36,8 +39,9 @@ def run(request: Request) -> Result:
         )
     (environment,) = request.environments
     recorded = replace(request.sizes, trajectories=max(counts))
-    material = replace(request, sizes=recorded, purpose=f"counts{max(counts)}").material(environment, ("record",))
-    ends = run_study(study(request, material), request, environment)
+    recording = replace(request, sizes=recorded, purpose=f"counts{max(counts)}")
+    ends = run_study(study(request, recording.material(environment, ()), ENDS), request, environment)
+    material = recording.material(environment, ("record",))
     returns = sweep(request, material, counts)
     authors = RETURN_BY_COUNT if find_task_file(environment) == "pusher" else {}
     picture = return_over_count(
@@ -47,7 +51,7 @@ def run(request: Request) -> Result:
         request.sizes.quick,
     )
     return Result(
-        [table(request, environment, counts, returns, ends)],
+        [table(request, material, counts, returns, ends)],
         [enough(counts, returns)],
         {
             "environment": environment,
@@ -56,24 +60,15 @@ def run(request: Request) -> Result:
             "returns": returns.tolist(),
             "enough": smallest(counts, returns),
             "ends": ends.describe(),
-            "authors": {str(count): list(pair) for count, pair in authors.items()},
+            "authors": {str(count): {"mean": pair[0], "sd": pair[1]} for count, pair in authors.items()},
+            "ours": {str(count): spread(values) for count, values in zip(counts, returns, strict=True)},
+            "hyperparameters": asdict(hyperparameters(request.sizes)),
+            "dynamics": dynamics_of(material),
+            "stages": describe_stages(material),
             "dataset": material.content_hash,
             "material": material.plan.describe(),
         },
         {"": to_png(picture)},
-    )
-
-
-def study(request: Request, material: Material) -> Study:
-    """Return the two ends: policies that need no recording."""
-    sizes = request.sizes
-    return Study(
-        target(material),
-        {method: METHODS[method].plant(material) for method in ENDS},
-        sizes.seeds,
-        sizes.frames,
-        sizes.judged,
-        hyperparameters(sizes),
     )
 
 
@@ -92,7 +87,9 @@ def sweep(request: Request, material: Material, counts: tuple[int, ...]) -> np.n
             frames=sizes.frames,
             episodes=sizes.judged,
             hyperparameters=hyperparameters(sizes),
+            policies=sizes.policies,
             folder=material.folder / "sweep" / str(count) / f"seed{seed}",
+            threads=1 if request.workers > 1 else None,
         )
         for seed in sizes.seeds
         for count in counts
@@ -126,8 +123,11 @@ def enough(counts: tuple[int, ...], returns: np.ndarray) -> str:
     return told + (", the most that was tried, so that more may help." if last else ".")
 
 
-def table(request: Request, environment: str, counts: tuple[int, ...], returns: np.ndarray, ends: Comparison) -> Table:
+def table(
+    request: Request, material: Material, counts: tuple[int, ...], returns: np.ndarray, ends: Comparison
+) -> Table:
     """Return the table: the counts, then the two ends."""
+    environment, seeds = request.environments[0], len(request.sizes.seeds)
     rows = [
         (str(count), *cells(values), theirs(environment, count)) for count, values in zip(counts, returns, strict=True)
     ]
@@ -136,15 +136,26 @@ def table(request: Request, environment: str, counts: tuple[int, ...], returns: 
         f"{environment}, '{request.dynamics}': return on the target of policies learned in source + φ, "
         f"{request.sizes.frames:,} frames, {request.sizes.judged} episodes each"
     )
-    return Table(title, HEADERS, rows)
+    stake = ends.at_stake()
+    nothing = None if stake is None else stake.sentence()
+    notes = [dynamics_of(material), *([nothing] if nothing else []), ONE_RECORDING, on_intervals(seeds), *ends.lost()]
+    return Table(title, headers(seeds), rows, [note for note in notes if note])
 
 
-def cells(values: np.ndarray) -> tuple[str, str, str]:
-    """Return the number of seeds, median with its interval, and extremes."""
+def headers(seeds: int) -> tuple[str, ...]:
+    """Return the heads of the columns, which say what the interval over so many seeds is."""
+    median = f"return: median [{kind_of(seeds)}]" if seeds > 1 else "return: median"
+    return ("trajectories", "seeds", median, "min … max", "mean ± sd", "authors: mean ± sd")
+
+
+def cells(values: np.ndarray) -> tuple[str, str, str, str]:
+    """Return the number of seeds, median with its interval, extremes, mean with its deviation."""
+    over = spread(values)
     return (
         str(len(values)),
         median_text(values),
         f"{values.min():.2f} … {values.max():.2f}",
+        f"{over['mean']:.2f} ± {over['sd']:.2f}",
     )
 
 
@@ -156,4 +167,4 @@ def theirs(environment: str, count: int) -> str:
     return f"{mean:.2f} ± {deviation:.2f}"
 
 
-EXPERIMENT = Experiment("Return by number of trajectories that φ learned from", ("Pusher",), run)
+EXPERIMENT = Experiment("Return by number of trajectories that φ learned from", ("Pusher",), run, several=False)

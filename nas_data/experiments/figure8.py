@@ -5,10 +5,11 @@ from dataclasses import replace
 from nas_data.envs.base import environment_name, find_task_file
 from nas_data.experiments.base import Experiment, Request, Result
 from nas_data.experiments.pipeline.authors import RETURNS
-from nas_data.experiments.pipeline.comparing import compare_methods, describe, median_interval, table
+from nas_data.experiments.pipeline.comparing import compare_methods, describe, table
 from nas_data.experiments.pipeline.material import NAMES
 from nas_data.experiments.pipeline.methods import METHODS
 from nas_data.experiments.pipeline.sequence import predict_heldout
+from nas_data.policies.intervals import median_interval
 from nas_data.reports.experiment_figures import Panel, returns_by_method
 from nas_data.reports.style import to_png
 
@@ -37,12 +38,12 @@ def run(request: Request) -> Result:
         title = (
             f"{name}, '{request.dynamics}': mean return of an episode on the target, {comparison.study.frames:,} frames"
         )
-        tables.append(table(comparison, environment, title))
+        tables.append(table(material, comparison, title))
         returns = {method: comparison.values(method) for method in comparison.study.methods}
         intervals = {method: median_interval(values) for method, values in returns.items()}
         authors = {method: numbers.values for method, numbers in RETURNS.get(find_task_file(environment), {}).items()}
         panels.append(Panel(name, returns, intervals, authors))
-        data[name] = {**describe(material, comparison, environment), "response": found.describe()}
+        data[name] = {**describe(material, comparison), "response": found.describe()}
     picture = to_png(returns_by_method(panels, "mean return of an episode", request.sizes.quick))
     return Result(tables, notes, {"environments": data}, {"": picture, **pictures})
 

@@ -8,6 +8,8 @@ from nas_data.envs.base import find_task_file
 from nas_data.experiments.base import Experiment, Request, Result, Table
 from nas_data.experiments.pipeline.authors import DIFFERENCES
 from nas_data.experiments.pipeline.sequence import Sequence, predict_heldout
+from nas_data.experiments.pipeline.stages import describe_stages
+from nas_data.experiments.pipeline.telling import notes_on_models
 
 UNIT = np.pi / 2  # [rad] the authors measure angles in units of 90°
 PREDICTORS = ("source", "ψ", "source + φ", "hold")
@@ -27,7 +29,7 @@ def run(request: Request) -> Result:
                 f"joint, angles in units of 90°; {len(episodes)} trajectories × {len(found.dataset.joints)} joints"
             )
             comparable = name == "the paper's protocol" and find_task_file(environment) == "ergo_shield"
-            tables.append(Table(title, HEADERS, rows(found, episodes, comparable)))
+            tables.append(Table(title, HEADERS, rows(found, episodes, comparable), notes_on_models(found.material)))
         notes += told(found)
         data[environment] = {
             "unit": "squared angle in units of 90 degrees; multiply by (π/2)² for rad²",
@@ -35,6 +37,7 @@ def run(request: Request) -> Result:
             "authors": {name: numbers.describe() for name, numbers in DIFFERENCES.items()},
             "dataset": found.material.content_hash,
             "material": found.material.plan.describe(),
+            "stages": describe_stages(found.material),
         }
     return Result(tables, notes, {"environments": data})
 

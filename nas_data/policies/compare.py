@@ -1,20 +1,23 @@
 """Methods against each other on one target: every method and seed is one run, one JSON file, never done twice."""
 
 import json
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from nas_data.code_hash import code_hash
 from nas_data.envs.loop.plant import Plant
-from nas_data.errors import OptionError
+from nas_data.errors import OptionError, SimulationDiverged
 from nas_data.policies.evaluate import score_policy, spread
 from nas_data.policies.folder import write
+from nas_data.policies.learner import Hyperparameters, Training
 from nas_data.policies.parallel import run_jobs
 from nas_data.policies.policy import load_policy, read_progress
-from nas_data.policies.ppo import Hyperparameters, Report, Training, to_stderr, train
-from nas_data.policies.share import Share, share
+from nas_data.policies.ppo import Report, check_folder, to_stderr, train
+from nas_data.policies.share import Share, Stake, share, stake
 from nas_data.policies.tables import aligned
 
 RESULT = "result.json"
@@ -58,6 +61,33 @@ class Run:
     quiet: bool = False
     dataset: str | None = None
 
+    def question(self) -> dict[str, object]:
+        """Return what decides the result: two runs are the same where this is."""
+        training, rollout = self.training, self.training.hyperparameters.rollout
+        return {
+            "method": self.method,
+            "training": {**training.identity(), "frames": training.rollouts * rollout},
+            "target": self.target.describe(),
+            "episodes": self.episodes,
+            "code": code_hash(*self.target.modules(), "nas_data.policies.evaluate"),
+        }
+
+
+def check_run(run: Run) -> None:
+    """Refuse a run whose folder holds another, before hours are spent.
+
+    Raises:
+        OutputExists: the folder holds another training, or one by other code.
+    """
+    if known_record(run, run.question()) is None:
+        check_folder(run.folder, run.training)
+
+
+def known_record(run: Run, question: Record) -> Record | None:
+    """Return the record of a run that was done before, None where it is still to be done."""
+    known = read_result(run.folder)
+    return known if known is not None and known.get("question") == question else None
+
 
 def do_run(run: Run) -> Record:
     """Train and judge one policy, or read what an earlier run of the same found.
@@ -65,18 +95,19 @@ def do_run(run: Run) -> Record:
     Raises:
         OutputExists: the folder holds another training.
         CheckpointError: the plant's checkpoint cannot be used.
+        SimulationDiverged: the plant cannot be simulated at all.
     """
-    question = {
-        "method": run.method,
-        "training": {**run.training.identity(), "frames": run.training.rollouts * run.training.hyperparameters.rollout},
-        "target": run.target.describe(),
-        "episodes": run.episodes,
-    }
-    known = read_result(run.folder)
-    if known is not None and known.get("question") == question:
+    question = run.question()
+    known = known_record(run, question)
+    if known is not None:
         return known
-    train(run.training, run.folder, report=silence if run.quiet else None)
-    score = score_policy(load_policy(run.folder), run.target, run.episodes)
+    try:
+        train(run.training, run.folder, report=silence if run.quiet else None)
+        wall, cpu = time.perf_counter(), time.process_time()
+        score = score_policy(load_policy(run.folder), run.target, run.episodes)
+        wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    except SimulationDiverged as error:
+        raise SimulationDiverged(f"{run.method}, seed {run.training.seed}: {error}") from error
     curve = read_progress(run.folder)
     record: Record = {
         "question": question,
@@ -85,6 +116,8 @@ def do_run(run: Run) -> Record:
         "returns": score.returns.tolist(),
         "wall_seconds": float(curve["seconds"][-1]),
         "cpu_seconds": float(curve["cpu_seconds"][-1]),
+        "judging": {"wall_seconds": wall, "cpu_seconds": cpu},
+        "diverged": {"learning": int(curve["diverged"].sum()), "judging": int(score.diverged.sum())},
     }
     write(run.folder / RESULT, (json.dumps(record, indent=1) + "\n").encode())
     return record
@@ -118,7 +151,8 @@ def compare(
     Raises:
         OptionError: there is no method or no seed, or a seed is negative.
         UnknownName: an environment or a dynamics does not exist.
-        OutputExists: the folder holds a run of another study under the same name.
+        JobsFailed: several runs could not be done; all others are, and will not be done again.
+        OutputExists: the folder holds a run of another study, or one by other code, under the same name.
     """
     if not study.methods or not study.seeds:
         raise OptionError("A comparison needs at least one method and one seed.")
@@ -139,6 +173,8 @@ def compare(
         for seed in study.seeds
         for method, plant in study.methods.items()
     ]
+    for run in runs:
+        check_run(run)
     records: dict[tuple[str, int], Record] = {}
     for number, record in run_jobs(do_run, runs, workers):
         run = runs[number]
@@ -177,6 +213,23 @@ class Comparison:
         """Return a score of each seed of a method on the target, shape (seeds,)."""
         return np.array([number(self.records[method, seed], key) for seed in self.study.seeds])
 
+    def diverged(self, method: str, when: str) -> np.ndarray:
+        """Return how many episodes of each seed left all bounds while `learning` or `judging`, shape (seeds,)."""
+        counts = [self.records[method, seed]["diverged"] for seed in self.study.seeds]
+        return np.array([count[when] for count in counts if isinstance(count, dict)])
+
+    def lost(self) -> list[str]:
+        """Say of each method how many episodes left all bounds, where some did."""
+        said = []
+        for method in self.study.methods:
+            learning, judging = (int(self.diverged(method, when).sum()) for when in ("learning", "judging"))
+            if learning or judging:
+                said.append(
+                    f"{method}: {learning:,} episodes while learning and {judging} while judged left all bounds; each "
+                    "was ended there, with the least reward for every step that it still had."
+                )
+        return said
+
     def policy_folder(self, method: str, seed: int) -> Path:
         """Return where a policy lies."""
         return self.folder / method / f"seed{seed}"
@@ -188,13 +241,21 @@ class Comparison:
             return None
         return share(self.values(method), self.values(SOURCE_METHOD), self.values(EXPERT_METHOD))
 
+    def at_stake(self) -> Stake | None:
+        """Return how far the expert is above the source; None where one of them is not compared."""
+        if not {SOURCE_METHOD, EXPERT_METHOD} <= set(self.study.methods):
+            return None
+        return stake(self.values(SOURCE_METHOD), self.values(EXPERT_METHOD))
+
     def describe(self) -> dict[str, object]:
         """Return the comparison for JSON."""
+        at_stake = self.at_stake()
         return {
             "target": self.study.target.describe(),
             "frames": self.study.frames,
             "episodes": self.study.episodes,
             "seeds": list(self.study.seeds),
+            "at_stake": None if at_stake is None else at_stake.describe(),
             "methods": {method: self._describe_method(method) for method in self.study.methods},
         }
 
@@ -205,13 +266,17 @@ class Comparison:
             "success_rates": self.values(method, "success_rate").tolist(),
             "return": spread(self.values(method)),
             "success_rate": spread(self.values(method, "success_rate")),
+            "diverged": {when: self.diverged(method, when).tolist() for when in ("learning", "judging")},
             "share_closed": None if closed is None else closed.describe(),
         }
 
     def table(self) -> str:
         """Return the comparison as text."""
         headers = ("method", "seeds", "return: median", "min … max", "success: median", "distance closed")
-        return aligned(headers, [self._row(method) for method in self.study.methods])
+        at_stake = self.at_stake()
+        nothing = None if at_stake is None else at_stake.sentence()
+        told = [*([nothing] if nothing else []), *self.lost()]
+        return "\n".join([aligned(headers, [self._row(method) for method in self.study.methods]), *told])
 
     def _row(self, method: str) -> tuple[str, ...]:
         returns, success = spread(self.values(method)), spread(self.values(method, "success_rate"))

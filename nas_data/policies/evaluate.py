@@ -27,11 +27,13 @@ class Score:
         returns: Sum of rewards of each episode, shape (E,).
         successes: Whether each reached its goal, shape (E,).
         lengths: Control steps of each, shape (E,).
+        diverged: Whether each ended because the simulation left all bounds, shape (E,).
     """
 
     returns: np.ndarray
     successes: np.ndarray
     lengths: np.ndarray
+    diverged: np.ndarray
 
     @property
     def mean_return(self) -> float:
@@ -55,6 +57,7 @@ class Score:
             "return_median": float(np.median(self.returns)),
             "success_rate": self.success_rate,
             "mean_length": self.mean_length,
+            "diverged": int(self.diverged.sum()),
             "episodes": len(self.returns),
         }
 
@@ -72,14 +75,21 @@ def roll_out(task: Task, stepper: Stepper, begin: Callable[[Arena], Controller],
     arena.start([np.random.default_rng(seed + row) for row in range(arena.size)])
     act = begin(arena)
     returns, lengths = np.zeros(arena.size), np.zeros(arena.size, dtype=int)
-    successes, running = np.zeros(arena.size, dtype=bool), np.ones(arena.size, dtype=bool)
+    successes, diverged = np.zeros(arena.size, dtype=bool), np.zeros(arena.size, dtype=bool)
+    running = np.ones(arena.size, dtype=bool)
     while running.any():
         verdict, truncated = arena.step(act(arena.observe()))
-        returns += running * verdict.reward
+        returns += np.where(running & ~arena.lost, verdict.reward, 0.0)
         lengths += running
         successes |= running & verdict.success
+        diverged |= running & arena.lost
         running &= ~(verdict.terminated | truncated)
-    return Score(returns=returns, successes=successes, lengths=lengths)
+        if arena.lost.any() and running.any():  # what is over must be simulated beside the rest
+            rows = np.flatnonzero(arena.lost)
+            arena.start([np.random.default_rng(seed + row) for row in rows], rows)
+    due = task.horizon - lengths[diverged] + 1
+    returns[diverged] += due * min(arena.least, 0.0)  # as `Arena` does, by the least reward of all episodes
+    return Score(returns=returns, successes=successes, lengths=lengths, diverged=diverged)
 
 
 def zero_action(arena: Arena) -> Controller:

@@ -20,6 +20,7 @@ from nas_data.errors import CheckpointError
 from nas_data.policies.policy import CONFIG, MEAN, PROGRESS, VARIANCE, WEIGHTS
 
 STATE = "training.safetensors"
+PARTIAL = ".part"  # ends the name of a file that is being written
 STATISTICS = ("observation", "return")
 WEIGHT_PREFIX, OPTIMISER_PREFIX = "policy.", "optimiser."
 
@@ -36,6 +37,7 @@ class Row:
         mean_return: Their mean return.
         success_rate: Share of them that reached the goal.
         mean_length: Their mean length in control steps.
+        diverged: How many of them ended because the simulation left all bounds.
         action_std: Standard deviation of the exploring actions.
         divergence: Mean approximate Kullback-Leibler divergence of the update.
         value_loss: Mean squared error of the critic, in normalised returns.
@@ -48,6 +50,7 @@ class Row:
     mean_return: float
     success_rate: float
     mean_length: float
+    diverged: int
     action_std: float
     divergence: float
     value_loss: float
@@ -62,9 +65,27 @@ def statistics(normalised: VecNormalize) -> tuple[RunningMeanStd, RunningMeanStd
 def write(path: Path, content: bytes) -> None:
     """Write a file so that it appears whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    partial = path.with_name(f".{path.name}.{os.getpid()}{PARTIAL}")
     partial.write_bytes(content)
     partial.replace(path)
+
+
+def is_vacant(folder: Path) -> bool:
+    """Whether a training may begin in a folder: a new one, or one whose first save was cut short.
+
+    The configuration is written last: without it what else is there belongs to no training that can be told.
+    """
+    if not folder.exists():
+        return True
+    names = {path.name for path in folder.iterdir() if not path.name.endswith(PARTIAL)}
+    return not names or (names <= {STATE, WEIGHTS, PROGRESS} and bool(names & {STATE, WEIGHTS}))
+
+
+def clear_half_saved(folder: Path) -> None:
+    """Remove what a first save that was cut short left behind."""
+    if folder.is_dir() and is_vacant(folder):
+        for path in folder.iterdir():
+            path.unlink()
 
 
 def save_policy(

@@ -6,31 +6,63 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
 from typing import TypeVar
+
+from nas_data.errors import JobsFailed, NasError
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 
 def run_jobs(function: Callable[[Job], Result], jobs: Sequence[Job], workers: int) -> Iterator[tuple[int, Result]]:
-    """Run jobs and yield each result with its job's number, as it comes.
+    """Run jobs and yield each result with its job's number, as it comes; where one fails, the others go on.
 
     Args:
         function: Importable by its name, as are its argument and result.
         jobs: Arguments.
         workers: Processes; with one, all is done in this one.
+
+    Raises:
+        JobsFailed: several could not be done; says which, when all others are.
+        Exception: the same of a single one, as it was raised there.
     """
-    workers = min(workers, len(jobs))
+    failed: dict[int, Exception] = {}
+    for number, outcome in run_all(function, jobs, min(workers, len(jobs))):
+        try:
+            result = outcome()
+        except Exception as error:  # told below, when all that can be done is done
+            failed[number] = error
+        else:
+            yield number, result
+    if failed:
+        raise told(failed, len(jobs))
+
+
+def told(failed: dict[int, Exception], jobs: int) -> Exception:
+    """Return one error for all jobs that failed; what is no user's mistake stays what it is."""
+    errors = [failed[number] for number in sorted(failed)]
+    strange = [error for error in errors if not isinstance(error, NasError)]
+    if strange or len(errors) == 1:
+        return (strange or errors)[0]
+    different = list(dict.fromkeys(str(error) for error in errors))
+    return JobsFailed(f"{len(errors)} of {jobs} jobs failed; all others are done. {' '.join(different)}")
+
+
+def run_all(
+    function: Callable[[Job], Result], jobs: Sequence[Job], workers: int
+) -> Iterator[tuple[int, Callable[[], Result]]]:
+    """Run jobs and yield for each, as it ends, its number and what returns its result or raises its error."""
     if workers <= 1:
         for number, job in enumerate(jobs):
-            yield number, function(job)
+            yield number, partial(function, job)
         return
     context = multiprocessing.get_context("spawn")  # a fork would inherit the locks of torch's and MuJoCo's threads
     executor = ProcessPoolExecutor(workers, mp_context=context, initializer=prepare_worker)
     try:
         numbers = {executor.submit(function, job): number for number, job in enumerate(jobs)}
         for future in as_completed(numbers):
-            yield numbers[future], future.result()
+            yield numbers[future], future.result
     finally:
         executor.shutdown(wait=False, cancel_futures=True)
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-RESAMPLES = 10_000  # of the bootstrap
+from nas_data.policies.intervals import ENDS, bootstrap_of, resampled_medians
+
 NOTHING = 1e-9  # part of the returns by which the expert must be better for something to be at stake
-LEVEL = 0.95  # of its intervals
 
 
 @dataclass(frozen=True)
@@ -16,15 +16,17 @@ class Share:
     Attributes:
         value: (median of method − median of source) / (median of expert − median of source); NaN where the expert
             is no better than the source, so that nothing is at stake.
-        low: Lower end of the 95 % bootstrap interval over seeds.
+        low: Lower end of the bootstrap interval over seeds; see `bootstrap_of`.
         high: Upper end.
         at_stake: Median of expert − median of source, in return.
+        seeds: Number of seeds of the method.
     """
 
     value: float
     low: float
     high: float
     at_stake: float
+    seeds: int
 
     def __str__(self) -> str:
         """Return it in per cent, with its interval unless all resamples are alike, as those of a single seed are."""
@@ -36,7 +38,8 @@ class Share:
 
     def describe(self) -> dict[str, object]:
         """Return the share for JSON."""
-        return {"value": self.value, "interval95": [self.low, self.high], "at_stake": self.at_stake}
+        interval = {"interval": [self.low, self.high], "interval_is": bootstrap_of(self.seeds)}
+        return {"value": self.value, **interval, "at_stake": self.at_stake}
 
 
 def share(method: np.ndarray, source: np.ndarray, expert: np.ndarray) -> Share:
@@ -52,15 +55,59 @@ def share(method: np.ndarray, source: np.ndarray, expert: np.ndarray) -> Share:
     """
     start, end = float(np.median(source)), float(np.median(expert))
     if end - start <= NOTHING * max(1.0, abs(start), abs(end)):
-        return Share(np.nan, np.nan, np.nan, end - start)
+        return Share(np.nan, np.nan, np.nan, end - start, len(method))
     rng = np.random.default_rng(0)
     starts, ends, reached = (resampled_medians(values, rng) for values in (source, expert, method))
     telling = ends - starts > NOTHING * np.maximum(1.0, np.maximum(abs(starts), abs(ends)))
     shares = (reached - starts)[telling] / (ends - starts)[telling]
-    low, high = np.quantile(shares, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-    return Share(float((np.median(method) - start) / (end - start)), float(low), float(high), end - start)
+    low, high = np.quantile(shares, ENDS)
+    closed = float((np.median(method) - start) / (end - start))
+    return Share(closed, float(low), float(high), end - start, len(method))
 
 
-def resampled_medians(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return medians of resamples with replacement, shape (RESAMPLES,)."""
-    return np.median(rng.choice(values, (RESAMPLES, len(values))), axis=1)
+@dataclass(frozen=True)
+class Stake:
+    """How far the expert's return is above the source's, medians over seeds.
+
+    Attributes:
+        value: Median of expert − median of source.
+        low: Lower end of its bootstrap interval over seeds; the value itself with a single seed.
+        high: Upper end.
+        seeds: Number of seeds of either.
+        shown: Whether the whole interval lies above zero, so that there is something to win.
+    """
+
+    value: float
+    low: float
+    high: float
+    seeds: int
+    shown: bool
+
+    def sentence(self) -> str | None:
+        """Say that nothing is at stake; None where something is."""
+        if self.shown:
+            return None
+        return (
+            f"Source and expert show no distance here (expert − source: {self.value:.2f} "
+            f"[{self.low:.2f}, {self.high:.2f}], {bootstrap_of(self.seeds)}): nothing is at stake, and the share of it "
+            "that a method closes says nothing; make the gap larger."
+        )
+
+    def describe(self) -> dict[str, object]:
+        """Return it for JSON."""
+        interval = {"interval": [self.low, self.high], "interval_is": bootstrap_of(self.seeds)}
+        return {"value": self.value, **interval, "shown": self.shown}
+
+
+def stake(source: np.ndarray, expert: np.ndarray) -> Stake:
+    """Return how far the expert is above the source.
+
+    Args:
+        source: Return of each seed, shape (seeds,).
+        expert: Returns of policies that learned on the target.
+    """
+    rng = np.random.default_rng(0)
+    low, high = np.quantile(resampled_medians(expert, rng) - resampled_medians(source, rng), ENDS)
+    least = NOTHING * max(1.0, float(abs(np.median(source))), float(abs(np.median(expert))))
+    value = float(np.median(expert) - np.median(source))
+    return Stake(value, float(low), float(high), len(source), bool(low > least))

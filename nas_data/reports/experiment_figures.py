@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
+from nas_data.policies.intervals import Interval
 from nas_data.reports.style import GREY, WIDTH, house_style, strokes
 
 THEIRS = "the authors, on their target"
@@ -29,7 +30,7 @@ class Panel:
 
     title: str
     returns: Mapping[str, np.ndarray]
-    intervals: Mapping[str, tuple[float, float]]
+    intervals: Mapping[str, Interval]
     authors: Mapping[str, Sequence[float]]
 
 
@@ -65,7 +66,8 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
         axes.scatter(column + offsets, values.clip(low, high), s=26, color=colour, alpha=0.7, linewidth=0, zorder=4)
         middle = float(np.median(values))
         axes.plot([column - 0.34, column + 0.34], [middle, middle], color=colour, linewidth=2.4, zorder=5)
-        axes.plot([column, column], np.clip(panel.intervals[method], low, high), color=colour, linewidth=1.2, zorder=3)
+        ends = panel.intervals[method].low, panel.intervals[method].high
+        axes.plot([column, column], np.clip(ends, low, high), color=colour, linewidth=1.2, zorder=3)
         theirs = np.array(panel.authors.get(method, ()))
         places = np.full(len(theirs), column + BESIDE)
         axes.scatter(places, theirs.clip(low, high), s=18, marker="d", color="none", edgecolors=GREY, zorder=2)

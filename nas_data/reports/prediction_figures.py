@@ -8,6 +8,8 @@ from matplotlib.figure import Figure
 from nas_data.reports.style import WIDTH, house_style, legend_above, strokes
 
 FLOOR = 0.1  # [deg] below the resolution of usual servos; a logarithm needs some floor
+QUARTILES = (0.25, 0.5, 0.75)
+HEADROOM = 1.5  # times the largest finite error, where the axis of errors ends
 
 
 def trajectory(
@@ -49,19 +51,31 @@ def trajectory(
 def growth(errors: Mapping[str, Sequence[np.ndarray]], period: float) -> Figure:
     """Draw how errors grow over rollouts: median and quartiles over episodes.
 
+    A band that reaches the upper edge and a line that ends have diverged in a quarter and in half of the episodes.
+
     Args:
         errors: Of each predictor, the RMS over joints [rad] at each step of each episode, each of shape (T,).
         period: Control period [s].
     """
     looks = strokes(list(errors))
+    curves = {name: np.degrees(quartiles(episodes)).clip(FLOOR) for name, episodes in errors.items()}
+    finite = np.concatenate([values[np.isfinite(values)] for values in curves.values()])
+    edge = HEADROOM * float(finite.max(initial=FLOOR))
     with house_style():
         figure = Figure(figsize=(WIDTH, 3.7))
         axes = figure.subplots()
-        for name, episodes in errors.items():
-            low, middle, high = np.degrees(quartiles(episodes)).clip(FLOOR)
+        for name, (low, middle, high) in curves.items():
             time = period * np.arange(1, len(middle) + 1)
             look = looks[name]
-            axes.fill_between(time, low, high, color=look.colour, alpha=0.16, linewidth=0, zorder=look.order)
+            axes.fill_between(
+                time,
+                low.clip(max=edge),
+                high.clip(max=edge),
+                color=look.colour,
+                alpha=0.16,
+                linewidth=0,
+                zorder=look.order,
+            )
             axes.plot(
                 time,
                 middle,
@@ -72,7 +86,7 @@ def growth(errors: Mapping[str, Sequence[np.ndarray]], period: float) -> Figure:
                 zorder=look.order + 10,
             )
         axes.set_yscale("log")
-        axes.set_ylim(bottom=FLOOR)
+        axes.set_ylim(FLOOR, edge)
         axes.set_ylabel("position error, RMS of joints [°]")
         axes.set_xlabel("time since the start of the rollout [s]")
         axes.set_xlim(0.0, period * max(len(episode) for episodes in errors.values() for episode in episodes))
@@ -85,13 +99,17 @@ def growth(errors: Mapping[str, Sequence[np.ndarray]], period: float) -> Figure:
 def quartiles(episodes: Sequence[np.ndarray]) -> np.ndarray:
     """Return lower quartile, median and upper quartile over episodes at each step, shape (3, T).
 
-    Where episodes differ in length, each step counts those that reach it.
+    Where episodes differ in length, each step counts those that reach it. An error that is no number is infinite: that
+    rollout diverged.
     """
     longest = max(len(episode) for episode in episodes)
     padded = np.full((len(episodes), longest), np.nan)
     for row, episode in zip(padded, episodes, strict=True):
-        row[: len(episode)] = episode
-    return np.nanquantile(padded, [0.25, 0.5, 0.75], axis=0)
+        row[: len(episode)] = np.where(np.isfinite(episode), episode, np.inf)
+    lower, higher = (np.nanquantile(padded, QUARTILES, axis=0, method=side) for side in ("lower", "higher"))
+    with np.errstate(invalid="ignore"):  # infinity beside a number
+        between = np.nanquantile(padded, QUARTILES, axis=0)
+    return np.where(lower == higher, lower, np.where(np.isinf(higher), np.inf, between))
 
 
 def joint_errors(predicted: np.ndarray, measured: np.ndarray, joints: int) -> np.ndarray:

@@ -97,7 +97,7 @@ def policies_table(groups: Mapping[str, Sequence[PolicyRun]], extra: Mapping[str
         for name, score in extra.items()
     ]
     note = (
-        "On the target. Distance closed is the share of the way from source to expert, with a 95 % bootstrap interval "
+        "On the target. Distance closed is the share of the way from source to expert, with a bootstrap interval "
         "over seeds; with few seeds the interval says little."
         if judged
         else "In the last rollout of training, exploring; no policy was judged on a target."

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -147,7 +147,6 @@ def _once(policy: Policy, on: tuple[Task, RobotStepper], seed: int) -> Score:
 
 def together(scores: Sequence[Score]) -> Score:
     """Return episodes that went one after the other as one score."""
-    columns = [
-        np.concatenate([getattr(score, name) for score in scores]) for name in ("returns", "successes", "lengths")
-    ]
-    return Score(*columns)
+    return Score(
+        **{field.name: np.concatenate([getattr(score, field.name) for score in scores]) for field in fields(Score)}
+    )

@@ -14,6 +14,14 @@ class Arena:
     """A task on B simulations: who is where in which episode.
 
     Each row has its own random generator, so its episodes depend neither on B nor on what happens in other rows.
+
+    A row whose simulation leaves all bounds ends its episode without success, and no policy can gain by that: for this
+    step and each that the episode would have had, it is given the least reward that any row has had since all began,
+    or zero where that is less. Where rewards are negative, an early end would otherwise be a prize.
+
+    Attributes:
+        lost: Which simulations left all bounds in the last step, shape (B,).
+        least: Least reward that any row has had; infinite before the first.
     """
 
     def __init__(self, task: Task, stepper: Stepper) -> None:
@@ -30,6 +38,8 @@ class Arena:
         self.stepper = stepper
         self.size = stepper.size
         self.elapsed = np.zeros(self.size, dtype=int)
+        self.lost = np.zeros(self.size, dtype=bool)
+        self.least = np.inf
         self._goals: np.ndarray | None = None
 
     @property
@@ -50,6 +60,8 @@ class Arena:
         goals = np.stack([start.goal for start in starts])
         if self._goals is None:
             self._goals = np.zeros((self.size, goals.shape[1]))
+        if rows is None:
+            self.least = np.inf
         chosen = slice(None) if rows is None else rows
         self._goals[chosen] = goals
         self.elapsed[chosen] = 0
@@ -71,17 +83,30 @@ class Arena:
             The task's verdict, and which episodes reached the horizon without being terminated, shape (B,).
 
         Raises:
-            SimulationDiverged: a state is no longer finite.
+            SimulationDiverged: every simulation left all bounds in the very first step.
         """
         goals = self.goals
         actions = np.clip(actions, self.task.action_space.low, self.task.action_space.high)
         states = self.stepper.step(self.task.command(actions))
-        if not np.isfinite(states).all():
-            raise SimulationDiverged(
-                f"The simulation of {self.task.robot} left all bounds after {int(self.elapsed.max()) + 1} steps; "
-                "its model or checkpoint is not stable for these commands."
-            )
+        self.lost = ~np.isfinite(states).all(axis=1)
         self.elapsed += 1
         self._goals = self.task.follow(self.stepper, goals, self.elapsed)
         verdict = self.task.judge(self.stepper, self._goals, actions)
+        self.least = min(self.least, float(verdict.reward[~self.lost].min(initial=np.inf)))
+        if self.lost.any():
+            verdict = self._without_lost(verdict)
         return verdict, (self.elapsed >= self.task.horizon) & ~verdict.terminated
+
+    def _without_lost(self, verdict: Verdict) -> Verdict:
+        """Return a verdict in which the rows that left all bounds have ended badly."""
+        if not np.isfinite(self.least):
+            raise SimulationDiverged(
+                f"The simulation of {self.task.robot} left all bounds in its first step; "
+                "its model or checkpoint is not stable for these commands."
+            )
+        due = self.task.horizon - self.elapsed + 1  # control steps, this one included
+        return Verdict(
+            reward=np.where(self.lost, due * min(self.least, 0.0), verdict.reward),
+            terminated=verdict.terminated | self.lost,
+            success=verdict.success & ~self.lost,
+        )

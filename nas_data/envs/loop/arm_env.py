@@ -63,11 +63,17 @@ class ArmEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Begin an episode; returns its first observation."""
         super().reset(seed=seed)
         self.arena.start([self.np_random])
-        return self.arena.observe()[0], {}
+        self._seen = self.arena.observe()[0]
+        return self._seen.copy(), {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, object]]:
-        """Act for one control period; `info["is_success"]` says whether the goal is reached."""
+        """Act for one control period; `info["is_success"]` says whether the goal is reached.
+
+        A simulation that leaves all bounds ends the episode (see `Arena`): `info["diverged"]` says so, and the
+        observation is the one before.
+        """
         verdict, truncated = self.arena.step(np.asarray(action)[None])
-        info: dict[str, object] = {"is_success": bool(verdict.success[0])}
-        observation = self.arena.observe()[0]
-        return observation, float(verdict.reward[0]), bool(verdict.terminated[0]), bool(truncated[0]), info
+        diverged = bool(self.arena.lost[0])
+        info: dict[str, object] = {"is_success": bool(verdict.success[0]), "diverged": diverged}
+        self._seen = self._seen if diverged else self.arena.observe()[0]
+        return self._seen.copy(), float(verdict.reward[0]), bool(verdict.terminated[0]), bool(truncated[0]), info

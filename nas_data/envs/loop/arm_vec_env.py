@@ -16,11 +16,19 @@ Indices = None | int | Iterable[int]
 
 @dataclass(frozen=True)
 class Episode:
-    """How an episode went: the sum of its rewards, its control steps, and whether it reached the goal."""
+    """How an episode went.
+
+    Attributes:
+        total: Sum of its rewards.
+        length: Its control steps.
+        success: Whether it reached the goal.
+        diverged: Whether it ended because the simulation left all bounds.
+    """
 
     total: float
     length: int
     success: bool
+    diverged: bool
 
 
 class ArmVecEnv(VecEnv):
@@ -28,7 +36,8 @@ class ArmVecEnv(VecEnv):
 
     Row i after `seed(s)` lives through the same episodes as `ArmEnv` after `reset(seed=s + i)`. A finished row's info
     holds `terminal_observation`, `TimeLimit.truncated`, `is_success` and the `episode`'s return `r` and length `l`;
-    `take_episodes` returns the same without the need to look at every step.
+    `take_episodes` returns the same without the need to look at every step. A simulation that leaves all bounds ends
+    its episode (see `Arena`), whose last observation is then the one before.
     """
 
     def __init__(self, task: Task, stepper: Stepper) -> None:
@@ -41,6 +50,7 @@ class ArmVecEnv(VecEnv):
         self._rngs = [np.random.default_rng() for _ in range(stepper.size)]
         self._returns = np.zeros(stepper.size)
         self._ended: list[Episode] = []
+        self._seen = np.zeros((stepper.size, *task.observation_space.shape), dtype=np.float32)
         self._actions = np.zeros((stepper.size, *task.action_space.shape))
         super().__init__(stepper.size, task.observation_space, task.action_space)
 
@@ -53,7 +63,8 @@ class ArmVecEnv(VecEnv):
         self._reset_options()
         self._returns[:] = 0.0
         self.arena.start(self._rngs)
-        return self.arena.observe()
+        self._seen = self.arena.observe()
+        return self._seen.copy()
 
     def step_async(self, actions: np.ndarray) -> None:
         """Take the actions (B, a)."""
@@ -63,7 +74,8 @@ class ArmVecEnv(VecEnv):
         """Act for one control period; rows that end begin anew, and their observation is the new episode's."""
         verdict, truncated = self.arena.step(self._actions)
         self._returns += verdict.reward
-        observations = self.arena.observe()
+        lost = self.arena.lost
+        observations = np.where(lost[:, None], self._seen, self.arena.observe())
         infos: list[dict[str, object]] = [{} for _ in range(self.num_envs)]
         done = verdict.terminated | truncated
         rows = np.flatnonzero(done)
@@ -76,10 +88,11 @@ class ArmVecEnv(VecEnv):
                     "is_success": bool(verdict.success[row]),
                     "episode": {"r": total, "l": length},
                 }
-                self._ended.append(Episode(total=total, length=length, success=bool(verdict.success[row])))
+                self._ended.append(Episode(total, length, bool(verdict.success[row]), bool(lost[row])))
             self._returns[rows] = 0.0
             self.arena.start([self._rngs[row] for row in rows], rows)
             observations[rows] = self.arena.observe()[rows]
+        self._seen = observations.copy()
         return observations, verdict.reward.astype(np.float32), done, infos
 
     def take_episodes(self) -> list[Episode]:

@@ -102,6 +102,20 @@ class Plant:
             described["randomised"] = RANGES.describe()
         return described if named is None else {**described, "retuned": dict(named.retuned)}
 
+    def modules(self) -> tuple[str, ...]:
+        """Return the modules of this package that decide what happens here, for `code_hash`."""
+        named = self._named()
+        effects = (*self.task.effects(self.dynamics), *(() if named is None else named.effects))
+        return (
+            __name__,
+            f"nas_data.envs.{find_task_file(self.environment)}",
+            "nas_data.envs.loop.arena",
+            f"nas_data.simulators.{self.engine}",
+            *(type(effect).__module__ for effect in effects),
+            *(["nas_data.models.augmented"] if self.checkpoint else []),
+            *(["nas_data.envs.loop.randomised"] if self.randomised else []),
+        )
+
     def check(self) -> None:
         """Say what is wrong before hours are spent; raises what `stepper` does."""
         self.stepper(1)

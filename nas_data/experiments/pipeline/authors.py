@@ -5,6 +5,7 @@ Their repository is aalitaiga/sim-to-real at commit d97cce7; what they simulated
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from statistics import mean, median
 
 PLOT = "aalitaiga/sim-to-real, scripts/Plot.ipynb: figure 5a, 5 seeds of 100 episodes"
 REACHER = "aalitaiga/sim-to-real, test/results.md: figure 5c, 5 seeds"
@@ -28,11 +29,16 @@ class Numbers:
     @property
     def mean(self) -> float:
         """Their mean, which is what the paper gives."""
-        return sum(self.values) / len(self.values)
+        return mean(self.values)
+
+    @property
+    def median(self) -> float:
+        """Their median, to be compared with ours."""
+        return median(self.values)
 
     def describe(self) -> dict[str, object]:
         """Return them for JSON."""
-        return {"values": list(self.values), "mean": self.mean, "source": self.source}
+        return {"values": list(self.values), "mean": self.mean, "median": self.median, "source": self.source}
 
 
 # Returns of each seed on their target, by environment and method. Figure 5b (Striker) was never published in numbers.

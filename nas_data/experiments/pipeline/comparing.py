@@ -1,31 +1,41 @@
 """Methods compared on one environment: policies of every method and seed, judged on the target, done once."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 
 import numpy as np
 
 from nas_data.envs.base import find_task_file
 from nas_data.experiments.base import Request, Table
 from nas_data.experiments.pipeline.authors import RETURNS
+from nas_data.experiments.pipeline.dynamics import dynamics_of
 from nas_data.experiments.pipeline.material import Material
 from nas_data.experiments.pipeline.methods import METHODS, needs_of, target
 from nas_data.experiments.pipeline.sizes import Sizes
+from nas_data.experiments.pipeline.stages import describe_stages
+from nas_data.experiments.pipeline.telling import describe_paired, notes
 from nas_data.policies.compare import Comparison, Study, compare
-from nas_data.policies.ppo import Hyperparameters
-from nas_data.policies.share import LEVEL, resampled_medians
+from nas_data.policies.intervals import bootstrap_of, kind_of, median_interval, median_text
+from nas_data.policies.learner import Hyperparameters
 from nas_data.policies.watching import watching
 from nas_data.stages import INDENT
 
-HEADERS = (
-    "method",
-    "learned on",
-    "seeds",
-    "median [95 %]",
-    "min … max",
-    "success",
-    "distance closed [95 %]",
-    "authors",
-)
+
+def headers(seeds: int) -> tuple[str, ...]:
+    """Return the heads of the columns, which say what the intervals over so many seeds are."""
+    several = seeds > 1
+    return (
+        "method",
+        "learned on",
+        "seeds",
+        f"median [{kind_of(seeds)}]" if several else "median",
+        "mean",
+        "min … max",
+        "success",
+        f"distance closed [{bootstrap_of(seeds)}]" if several else "distance closed",
+        "authors: median",
+        "authors: mean",
+    )
 
 
 def chosen(request: Request) -> tuple[str, ...]:
@@ -35,28 +45,43 @@ def chosen(request: Request) -> tuple[str, ...]:
 
 def hyperparameters(sizes: Sizes) -> Hyperparameters:
     """Return PPO's."""
-    return Hyperparameters(rollout=sizes.rollout, minibatches=sizes.minibatches, epochs=sizes.epochs)
+    return Hyperparameters(arms=sizes.arms, rollout=sizes.rollout, minibatches=sizes.minibatches, epochs=sizes.epochs)
 
 
 def compare_methods(request: Request, environment: str) -> tuple[Material, Comparison]:
-    """Make the material, train every method with every seed, and judge all on the target."""
-    names, sizes = chosen(request), request.sizes
-    material = request.material(environment, sorted(needs_of(names)))
-    study = Study(
+    """Train every method with every seed, and judge all on the target; those that need no material come first."""
+    names = chosen(request)
+    needs = sorted(needs_of(names))
+    bare = tuple(name for name in names if not METHODS[name].needs)
+    if bare:
+        material = request.material(environment, ())
+        comparison = run_study(study(request, material, bare), request, environment)
+        at_stake = comparison.at_stake()
+        if at_stake is not None and (sentence := at_stake.sentence()):
+            request.report(f"{INDENT}{sentence}")
+        if not needs:
+            return material, comparison
+    material = request.material(environment, needs)
+    return material, run_study(study(request, material, names, material.content_hash), request, environment)
+
+
+def study(request: Request, material: Material, names: Sequence[str], dataset: str | None = None) -> Study:
+    """Return what is compared: some methods on an environment's material."""
+    sizes = request.sizes
+    return Study(
         target=target(material),
         methods={name: METHODS[name].plant(material) for name in names},
         seeds=sizes.seeds,
         frames=sizes.frames,
         episodes=sizes.judged,
         hyperparameters=hyperparameters(sizes),
-        dataset=material.content_hash,
+        dataset=dataset,
     )
-    return material, run_study(study, request, environment)
 
 
 def run_study(study: Study, request: Request, environment: str) -> Comparison:
-    """Run a study in the environment's folder, where policies of other lengths lie apart."""
-    folder = request.home(environment) / "policies" / str(study.frames)
+    """Run a study in the environment's folder, where policies of other lengths and of another PPO lie apart."""
+    folder = request.home(environment) / "policies" / request.sizes.policies
 
     def report(line: str) -> None:
         request.report(f"{INDENT}{line}")
@@ -65,24 +90,10 @@ def run_study(study: Study, request: Request, environment: str) -> Comparison:
         return compare(study, folder, request.workers, report, quiet=True)
 
 
-def median_interval(values: np.ndarray) -> tuple[float, float]:
-    """Return the 95 % bootstrap interval of the median over seeds."""
-    low, high = np.quantile(resampled_medians(values, np.random.default_rng(0)), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-    return float(low), float(high)
-
-
-def median_text(values: np.ndarray) -> str:
-    """Return the median over seeds with its interval, which a single seed does not have."""
-    if len(values) < 2:
-        return f"{np.median(values):.2f}"
-    low, high = median_interval(values)
-    return f"{np.median(values):.2f} [{low:.2f}, {high:.2f}]"
-
-
-def table(comparison: Comparison, environment: str, title: str) -> Table:
-    """Return the comparison as a table, the authors' means beside ours."""
-    rows = [row(comparison, environment, method) for method in comparison.study.methods]
-    return Table(title, HEADERS, rows)
+def table(material: Material, comparison: Comparison, title: str) -> Table:
+    """Return the comparison as a table, the authors' numbers beside ours of the same kind."""
+    rows = [row(comparison, material.plan.recipe.environment, method) for method in comparison.study.methods]
+    return Table(title, headers(len(comparison.study.seeds)), rows, notes(material, comparison))
 
 
 def row(comparison: Comparison, environment: str, method: str) -> Sequence[str]:
@@ -94,33 +105,38 @@ def row(comparison: Comparison, environment: str, method: str) -> Sequence[str]:
         METHODS[method].learned_on,
         str(len(returns)),
         median_text(returns),
+        f"{returns.mean():.2f}",
         f"{returns.min():.2f} … {returns.max():.2f}",
         f"{np.median(comparison.values(method, 'success_rate')):.0%}",
         "" if closed is None else str(closed),
+        "" if authors is None else f"{authors.median:.2f}",
         "" if authors is None else f"{authors.mean:.2f}",
     )
 
 
-def describe(material: Material, comparison: Comparison, environment: str) -> dict[str, object]:
+def describe(material: Material, comparison: Comparison) -> dict[str, object]:
     """Return the comparison for JSON."""
-    authors = RETURNS.get(find_task_file(environment), {})
-    described = comparison.describe()
+    plan, methods = material.plan, comparison.study.methods
+    authors = RETURNS.get(find_task_file(plan.recipe.environment), {})
     runs = [
         {
             "method": method,
             "seed": seed,
             "result": f"{comparison.policy_folder(method, seed).relative_to(comparison.folder)}/result.json",
-            "wall_seconds": record["wall_seconds"],
-            "cpu_seconds": record["cpu_seconds"],
+            **{key: record[key] for key in ("wall_seconds", "cpu_seconds", "judging", "diverged")},
         }
         for (method, seed), record in sorted(comparison.records.items())
     ]
     return {
-        **described,
-        "interval95": {method: median_interval(comparison.values(method)) for method in comparison.study.methods},
+        **comparison.describe(),
+        "intervals": {method: median_interval(comparison.values(method)).describe() for method in methods},
+        "named_nas_minus_nas": describe_paired(comparison),
         "authors": {method: numbers.describe() for method, numbers in authors.items()},
-        "dataset": material.content_hash,
-        "material": material.plan.describe(),
+        "hyperparameters": asdict(comparison.study.hyperparameters),
+        "dynamics": dynamics_of(material),
+        "dataset": comparison.study.dataset,
+        "material": plan.describe(),
+        "stages": describe_stages(material),
         "policies": str(comparison.folder),
         "runs": runs,
     }

@@ -6,12 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from nas_data.circumstances import commit, versions
 from nas_data.cli import finite
-from nas_data.dataset.provenance import package_versions
 from nas_data.envs.base import environment_name, find_task, find_task_file
 from nas_data.errors import OptionError, UnknownName
-from nas_data.experiments.base import Request, Result, find_experiment
+from nas_data.experiments.base import Experiment, Request, Result, find_experiment
 from nas_data.experiments.pipeline.methods import check_methods
+from nas_data.experiments.pipeline.naming import stem_of
+from nas_data.policies.parallel import told
 from nas_data.reports.file import write_whole
 
 
@@ -22,24 +24,53 @@ class Conducted:
     Attributes:
         text: For people, with where the files are.
         data: For machines.
+        files: Where it was written.
     """
 
     text: str
     data: Mapping[str, object]
+    files: tuple[Path, ...]
 
 
 def conduct(name: str, request: Request) -> Conducted:
-    """Make an experiment and write its files.
+    """Make an experiment and write its files: first those of each environment alone, as soon as it is done.
 
     Raises:
         UnknownName: there is no such experiment, environment, dynamics or method; lists those there are.
         OptionError: a size makes no sense.
-        OutputExists: the folder holds something else.
+        OutputExists: the folder holds something else, or what other code made.
+        JobsFailed: several jobs could not be done; all others are.
     """
     experiment = find_experiment(name)
     spelt = tuple(environment_name(find_task_file(environment)) for environment in request.environments)
     request = replace(request, environments=spelt)  # however it is spelt, an environment's files have one name
-    check(request)
+    check(experiment, request)
+    if len(request.environments) > 1:
+        make_each(name, experiment, request)
+        request.report("all environments together")
+    return make(name, experiment, request)
+
+
+def make_each(name: str, experiment: Experiment, request: Request) -> None:
+    """Make an experiment of each environment alone, with files of its own; where one fails, the others go on.
+
+    Raises:
+        Exception: one or several could not be made; says which, when all others are.
+    """
+    failed: dict[int, Exception] = {}
+    for number, environment in enumerate(request.environments):
+        try:
+            for path in make(name, experiment, replace(request, environments=(environment,))).files:
+                request.report(f"→ {path}")
+        except Exception as error:  # raised below, when all that can be made is made
+            request.report(f"{environment} could not be made: {error}")
+            failed[number] = error
+    if failed:
+        raise told(failed, len(request.environments))
+
+
+def make(name: str, experiment: Experiment, request: Request) -> Conducted:
+    """Make an experiment of all its environments, and write its files."""
     began = time.monotonic()
     result = experiment.run(request)
     seconds = round(time.monotonic() - began, 1)
@@ -47,7 +78,8 @@ def conduct(name: str, request: Request) -> Conducted:
     files = write(result, data, experiment.title, request, request.folder / stem_of(name, request))
     lines = [*warnings(request), *(f"{table.text()}\n" for table in result.tables), *result.notes]
     lines += [f"→ {path}" for path in files.values()]
-    return Conducted("\n".join(lines), {**{key: str(path) for key, path in files.items()}, **data})
+    places = {key: str(path) for key, path in files.items()}
+    return Conducted("\n".join(lines), {**places, **data}, tuple(files.values()))
 
 
 def about(name: str, title: str, request: Request) -> dict[str, object]:
@@ -59,7 +91,9 @@ def about(name: str, title: str, request: Request) -> dict[str, object]:
         "size": request.sizes.name,
         "warning": next(iter(warnings(request)), None),
         "dynamics": request.dynamics,
-        "versions": package_versions(),
+        "ppo": request.sizes.ppo,
+        "versions": versions(),
+        "commit": commit(),
     }
 
 
@@ -80,17 +114,11 @@ def write(result: Result, data: Mapping[str, object], title: str, request: Reque
     return files
 
 
-def stem_of(name: str, request: Request) -> str:
-    """Return what the files of an experiment are called: other environments, dynamics and sizes have other files."""
-    names = request.environments
-    usual = len(names) > 1 and names == find_experiment(name).environments
-    quick = [request.sizes.name] if request.sizes.quick else []
-    return "-".join([name, *(() if usual else names), request.dynamics, *quick])
-
-
-def check(request: Request) -> None:
+def check(experiment: Experiment, request: Request) -> None:
     """Refuse what cannot be done before hours are spent."""
     sizes = request.sizes
+    if len(request.environments) > 1 and not experiment.several:
+        raise OptionError("This experiment is about one environment at a time; give one --env.")
     if not request.environments or len(set(request.environments)) < len(request.environments):
         raise OptionError("Give at least one environment, and none twice.")
     for environment in request.environments:

@@ -12,7 +12,7 @@ from nas_data.experiments.pipeline.material import PHI
 from nas_data.models.holding_out import rows_of
 from nas_data.models.presets import TrainingOptions
 from nas_data.policies.compare import Record, Run, do_run, silence
-from nas_data.policies.ppo import Hyperparameters, Training
+from nas_data.policies.learner import Hyperparameters, Training
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,9 @@ class CountJob:
         frames: Control steps of the policy.
         episodes: Episodes that it is judged on.
         hyperparameters: PPO's.
+        policies: Folder of policies of this length and PPO.
         folder: Where φ and the policy go.
+        threads: Threads that simulate φ's source; all cores where None.
     """
 
     count: int
@@ -43,7 +45,9 @@ class CountJob:
     frames: int
     episodes: int
     hyperparameters: Hyperparameters
+    policies: str
     folder: Path
+    threads: int | None = None
 
     def subset(self, dataset: Dataset) -> Dataset:
         """Return the trajectories that φ learns from."""
@@ -53,7 +57,7 @@ class CountJob:
 
 def do_count(job: CountJob) -> Record:
     """Train φ and then the policy, judge it on the target; what was done before is read."""
-    model = ModelJob("delta", job.pairs, replace(job.options, seed=job.seed), job.folder / PHI)
+    model = ModelJob("delta", job.pairs, replace(job.options, seed=job.seed), job.folder / PHI, job.threads)
     train_model(model, silence, job.subset)
     plant = replace(job.source, checkpoint=str(model.folder))
     run = Run(
@@ -61,7 +65,7 @@ def do_count(job: CountJob) -> Record:
         training=Training(plant, job.seed, job.frames, job.hyperparameters),
         target=job.target,
         episodes=job.episodes,
-        folder=job.folder / "policy" / str(job.frames),
+        folder=job.folder / "policy" / job.policies,
         quiet=True,
         dataset=job.content_hash,
     )

@@ -1,18 +1,24 @@
-"""Training φ and ψ on a paired dataset in a folder: done once, gone on with where it was interrupted."""
+"""Training φ and ψ on a paired dataset in a folder: done once, gone on with where it was interrupted, else anew."""
 
 import json
-from collections.abc import Callable
-from dataclasses import dataclass
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from nas_data.code_hash import code_hash
 from nas_data.dataset import versions
+from nas_data.dataset.content import content_hash
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
 from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions
-from nas_data.models.run import HISTORY, STATE, TrainingRun
+from nas_data.models.run import CHECKPOINT, HISTORY, STATE, TrainingRun
 from nas_data.models.training import Training
-from nas_data.sources import find_source, kept_files
+from nas_data.reports.file import write_whole
+from nas_data.sources import kept_files, locate_source
+
+TRAINED_BY = "nas_data.models.run"
 
 
 @dataclass(frozen=True)
@@ -23,13 +29,20 @@ class ModelJob:
         kind: `delta` for φ, `forward` for ψ.
         dataset: Folder of the pairs, with their source.
         options: Of the training.
-        folder: Where it goes.
+        folder: Where it goes; what decides it is kept beside, in a file of the same name.
+        threads: Threads that simulate its source; all cores where None.
     """
 
     kind: Kind
     dataset: Path
     options: TrainingOptions
     folder: Path
+    threads: int | None = None
+
+    @property
+    def record(self) -> Path:
+        """The file that says what the model in the folder learned from."""
+        return self.folder.with_name(f"{self.folder.name}.json")
 
 
 def train_model(
@@ -45,16 +58,40 @@ def train_model(
     Returns:
         Its history: a row a validation.
     """
+    dataset = read(job.dataset)
+    chosen = choose(dataset)
+    parent = versions.parent_of(job.dataset, dataset)
+    source = locate_source(None, (), [job.dataset]).simulator(dataset, job.threads)
+    provenance = {
+        "dataset": {"name": parent.name, "content_hash": parent.content_hash},
+        "source": source.describe(),
+    }
+    identity = {
+        "kind": job.kind,
+        "options": asdict(job.options),
+        "learned_from": content_hash(chosen),
+        "source": provenance["source"],
+        "code": code_hash(TRAINED_BY),
+    }
+    claim(job, json.loads(json.dumps(identity)), report)
     history = job.folder / HISTORY
     if not history.is_file() or (job.folder / STATE).exists():
-        dataset = read(job.dataset)
-        source = find_source(None, (), dataset, [job.dataset])
-        parent = versions.parent_of(job.dataset, dataset)
-        provenance = {
-            "dataset": {"name": parent.name, "content_hash": parent.content_hash},
-            "source": source.describe(),
-        }
-        training = Training(job.kind, choose(dataset), job.options, source, provenance)
+        training = Training(job.kind, chosen, job.options, source, provenance)
         TrainingRun(training, job.folder, report, kept_files(job.dataset)).run()
     rows: list[dict[str, float]] = json.loads(history.read_text(encoding="utf-8"))
     return rows
+
+
+def claim(job: ModelJob, identity: Mapping[str, object], report: Callable[[str], None]) -> None:
+    """Make the folder this training's own; a model of ours that learned otherwise makes room for it."""
+    try:
+        held = json.loads(job.record.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        held = {}
+    if held == identity:
+        return
+    if any((job.folder / name).exists() for name in (HISTORY, STATE, CHECKPOINT)):
+        different = ", ".join(key for key in identity if held.get(key) != identity[key])
+        report(f"{job.folder} holds a model that differs in {different}: it is trained anew")
+        shutil.rmtree(job.folder)
+    write_whole(job.record, (json.dumps(identity, indent=1) + "\n").encode())

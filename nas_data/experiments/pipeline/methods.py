@@ -61,5 +61,5 @@ def check_methods(names: Sequence[str]) -> None:
 
 
 def needs_of(names: Sequence[str]) -> set[str]:
-    """Return the stages that some methods need, the recordings included."""
-    return {"record"}.union(*(METHODS[name].needs for name in names))
+    """Return the stages that some methods need, without those that these build on."""
+    return set[str]().union(*(METHODS[name].needs for name in names))

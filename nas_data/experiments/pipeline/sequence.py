@@ -8,6 +8,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
 from nas_data.experiments.base import Request
 from nas_data.experiments.pipeline.material import PHI, PSI, Material
+from nas_data.experiments.pipeline.stages import describe_stages
 from nas_data.experiments.pipeline.trajectories import compare_models
 from nas_data.models.evaluation import Evaluation
 from nas_data.reports.experiment_figures import warn
@@ -75,6 +76,7 @@ class Sequence:
             "dataset": self.material.content_hash,
             "heldout": self.dataset.n_episodes,
             "material": self.material.plan.describe(),
+            "stages": describe_stages(self.material),
         }
 
 

@@ -1,9 +1,10 @@
 """How large the experiments are: as in the paper, or a quick look at their shape."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from nas_data.envs.base import find_task, find_task_file
+from nas_data.errors import UnknownName
 from nas_data.models.presets import TrainingOptions, preset
 from nas_data.recorders.recipe import Recipe
 
@@ -31,6 +32,13 @@ RECORDINGS: Mapping[str, Recording] = {
     "ergo_reacher": Recording(1000, 100, (1, 5, 20, 100)),
     "ergo_shield": Recording(500, 300, (100, 20, 5, 1)),
 }
+# Ours is that of the paper's robot experiments, 16 arms side by side in place of 4 processes; in simulation the authors
+# had one process of 2048 steps, 32 minibatches of 64 and 10 epochs (paper, appendix C; facts in reference/paper.md, 5)
+OURS = "ours"
+PPO: Mapping[str, Mapping[str, int]] = {
+    OURS: {},
+    "authors": {"arms": 1, "rollout": 2048, "minibatches": 32, "epochs": 10},
+}
 OTHERS = (1, 2, 5, 20)  # of environments that the paper does not have, as long as their episodes
 
 
@@ -52,6 +60,8 @@ class Sizes:
         rollout: Control steps between two updates of a policy.
         minibatches: Parts of a rollout, one gradient step each.
         epochs: Passes over a rollout.
+        arms: Simulations stepped together.
+        ppo: Whose PPO these last four make: one of `PPO`.
     """
 
     name: str
@@ -67,11 +77,28 @@ class Sizes:
     rollout: int = 8192
     minibatches: int = 32
     epochs: int = 10
+    arms: int = 16
+    ppo: str = OURS
 
     @property
     def quick(self) -> bool:
         """Whether this is less than the experiment."""
         return self.name != "full"
+
+    @property
+    def policies(self) -> str:
+        """Folder of policies of these sizes, below that of all policies."""
+        return f"{self.frames}" if self.ppo == OURS else f"{self.frames}-ppo-{self.ppo}"
+
+    def with_ppo(self, name: str) -> "Sizes":
+        """Return these sizes with another PPO.
+
+        Raises:
+            UnknownName: there is none of that name; lists those there are.
+        """
+        if name not in PPO:
+            raise UnknownName("PPO", name, PPO)
+        return replace(self, ppo=name, **PPO[name])  # type: ignore[arg-type]  # dataclasses.replace is not generic over fields
 
     def recipe(self, environment: str, dynamics: str) -> Recipe:
         """Return how an environment's target is recorded."""

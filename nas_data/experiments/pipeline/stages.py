@@ -7,6 +7,7 @@ from pathlib import Path
 from nas_data.dataset import versions
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
+from nas_data.experiments.pipeline.code import learning_code, learning_on_names_code, naming_code, recording_code
 from nas_data.experiments.pipeline.learning import ModelJob, train_model
 from nas_data.experiments.pipeline.material import (
     DATASETS,
@@ -25,7 +26,7 @@ from nas_data.gap import workflow
 from nas_data.gap.named import Named
 from nas_data.models.lstm import Kind
 from nas_data.policies.ppo import Calm
-from nas_data.stages import INDENT, Found, Report, Stage, Work, run_stages
+from nas_data.stages import INDENT, Found, Report, Stage, Work, read_done, run_stages
 
 Job = Work[MaterialPlan]
 
@@ -108,6 +109,7 @@ STAGES = {
             record,
             (DATASETS,),
             (),
+            recording_code,
         ),
         Stage(
             PHI,
@@ -117,6 +119,7 @@ STAGES = {
             learner("delta", "φ", PHI),
             (PHI,),
             ("record",),
+            learning_code,
         ),
         Stage(
             PSI,
@@ -125,6 +128,7 @@ STAGES = {
             learner("forward", "ψ", PSI),
             (PSI,),
             ("record",),
+            learning_code,
         ),
         Stage(
             NAMES,
@@ -133,6 +137,7 @@ STAGES = {
             name_effects,
             (NAMES,),
             ("record",),
+            naming_code,
         ),
         Stage(
             PHI_NAMED,
@@ -141,9 +146,17 @@ STAGES = {
             learn_on_names,
             (PHI_NAMED,),
             ("record", NAMES),
+            learning_on_names_code,
         ),
     )
 }
+
+
+def describe_stages(material: Material) -> dict[str, object]:
+    """Return for JSON what each stage of a material that is done cost, when, and by which commit."""
+    told = ("seconds", "cpu_seconds", "when", "load", "commit")
+    found = {name: read_done(stage, material.folder) for name, stage in STAGES.items()}
+    return {name: {key: getattr(done, key) for key in told} for name, done in found.items() if done is not None}
 
 
 def make_material(plan: MaterialPlan, folder: Path, needs: Collection[str], report: Report) -> Material:
@@ -156,7 +169,7 @@ def make_material(plan: MaterialPlan, folder: Path, needs: Collection[str], repo
         report: Told of progress.
 
     Raises:
-        OutputExists: the folder holds something else, or material of another plan.
+        OutputExists: the folder holds something else, or material of another plan or by other code.
     """
     wanted = {*needs}.union(*(STAGES[name].builds_on or () for name in needs))
     stages = [stage for name, stage in STAGES.items() if name in wanted]

@@ -1,0 +1,191 @@
+"""PPO as the paper trained it: what makes a training what it is, and the steps that it takes."""
+
+import math
+import sys
+import time
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.utils import set_random_seed
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+
+from nas_data.circumstances import commit, versions
+from nas_data.code_hash import code_hash
+from nas_data.envs.loop.arm_vec_env import ArmVecEnv
+from nas_data.envs.loop.plant import Plant
+from nas_data.policies import folder as files
+from nas_data.simulators.base import Stepper
+
+
+@dataclass(frozen=True)
+class Hyperparameters:
+    """The paper's PPO; 16 arms share one rollout of its robot experiments' length (4 processes of 2048 steps).
+
+    Attributes:
+        arms: Simulations stepped together.
+        rollout: Frames between two updates, over all arms.
+        minibatches: Parts of a rollout, one gradient step each.
+        epochs: Passes over a rollout.
+        learning_rate: Adam's.
+        discount: γ.
+        trace: λ of the advantage estimate.
+        clip: Largest change of an action's probability ratio.
+        entropy_weight: Weight of the entropy in the loss.
+        value_weight: Weight of the value error in the loss.
+        gradient_norm: Longer gradients are cut to this.
+        hidden: Widths of the tanh layers, separate for actor and critic.
+    """
+
+    arms: int = 16
+    rollout: int = 8192
+    minibatches: int = 32
+    epochs: int = 10
+    learning_rate: float = 3e-4
+    discount: float = 0.99
+    trace: float = 0.95
+    clip: float = 0.2
+    entropy_weight: float = 0.0
+    value_weight: float = 0.5
+    gradient_norm: float = 0.5
+    hidden: tuple[int, ...] = (64, 64)
+
+
+@dataclass(frozen=True)
+class Training:
+    """What makes a training what it is; equal trainings give equal bits.
+
+    Attributes:
+        plant: Where the policy learns.
+        seed: Of weights, episodes and exploration.
+        frames: Control steps to learn from; rounded up to whole rollouts.
+        hyperparameters: PPO's.
+    """
+
+    plant: Plant
+    seed: int = 0
+    frames: int = 2_000_000
+    hyperparameters: Hyperparameters = field(default_factory=Hyperparameters)
+
+    @property
+    def rollouts(self) -> int:
+        """Rollouts that make up the frames."""
+        return math.ceil(self.frames / self.hyperparameters.rollout)
+
+    def identity(self) -> dict[str, object]:
+        """Return what `config.json` records of it, the frames apart: two trainings are the same where this is."""
+        return {
+            "schema": 1,
+            "kind": "ppo",
+            "plant": self.plant.describe(),
+            "seed": self.seed,
+            "hyperparameters": {**asdict(self.hyperparameters), "hidden": list(self.hyperparameters.hidden)},
+            "code": code_hash(*self.plant.modules(), __name__),
+        }
+
+    def circumstances(self) -> dict[str, object]:
+        """Return what `config.json` records beside the identity."""
+        return {
+            "checkpoint": self.plant.checkpoint,
+            "effects": self.plant.effects,
+            "versions": versions(),
+            "commit": commit(),
+        }
+
+
+class Learner:
+    """A training in progress.
+
+    Training is cut into segments of a few rollouts. Each begins with fresh episodes and with random generators seeded
+    by its number alone, so that the state between two segments is the networks, the optimiser and the statistics, and
+    a training that goes on from there does the same as one that never stopped.
+    """
+
+    SEGMENT = 10  # rollouts; under ten seconds of work is lost when a training is killed
+
+    def __init__(self, training: Training, stepper: Stepper) -> None:
+        """Build networks and environment.
+
+        Args:
+            training: What to train.
+            stepper: The plant's simulations, as many as there are arms.
+        """
+        p = training.hyperparameters
+        self.training = training
+        self.arms = ArmVecEnv(training.plant.task, stepper)
+        self.normalised = VecNormalize(self.arms, gamma=p.discount)
+        self.progress: list[files.Row] = []
+        self.ppo = new_ppo(self.normalised, p, training.seed)
+
+    @property
+    def done(self) -> int:
+        """Rollouts learned from."""
+        return len(self.progress)
+
+    def advance(self) -> files.Row:
+        """Collect one rollout and learn from it."""
+        if self.done % self.SEGMENT == 0:
+            self._begin_segment()
+        last = self.progress[-1] if self.progress else None
+        wall, cpu = time.perf_counter(), time.process_time()
+        self.ppo.learn(self.training.hyperparameters.rollout, log_interval=sys.maxsize, reset_num_timesteps=False)
+        episodes = self.arms.take_episodes()
+        values = self.ppo.logger.name_to_value
+        row = files.Row(
+            frames=self.ppo.num_timesteps,
+            seconds=time.perf_counter() - wall + (last.seconds if last else 0.0),
+            cpu_seconds=time.process_time() - cpu + (last.cpu_seconds if last else 0.0),
+            episodes=len(episodes),
+            mean_return=mean([episode.total for episode in episodes]),
+            success_rate=mean([float(episode.success) for episode in episodes]),
+            mean_length=mean([float(episode.length) for episode in episodes]),
+            diverged=sum(episode.diverged for episode in episodes),
+            action_std=float(values["train/std"]),
+            divergence=float(values["train/approx_kl"]),
+            value_loss=float(values["train/value_loss"]),
+        )
+        self.progress.append(row)
+        return row
+
+    def _begin_segment(self) -> None:
+        number = self.done // self.SEGMENT
+        seed = int(np.random.SeedSequence([self.training.seed, number]).generate_state(1)[0])
+        set_random_seed(seed)
+        self.arms.seed(seed)
+        self.arms.take_episodes()
+        self.ppo.set_env(self.normalised, force_reset=True)
+
+
+def new_ppo(environment: VecEnv, p: Hyperparameters, seed: int) -> PPO:
+    """Return PPO that has learned nothing yet, silent and on one thread."""
+    torch.set_num_threads(1)  # the networks are too small to share, and the other cores have other seeds to train
+    ppo = PPO(
+        "MlpPolicy",
+        environment,
+        learning_rate=p.learning_rate,
+        n_steps=p.rollout // p.arms,
+        batch_size=p.rollout // p.minibatches,
+        n_epochs=p.epochs,
+        gamma=p.discount,
+        gae_lambda=p.trace,
+        clip_range=p.clip,
+        ent_coef=p.entropy_weight,
+        vf_coef=p.value_weight,
+        max_grad_norm=p.gradient_norm,
+        policy_kwargs={
+            "net_arch": {"pi": list(p.hidden), "vf": list(p.hidden)},
+            "activation_fn": torch.nn.Tanh,
+            "optimizer_kwargs": {"eps": 1e-5, "fused": True},
+        },
+        seed=seed,
+        device="cpu",
+    )
+    ppo.set_logger(Logger(None, []))
+    return ppo
+
+
+def mean(values: list[float]) -> float:
+    """Return the mean, NaN where there is nothing."""
+    return float(np.mean(values)) if values else math.nan
