@@ -51,12 +51,18 @@ def scene_states(dataset: Dataset, simulator: Simulator, rows: slice | np.ndarra
     Returns:
         Shape (rows, 2n), or (rows, 2n + m) with the objects.
     """
-    states, wanted = dataset.states[rows], simulator.object_feature.names
+    states, objects = dataset.states[rows], object_states(dataset, simulator)
+    return np.concatenate([states, objects[rows]], axis=1) if objects.shape[1] else states
+
+
+def object_states(dataset: Dataset, simulator: Simulator) -> np.ndarray:
+    """Return the measured states of a simulator's objects, shape (N, m); (N, 0) where the dataset lacks one."""
+    wanted = simulator.object_feature.names
     held = dataset.features[ENVIRONMENT].names if ENVIRONMENT in dataset.features else ()
     if not wanted or not set(wanted) <= set(held):
-        return states
-    places = [held.index(name) for name in wanted]
-    return np.concatenate([states, dataset.columns[ENVIRONMENT][rows][:, places]], axis=1)
+        return np.empty((dataset.n_frames, 0), np.float32)
+    column = dataset.columns[ENVIRONMENT]
+    return column if wanted == held else column[:, [held.index(name) for name in wanted]]
 
 
 def object_warnings(dataset: Dataset, simulator: Simulator) -> list[str]:

@@ -19,6 +19,11 @@ SERVO = """<mujoco><compiler angle="{angle}"/>
 <geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.01" mass="0.1"/></body></worldbody>
 <actuator><position name="j" joint="j" kp="3" kv="0.02" forcerange="-2 2"/></actuator></mujoco>"""
 
+MOTOR = """<mujoco><compiler angle="{angle}"/><option timestep="{timestep}" gravity="0 0 0"/>
+<worldbody><body><joint name="j" axis="0 0 1" armature="0.04" damping="0.1" range="{low} {high}"/>
+<geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.01" mass="{mass}"/></body></worldbody>
+<actuator><motor name="j" joint="j" ctrlrange="-3 3"/></actuator></mujoco>"""
+
 
 def lever(*effects: Effect, axis: str = "0 0 1", angle: str = "radian") -> mujoco.MjModel:
     spec = mujoco.MjSpec.from_string(SERVO.format(axis=axis, angle=angle))
@@ -62,6 +67,32 @@ def test_play_is_as_wide_as_it_says(angle, half_width):
 def test_two_plays_in_one_joint_add_up():
     model = lever(parse("backlash:joint=j,half_width=0.02"), parse("backlash:joint=j,half_width=0.03"))
     assert model.joint("j_play").range == pytest.approx([-0.05, 0.05])
+
+
+@pytest.mark.parametrize("angle", ["radian", "degree"])
+@pytest.mark.parametrize("mass", [0.002, 0.5])
+@pytest.mark.parametrize("timestep", [0.002, 0.01])
+def test_a_motor_s_link_stays_within_its_stops_and_the_motor_turns_on_through_the_play(angle, mass, timestep):
+    low, high = (-1.0, 0.5) if angle == "radian" else np.degrees([-1.0, 0.5])
+    spec = mujoco.MjSpec.from_string(MOTOR.format(angle=angle, mass=mass, timestep=timestep, low=low, high=high))
+    add_effects(spec, [parse("backlash:joint=j,half_width=0.1")])
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    for torque, stop in ((3.0, 0.5), (-3.0, -1.0)):
+        data.ctrl[0] = torque
+        mujoco.mj_step(model, data, round(4 / timestep))
+        assert data.qpos.sum() == pytest.approx(stop, abs=0.01)
+        # the play's own stops give way a little where so much torque comes to so light a link
+        assert data.qpos[0] - stop == pytest.approx(np.copysign(0.1, torque), abs=0.05)
+
+
+def test_the_range_of_a_servo_stays_the_servo_s():
+    spec = mujoco.MjSpec.from_string(SERVO.format(axis="0 0 1", angle="radian"))
+    spec.joint("j").limited, spec.joint("j").range = mujoco.mjtLimited.mjLIMITED_TRUE, [-1.0, 0.5]
+    add_effects(spec, [parse("backlash:joint=j,half_width=0.1")])
+    model = spec.compile()
+    assert model.jnt_limited[0] and model.joint("j").range == pytest.approx([-1.0, 0.5])
+    assert not model.tendon_limited.any()
 
 
 @settings(max_examples=8, deadline=None)

@@ -1,17 +1,40 @@
 """How episodes began: the hidden states at their first row, told by what followed."""
 
 from dataclasses import replace
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from test_gap_core import QUANTUM, commanded
 
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import (
+    ACTION,
+    ENVIRONMENT,
+    NEXT_STATE,
+    STATE,
+    effort_feature,
+    position_feature,
+    state_feature,
+)
+from nas_data.dataset.transitions import estimate_velocities
 from nas_data.effects.base import Effect, parse
+from nas_data.envs.base import find_task
+from nas_data.experiments.pipeline.sizes import RECORDINGS
+from nas_data.gap.add import write_model
 from nas_data.gap.added import usual_hold
-from nas_data.gap.evidence import Evidence
+from nas_data.gap.evidence import Evidence, window
+from nas_data.gap.finding.joint_gaps import find_joint_gaps
+from nas_data.gap.finding.recorded import Recorded
 from nas_data.gap.nominal import Nominal
+from nas_data.gap.problem import Problem
 from nas_data.gap.search.final import Final
 from nas_data.gap.search.fit import Task
+from nas_data.gap.start_speeds import CLEAR, start_speeds
+from nas_data.recorders.recipe import Recipe
 from nas_data.simulators.settled import Hold
 
 FLOOR = np.full(6, QUANTUM / np.sqrt(12))
@@ -55,3 +78,142 @@ def test_how_all_episodes_began_is_told_by_the_fitted_ones(hold: Hold):
     nominal, evidence = played(effect, hold)
     task = Task(nominal, evidence, FLOOR)
     assert usual_hold(task, Final((effect,), {}, ())) == hold
+
+
+# Starts in motion
+
+
+def readings(start: float, noise: float, quantum: float, formula: str, effort: bool = False) -> Dataset:
+    """Ten episodes of a joint that begins at a speed [rad/s] and is then driven to and fro, as a sensor shows it.
+
+    The velocities are a sensor's own, with so much noise [rad/s], or computed from noisy positions by a formula.
+    """
+    rng = np.random.default_rng(round(1e6 * (start + noise + quantum)))
+    count, steps, rate = 10, 201, 100.0
+    times = np.arange(steps) / rate
+    swing, turns = rng.uniform(0.3, 0.9, (count, 1)), rng.uniform(0.5, 2.0, (count, 1))
+    positions = start * times + swing * (1 - np.cos(turns * 2 * np.pi * times))
+    velocities = start + swing * turns * 2 * np.pi * np.sin(turns * 2 * np.pi * times)
+    shown = positions + (noise / rate if formula else 0.0) * rng.standard_normal(positions.shape)
+    shown = np.round(shown / quantum) * quantum if quantum else shown
+    steps_taken = np.diff(shown, axis=1) * rate
+    computed = {
+        "": velocities + noise * rng.standard_normal(velocities.shape),
+        "backward": np.pad(steps_taken, ((0, 0), (1, 0)), mode="edge"),
+        "forward": np.pad(steps_taken, ((0, 0), (0, 1)), mode="edge"),
+        "central": np.gradient(shown, 1 / rate, axis=1),
+        "quadratic": estimate_velocities(shown.T, rate).T,
+    }[formula]
+    states = np.stack([shown, computed], axis=-1).astype(np.float32)
+    joints = ("joint",)
+    features = {
+        STATE: state_feature(joints),
+        ACTION: (effort_feature if effort else position_feature)(joints),
+        NEXT_STATE: state_feature(joints),
+    }
+    columns = {
+        STATE: states[:, :-1].reshape(-1, 2),
+        ACTION: states[:, 1:, :1].reshape(-1, 1),
+        NEXT_STATE: states[:, 1:].reshape(-1, 2),
+    }
+    return Dataset(features, columns, np.full(count, steps - 1), rate)
+
+
+@given(
+    noise=st.floats(0.0, 0.5),
+    quantum=st.sampled_from([0.0, 0.0015, QUANTUM]),
+    formula=st.sampled_from(["backward", "forward", "central", "quadratic"]),
+    start=st.sampled_from([0.0, 0.5]),
+    effort=st.booleans(),
+)
+@settings(max_examples=60, deadline=None)
+def test_velocities_computed_from_positions_start_nothing(noise, quantum, formula, start, effort):
+    dataset = readings(start, noise, quantum, formula, effort)
+    assert np.array_equal(start_speeds(dataset), np.zeros((10, 1)))
+    assert np.array_equal(Evidence.of(dataset).initial[:, 1], np.zeros(10))
+
+
+@given(noise=st.floats(0.001, 0.5), quantum=st.sampled_from([0.0, QUANTUM]))
+@settings(max_examples=30, deadline=None)
+def test_a_noisy_sensor_of_speed_starts_an_arm_in_motion_but_none_at_rest(noise: float, quantum: float):
+    assert np.array_equal(start_speeds(readings(0.0, noise, quantum, "")), np.zeros((10, 1)))
+    start = 3 * CLEAR * (noise + 0.02)  # the motion itself, up to 2 Hz, looks a little like noise
+    moving = readings(start, noise, quantum, "")
+    assert np.array_equal(start_speeds(moving)[:, 0], moving.states[moving.starts, 1].astype(float))
+
+
+def test_an_arm_under_torques_starts_at_what_is_more_than_rounding():
+    slow = readings(0.01, 0.0, 0.0, "", effort=True)
+    assert (start_speeds(slow) > 0).all()
+    states = slow.states.copy()
+    states[:, 1] = np.round(states[:, 1] / 0.05) * 0.05 + 0.05
+    assert (start_speeds(replace(slow, columns={**slow.columns, STATE: states})) == 0).all()
+
+
+# Scenes
+
+
+@cache
+def scene(name: str, dynamics: str = "backlash") -> Problem:
+    """An environment's target, recorded by its recipe, with the source as model."""
+    known = RECORDINGS[name]
+    recipe = Recipe(environment=name, dynamics=dynamics, episodes=8, steps=known.steps, holds=known.holds)
+    return Problem.of(recipe.record()[0], name, Path(name))
+
+
+def errors(problem: Problem, evidence: Evidence, effects: tuple[Effect, ...]) -> np.ndarray:
+    """Root mean squared error of each joint [rad], episodes begun as their first second tells, shape (n,)."""
+    nominal = problem.train.nominal
+    begun = Task(nominal, evidence, problem.train.floor).begun(effects, {}).evidence
+    return np.sqrt(begun.mean_squares(nominal.predict(begun, effects)).mean(axis=0))
+
+
+@pytest.mark.parametrize(
+    ("name", "most"), [("striker", 1e-4), ("pusher", 1e-4), ("ergo_shield", QUANTUM / np.sqrt(12))]
+)
+def test_the_true_target_of_a_scene_leaves_what_its_sensors_leave(name: str, most: float):
+    problem, effects = scene(name), find_task(name).effects("backlash")
+    evidence = problem.evidence
+    assert np.all(errors(problem, evidence, effects) < 1.1 * most)
+    at_rest = replace(evidence, speeds=np.zeros_like(evidence.speeds), objects=evidence.objects[..., :0])
+    assert np.max(errors(problem, at_rest, effects)) > 5 * most, "starts make no difference: this test shows nothing"
+
+
+@pytest.mark.parametrize("name", ["striker", "pusher", "ergo_shield"])
+def test_a_written_model_takes_the_scene_s_objects_as_the_effects_do(name: str, tmp_path: Path):
+    problem, effects = scene(name), find_task(name).effects("backlash")
+    nominal, held = problem.held.nominal, problem.held.evidence
+    path, _ = write_model(tmp_path, nominal, effects, {}, timestep=float(nominal.spec.option.timestep))
+    written = Nominal.load(path, held).predict(held)
+    apart = written - nominal.predict(held, effects)
+    assert np.sqrt(np.mean(apart**2)) < 1e-3  # numbers of six digits, and joints thrown against their stops
+
+
+def test_the_one_step_gap_of_the_source_is_none_in_contacts_either():
+    problem = scene("pusher", "source")
+    recorded = Recorded.of(problem.dataset, problem.evidence)
+    nominal = problem.train.nominal
+    gaps = find_joint_gaps(recorded, nominal, problem.train.floor, nominal.predict(problem.evidence))
+    assert max(gap.one_step for gap in gaps.values()) < 1e-6
+    assert max(gap.open_loop for gap in gaps.values()) < 1e-4
+
+
+def test_a_window_starts_with_the_objects_where_they_were_then():
+    problem = scene("pusher")
+    pucks = [problem.dataset.columns[ENVIRONMENT][rows] for rows in problem.dataset.episodes()]
+    pushed = int(np.argmax([np.abs(rows[40] - rows[0]).max() for rows in pucks]))
+    objects = pucks[pushed]
+    assert np.abs(objects[40] - objects[0]).max() > 0.01, "no puck was touched: this test shows nothing"
+    part = window(problem.evidence, pushed, 40, 30)
+    assert np.array_equal(part.initial[0, 6:], objects[40])
+    assert np.array_equal(part.objects[0], objects[40:70])
+
+
+@pytest.mark.parametrize("name", ["striker", "pusher", "ergo_shield"])
+def test_settled_under_nothing_is_at_rest_objects_and_all(name: str):
+    problem, effects = scene(name), find_task(name).effects("backlash")
+    evidence = problem.evidence.select([0, 1])
+    simulator = problem.train.nominal.simulator(effects)
+    holds = np.full(evidence.starts.shape, Hold.NOTHING)
+    rested, settled = simulator.rest(evidence.initial), simulator.settled(evidence.initial, holds)
+    np.testing.assert_allclose(settled, rested, atol=1e-9)

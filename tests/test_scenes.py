@@ -1,12 +1,16 @@
 """Scenes: what moves beside the measured arm is read, reset, recorded and paired like the arm itself."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from linear_samples import silent
+from training_samples import TINY
 
 from nas_data import registry
 from nas_data.cli import main
@@ -17,7 +21,10 @@ from nas_data.envs.base import Task, find_task
 from nas_data.errors import JointMismatch
 from nas_data.models.augmented import LearnedStepper
 from nas_data.models.lstm import DynamicsModel
-from nas_data.pairing import object_warnings, scene_states
+from nas_data.models.phases import FreeRunning, jacobians
+from nas_data.models.training import Training
+from nas_data.pairing import object_warnings, pair, scene_states
+from nas_data.recorders.recipe import Recipe
 from nas_data.robots.base import find_robot
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.engines import load_simulator
@@ -196,6 +203,30 @@ def test_a_learned_model_moves_the_joints_and_leaves_the_objects_to_the_source(n
         np.testing.assert_allclose(stepper.objects, plain.objects, atol=1e-9)
     if kind == "forward":
         np.testing.assert_allclose(stepper.states, first[:, : 2 * len(task.joints)], atol=1e-6)
+
+
+@pytest.mark.usefixtures("one_thread")
+@pytest.mark.parametrize(
+    ("name", "dynamics", "most"),
+    [("pusher", "source", 1e-10), ("pusher", "backlash", 1e-10), ("ergo_shield", "backlash", 3e-3)],  # a quantum's
+)
+def test_while_phi_runs_freely_objects_are_where_they_were_measured(name, dynamics, most):
+    """A silent φ on the true source has nothing to learn, in windows with contacts and beside a guarding opponent."""
+    simulator = find_task(name).simulator(dynamics)
+    recorded, _ = Recipe(environment=name, dynamics=dynamics, episodes=8, steps=60, holds=(20,)).record()
+    paired = pair(recorded, simulator)
+    training = Training("delta", paired, replace(TINY, updates=40), simulator, device="cpu")
+    silent(training.model)
+    for update in (0, 20, 39):
+        assert float(training.phase.loss(update).detach()) < most
+    assert isinstance(training.phase, FreeRunning) and training.phase.jacobians is not None
+    slopes = torch.cat(training.phase.jacobians)
+    rows = training.split.train
+    states, simulated = scene_states(rows, simulator).astype(float), rows.sim_states.astype(float)
+    if simulator.remembers:
+        simulated = simulator.predict(states, rows.commands)[:, : simulated.shape[1]]
+    expected = jacobians(simulator, states, rows.commands, simulated)
+    np.testing.assert_allclose(slopes.numpy(), expected, atol=1e-3)
 
 
 @given(st.integers(0, 2**31))

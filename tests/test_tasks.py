@@ -20,6 +20,7 @@ from nas_data.envs.loop.plant import Plant
 from nas_data.errors import ModelFileError, OptionError
 from nas_data.models.checkpoint import save
 from nas_data.models.lstm import DynamicsModel
+from nas_data.recorders.recipe import Recipe
 from nas_data.robots.base import find_robot
 
 GENTLE = 0.3  # actions that throw no joint against its stop, which multiplies the last bits of a network's output
@@ -187,6 +188,17 @@ def test_the_paper_s_striker_has_two_joints_pinned():
     states = random_states("striker", "paper", 20, 100)[20:].reshape(-1, 14)
     assert np.median(states[:, 0]) == pytest.approx(1.80, abs=0.01)
     assert np.median(states[:, 5]) == pytest.approx(1.335, abs=0.02)
+
+
+def test_play_takes_the_striker_no_further_beyond_its_stops_than_torque_does():
+    """A source that is set to a posture beyond its stops is thrown out of it: such a gap is no backlash."""
+    outside, (low, high) = {}, model_of("striker", "source").jnt_range[:7].T
+    for dynamics in ("source", "backlash"):
+        recipe = Recipe(environment="striker", dynamics=dynamics, episodes=60, steps=100, holds=(1, 5, 20))
+        positions = recipe.record()[0].states[:, :7]
+        outside[dynamics] = np.mean((positions < low - 0.05) | (positions > high + 0.05), axis=0)
+    assert outside["source"].max() < 0.02
+    assert np.all(outside["backlash"] < outside["source"] + 0.01)
 
 
 def test_the_striker_remembers_the_least_distance_and_the_last_touch():

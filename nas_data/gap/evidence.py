@@ -9,13 +9,17 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.errors import DatasetInvalid
 from nas_data.gap.finding.driven import driven_rows
 from nas_data.gap.gains import relative_gains
+from nas_data.gap.start_speeds import start_speeds
+from nas_data.pairing import object_states
+from nas_data.simulators.base import Simulator
 from nas_data.simulators.settled import Hold
 
 SHORTEST = 10  # control steps below which an episode says nothing about dynamics
 WINDOW = 5.0  # [s] into which longer episodes are cut: errors of a servoed arm do not grow with time
 WHOLE = 1.5  # times as long an episode may be and is not cut
 STILLER = 0.5  # [s] around an even spacing in which the stillest moment is taken as a window's start
-PARTS = ("starts", "commands", "measured", "counts", "numbers", "speeds", "holds", "gains", "driven")  # by episode
+# what there is of each episode
+PARTS = ("starts", "commands", "measured", "counts", "numbers", "speeds", "holds", "gains", "driven", "objects")
 
 
 @dataclass(frozen=True)
@@ -30,10 +34,11 @@ class Evidence:
         measured: Positions after each command [rad], shape (E, T, n).
         counts: Whether a row was recorded, shape (E, T).
         numbers: Numbers of the episodes in the dataset, shape (E,).
-        speeds: First measured velocities [rad/s], shape (E, n); zero where an episode starts at rest.
+        speeds: Velocities [rad/s] at the start, shape (E, n); zero where an episode starts at rest.
         holds: What held each joint before, which nobody measured (a `Hold`), shape (E, n).
         gains: Position gain of each joint's servo as a multiple of the model's, shape (E, n).
         driven: Rows after which the torque was off and the arm fell, shape (E,); T where it stayed on.
+        objects: Measured states of the model's objects before each command, shape (E, T, m); m is 0 without objects.
     """
 
     joints: tuple[str, ...]
@@ -47,6 +52,7 @@ class Evidence:
     holds: np.ndarray = field(default_factory=lambda: np.empty((0, 0), int))
     gains: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     driven: np.ndarray = field(default_factory=lambda: np.empty(0, int))
+    objects: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 0)))
 
     def __post_init__(self) -> None:
         if not self.speeds.size:
@@ -57,6 +63,8 @@ class Evidence:
             object.__setattr__(self, "gains", np.ones(self.starts.shape))
         if not self.driven.size:
             object.__setattr__(self, "driven", np.full(len(self.starts), self.commands.shape[1]))
+        if not self.objects.size:
+            object.__setattr__(self, "objects", np.empty((*self.commands.shape[:2], 0)))
 
     @classmethod
     def of(cls, dataset: Dataset, moving: bool = False) -> "Evidence":
@@ -64,7 +72,8 @@ class Evidence:
 
         Args:
             dataset: Transitions.
-            moving: Whether the episodes were cut out of motions, and start at their measured velocities.
+            moving: Whether the episodes were cut out of motions, and start at their measured velocities; otherwise
+                they do where a start in motion was measured (see `start_speeds`).
 
         Raises:
             DatasetInvalid: no episode is long enough.
@@ -78,6 +87,7 @@ class Evidence:
         rows = [dataset.episode(index) for index in chosen]
         longest = max(part.stop - part.start for part in rows)
         driven, lengths = driven_rows(dataset)[chosen], dataset.lengths[chosen]
+        measured_speeds = dataset.states[dataset.starts[chosen], n:].astype(float)
         return cls(
             joints=dataset.joints,
             period=1 / dataset.fps,
@@ -86,7 +96,7 @@ class Evidence:
             measured=np.stack([lengthen(dataset.next_states[part, :n], longest) for part in rows]),
             counts=np.stack([np.arange(longest) < part.stop - part.start for part in rows]),
             numbers=np.array(chosen),
-            speeds=dataset.states[dataset.starts[chosen], n:].astype(float) if moving else np.empty((0, 0)),
+            speeds=measured_speeds if moving else start_speeds(dataset)[chosen],
             gains=relative_gains(dataset)[chosen],
             driven=np.where(driven < lengths, driven, longest),
         )
@@ -96,8 +106,19 @@ class Evidence:
 
     @property
     def initial(self) -> np.ndarray:
-        """First states, positions [rad] then velocities [rad/s], shape (E, 2n)."""
-        return np.concatenate([self.starts, self.speeds], axis=1)
+        """First states, positions [rad] then velocities [rad/s], then the objects', shape (E, 2n + m)."""
+        return np.concatenate([self.starts, self.speeds, self.objects[:, 0]], axis=1)
+
+    def with_objects(self, dataset: Dataset, simulator: Simulator) -> "Evidence":
+        """Return the episodes with what was measured of a model's objects.
+
+        Args:
+            dataset: Transitions that the episodes are from.
+            simulator: The model; where the dataset lacks one of its objects, they start in its reference posture.
+        """
+        states = object_states(dataset, simulator)
+        rows = [dataset.episode(int(number)) for number in self.numbers]
+        return replace(self, objects=np.stack([lengthen(states[part], self.commands.shape[1]) for part in rows]))
 
     def begun(self, holds: np.ndarray | Hold) -> "Evidence":
         """Return the episodes with what held the joints before."""
@@ -199,6 +220,7 @@ def window(evidence: Evidence, episode: int, first: int, steps: int) -> Evidence
         counts=part.counts[:, rows],
         speeds=speed,
         driven=np.clip(part.driven - first, 0, steps),
+        objects=part.objects[:, rows],
     )
 
 

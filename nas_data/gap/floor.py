@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 from math import comb
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nas_data.gap.evidence import Evidence
+if TYPE_CHECKING:
+    from nas_data.gap.evidence import Evidence
 
 SMALLEST = 1e-5  # [rad] below which no floor makes sense: float32 and solver tolerances
 ORDER, ORDERS = 3, (4, 5, 6, 8)  # of the differences in which noise shows; the higher, the less motion is in them
@@ -15,7 +17,7 @@ ENOUGH = 10  # different repeated readings from which a quantum can be told
 MULTIPLES = 1e-3  # how near readings must lie to multiples of a quantum, as a share of it
 
 
-def noise_floor(evidence: Evidence) -> np.ndarray:
+def noise_floor(evidence: "Evidence") -> np.ndarray:
     """Estimate the standard deviation of the position readings' error [rad], shape (n,).
 
     A quantum Δ gives Δ/√12. Noise beyond it shows in third differences, in which smooth motion hardly does; rounding
@@ -25,7 +27,7 @@ def noise_floor(evidence: Evidence) -> np.ndarray:
     return np.array([joint_floor(evidence, joint) for joint in range(len(evidence.joints))])
 
 
-def joint_floor(evidence: Evidence, joint: int) -> float:
+def joint_floor(evidence: "Evidence", joint: int) -> float:
     """Return the floor of one joint [rad]."""
     readings = [row[seen, joint] for row, seen in zip(evidence.measured, evidence.counts, strict=True)]
     rounding = quantum(repeated(readings)) / np.sqrt(12.0)

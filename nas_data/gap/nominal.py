@@ -99,7 +99,7 @@ class Nominal:
 
         Args:
             evidence: E episodes of up to T rows of n joints; rows after their ends stay 0.
-            states: Measured state before each row, shape (E, T, 2n).
+            states: Measured state before each row, shape (E, T, 2n), or with the objects' (E, T, 2n + m).
 
         Returns:
             Positions one control step later [rad], shape (E, T, n).

@@ -59,13 +59,15 @@ class Problem:
             recorded: Transitions with 2n-states.
             model: A robot's name or a model file.
             root: Folder of the dataset that they are from, for names and errors.
-            moving: Whether the episodes were cut out of motions; otherwise they start at rest.
+            moving: Whether the episodes were cut out of motions; otherwise they start at rest where nothing measured
+                says otherwise.
 
         Raises:
             NasError: one of the two cannot be used; the sentence names it.
         """
         transitions = with_relative_gains(recorded, model, root)
-        evidence = Evidence.of(until_driven_again(transitions), moving)
+        kept = until_driven_again(transitions)
+        evidence = Evidence.of(kept, moving)
         if len(evidence) < 2:
             raise DatasetInvalid(
                 f"{root} has {len(evidence)} episode; at least two are needed, one to fit and one to judge by: "
@@ -73,6 +75,7 @@ class Problem:
             )
         nominal = Nominal.load(model, evidence)
         check_fits(transitions, nominal.simulator())
+        evidence = evidence.with_objects(kept, nominal.simulator())
         floor = noise_floor(evidence)
         train, held = divide(evidence)
         substeps = nominal.simulator().substeps

@@ -20,11 +20,12 @@ def predict_bounded(simulator: Simulator, states: np.ndarray, commands: np.ndarr
 
     Args:
         simulator: Source.
-        states: Positions [rad] then velocities [rad/s], shape (N, 2n).
+        states: Positions [rad] then velocities [rad/s], shape (N, 2n), or with the objects' states (N, 2n + m).
         commands: Shape (N, n).
 
     Returns:
-        Next states, shape (N, 2n), those of refused rows being the states before; and which were refused, shape (N,).
+        Next states, as wide as the states given, those of refused rows being the states before; and which rows were
+        refused, shape (N,).
     """
     try:
         return simulator.predict(states, commands), np.zeros(len(states), bool)

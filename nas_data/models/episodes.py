@@ -1,13 +1,15 @@
 """Episodes as tensors: what both training phases read."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from nas_data.dataset.dataset import Dataset
+from nas_data.pairing import object_states
+from nas_data.simulators.base import Simulator
 
 
 @dataclass(frozen=True)
@@ -19,12 +21,18 @@ class Episode:
         commands: Shape (T, n).
         predicted: Simulated next states, shape (T, 2n); the states themselves where the dataset is not paired.
         targets: Measured next states, shape (T, 2n).
+        objects: Measured states of the source's objects before each command, shape (T, m); (T, 0) where there are none.
     """
 
     states: Tensor
     commands: Tensor
     predicted: Tensor
     targets: Tensor
+    objects: Tensor = field(default_factory=lambda: torch.empty(0))
+
+    def __post_init__(self) -> None:
+        if self.objects.ndim < self.states.ndim:
+            object.__setattr__(self, "objects", self.states[..., :0])
 
     def __len__(self) -> int:
         return len(self.states)
@@ -32,13 +40,25 @@ class Episode:
     def window(self, start: int, length: int) -> "Episode":
         """Return some consecutive transitions."""
         rows = slice(start, start + length)
-        return Episode(self.states[rows], self.commands[rows], self.predicted[rows], self.targets[rows])
+        return Episode(*(getattr(self, name)[rows] for name in FIELDS))
 
 
-def read_episodes(dataset: Dataset, indices: Sequence[int] | None = None) -> list[Episode]:
-    """Return episodes of a dataset, all where None, as float32 tensors."""
+FIELDS = tuple(part.name for part in fields(Episode))
+
+
+def read_episodes(
+    dataset: Dataset, indices: Sequence[int] | None = None, simulator: Simulator | None = None
+) -> list[Episode]:
+    """Return episodes of a dataset as float32 tensors.
+
+    Args:
+        dataset: Transitions.
+        indices: Which episodes; all where None.
+        simulator: Source whose objects are wanted; none where None.
+    """
     predicted = dataset.sim_states if dataset.paired else dataset.states
     columns = [dataset.states, dataset.commands, predicted, dataset.next_states]
+    columns += [] if simulator is None else [object_states(dataset, simulator)]
     tensors = [torch.from_numpy(np.ascontiguousarray(column, dtype=np.float32)) for column in columns]
     return [
         Episode(*(tensor[dataset.episode(index)] for tensor in tensors))
@@ -48,19 +68,17 @@ def read_episodes(dataset: Dataset, indices: Sequence[int] | None = None) -> lis
 
 def join(episodes: Sequence[Episode]) -> Episode:
     """Return the transitions of several episodes in one; for statistics, not for memory."""
-    fields = ("states", "commands", "predicted", "targets")
-    return Episode(*(torch.cat([getattr(episode, name) for episode in episodes]) for name in fields))
+    return Episode(*(torch.cat([getattr(episode, name) for episode in episodes]) for name in FIELDS))
 
 
 def pad(episodes: Sequence[Episode]) -> tuple[Episode, Tensor]:
     """Return episodes as one batch (B, T, …), padded by their last frame, and the mask (B, T) of true frames."""
     longest = max(len(episode) for episode in episodes)
-    fields = ("states", "commands", "predicted", "targets")
 
     def stretch(values: Tensor) -> Tensor:
         return torch.cat([values, values[-1:].expand(longest - len(values), -1)])
 
-    batch = Episode(*(torch.stack([stretch(getattr(episode, name)) for episode in episodes]) for name in fields))
+    batch = Episode(*(torch.stack([stretch(getattr(episode, name)) for episode in episodes]) for name in FIELDS))
     mask = torch.stack([torch.arange(longest) < len(episode) for episode in episodes])
     return batch, mask
 

@@ -137,10 +137,11 @@ class FreeRunning:
 
     def _along(self, simulator: Simulator, episode: Episode) -> Tensor:
         """Return the source's Jacobian at every `stride`-th transition of an episode."""
-        picked = (episode.states, episode.commands, episode.predicted)
+        scenes = torch.cat([episode.states, episode.objects], dim=1)
+        picked = (scenes, episode.commands, episode.predicted)
         states, commands, predicted = (x[:: self.stride].double().numpy() for x in picked)
         if simulator.remembers:
-            predicted = simulator.predict(states, commands)
+            predicted = simulator.predict(states, commands)[:, : predicted.shape[1]]
         return torch.from_numpy(jacobians(simulator, states, commands, predicted)).float()
 
     def loss(self, update: int) -> Tensor:
@@ -156,7 +157,7 @@ class FreeRunning:
         errors: list[Tensor] = []
         for step in range(commands.shape[1]):
             slope = None if slopes is None else slopes[:, step]
-            predicted, refused = self._predict(states, commands[:, step], slope, stepper)
+            predicted, refused = self._predict(states, commands[:, step], batch.objects[:, step], slope, stepper)
             corrected, memory = self.model.next_states(
                 states[:, None], commands[:, step, None], predicted[:, None], memory
             )
@@ -222,17 +223,20 @@ class FreeRunning:
         return begun(self.simulator, episodes, starts, BURN_IN)
 
     def _predict(
-        self, states: Tensor, commands: Tensor, slope: Tensor | None, stepper: Stepper | None = None
+        self, states: Tensor, commands: Tensor, objects: Tensor, slope: Tensor | None, stepper: Stepper | None = None
     ) -> tuple[Tensor, Tensor]:
         """Return the source's next states, differentiable by its Jacobian, and which rows it refused.
 
-        For ψ these are the states themselves.
+        Objects are where they were measured; a source that remembers moves them itself. For ψ the next states are the
+        states themselves.
         """
         if self.simulator is None or slope is None:
             return states, torch.zeros(len(states), dtype=torch.bool)
         now, commanded = (x.detach().cpu().numpy().astype(np.float64) for x in (states, commands))
         if stepper is None:
-            exact, refused = predict_bounded(self.simulator, now, commanded)
+            scenes = np.concatenate([now, objects.double().numpy()], axis=1)
+            wide, refused = predict_bounded(self.simulator, scenes, commanded)
+            exact = wide[:, : now.shape[1]]
         else:
             exact = follow(stepper, now, commanded)
             refused = ~np.isfinite(exact).all(axis=1)
@@ -254,20 +258,20 @@ def jacobians(simulator: Simulator, states: np.ndarray, commands: np.ndarray, pr
 
     Args:
         simulator: Source.
-        states: Positions [rad] then velocities [rad/s], shape (N, 2n).
+        states: Positions [rad] then velocities [rad/s], shape (N, 2n), or with the objects' states (N, 2n + m).
         commands: Shape (N, n).
         predicted: Source's next states, shape (N, 2n).
 
     Returns:
         Entry (k, i, j) is the change of next state i per change of state j, shape (N, 2n, 2n).
     """
-    width = states.shape[1]
+    width = predicted.shape[1]
     steps = np.where(np.arange(width) < width // 2, POSITION_STEP, VELOCITY_STEP)
     slopes = np.empty((len(states), width, width))
     for column, step in enumerate(steps):
         moved = states.copy()
         moved[:, column] += step
-        slopes[:, :, column] = (simulator.predict(moved, commands) - predicted) / step
+        slopes[:, :, column] = (simulator.predict(moved, commands)[:, :width] - predicted) / step
     return slopes
 
 

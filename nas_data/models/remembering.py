@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from nas_data.dataset.dataset import Dataset
@@ -44,7 +45,8 @@ def begun(simulator: Simulator, episodes: Sequence[Episode], starts: np.ndarray,
     """
     stepper = simulator.stepper(len(episodes))
     runs = np.minimum(starts, longest)
-    first = gather([episode.states for episode in episodes], starts - runs)
+    scenes = [torch.cat([episode.states, episode.objects], dim=1) for episode in episodes]
+    first = gather(scenes, starts - runs)
     stepper.reset(first)
     for step in range(runs.max() - 1, -1, -1):
         waiting = np.flatnonzero(runs <= step)  # theirs have not begun

@@ -67,7 +67,7 @@ class Training:
             dataset = with_memory(dataset, simulator)
         self.split = hold_out(dataset, options.validation, options.seed)
         self.model = self._build(kind, dataset, provenance or {})
-        episodes = read_episodes(self.split.train)
+        episodes = read_episodes(self.split.train, simulator=simulator)
         prepare(self.model, join(episodes))
         self.model.to(self.device)
         self.free = options.updates > 0 and (kind == "forward" or simulator is not None)

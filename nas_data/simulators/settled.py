@@ -66,23 +66,32 @@ class SettledStates:
         self.bands = [find_band(model, int(joint)) for joint in model.dof_jntid[layout.dof]]
 
     def __call__(self, states: np.ndarray, holds: np.ndarray) -> np.ndarray:
-        """Return full states (B, size) for positions [rad] then velocities [rad/s] (B, 2n) and holds (B, n)."""
+        """Return full states (B, size) for measured states and holds.
+
+        Args:
+            states: Positions [rad] then velocities [rad/s], shape (B, 2n), or with the objects' states (B, 2n + m);
+                objects with servos are held where they are.
+            holds: What held each joint (a `Hold`), shape (B, n).
+        """
         return np.stack([self.settled(row, held) for row, held in zip(np.asarray(states, float), holds, strict=True)])
 
     def settled(self, state: np.ndarray, holds: np.ndarray) -> np.ndarray:
-        """Return the full state for one measured state (2n,) and its holds (n,)."""
+        """Return the full state for one measured state (2n,) or (2n + m,) and its holds (n,)."""
         model, data, n = self.model, self.data, len(self.layout.joints)
+        objects = self.layout.objects
         mujoco.mj_resetData(model, data)
         data.qpos[self.layout.qpos] = state[:n]
+        if len(state) > 2 * n:
+            data.qpos[objects.qpos], data.qvel[objects.dof] = np.split(state[2 * n :], [len(objects.qpos)])
         mujoco.mj_forward(model, data)
         loads = self.loads(data.qfrc_bias, holds)
         for place in range(n):
             self.load_transmission(place, float(loads[place]))
         holding = np.zeros(n) if self.layout.commands_effort else self.holding_commands(loads)
-        data.ctrl[:] = self.layout.controls(holding)
+        data.ctrl[:] = self.layout.controls(holding, state)
         for actuator in range(len(model.actuator_trntype)):
             settle_actuator(model, data, actuator)
-        data.qvel[self.layout.dof] = state[n:]
+        data.qvel[self.layout.dof] = state[n : 2 * n]
         full = np.empty(mujoco.mj_stateSize(model, self.spec))
         mujoco.mj_getState(model, data, full, self.spec)
         return full

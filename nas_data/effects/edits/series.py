@@ -5,13 +5,18 @@ import math
 import mujoco
 
 from nas_data.dataset.features import POSITION
+from nas_data.drives import driving_actuators
 
 SMALLEST = 2e-5  # [kg m²] a hinge that carries less inertia than this rings at 2 ms
+STOP = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # impedance that on the lightest link still holds the motor behind it
 SURE = 0.5  # part of a link's inertia in the reference posture that it has in nearly all postures
 
 
 def add_series_joint(spec: mujoco.MjSpec, joint: str, suffix: str) -> mujoco.MjsJoint:
     """Add the joint `<joint>_<suffix>` on the same body and axis, free and without friction, and measure the sum.
+
+    The range of a servo bounds the servo's angle, and stays with its joint. A motor knows no angle: what bounds a joint
+    that it drives is a stop, and the link is what meets it.
 
     Args:
         spec: Model.
@@ -24,7 +29,7 @@ def add_series_joint(spec: mujoco.MjSpec, joint: str, suffix: str) -> mujoco.Mjs
     name = f"{joint}_{suffix}"
     if (existing := spec.joint(name)) is not None:
         return existing
-    first = spec.joint(joint)
+    first, model = spec.joint(joint), spec.compile()
     # nothing may be left without any inertia: no servo without a rotor, no piece between two such hinges
     between = SMALLEST if len(first.parent.joints) > 1 else SMALLEST - first.armature
     armature = max(lacking_inertia(spec, joint, SMALLEST), between)
@@ -33,8 +38,33 @@ def add_series_joint(spec: mujoco.MjSpec, joint: str, suffix: str) -> mujoco.Mjs
         second.set_frame(first.frame)
     clear_defaults(second)
     second.armature = armature
-    measured_tendon(spec, joint).wrap_joint(name, 1.0)
+    tendon = measured_tendon(spec, joint)
+    if driven_by_torque(model, joint):
+        stop_link(model, first, tendon)
+    tendon.wrap_joint(name, 1.0)
     return second
+
+
+def driven_by_torque(model: mujoco.MjModel, joint: str) -> bool:
+    """Whether a motor drives a joint, and no servo that feels its position."""
+    driving = driving_actuators(model, int(model.joint(joint).id))
+    return len(driving) > 0 and not model.actuator_biasprm[driving, 1].any()
+
+
+def stop_link(model: mujoco.MjModel, joint: mujoco.MjsJoint, tendon: mujoco.MjsTendon) -> None:
+    """Let a joint's stops act on what is measured of it, the link, and on the motor no longer.
+
+    Args:
+        model: The model, compiled.
+        joint: The motor's joint.
+        tendon: Measures the link.
+    """
+    index = int(model.joint(joint.name).id)
+    if not model.jnt_limited[index]:
+        return
+    joint.limited, tendon.limited = mujoco.mjtLimited.mjLIMITED_FALSE, mujoco.mjtLimited.mjLIMITED_TRUE
+    tendon.range = model.jnt_range[index]  # [rad] whatever the file's unit: the compiler converts none of a tendon's
+    tendon.margin, tendon.solref_limit, tendon.solimp_limit = joint.margin, joint.solref_limit, STOP
 
 
 def lacking_inertia(spec: mujoco.MjSpec, joint: str, wanted: float) -> float:

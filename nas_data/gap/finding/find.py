@@ -66,7 +66,7 @@ def find(dataset: Dataset, evidence: Evidence, nominal: Nominal, floor: np.ndarr
     """
     driven = while_driven(dataset)
     if driven is not dataset:
-        evidence = chosen(Evidence.of(driven), evidence.numbers)
+        evidence = chosen(Evidence.of(driven).with_objects(driven, nominal.simulator()), evidence.numbers)
     recorded = Recorded.of(driven, evidence)
     predicted = nominal.predict(evidence)
     loads = find_loads(nominal, recorded)

@@ -51,7 +51,7 @@ def find_joint_gaps(
         predicted: The model's open-loop positions [rad], shape (E, T, n).
     """
     evidence = recorded.evidence
-    stepped = nominal.step(evidence, np.concatenate([recorded.positions, recorded.velocities], axis=-1))
+    stepped = nominal.step(evidence, np.concatenate([recorded.positions, recorded.velocities, evidence.objects], -1))
     open_loop = rmse(evidence, predicted)
     commands = None if nominal.simulator().commands_effort else rmse(evidence, evidence.commands)
     repeats = repeatability(evidence, floor)
