@@ -3,12 +3,14 @@
 import mujoco
 import numpy as np
 
+from nas_data.free_name import free_name
+
 
 def explicit(spec: mujoco.MjSpec) -> mujoco.MjSpec:
     """Return the model with every moving body's mass and inertia written out, whatever they were computed from."""
     result = spec.copy()
     for number, body in enumerate(result.bodies):
-        body.name = body.name or f"body{number}"
+        body.name = body.name or free_name(result.body, f"body{number}")
     model = result.copy().compile()
     result.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
     for body in result.bodies[1:]:

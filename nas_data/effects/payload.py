@@ -9,6 +9,7 @@ import numpy as np
 
 from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.errors import ModelFileError
+from nas_data.free_name import free_name
 from nas_data.robots.base import actuated_joints
 
 NAME = "payload"
@@ -45,14 +46,13 @@ class Payload(Effect):
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add the mass to the model, beside payloads that are there already."""
         link, centre = last_centre(spec)
-        others = sum(body.name.startswith(NAME) for body in spec.bodies)
-        body = spec.body(link).add_body(name=f"{NAME}_{others + 1}" if others else NAME, explicitinertial=True)
+        body = link.add_body(name=free_name(spec.body, NAME), explicitinertial=True)
         body.pos = centre + np.array([self.x, self.y, self.z])
         body.mass, body.ipos = self.mass, np.zeros(3)
         body.inertia = np.full(3, 0.4 * self.mass * RADIUS**2)
 
 
-def last_centre(spec: mujoco.MjSpec) -> tuple[str, np.ndarray]:
+def last_centre(spec: mujoco.MjSpec) -> tuple[mujoco.MjsBody, np.ndarray]:
     """Return the body that the last actuated joint moves and where its subtree's centre of mass lies in it [m].
 
     Raises:
@@ -67,4 +67,4 @@ def last_centre(spec: mujoco.MjSpec) -> tuple[str, np.ndarray]:
     mujoco.mj_comPos(model, data)
     body = int(model.jnt_bodyid[model.joint(joints[-1]).id])
     world = data.subtree_com[body] - data.xpos[body]
-    return model.body(body).name, data.xmat[body].reshape(3, 3).T @ world
+    return spec.bodies[body], data.xmat[body].reshape(3, 3).T @ world

@@ -1,0 +1,143 @@
+"""Effects in models that strangers made: with default classes, names and joints that nobody here thought of."""
+
+import mujoco
+import numpy as np
+import pytest
+from effect_samples import PERIOD
+from test_effects import NAMES, OF_OBJECTS, typical
+
+from nas_data.effects.base import Effect, add_effects
+from nas_data.explicit import explicit
+from nas_data.robots.base import find_robot
+from nas_data.simulators.mujoco import MujocoSimulator
+
+DEFAULTS = """
+<tendon stiffness="3" damping="0.5" frictionloss="0.2" armature="0.05" limited="true" range="0 0.1" margin="0.02"
+        springlength="0.2" actuatorfrclimited="true" actuatorfrcrange="-0.01 0.01"/>
+<joint stiffness="2" damping="0.4" frictionloss="0.3" armature="0.02" range="0.1 0.2" limited="true" margin="0.01"
+       springdamper="0.1 1" springref="0.5" ref="0.2" actuatorfrcrange="-0.01 0.01" actuatorgravcomp="true"/>
+<pair condim="1" margin="0.02" gap="0.01" solref="0.1 1" solimp="0.5 0.5 0.01" friction="3 3 3 3 3"/>
+<equality solref="0.5 1"/>
+<geom margin="0.1" density="7"/>
+<site group="4"/>
+"""
+OWN = 'class="own" pos="0 0 0" type="hinge" axis="0 1 0" damping="0.03" armature="0.001" range="-2 2"'
+ARM = """
+<mujoco>
+  <compiler angle="radian"/>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <default>
+    {defaults}
+    <default class="own">
+      <joint stiffness="0" frictionloss="0" margin="0" springdamper="0 0" springref="0" ref="0"
+             actuatorfrclimited="false" actuatorgravcomp="false"/>
+      <geom type="capsule" size="0.01" margin="0" density="1000"/>
+    </default>
+  </default>
+  <worldbody>
+    <geom class="own" type="plane" size="1 1 1" condim="4"/>
+    <body pos="0 0 0.3">
+      <joint name="j1" {own}/>
+      <geom class="own" fromto="0 0 0 0.08 0 0" mass="0.03"/>
+      <body name="body1" pos="0.08 0 0">
+        <joint name="j2" {own}/>
+        <geom class="own" fromto="0 0 0 0.07 0 0" mass="0.02"/>
+        {bodies}
+      </body>
+    </body>
+    <body name="puck" pos="0.3 0 0.02">
+      <freejoint/>
+      <geom class="own" type="cylinder" size="0.02 0.02" mass="0.1" condim="6"/>
+    </body>
+  </worldbody>
+  {tendons}
+  <actuator>
+    <position name="a1" joint="j1" kp="0.5" kv="0.01" forcerange="-0.3 0.3" ctrlrange="-1.5 1.5"/>
+    <position joint="j2" kp="0.5" kv="0.01" forcerange="-0.3 0.3" ctrlrange="-1.5 1.5"/>
+    {actuators}
+  </actuator>
+</mujoco>
+"""
+TAKEN = (
+    *("link", "play", "flex", "gain", "band", "damping", "drive", "goal", "error", "turn", "stribeck"),
+    *("play_2", "payload", "payload_2"),
+)
+BODIES = "".join(
+    f'<body name="{name}"><geom name="{name}" size="0.001" mass="1e-4"/></body>'
+    for name in ("payload", "payload_2", "geom0", "geom1", *(f"j2_{part}" for part in TAKEN))
+)
+JOINTS = "".join(
+    f'<body><joint name="j2_{part}" {OWN} stiffness="10"/><geom type="sphere" size="0.01" mass="0.01"/></body>'
+    for part in TAKEN
+)
+TENDONS = "<tendon>{}</tendon>".format(
+    "".join(f'<fixed name="j2_{part}"><joint joint="j1" coef="1"/></fixed>' for part in TAKEN)
+)
+ACTUATORS = "".join(f'<motor name="j2_{part}" joint="j1"/>' for part in TAKEN)
+
+
+def model(defaults: str = "", bodies: str = "", tendons: str = "", actuators: str = "") -> str:
+    return ARM.format(defaults=defaults, own=OWN, bodies=bodies, tendons=tendons, actuators=actuators)
+
+
+def moved(tmp_path, xml: str, *effects: Effect, written: bool = False) -> np.ndarray:
+    """Return what joints and puck do, in a file that may be written anew with the effects in it."""
+    path = tmp_path / "arm.xml"
+    path.write_text(xml)
+    if written:
+        spec = find_robot(path).spec()
+        add_effects(spec, effects)
+        spec.compile()
+        path.write_text(spec.to_xml())
+        effects = tuple(effect for effect in effects if not effect.in_model)
+    commands = np.repeat(np.random.default_rng(0).uniform(-0.9, 0.9, (1, 5, 2)), 50, axis=1)
+    simulator = MujocoSimulator.load(path, PERIOD, ("j1", "j2"), effects, threads=1)
+    return simulator.rollout(np.zeros((1, 4)), commands)[..., :2]
+
+
+@pytest.mark.parametrize("written", [False, True])
+@pytest.mark.parametrize("name", NAMES)
+def test_default_classes_do_not_leak_into_what_an_effect_adds(name: str, written: bool, tmp_path):
+    effects = (typical(name, joint="j2"),)
+    assert np.array_equal(moved(tmp_path, model(DEFAULTS)), moved(tmp_path, model()))
+    plain, hostile = (moved(tmp_path, model(defaults), *effects, written=written) for defaults in ("", DEFAULTS))
+    assert hostile == pytest.approx(plain, abs=1e-5 if written else 1e-12)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_that_a_model_has_already_are_left_to_it(name: str, tmp_path):
+    effect = typical(name, joint="j2")
+    for xml in (model(bodies=BODIES, tendons=TENDONS, actuators=ACTUATORS), model(bodies=JOINTS)):
+        alone = moved(tmp_path, xml)
+        with_effect = moved(tmp_path, xml, effect, effect)
+        assert np.isfinite(with_effect).all()
+        assert name in OF_OBJECTS or np.abs(with_effect - alone).max() > 1e-3
+
+
+def test_a_name_that_marks_a_dead_band_is_refused_with_a_sentence(tmp_path):
+    from nas_data.errors import ModelFileError
+
+    with pytest.raises(ModelFileError, match="something else named 'j2_deadband_goal'"):
+        moved(tmp_path, model(bodies=JOINTS.replace("j2_goal", "j2_deadband_goal")), typical("deadband", joint="j2"))
+
+
+def test_unnamed_bodies_get_names_that_are_free():
+    spec = explicit(mujoco.MjSpec.from_string(model()))
+    assert [body.name for body in spec.bodies] == ["world", "body1_2", "body1", "puck"]
+
+
+def puck_contact(spec: mujoco.MjSpec) -> tuple[float, ...]:
+    """Everything about the contact of puck and floor but its sliding friction."""
+    compiled = spec.compile()
+    data = mujoco.MjData(compiled)
+    mujoco.mj_forward(compiled, data)
+    contact = next(each for each in data.contact if compiled.ngeom - 1 in each.geom)
+    return (contact.dim, contact.includemargin, *contact.solref, *contact.solimp, *contact.friction[2:])
+
+
+@pytest.mark.parametrize("floor", ['condim="4"', 'condim="4" priority="1"', 'solmix="3" margin="0.01" gap="0.002"'])
+def test_written_out_contacts_keep_what_the_geoms_say(floor: str):
+    xml = model().replace('condim="4"', f'{floor} solref="0.05 1" solimp="0.8 0.9 0.01" friction="1 0.01 0.02"')
+    plain, edited = (mujoco.MjSpec.from_string(xml) for _ in range(2))
+    add_effects(edited, [typical("object_friction")])
+    assert puck_contact(edited) == pytest.approx(puck_contact(plain))
