@@ -141,3 +141,46 @@ def test_written_out_contacts_keep_what_the_geoms_say(floor: str):
     plain, edited = (mujoco.MjSpec.from_string(xml) for _ in range(2))
     add_effects(edited, [typical("object_friction")])
     assert puck_contact(edited) == pytest.approx(puck_contact(plain))
+
+
+CARDAN = """
+<mujoco>
+  <compiler angle="radian"/>
+  <default><default class="soft"><joint damping="0.7" armature="0.01"/></default></default>
+  <worldbody>
+    <body name="link">
+      <joint name="j1" axis="0 1 0" armature="0.01"/>
+      {later}
+      <geom size="0.1" pos="0.1 0 0"/>
+    </body>
+  </worldbody>
+  <tendon><fixed name="t"><joint joint="j2" coef="2"/></fixed></tendon>
+  <equality><joint joint1="j2" active="false"/></equality>
+  <actuator><position name="j1" joint="j1" kp="20"/><position name="j2" joint="j2" kp="20"/></actuator>
+  <sensor><jointpos name="j2.pos" joint="j2"/></sensor>
+</mujoco>
+"""
+SECOND = '<joint name="j2" axis="1 0 0" class="soft" range="-1 1" ref="0.1" pos="0 0 0.02"/>'
+
+
+@pytest.mark.parametrize("later", [SECOND, f'<frame pos="0 0 0.1" euler="0.3 0 0">{SECOND}</frame>'])
+@pytest.mark.parametrize("name", ["backlash", "joint_compliance"])
+def test_a_second_hinge_turns_about_the_servo_s_axis_where_others_follow_on_the_body(name: str, later: str):
+    spec = mujoco.MjSpec.from_string(CARDAN.format(later=later))
+    before = spec.compile()
+    add_effects(spec, [typical(name, joint="j1"), typical(name, joint="j2")])
+    suffix = {"backlash": "play", "joint_compliance": "flex"}[name]
+    for after in (spec.compile(), mujoco.MjModel.from_xml_string(spec.to_xml())):
+        names = [after.joint(number).name for number in range(after.njnt)]
+        assert names == ["j1", f"j1_{suffix}", "j2", f"j2_{suffix}"]
+        one, two = mujoco.MjData(before), mujoco.MjData(after)
+        one.qpos[:], two.qpos[:] = [0.4, 0.5], [0.3, 0.1, 0.7, -0.2]
+        for compiled, data in ((before, one), (after, two)):
+            mujoco.mj_forward(compiled, data)
+        assert two.body("link").xquat == pytest.approx(one.body("link").xquat, abs=1e-6)
+        assert two.body("link").xpos == pytest.approx(one.body("link").xpos, abs=1e-6)
+        assert [two.sensor(f"{joint}.pos").data[0] for joint in ("j1", "j2")] == pytest.approx([0.4, 0.5])
+        for field in ("damping", "armature", "range", "qpos0", "limited"):
+            assert getattr(after.joint("j2"), field) == pytest.approx(getattr(before.joint("j2"), field))
+        assert after.tendon_length0[0] == pytest.approx(before.tendon_length0[0])
+        assert after.eq_obj1id[0] == after.joint("j2").id == after.actuator("j2").trnid[0]

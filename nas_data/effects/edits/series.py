@@ -31,7 +31,7 @@ def add_series_joint(spec: mujoco.MjSpec, joint: str, suffix: str) -> mujoco.Mjs
     # nothing may be left without any inertia: no servo without a rotor, no piece between two such hinges
     between = SMALLEST if len(first.parent.joints) > 1 else SMALLEST - first.armature
     armature = max(lacking_inertia(spec, joint, SMALLEST), between)
-    second = insert_joint(first, free_name(spec.joint, f"{joint}_{suffix}"))
+    second = insert_joint(spec, first, free_name(spec.joint, f"{joint}_{suffix}"))
     second.type, second.pos, second.axis = first.type, first.pos, first.axis
     if first.frame is not None:
         second.set_frame(first.frame)
@@ -41,19 +41,18 @@ def add_series_joint(spec: mujoco.MjSpec, joint: str, suffix: str) -> mujoco.Mjs
     return second
 
 
-def insert_joint(first: mujoco.MjsJoint, name: str) -> mujoco.MjsJoint:
+def insert_joint(spec: mujoco.MjSpec, first: mujoco.MjsJoint, name: str) -> mujoco.MjsJoint:
     """Add a joint to the body of another, before those about other axes that come after it and would turn its axis.
 
-    The engine only adds joints at the end: they change places with what they are.
+    The engine only adds joints at the end: those after it are made anew there.
     """
     joints = first.parent.joints
     later = joints[[joint.name for joint in joints].index(first.name) + 1 :]
     while later and same_axis(later[0], first):
         del later[0]
     added = first.parent.add_joint(name=name)
-    for joint in reversed(later):
-        become(added, joint)
-        added, joint.name = joint, name
+    for joint in later:
+        move_to_end(spec, joint)
     return added
 
 
@@ -65,14 +64,15 @@ def same_axis(one: mujoco.MjsJoint, other: mujoco.MjsJoint) -> bool:
     return alike and frames[0] == frames[1]
 
 
-def become(joint: mujoco.MjsJoint, other: mujoco.MjsJoint) -> None:
-    """Give a joint everything that another one of its body is, also its name; the other has none then."""
-    joint.classname = other.classname
+def move_to_end(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> None:
+    """Make a joint the last one of its body; whoever refers to it does so by its name, which stays."""
+    name, joint.name = joint.name, ""
+    moved = joint.parent.add_joint(joint.classname, name=name)
     for field in (*JOINT, "type", "pos", "axis", "limited", "actfrclimited", "userdata", "info"):
-        setattr(joint, field, getattr(other, field))
-    joint.set_frame(other.frame or joint.parent.add_frame())
-    name, other.name = other.name, ""
-    joint.name = name
+        setattr(moved, field, getattr(joint, field))
+    if joint.frame is not None:
+        moved.set_frame(joint.frame)
+    spec.delete(joint)
 
 
 def series_joint(spec: mujoco.MjSpec, joint: str, suffix: str) -> mujoco.MjsJoint | None:
