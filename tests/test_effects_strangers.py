@@ -1,5 +1,7 @@
 """Effects in models that strangers made: with default classes, names and joints that nobody here thought of."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -8,6 +10,10 @@ from test_effects import NAMES, OF_OBJECTS, typical
 
 from nas_data.effects.base import Effect, add_effects
 from nas_data.explicit import explicit
+from nas_data.gap.base import base_parameters
+from nas_data.gap.evidence import Evidence
+from nas_data.gap.nominal import Nominal
+from nas_data.gap.search.scales import scales
 from nas_data.robots.base import find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
 
@@ -124,6 +130,39 @@ def test_a_name_that_marks_a_dead_band_is_refused_with_a_sentence(tmp_path):
 def test_unnamed_bodies_get_names_that_are_free():
     spec = explicit(mujoco.MjSpec.from_string(model()))
     assert [body.name for body in spec.bodies] == ["world", "body1_2", "body1", "puck"]
+
+
+@pytest.mark.filterwarnings("ignore:compiler attribute 'settotalmass'")
+@pytest.mark.parametrize("compiler", ['settotalmass="3"', 'boundmass="0.05"', 'boundinertia="0.001"'])
+def test_what_is_added_keeps_its_mass_whatever_the_compiler_does_to_masses(compiler: str):
+    xml = model(bodies=JOINTS).replace('angle="radian"', f'angle="radian" {compiler}')
+    before = mujoco.MjSpec.from_string(xml).compile()
+    spec = explicit(mujoco.MjSpec.from_string(xml))
+    add_effects(spec, [typical("payload")])
+    spec.body("puck").mass *= 2
+    after = spec.compile()
+    kept = [number for number in range(1, after.nbody) if after.body(number).name != "payload"]
+    doubled = np.where(np.arange(before.nbody) == before.body("puck").id, 2.0, 1.0)
+    assert after.body_mass[kept] == pytest.approx((doubled * before.body_mass)[1:], rel=1e-12)
+    assert after.body_inertia[kept] == pytest.approx(before.body_inertia[1:], rel=1e-9)
+    assert after.body("payload").mass[0] == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("order", [("shoulder", "elbow", "wrist"), ("wrist", "shoulder", "elbow")])
+def test_a_payload_is_at_the_outermost_joint_in_whatever_order_actuators_are_listed(order: tuple[str, ...]):
+    link = '<body name="{0}_link" pos="0.1 0 0"><joint name="{0}"/><geom size="0.02"/>{1}</body>'
+    arm = link.format("shoulder", link.format("elbow", link.format("wrist", "")))
+    servos = "".join(f'<position joint="{joint}" kp="1"/>' for joint in order)
+    text = f"<mujoco><worldbody>{arm}</worldbody><actuator>{servos}</actuator></mujoco>"
+    spec = mujoco.MjSpec.from_string(text)
+    add_effects(spec, [typical("payload")])
+    assert spec.body("payload").parent.name == "wrist_link"
+    spec.delete(spec.body("payload"))
+    evidence = Evidence(order, 0.01, np.zeros((1, 3)), *np.zeros((2, 1, 20, 3)), np.ones((1, 20), bool), np.zeros(1))
+    spec.body("wrist_link").geoms[0].mass = 0.7
+    nominal = Nominal(find_robot("ergojr"), explicit(spec), order, 0.01, base_parameters(explicit(spec), order))
+    nominal = replace(nominal, robot=replace(nominal.robot, joints=order))
+    assert {each.mass for each in scales(nominal, evidence, evidence.measured)} == {0.7}
 
 
 def puck_contact(spec: mujoco.MjSpec) -> tuple[float, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.errors import ModelFileError
 from nas_data.free_name import free_name
-from nas_data.robots.base import actuated_joints
+from nas_data.robots.base import actuated_joints, deepest_joint
 
 NAME = "payload"
 NEAR = 0.05  # [m] from the last link's centre of mass; what is carried by a hand is rarely further
@@ -19,7 +19,7 @@ RADIUS = 0.005  # [m] of the sphere that stands for the mass; gives it the littl
 
 @dataclass(frozen=True, kw_only=True)
 class Payload(Effect):
-    """A small sphere on what the last actuated joint moves: `x`, `y`, `z` from its centre of mass, in its own frame."""
+    """A small sphere on what the outermost servo moves: `x`, `y`, `z` from its centre of mass, in its own frame."""
 
     mass: float
     x: float = 0.0
@@ -53,7 +53,7 @@ class Payload(Effect):
 
 
 def last_centre(spec: mujoco.MjSpec) -> tuple[mujoco.MjsBody, np.ndarray]:
-    """Return the body that the last actuated joint moves and where its subtree's centre of mass lies in it [m].
+    """Return the body that the outermost actuated joint moves and where its subtree's centre of mass lies in it [m].
 
     Raises:
         ModelFileError: the model has no actuated joint.
@@ -65,6 +65,6 @@ def last_centre(spec: mujoco.MjSpec) -> tuple[mujoco.MjsBody, np.ndarray]:
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
-    body = int(model.jnt_bodyid[model.joint(joints[-1]).id])
+    body = int(model.jnt_bodyid[model.joint(deepest_joint(spec, joints)).id])
     world = data.subtree_com[body] - data.xpos[body]
     return spec.bodies[body], data.xmat[body].reshape(3, 3).T @ world

@@ -2,7 +2,7 @@
 
 import hashlib
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -99,6 +99,18 @@ def actuated_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
     """Return the names of the joints that actuators drive, in the order of the actuators."""
     driven = (driven_joint(spec, actuator) for actuator in spec.actuators)
     return tuple(joint for joint in driven if joint is not None)
+
+
+def deepest_joint(spec: mujoco.MjSpec, joints: Sequence[str]) -> str:
+    """Return the joint with the most bodies between it and the world; of several the last one listed."""
+
+    def depth(joint: str) -> int:
+        body, above = spec.joint(joint).parent, 0
+        while body.parent is not None:
+            body, above = body.parent, above + 1
+        return above
+
+    return max(reversed(joints), key=depth)
 
 
 def movable_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
