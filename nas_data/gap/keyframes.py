@@ -15,7 +15,7 @@ def keep_keyframes(spec: mujoco.MjSpec, before: mujoco.MjModel) -> None:
     """
     if not spec.keys:
         return
-    after = spec.copy().compile()
+    after = spec.compile()
     positions, speeds = kept_joints(before, after)
     for number, key in enumerate(spec.keys):
         qpos, qvel = after.qpos0.copy(), np.zeros(after.nv)

@@ -52,7 +52,7 @@ def check_portable(spec: mujoco.MjSpec, original: Path) -> None:
         ModelFileError: says why.
     """
     with tempfile.TemporaryDirectory() as folder:
-        write_portable(spec, original, Path(folder) / "model.xml")
+        write_portable(spec.copy(), original, Path(folder) / "model.xml")
 
 
 def write_portable(spec: mujoco.MjSpec, original: Path, path: Path) -> None:
@@ -69,7 +69,7 @@ def write_portable(spec: mujoco.MjSpec, original: Path, path: Path) -> None:
     Raises:
         ModelFileError: MuJoCo cannot write it or read it again, or it needs files that cannot be found.
     """
-    model = spec.copy().compile()
+    model = spec.compile()  # before any copy, which forgets what a sensor was last told to measure
     if not needs_files(spec):
         write(spec, original, path)
     elif not (copy_files(spec.copy(), original, path) and reads_back(path, model)):
