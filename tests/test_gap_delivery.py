@@ -15,6 +15,7 @@ from nas_data.gap.add import write_model
 from nas_data.gap.evidence import Evidence
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.portable import check_portable, write_portable
+from nas_data.robots.base import find_robot
 
 ARM = """
 <mujoco>
@@ -175,3 +176,26 @@ def test_keyframes_keep_their_numbers_with_their_joints(effects: Sequence[Effect
     assert data.act == pytest.approx([0.7] if effects is EFFECTS else [])
     torque = data.qfrc_actuator[[model.joint(joint).dofadr[0] for joint in ("j1", "j2")]]
     assert torque[0] == pytest.approx(5 * (0.7 - 0.3))
+
+
+@pytest.mark.parametrize("ending", [".mjcf", ""])
+@pytest.mark.parametrize("kind", PARTS)
+def test_a_model_whose_name_has_another_ending_is_read_and_delivered(kind: str, ending: str, tmp_path: Path):
+    path = arm(tmp_path / "given", kind)
+    usual = mujoco.MjModel.from_xml_path(str(path))
+    named = path.rename(path.with_suffix(ending))
+    after = delivered(tmp_path, nominal(named))
+    assert after.mesh_vert == pytest.approx(usual.mesh_vert, rel=1e-5)
+    assert sorted(file.name for file in named.parent.iterdir() if file.is_file()) == [named.name]
+
+
+def test_a_folder_is_answered_with_a_model_in_it(tmp_path: Path, monkeypatch):
+    path = arm(tmp_path / "arm.v2")
+    with pytest.raises(ModelFileError, match=r"arm\.v2 is a folder; give a model file in it, such as .*arm\.xml\."):
+        find_robot(path.parent)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ModelFileError, match=r"empty is a folder; give a model file\."):
+        find_robot(tmp_path / "empty")
+    (tmp_path / "ergojr").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert find_robot("ergojr").name == "ergojr"
