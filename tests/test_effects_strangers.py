@@ -8,7 +8,8 @@ import pytest
 from effect_samples import PERIOD
 from test_effects import NAMES, OF_OBJECTS, typical
 
-from nas_data.effects.base import Effect, add_effects
+from nas_data.effects.base import Effect, add_effects, find_effect
+from nas_data.errors import ModelFileError
 from nas_data.explicit import explicit
 from nas_data.gap.base import base_parameters
 from nas_data.gap.evidence import Evidence
@@ -121,10 +122,17 @@ def test_names_that_a_model_has_already_are_left_to_it(name: str, tmp_path):
 
 
 def test_a_name_that_marks_a_dead_band_is_refused_with_a_sentence(tmp_path):
-    from nas_data.errors import ModelFileError
-
     with pytest.raises(ModelFileError, match="something else named 'j2_deadband_goal'"):
         moved(tmp_path, model(bodies=JOINTS.replace("j2_goal", "j2_deadband_goal")), typical("deadband", joint="j2"))
+
+
+def test_what_the_engine_refuses_while_an_effect_is_added_is_told_in_a_sentence(tmp_path, monkeypatch):
+    def refuse(self: Effect, spec: mujoco.MjSpec) -> None:
+        spec.worldbody.add_body(name="body1")
+
+    monkeypatch.setattr(find_effect("payload"), "edit", refuse)
+    with pytest.raises(ModelFileError, match=r"arm\.xml does not compile with its effects: .*repeated name 'body1'"):
+        moved(tmp_path, model(), typical("payload"))
 
 
 def test_unnamed_bodies_get_names_that_are_free():

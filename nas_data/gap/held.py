@@ -32,12 +32,12 @@ def hold_others(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[str, ...]:
     """
     model = spec.copy().compile()
     layout = Layout.of(model, joints, "the model")
-    known = [*followers(model), *servos(model), *tendon_springs(model)]
-    known += [row for joint in steady(model, layout) for row in directions(model, joint)]
-    driven = pushed(model)
+    still, driven = steady(model, layout), pushed(model)
+    loose = sorted(set(movable(model)) - still, key=lambda joint: (joint not in driven, joint))
+    dofs = model.jnt_dofadr[loose]
+    known = [row[dofs] for row in (*followers(model), *servos(model), *tendon_springs(model))]
     names = []
-    for joint in sorted(movable(model), key=lambda joint: joint not in driven):
-        (row,) = directions(model, joint)
+    for joint, row in zip(loose, np.eye(len(loose)), strict=True):
         if rank([*known, row]) > rank(known):
             known.append(row)
             names.append(hold(spec, spec.joints[joint]))
@@ -56,16 +56,9 @@ def hold(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> str:
 
 def rank(rows: list[np.ndarray]) -> int:
     """Return how many independent directions rows have, each taken as one of length 1."""
-    if not rows:
-        return 0
-    lengths = np.linalg.norm(rows, axis=1)
-    return int(np.linalg.matrix_rank((np.array(rows).T / np.maximum(lengths, INDEPENDENT)).T, tol=INDEPENDENT))
-
-
-def directions(model: mujoco.MjModel, joint: int) -> Iterator[np.ndarray]:
-    """Yield the unit vectors of a joint's degrees of freedom, shape (nv,)."""
-    for dof in np.flatnonzero(model.dof_jntid == joint):
-        yield np.eye(model.nv)[dof]
+    lengths = [float(np.linalg.norm(row)) for row in rows]
+    units = [row / length for row, length in zip(rows, lengths, strict=True) if length > INDEPENDENT]
+    return int(np.linalg.matrix_rank(np.array(units), tol=INDEPENDENT)) if units else 0
 
 
 def movable(model: mujoco.MjModel) -> list[int]:
