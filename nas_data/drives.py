@@ -3,9 +3,11 @@
 import mujoco
 import numpy as np
 
-DRIVE = "_drive"  # a fixed tendon `<joint>_drive` stands for its joint: the goal that its servo follows
-GOAL = "_goal"  # a weightless joint `<joint>_goal` in the world, which is where the servo's goal is
-GAIN, BAND, DAMPING = "_gain", "_band", "_damping"  # passive actuators: what such a servo then gives the joint
+# Parts of a servo with a dead band are known by these names, which are such that nobody's model has them by chance.
+DRIVE = "_deadband_drive"  # a fixed tendon `<joint>_deadband_drive` stands for its joint: the goal its servo follows
+GOAL = "_deadband_goal"  # a weightless joint in the world, which is where the servo's goal is
+# passive actuators: what such a servo then gives the joint
+GAIN, BAND, DAMPING = "_deadband_gain", "_deadband", "_deadband_damping"
 PARTS = (GAIN, BAND, DAMPING)
 
 

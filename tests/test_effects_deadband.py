@@ -63,7 +63,7 @@ def test_two_dead_bands_in_one_servo_add_up():
     add_effects(spec, [effect("deadband", half_width=0.02), effect("deadband", half_width=0.03)])
     whole = Lever().spec()
     add_effects(whole, [effect("deadband", half_width=0.05)])
-    ranges = [each.compile().actuator("j_band").forcerange for each in (spec, whole)]
+    ranges = [each.compile().actuator("j_deadband").forcerange for each in (spec, whole)]
     assert ranges[0] == pytest.approx(ranges[1])
 
 
@@ -73,8 +73,8 @@ def test_a_dead_band_keeps_a_damping_ratio():
     expected = spec.compile().actuator("j").biasprm[:3]
     add_effects(spec, [effect("deadband", half_width=0.02)])
     model = spec.compile()
-    assert model.actuator("j_gain").biasprm[:3] == pytest.approx([0.0, expected[1], 0.0])
-    assert model.actuator("j_damping").biasprm[:3] == pytest.approx([0.0, 0.0, expected[2]])
+    assert model.actuator("j_deadband_gain").biasprm[:3] == pytest.approx([0.0, expected[1], 0.0])
+    assert model.actuator("j_deadband_damping").biasprm[:3] == pytest.approx([0.0, 0.0, expected[2]])
 
 
 @pytest.mark.parametrize("limit", [0.5, 5])

@@ -16,9 +16,9 @@ from nas_data.errors import ModelFileError
 class Deadband(Effect):
     """Within `half_width` of its goal the servo gives no torque, beyond it that of the remaining error.
 
-    Native: the servo, with its delay and slew rate, moves a weightless goal `<joint>_goal`; passive actuators pull the
-    joint after it as the servo would, with its stiffness, its band, its damping and its torque limit. Within the band a
-    change of the command is felt for one physics step.
+    Native: the servo, with its delay and slew rate, moves a weightless goal `<joint>_deadband_goal`; passive actuators
+    pull the joint after it as the servo would, with its stiffness, its band, its damping and its torque limit. Within
+    the band a change of the command is felt for one physics step.
     """
 
     half_width: float

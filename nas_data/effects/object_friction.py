@@ -6,7 +6,8 @@ from typing import ClassVar
 import mujoco
 
 from nas_data.effects.base import Effect, Parameter
-from nas_data.effects.edits.objects import collides, contact_friction, find_objects, partners
+from nas_data.effects.edits.objects import add_contact, collides, find_objects, partners
+from nas_data.free_name import free_name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,16 +38,13 @@ class ObjectFriction(Effect):
         bodies = find_objects(model, self.name())
         geoms = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] in bodies and collides(model, geom)]
         for index in {*geoms, *(other for geom in geoms for other in partners(model, geom))}:
-            spec.geoms[index].name = spec.geoms[index].name or f"geom{index}"
+            spec.geoms[index].name = spec.geoms[index].name or free_name(spec.geom, f"geom{index}")
         written = {frozenset((pair.geomname1, pair.geomname2)): pair for pair in spec.pairs}
         for first in geoms:
             for second in partners(model, first):
                 names = (spec.geoms[first].name, spec.geoms[second].name)
                 if frozenset(names) not in written:
-                    slide, spin, roll = contact_friction(model, first, second)
-                    written[frozenset(names)] = spec.add_pair(
-                        geomname1=names[0], geomname2=names[1], friction=[slide, slide, spin, roll, roll]
-                    )
+                    written[frozenset(names)] = add_contact(spec, model, first, second)
         own = {spec.geoms[index].name for index in geoms}
         for key, pair in written.items():
             if key & own:

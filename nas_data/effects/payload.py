@@ -9,7 +9,8 @@ import numpy as np
 
 from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.errors import ModelFileError
-from nas_data.robots.base import actuated_joints
+from nas_data.free_name import free_name
+from nas_data.robots.base import actuated_joints, deepest_joint
 
 NAME = "payload"
 NEAR = 0.05  # [m] from the last link's centre of mass; what is carried by a hand is rarely further
@@ -18,7 +19,7 @@ RADIUS = 0.005  # [m] of the sphere that stands for the mass; gives it the littl
 
 @dataclass(frozen=True, kw_only=True)
 class Payload(Effect):
-    """A small sphere on what the last actuated joint moves: `x`, `y`, `z` from its centre of mass, in its own frame."""
+    """A small sphere on what the outermost servo moves: `x`, `y`, `z` from its centre of mass, in its own frame."""
 
     mass: float
     x: float = 0.0
@@ -45,15 +46,14 @@ class Payload(Effect):
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add the mass to the model, beside payloads that are there already."""
         link, centre = last_centre(spec)
-        others = sum(body.name.startswith(NAME) for body in spec.bodies)
-        body = spec.body(link).add_body(name=f"{NAME}_{others + 1}" if others else NAME, explicitinertial=True)
+        body = link.add_body(name=free_name(spec.body, NAME), explicitinertial=True)
         body.pos = centre + np.array([self.x, self.y, self.z])
         body.mass, body.ipos = self.mass, np.zeros(3)
         body.inertia = np.full(3, 0.4 * self.mass * RADIUS**2)
 
 
-def last_centre(spec: mujoco.MjSpec) -> tuple[str, np.ndarray]:
-    """Return the body that the last actuated joint moves and where its subtree's centre of mass lies in it [m].
+def last_centre(spec: mujoco.MjSpec) -> tuple[mujoco.MjsBody, np.ndarray]:
+    """Return the body that the outermost actuated joint moves and where its subtree's centre of mass lies in it [m].
 
     Raises:
         ModelFileError: the model has no actuated joint.
@@ -65,6 +65,6 @@ def last_centre(spec: mujoco.MjSpec) -> tuple[str, np.ndarray]:
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
-    body = int(model.jnt_bodyid[model.joint(joints[-1]).id])
+    body = int(model.jnt_bodyid[model.joint(deepest_joint(spec, joints)).id])
     world = data.subtree_com[body] - data.xpos[body]
-    return model.body(body).name, data.xmat[body].reshape(3, 3).T @ world
+    return spec.bodies[body], data.xmat[body].reshape(3, 3).T @ world

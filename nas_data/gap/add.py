@@ -9,8 +9,9 @@ import mujoco
 from nas_data.dataset.features import POSITION
 from nas_data.effects.base import Effect, add_effects
 from nas_data.errors import OptionError
+from nas_data.gap.keyframes import keep_keyframes
 from nas_data.gap.nominal import Nominal, fine_timestep
-from nas_data.meshless import exact_xml
+from nas_data.gap.portable import write_portable
 
 MODEL, EFFECTS = "model.xml", "effects.json"
 
@@ -22,7 +23,7 @@ def write_model(
     factors: Mapping[str, float],
     timestep: float | None = None,
 ) -> tuple[Path, Path]:
-    """Write `model.xml` and `effects.json`.
+    """Write `model.xml`, with the files that it needs, and `effects.json`.
 
     The model keeps names and order of joints and actuators and has one sensor `<joint>.pos` per measured joint. Its
     physics step is the one given [s], or so fine that it is below the noise. Effects that MJCF cannot express are only
@@ -33,15 +34,14 @@ def write_model(
     """
     spec = nominal.edited(factors)
     spec.option.timestep = timestep or fine_timestep(nominal)
+    before = spec.copy().compile()
     add_effects(spec, [effect for effect in effects if effect.in_model])
+    keep_keyframes(spec, before)
     for joint in nominal.joints:
         measure(spec, joint)
-    keep_assets(spec, nominal.robot.mjcf)
-    spec.compile()
     written = write_effects(folder, effects, factors)  # first: it marks the folder as a report's, whoever is killed now
-    model = folder / MODEL
-    model.write_bytes(exact_xml(spec))
-    return model, written
+    write_portable(spec, nominal.robot.mjcf, folder / MODEL)
+    return folder / MODEL, written
 
 
 def write_effects(folder: Path, effects: Sequence[Effect], factors: Mapping[str, float]) -> Path:
@@ -75,11 +75,3 @@ def measure(spec: mujoco.MjSpec, joint: str) -> None:
     sensor.type = mujoco.mjtSensor.mjSENS_JOINTPOS
     sensor.objtype = mujoco.mjtObj.mjOBJ_JOINT
     sensor.objname = joint
-
-
-def keep_assets(spec: mujoco.MjSpec, original: Path) -> None:
-    """Let mesh and texture files be found from anywhere: where they were is written out."""
-    for field in ("meshdir", "texturedir"):
-        present = Path(getattr(spec, field) or "")
-        if (spec.meshes or spec.textures) and not present.is_absolute():
-            setattr(spec, field, str((original.resolve().parent / present).resolve()))

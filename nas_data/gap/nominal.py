@@ -13,6 +13,8 @@ from nas_data.effects.edits.servo import position_servo, scale_stiffness
 from nas_data.explicit import explicit
 from nas_data.gap.base import BaseParameter, apply_base, base_parameters
 from nas_data.gap.evidence import Evidence
+from nas_data.gap.held import hold_others
+from nas_data.gap.integrator import make_implicit
 from nas_data.gap.side_by_side import shares_cores
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -43,6 +45,7 @@ class Nominal:
         joints: Measured joints.
         period: Control period [s].
         base: Parameters that may be off by some percent.
+        notes: What of the model is simulated otherwise than it was handed over, a sentence each.
     """
 
     robot: Robot
@@ -50,6 +53,7 @@ class Nominal:
     joints: tuple[str, ...]
     period: float
     base: tuple[BaseParameter, ...]
+    notes: tuple[str, ...] = ()
 
     @classmethod
     def load(cls, model: str | Path, evidence: Evidence) -> "Nominal":
@@ -63,7 +67,8 @@ class Nominal:
         spec = explicit(robot.spec())
         settle_damping(spec)
         spec.option.timestep = evidence.period / np.ceil(evidence.period / spec.option.timestep - 1e-6)
-        return cls(robot, spec, evidence.joints, evidence.period, base_parameters(spec, evidence.joints))
+        notes = adapt(spec, evidence.joints)
+        return cls(robot, spec, evidence.joints, evidence.period, base_parameters(spec, evidence.joints), notes)
 
     def edited(self, factors: Mapping[str, float]) -> mujoco.MjSpec:
         """Return the model with base parameters multiplied by factors, by name."""
@@ -133,6 +138,13 @@ class Nominal:
                 position_servo(spec, joint, "A position gain of the recording")
                 scale_stiffness(spec, joint, float(gain))
         return replace(self, spec=spec)
+
+
+def adapt(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[str, ...]:
+    """Make of a model what recording and effects take it to be; return what was changed, a sentence each."""
+    changed, held = make_implicit(spec), hold_others(spec, joints)
+    still = f"Held at their reference, as the recording lacks them: {', '.join(held)}." if held else ""
+    return tuple(note for note in (changed, still) if note)
 
 
 def unneeded(model: mujoco.MjModel) -> int:

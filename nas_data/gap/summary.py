@@ -19,6 +19,8 @@ def summary(report: Mapping[str, object], folder: Path) -> str:
     lines = [VERDICTS[str(report["verdict"])]]
     undecidable = mapping(report["find"]).get("undecidable")
     lines += map(str, undecidable) if isinstance(undecidable, Sequence) else []
+    audit = mappings(mapping(report["find"]).get("audit", []))
+    lines += [str(check["finding"]) for check in audit if check["check"] == "model" and not check["ok"]]
     lines += [finding_text(entry) for entry in mappings(report["effects"])]
     lines += [
         f"{entry['joint']}: still {number(entry['ratio_to_noise']):.1f} times the noise; goes with {entry['goes_with']}"

@@ -11,6 +11,7 @@ from nas_data.gap.experiments.experiment import Rival, next_experiment, write
 from nas_data.gap.finding.find import Found, find
 from nas_data.gap.name import Naming, name
 from nas_data.gap.place import check_place, clear
+from nas_data.gap.portable import check_portable
 from nas_data.gap.problem import Problem
 from nas_data.gap.report import write_report, write_series
 from nas_data.gap.showing.show import show
@@ -49,6 +50,7 @@ def investigate(
         raise OptionError(f"--learn is {learn}; give 0, which leaves φ out, or a number of updates such as 400.")
     check_place(folder, model)
     problem = Problem.load(dataset, model)
+    check_portable(problem.train.nominal.spec, problem.train.nominal.robot.mjcf)
     say("find: where model and recording disagree")
     found = find(problem.dataset, problem.evidence, problem.train.nominal, problem.train.floor)
     return conclude(problem, found, folder, began, say, learn)

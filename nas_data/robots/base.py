@@ -1,8 +1,9 @@
 """What a robot is: an MJCF with named joints, and the constants that recording and control need."""
 
+import codecs
 import hashlib
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from nas_data.servos import add_position_servos
 
 FOLDER = Path(__file__).parent
 MISSING = re.compile(r"Error opening file '([^']+)'")  # how MuJoCo speaks of meshes, textures and included files
+KNOWN = (".xml", ".urdf")  # endings by which MuJoCo knows a model
 NOT_A_NUMBER = "'NaN'"  # in MuJoCo's warning, after which it reads the number as not given
 
 
@@ -65,11 +67,13 @@ def read_spec(path: Path) -> mujoco.MjSpec:
     Raises:
         ModelFileError: there is no such file, one that it names is missing, or MuJoCo cannot use it as a model.
     """
+    if path.is_dir():
+        raise ModelFileError(f"{path} is a folder; give a model file{_models_in(path)}.")
     if not path.is_file():
         raise ModelFileError(f"There is no model file {path}; give an MJCF or URDF file, or a robot's name.")
     try:
         with heard_warnings() as heard:
-            spec = mujoco.MjSpec.from_file(str(path))
+            spec = _parsed(path)
             spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise ModelFileError(_explained(path, " ".join(str(error).split()).rstrip("."))) from None
@@ -77,6 +81,21 @@ def read_spec(path: Path) -> mujoco.MjSpec:
         raise ModelFileError(f"{path} gives NaN where a number should stand{_line_of_nan(path)}; put a number there.")
     pass_on(heard)
     return spec
+
+
+def _parsed(path: Path) -> mujoco.MjSpec:
+    """Read a model by what it holds: the engine goes by a file's ending, and knows `.xml` and `.urdf` only."""
+    content = path.read_bytes()
+    if path.suffix in KNOWN or not content.removeprefix(codecs.BOM_UTF8).lstrip().startswith(b"<"):
+        return mujoco.MjSpec.from_file(str(path))
+    known = path.with_name(path.name + KNOWN[0])
+    return mujoco.MjSpec.from_file(str(known), include={known.name: content})
+
+
+def _models_in(folder: Path) -> str:
+    """Name a few model files of a folder, where there are some."""
+    files = sorted(file.name for file in folder.iterdir() if file.suffix in (*KNOWN, ".mjcf"))
+    return f" in it, such as {folder / files[0]}" if files else ""
 
 
 def _explained(path: Path, reason: str) -> str:
@@ -101,6 +120,18 @@ def actuated_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
     return tuple(joint for joint in driven if joint is not None)
 
 
+def deepest_joint(spec: mujoco.MjSpec, joints: Sequence[str]) -> str:
+    """Return the joint with the most bodies between it and the world; of several the last one listed."""
+
+    def depth(joint: str) -> int:
+        body, above = spec.joint(joint).parent, 0
+        while body.parent is not None:
+            body, above = body.parent, above + 1
+        return above
+
+    return max(reversed(joints), key=depth)
+
+
 def movable_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
     """Return the names of the hinges and slides."""
     moving = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
@@ -115,7 +146,8 @@ def find_robot(name_or_path: str | Path) -> Robot:
         ModelFileError: the file cannot be used as a model.
     """
     path = Path(name_or_path)
-    if path.suffix or path.is_file():
+    named = str(name_or_path) in registry.names("robots")
+    if path.suffix or path.is_file() or (path.is_dir() and not named):
         spec = read_spec(path)
         if path.suffix == ".urdf" and movable_joints(spec):
             return Robot(name=path.stem, mjcf=path, joints=movable_joints(spec), edit=add_position_servos)

@@ -9,7 +9,7 @@ import numpy as np
 
 from nas_data.effects.base import Effect, add_effects
 from nas_data.effects.edits.hook import StepHook
-from nas_data.errors import JointMismatch, ModelFileError
+from nas_data.errors import JointMismatch, ModelFileError, NasError
 from nas_data.robots.base import Robot
 from nas_data.simulators.hooks import find_hooks
 from nas_data.simulators.layout import Layout
@@ -56,10 +56,12 @@ class Compiled:
         spec = robot.spec()
         substeps = max(1, math.ceil(period / spec.option.timestep - 1e-6))
         spec.option.timestep = period / substeps
-        add_effects(spec, effects)
         try:
+            add_effects(spec, effects)
             model = spec.compile()
-        except ValueError as error:
+        except NasError:
+            raise
+        except (ValueError, mujoco.FatalError) as error:
             raise ModelFileError(f"{robot.mjcf} does not compile with its effects: {error}") from None
         layout = Layout.of(model, joints or robot.joints, str(robot.mjcf))
         return cls(robot, effects, model, layout, substeps, find_hooks(effects, model))

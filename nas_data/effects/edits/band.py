@@ -3,10 +3,12 @@
 import mujoco
 import numpy as np
 
-from nas_data.drives import BAND, DAMPING, DRIVE, GAIN, GOAL
+from nas_data.drives import BAND, DAMPING, DRIVE, GAIN, GOAL, PARTS
 from nas_data.effects.edits.passive import add_passive
-from nas_data.effects.edits.series import clear_defaults
+from nas_data.effects.edits.pristine import clear_joint, clear_tendon
 from nas_data.effects.edits.servo import feedback, limit_torque, multiply_feedback, torque_limits
+from nas_data.errors import ModelFileError
+from nas_data.free_name import free_name
 
 SHARE = 1e-4  # stiffness that the servo leaves to the joint over the one with which it moves the goal
 QUICK = 1 / 200  # of the goal's damping · timestep is its inertia: it arrives within one physics step
@@ -18,9 +20,12 @@ def add_band(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator, half_wi
     """Let a servo ignore errors of up to `half_width` [rad]; a band that is there already becomes wider.
 
     The servo, with its control, delay and slew rate, moves a weightless goal within one physics step. Between goal and
-    joint act passive actuators: `<joint>_gain` as the servo's stiffness, `<joint>_band` which takes that away again up
-    to the torque at the band's edge, and `<joint>_damping`. Of its own stiffness the servo leaves the joint as much as
-    the goal is late by: a new command is felt at once.
+    joint act passive actuators: `<joint>_deadband_gain` as the servo's stiffness, `<joint>_deadband` which takes that
+    away again up to the torque at the band's edge, and `<joint>_deadband_damping`. Of its own stiffness the servo
+    leaves the joint as much as the goal is late by: a new command is felt at once.
+
+    Raises:
+        ModelFileError: the model gives something else one of these names.
     """
     if spec.actuator(joint + BAND) is None:
         put_goal_between(spec, joint, servo)
@@ -31,6 +36,7 @@ def add_band(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator, half_wi
 
 def put_goal_between(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator) -> None:
     """Let the servo drive a goal, and passive actuators with its gains the joint; without a band the same torque."""
+    refuse_names(spec, joint)
     first, gear = spec.joint(joint), float(servo.gear[0])
     kp, kv = feedback(servo) * gear**2, -float(servo.biasprm[2]) * gear**2
     move_dampers(first, servo)
@@ -42,12 +48,24 @@ def put_goal_between(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator)
     servo.trntype = mujoco.mjtTrn.mjTRN_TENDON
     servo.target = add_sum(spec, joint + DRIVE, {goal.name: 1.0, joint: SHARE})
     # the servo's share counts the joint already
-    error = add_sum(spec, joint + "_error", {joint: 1 - SHARE, goal.name: -1.0})
+    error = add_sum(spec, free_name(spec.tendon, joint + "_error"), {joint: 1 - SHARE, goal.name: -1.0})
     add_feedback(spec, joint + GAIN, error, -kp, 0.0)
     add_feedback(spec, joint + BAND, error, kp, 0.0)
-    add_feedback(spec, joint + DAMPING, add_sum(spec, joint + "_turn", {joint: 1.0}), 0.0, -kv)
+    turn = add_sum(spec, free_name(spec.tendon, joint + "_turn"), {joint: 1.0})
+    add_feedback(spec, joint + DAMPING, turn, 0.0, -kv)
     if limits is not None:
         limit_torque(first, *np.sort(np.array(limits) * gear))
+
+
+def refuse_names(spec: mujoco.MjSpec, joint: str) -> None:
+    """Refuse a model in which something has the name of a part by which a servo with a dead band is known."""
+    wanted = [(spec.joint, joint + GOAL), (spec.tendon, joint + DRIVE), *((spec.actuator, joint + p) for p in PARTS)]
+    taken = [name for find, name in wanted if find(name) is not None]
+    if taken:
+        raise ModelFileError(
+            f"deadband cannot be added to the joint '{joint}': the model has something else named '{taken[0]}'; "
+            "give that another name."
+        )
 
 
 def move_dampers(joint: mujoco.MjsJoint, servo: mujoco.MjsActuator) -> None:
@@ -61,10 +79,10 @@ def add_goal(spec: mujoco.MjSpec, first: mujoco.MjsJoint, stiffness: float) -> m
     """Add a joint on a body of its own in the world that a servo of this stiffness moves within one physics step."""
     step = spec.option.timestep
     name = first.name + GOAL
-    body = spec.worldbody.add_body(name=name, mass=MASS, inertia=np.full(3, INERTIA), explicitinertial=True)
-    body.ipos = np.zeros(3)
+    body = spec.worldbody.add_body(mass=MASS, inertia=np.full(3, INERTIA), explicitinertial=True)
+    body.name, body.ipos = free_name(spec.body, name), np.zeros(3)
     goal = body.add_joint(name=name, type=first.type, axis=[0, 0, 1])
-    clear_defaults(goal)
+    clear_joint(goal)
     goal.damping = [stiffness * step, 0.0, 0.0]
     goal.armature = stiffness * max(QUICK * step**2, CALM)
     return goal
@@ -72,8 +90,8 @@ def add_goal(spec: mujoco.MjSpec, first: mujoco.MjsJoint, stiffness: float) -> m
 
 def add_sum(spec: mujoco.MjSpec, name: str, parts: dict[str, float]) -> str:
     """Add a fixed tendon without a mechanics of its own; return its name."""
-    tendon = spec.add_tendon(name=name, damping=np.zeros(3), stiffness=np.zeros(3), frictionloss=0.0)
-    tendon.limited = mujoco.mjtLimited.mjLIMITED_FALSE
+    tendon = spec.add_tendon(name=name)
+    clear_tendon(tendon)
     for joint, share in parts.items():
         tendon.wrap_joint(joint, share)
     return name

@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 
 from nas_data.effects.edits.passive import add_passive
+from nas_data.free_name import free_name
 
 REST = 1e-3  # part of the bristles' friction that stays at speed; the engine divides by it
 
@@ -18,18 +19,10 @@ def add_bristles(spec: mujoco.MjSpec, joint: str, torque: float, velocity: float
     """
     stiffness = felt_inertia(spec, joint) / spec.option.timestep**2
     lugre = np.array([stiffness, 0.0, REST * torque, torque, velocity])
-    add_passive(spec, free_name(spec, f"{joint}_stribeck"), mujoco.mjtTrn.mjTRN_JOINT, joint, lugre)
+    add_passive(spec, free_name(spec.actuator, f"{joint}_stribeck"), mujoco.mjtTrn.mjTRN_JOINT, joint, lugre)
 
 
 def felt_inertia(spec: mujoco.MjSpec, joint: str) -> float:
     """Return the inertia [kg·m²] that a torque on one joint accelerates in the reference posture, all others free."""
     model = spec.compile()
     return 1 / float(model.dof_invweight0[model.joint(joint).dofadr[0]])
-
-
-def free_name(spec: mujoco.MjSpec, name: str) -> str:
-    """Return the name, with a number behind it where an actuator has it already."""
-    count = 1
-    while spec.actuator(name if count == 1 else f"{name}{count}") is not None:
-        count += 1
-    return name if count == 1 else f"{name}{count}"

@@ -1,9 +1,15 @@
 """Objects in a scene: what moves and can be pushed, but is not driven."""
 
+from collections.abc import Callable
+from functools import partial
+from typing import TypeAlias
+
 import mujoco
 import numpy as np
 
 from nas_data.errors import ModelFileError
+
+Mix: TypeAlias = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def find_objects(model: mujoco.MjModel, effect: str) -> list[int]:
@@ -57,9 +63,27 @@ def excluded(model: mujoco.MjModel, first: int, second: int) -> bool:
     return (low << 16) + high in model.exclude_signature
 
 
-def contact_friction(model: mujoco.MjModel, first: int, second: int) -> np.ndarray:
-    """Return sliding, spinning and rolling friction in the contact of two geoms as the engine mixes it, shape (3,)."""
-    one, two = model.geom_priority[first], model.geom_priority[second]
-    if one == two:
-        return np.asarray(np.maximum(model.geom_friction[first], model.geom_friction[second]))
-    return np.asarray(model.geom_friction[first if one > two else second])
+def add_contact(spec: mujoco.MjSpec, model: mujoco.MjModel, first: int, second: int) -> mujoco.MjsPair:
+    """Write out the contact of two named geoms as the engine mixes it from theirs, nothing from a default class."""
+    pair = spec.add_pair(geomname1=spec.geoms[first].name, geomname2=spec.geoms[second].name)
+    slide, spin, roll = mixed(model, "friction", first, second, np.maximum)
+    pair.friction = [slide, slide, spin, roll, roll]
+    pair.condim = int(mixed(model, "condim", first, second, np.maximum))
+    weights = model.geom_solmix[[first, second]]
+    mean = partial(soften, share=float(weights[0] / weights.sum()) if weights.sum() > 0 else 0.5)
+    pair.solref, pair.solimp = (mixed(model, field, first, second, mean) for field in ("solref", "solimp"))
+    pair.solreffriction = np.zeros(2)  # as the normal's
+    pair.margin, pair.gap = (float(getattr(model, "geom_" + each)[[first, second]].sum()) for each in ("margin", "gap"))
+    return pair
+
+
+def mixed(model: mujoco.MjModel, field: str, first: int, second: int, mix: Mix) -> np.ndarray:
+    """Return a contact's parameter: that of the geom of higher priority, or a mix of both."""
+    ranks, values = model.geom_priority[[first, second]], getattr(model, "geom_" + field)[[first, second]]
+    return np.asarray(mix(*values) if ranks[0] == ranks[1] else values[int(np.argmax(ranks))])
+
+
+def soften(one: np.ndarray, other: np.ndarray, share: float) -> np.ndarray:
+    """Return the weighted mean of two geoms' softness, the lesser where they give stiffnesses, which are negative."""
+    direct = one[0] <= 0 or other[0] <= 0
+    return np.asarray(np.minimum(one, other) if direct else share * one + (1 - share) * other)

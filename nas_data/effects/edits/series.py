@@ -1,11 +1,15 @@
 """A second hinge in series with a servo's joint: the link turns by the sum of both, and that sum is measured."""
 
 import math
+import re
 
 import mujoco
+import numpy as np
 
 from nas_data.dataset.features import POSITION
-from nas_data.drives import driving_actuators
+from nas_data.drives import driven_joint
+from nas_data.effects.edits.pristine import JOINT, clear_joint, clear_tendon
+from nas_data.free_name import free_name
 
 SMALLEST = 2e-5  # [kg m²] a hinge that carries less inertia than this rings at 2 ms
 STOP = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # impedance that on the lightest link still holds the motor behind it
@@ -26,36 +30,37 @@ def add_series_joint(spec: mujoco.MjSpec, joint: str, suffix: str) -> mujoco.Mjs
     Returns:
         The second joint, or the one an earlier effect of the same kind added.
     """
-    name = f"{joint}_{suffix}"
-    if (existing := spec.joint(name)) is not None:
+    if (existing := series_joint(spec, joint, suffix)) is not None:
         return existing
-    first, model = spec.joint(joint), spec.compile()
+    first = spec.joint(joint)
+    motor = spec.compile() if driven_by_torque(spec, joint) else None
     # nothing may be left without any inertia: no servo without a rotor, no piece between two such hinges
     between = SMALLEST if len(first.parent.joints) > 1 else SMALLEST - first.armature
     armature = max(lacking_inertia(spec, joint, SMALLEST), between)
-    second = first.parent.add_joint(name=name, type=first.type, pos=first.pos, axis=first.axis)
+    second = insert_joint(spec, first, free_name(spec.joint, f"{joint}_{suffix}"))
+    second.type, second.pos, second.axis = first.type, first.pos, first.axis
     if first.frame is not None:
         second.set_frame(first.frame)
-    clear_defaults(second)
+    clear_joint(second)
     second.armature = armature
     tendon = measured_tendon(spec, joint)
-    if driven_by_torque(model, joint):
-        stop_link(model, first, tendon)
-    tendon.wrap_joint(name, 1.0)
+    if motor is not None:
+        stop_link(motor, first, tendon)
+    tendon.wrap_joint(second.name, 1.0)
     return second
 
 
-def driven_by_torque(model: mujoco.MjModel, joint: str) -> bool:
+def driven_by_torque(spec: mujoco.MjSpec, joint: str) -> bool:
     """Whether a motor drives a joint, and no servo that feels its position."""
-    driving = driving_actuators(model, int(model.joint(joint).id))
-    return len(driving) > 0 and not model.actuator_biasprm[driving, 1].any()
+    driving = [actuator for actuator in spec.actuators if driven_joint(spec, actuator) == joint]
+    return bool(driving) and not any(actuator.biasprm[1] for actuator in driving)
 
 
 def stop_link(model: mujoco.MjModel, joint: mujoco.MjsJoint, tendon: mujoco.MjsTendon) -> None:
     """Let a joint's stops act on what is measured of it, the link, and on the motor no longer.
 
     Args:
-        model: The model, compiled.
+        model: The model as it was, compiled.
         joint: The motor's joint.
         tendon: Measures the link.
     """
@@ -67,6 +72,50 @@ def stop_link(model: mujoco.MjModel, joint: mujoco.MjsJoint, tendon: mujoco.MjsT
     tendon.margin, tendon.solref_limit, tendon.solimp_limit = joint.margin, joint.solref_limit, STOP
 
 
+def insert_joint(spec: mujoco.MjSpec, first: mujoco.MjsJoint, name: str) -> mujoco.MjsJoint:
+    """Add a joint to the body of another, before those about other axes that come after it and would turn its axis.
+
+    The engine only adds joints at the end: those after it are made anew there.
+    """
+    joints = first.parent.joints
+    later = joints[[joint.name for joint in joints].index(first.name) + 1 :]
+    while later and same_axis(later[0], first):
+        del later[0]
+    added = first.parent.add_joint(name=name)
+    for joint in later:
+        move_to_end(spec, joint)
+    return added
+
+
+def same_axis(one: mujoco.MjsJoint, other: mujoco.MjsJoint) -> bool:
+    """Whether two joints of a body turn about, or slide along, one axis, so that their order does not matter."""
+    fields = ("type", "pos", "axis")
+    alike = all(np.array_equal(getattr(one, field), getattr(other, field)) for field in fields)
+    frames = [joint.frame and joint.frame.signature for joint in (one, other)]
+    return alike and frames[0] == frames[1]
+
+
+def move_to_end(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> None:
+    """Make a joint the last one of its body; whoever refers to it does so by its name, which stays."""
+    name, joint.name = joint.name, ""
+    moved = joint.parent.add_joint(joint.classname, name=name)
+    for field in (*JOINT, "type", "pos", "axis", "limited", "actfrclimited", "userdata", "info"):
+        setattr(moved, field, getattr(joint, field))
+    if joint.frame is not None:
+        moved.set_frame(joint.frame)
+    spec.delete(joint)
+
+
+def series_joint(spec: mujoco.MjSpec, joint: str, suffix: str) -> mujoco.MjsJoint | None:
+    """Return the second joint of a kind that is measured together with a joint; None where there is none."""
+    sensor = spec.sensor(joint + POSITION)
+    if sensor is None or sensor.type != mujoco.mjtSensor.mjSENS_TENDONPOS:
+        return None
+    parts = [wrap.target for wrap in spec.tendon(sensor.objname).path if wrap.type == mujoco.mjtWrap.mjWRAP_JOINT]
+    pattern = re.escape(f"{joint}_{suffix}") + r"(_\d+)?"
+    return next((part for part in parts if re.fullmatch(pattern, part.name)), None)
+
+
 def lacking_inertia(spec: mujoco.MjSpec, joint: str, wanted: float) -> float:
     """Return the rotor inertia that a second hinge needs beside its link's for a wanted one [kg·m²]; often none."""
     model = spec.compile()
@@ -74,23 +123,22 @@ def lacking_inertia(spec: mujoco.MjSpec, joint: str, wanted: float) -> float:
     return max(0.0, wanted - SURE * float(model.dof_M0[dof] - model.dof_armature[dof]))
 
 
-def clear_defaults(joint: mujoco.MjsJoint) -> None:
-    """Undo what the model's default class gives to every joint: springs, losses and limits."""
-    for field in ("damping", "stiffness"):
-        setattr(joint, field, [0.0] * 3)
-    joint.frictionloss = joint.ref = joint.springref = joint.springyield = joint.margin = 0.0
-    joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
-    joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
-    joint.range = [0.0, 0.0]
-
-
 def measured_tendon(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsTendon:
-    """Return the fixed tendon whose length is measured as `<joint>.pos`; made from the joint where there is none."""
-    sensor = spec.sensor(joint + POSITION) or spec.add_sensor(name=joint + POSITION)
-    if sensor.type == mujoco.mjtSensor.mjSENS_TENDONPOS:
+    """Return the fixed tendon whose length is measured as `<joint>.pos`, of our own: an author's may pull at joints."""
+    sensor, name = spec.sensor(joint + POSITION), f"{joint}_link"
+    parts = {joint: 1.0}
+    if sensor is None:
+        sensor = spec.add_sensor(name=joint + POSITION)
+    elif sensor.type == mujoco.mjtSensor.mjSENS_JOINTPOS:
+        parts = {sensor.objname: 1.0}
+    elif sensor.objname.startswith(name):
         return spec.tendon(sensor.objname)
-    tendon = spec.add_tendon(name=f"{joint}_link")
-    tendon.wrap_joint(joint, 1.0)
+    else:
+        parts = {wrap.target.name: wrap.coef for wrap in spec.tendon(sensor.objname).path}
+    tendon = spec.add_tendon(name=free_name(spec.tendon, name))
+    clear_tendon(tendon)
+    for part, share in parts.items():
+        tendon.wrap_joint(part, share)
     sensor.type = mujoco.mjtSensor.mjSENS_TENDONPOS
     sensor.objtype = mujoco.mjtObj.mjOBJ_TENDON
     sensor.objname = tendon.name

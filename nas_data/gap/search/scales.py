@@ -7,6 +7,7 @@ from nas_data.effects.base import Scales, joint_actuator
 from nas_data.effects.edits.servo import damping, stiffness
 from nas_data.gap.evidence import Evidence
 from nas_data.gap.nominal import Nominal
+from nas_data.robots.base import deepest_joint
 
 
 def scales(nominal: Nominal, evidence: Evidence, predicted: np.ndarray) -> tuple[Scales, ...]:
@@ -18,8 +19,9 @@ def scales(nominal: Nominal, evidence: Evidence, predicted: np.ndarray) -> tuple
         predicted: The model's positions for it, shape (E, T, n).
     """
     model = nominal.simulator().model
-    mass = [p.bodies for p in nominal.base if p.kind == "mass"]
-    last = sum(float(nominal.spec.body(name).mass) for name in mass[-1]) if mass else 0.01
+    moved = {p.joint: p.bodies for p in nominal.base if p.kind == "mass"}
+    outermost = moved[deepest_joint(nominal.spec, tuple(moved))] if moved else ()
+    last = sum(float(nominal.spec.body(name).mass) for name in outermost) or 0.01
     return tuple(joint_scales(nominal, model, evidence, predicted, index, last) for index in range(len(nominal.joints)))
 
 

@@ -1,0 +1,50 @@
+"""Keyframes of a model to which effects add joints: each number stays with its joint, servo and memory."""
+
+import mujoco
+import numpy as np
+
+from nas_data.drives import GOAL, goal_joints
+
+
+def keep_keyframes(spec: mujoco.MjSpec, before: mujoco.MjModel) -> None:
+    """Write the keyframes anew; what effects added is at its reference, a servo's goal at its joint.
+
+    Args:
+        spec: Model with effects.
+        before: The same without.
+    """
+    if not spec.keys:
+        return
+    after = spec.compile()
+    positions, speeds = kept_joints(before, after)
+    for number, key in enumerate(spec.keys):
+        qpos, qvel = after.qpos0.copy(), np.zeros(after.nv)
+        qpos[positions], qvel[speeds] = before.key_qpos[number], before.key_qvel[number]
+        for goal in goal_joints(after):
+            own = after.joint(after.joint(goal).name.removesuffix(GOAL))
+            qpos[after.jnt_qposadr[goal]] = qpos[own.qposadr[0]]
+        key.qpos, key.qvel = qpos, qvel
+        key.act = kept_memories(before, after, number)
+
+
+def kept_joints(before: mujoco.MjModel, after: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the positions and speeds of a model's joints are once others came between them."""
+    names = {before.joint(joint).name for joint in range(before.njnt)}
+    kept = [joint for joint in range(after.njnt) if after.joint(joint).name in names]  # unnamed ones are the model's
+    ends = [*after.jnt_qposadr[1:], after.nq], [*after.jnt_dofadr[1:], after.nv]
+    positions = [index for joint in kept for index in range(after.jnt_qposadr[joint], ends[0][joint])]
+    speeds = [index for joint in kept for index in range(after.jnt_dofadr[joint], ends[1][joint])]
+    return np.array(positions, int), np.array(speeds, int)
+
+
+def kept_memories(before: mujoco.MjModel, after: mujoco.MjModel, number: int) -> np.ndarray:
+    """Return what the actuators remember in a keyframe; one that did not before remembers its control."""
+    memories = np.zeros(after.na)
+    for actuator in range(before.nactuator):
+        first, own = int(after.actuator_actadr[actuator]), int(before.actuator_actadr[actuator])
+        if own >= 0:
+            count = int(before.actuator_actnum[actuator])
+            memories[first : first + count] = before.key_act[number, own : own + count]
+        elif first >= 0:
+            memories[first] = before.key_ctrl[number, before.actuator_ctrladr[actuator]]
+    return memories
