@@ -5,6 +5,7 @@ from nas_data.gap.search.exchange import exchanged
 from nas_data.gap.search.grow import AT_FLOOR, extensions, grown, is_full, overlooked
 from nas_data.gap.search.hypothesis import Hypothesis, strained
 from nas_data.gap.search.join import joined
+from nas_data.gap.search.opening import opened
 from nas_data.gap.search.prune import adequate, pruned, simplified
 from nas_data.gap.search.state import Search
 
@@ -15,7 +16,8 @@ def choose(search: Search) -> Hypothesis:
     if not search.lively:
         return kept
     while not is_full(search, kept) and (search.ratio(kept).max() > AT_FLOOR or strained(kept)):
-        larger = grown(search, kept, extensions(search, kept, around))
+        ranked = extensions(search, kept, around)
+        larger = grown(search, kept, ranked if kept.effects else opened(search, kept, ranked))
         if larger is None and around is not kept.fit:
             larger = grown(search, kept, extensions(search, kept, kept.fit))
         larger = larger or grown(search, kept, overlooked(search, kept))

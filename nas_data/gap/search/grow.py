@@ -108,7 +108,7 @@ def bundles(
         for group in alike
         if len(group) > 1
     ]
-    return [h for h in fitted if h]
+    return [search.continued(h) for h in fitted if h]  # many numbers at once are far from where they end
 
 
 def remember(search: Search, kept: Hypothesis, ranked: Sequence[Hypothesis]) -> None:
