@@ -39,7 +39,8 @@ class Watchdog:
         command = [sys.executable, "-m", "nas_data.recorders.watchdog"]
         # a session of its own: Ctrl-C in the terminal is meant for the recorder, and must not take the guard along
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, bufsize=0, start_new_session=True)
-        self._tell(json.dumps({"port": port, "pid": os.getpid(), "joints": asdict(joints)}).encode())
+        charge = {"port": port, "pid": os.getpid(), "joints": asdict(joints), "hang": HANG}
+        self._tell(json.dumps(charge).encode())
 
     def promise(self, seconds: float) -> None:
         """Say that all is well, and that the next word comes within a time [s]; a second later the guard acts.
@@ -82,7 +83,7 @@ def guard() -> None:
     if not first:
         return
     options = json.loads(first[0])
-    reason = watch(words, first[1:])
+    reason = watch(words, first[1:], options["hang"])
     if reason == HUNG:
         end(options["pid"])
     if reason:
@@ -109,16 +110,17 @@ class Words:
                 return lines
 
 
-def watch(words: Words, lines: list[bytes]) -> str:
+def watch(words: Words, lines: list[bytes], hang: float = HANG) -> str:
     """Return why the arm must be made safe, once it must; an empty word where the guard is sent home.
 
     Args:
         words: What the recorder says: how long [s] until its next word.
         lines: What it has said already.
+        hang: How much longer it may be silent [s].
     """
     seconds = math.inf
     while ALL_WELL not in lines:
-        seconds = float(lines[-1]) + HANG if lines else seconds
+        seconds = float(lines[-1]) + hang if lines else seconds
         heard = words.wait(seconds)
         if not heard:
             return HUNG if heard is None else DIED
