@@ -10,6 +10,7 @@ from nas_data.gap.side_by_side import side_by_side
 UNSATISFIED = 1.25  # noise floors above which other effects are tried in the place of one that was found
 DOUBTED = 3  # effects in whose place others are tried
 BETTER = 4.0  # nats by which another effect must lower the loss
+MANY = 8  # effects beyond which only the most doubted one is: each trial fits all of them anew
 EXCHANGED = 4  # effects that are tried there
 
 
@@ -45,7 +46,7 @@ def doubtful(search: Search, h: Hypothesis) -> list[int]:
     rest, far = dict(zip(search.train.nominal.joints, search.ratio(h), strict=True)), strained(h)
     own = [(rest.get(effect.joint or "", 0.0), effect.joint, number) for number, effect in enumerate(h.effects)]
     above = [(left, number) for left, joint, number in own if left > UNSATISFIED or joint in far or (far and not joint)]
-    return [number for _, number in sorted(above, reverse=True)[:DOUBTED]]
+    return [number for _, number in sorted(above, reverse=True)[: DOUBTED if len(h.effects) <= MANY else 1]]
 
 
 def tried(search: Search, rest: Hypothesis, candidate: Candidate) -> Hypothesis | None:
