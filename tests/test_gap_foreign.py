@@ -71,8 +71,9 @@ def test_episodes_hardly_longer_than_a_window_stay_whole():
 
 @pytest.mark.parametrize("rate", [30, 50, 60, 100, 1000])
 @pytest.mark.parametrize("timestep", [0.0003, 0.002, 0.003, 0.004])
-def test_written_steps_make_whole_control_periods(rate: int, timestep: float, tmp_path: Path):
-    (tmp_path / "arm.xml").write_text(arm(timestep=timestep))
+@pytest.mark.parametrize("integrator", ["implicitfast", "RK4"])
+def test_written_steps_make_whole_control_periods(rate: int, timestep: float, integrator: str, tmp_path: Path):
+    (tmp_path / "arm.xml").write_text(arm(timestep=timestep).replace("implicitfast", integrator))
     nominal = Nominal.load(tmp_path / "arm.xml", episodes([50, 50], 1 / rate))
     for chosen in (None, float(nominal.spec.option.timestep)):
         model, _ = write_model(tmp_path, nominal, [], {}, chosen)

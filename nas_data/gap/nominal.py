@@ -14,7 +14,7 @@ from nas_data.explicit import explicit
 from nas_data.gap.base import BaseParameter, apply_base, base_parameters
 from nas_data.gap.evidence import Evidence
 from nas_data.gap.held import hold_others
-from nas_data.gap.integrator import make_implicit
+from nas_data.gap.integrator import FINE, make_implicit, whole_step
 from nas_data.gap.side_by_side import shares_cores
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -66,8 +66,8 @@ class Nominal:
         MujocoSimulator(robot, evidence.period, evidence.joints)  # says what is wrong with the model, if anything
         spec = explicit(robot.spec())
         settle_damping(spec)
-        spec.option.timestep = evidence.period / np.ceil(evidence.period / spec.option.timestep - 1e-6)
-        notes = adapt(spec, evidence.joints)
+        spec.option.timestep = whole_step(evidence.period, spec.option.timestep)
+        notes = adapt(spec, evidence.joints, evidence.period)
         return cls(robot, spec, evidence.joints, evidence.period, base_parameters(spec, evidence.joints), notes)
 
     def edited(self, factors: Mapping[str, float]) -> mujoco.MjSpec:
@@ -140,9 +140,9 @@ class Nominal:
         return replace(self, spec=spec)
 
 
-def adapt(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[str, ...]:
+def adapt(spec: mujoco.MjSpec, joints: Sequence[str], period: float) -> tuple[str, ...]:
     """Make of a model what recording and effects take it to be; return what was changed, a sentence each."""
-    changed, held = make_implicit(spec), hold_others(spec, joints)
+    changed, held = make_implicit(spec, period), hold_others(spec, joints)
     still = f"Held at their reference, as the recording lacks them: {', '.join(held)}." if held else ""
     return tuple(note for note in (changed, still) if note)
 
@@ -154,12 +154,9 @@ def unneeded(model: mujoco.MjModel) -> int:
     return int(flags if touching else flags | mujoco.mjtDisableBit.mjDSBL_CONTACT.value)
 
 
-FINE = 0.0005  # [s] physics step at which what a step of finite length does is below any sensor's noise
-
-
 def fine_timestep(nominal: Nominal) -> float:
     """Return a physics step of at most half a millisecond of which whole numbers make a control period [s]."""
-    return min(float(nominal.spec.option.timestep), nominal.period / np.ceil(nominal.period / FINE - 1e-6))
+    return min(float(nominal.spec.option.timestep), whole_step(nominal.period, FINE))
 
 
 def with_timestep(nominal: Nominal, timestep: float) -> Nominal:
