@@ -2,10 +2,9 @@
 
 import subprocess
 from functools import cache
-from importlib import metadata
 from pathlib import Path
 
-from nas_data.dataset.provenance import package_versions
+from nas_data.dataset.provenance import installed, package_versions
 
 ROOT = Path(__file__).parent
 MORE = ("gymnasium", "onnxruntime", "stable_baselines3")  # beside the packages that shape a dataset
@@ -15,13 +14,7 @@ CHANGED = "-changed"  # after a commit: files of the package are not as they wer
 @cache
 def versions() -> dict[str, str]:
     """Return the versions of Python and of the packages that shape policies, as far as they are installed."""
-    found = dict(package_versions())
-    for name in MORE:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
-    return found
+    return {**package_versions(), **installed(MORE)}
 
 
 @cache

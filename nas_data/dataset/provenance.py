@@ -1,7 +1,7 @@
 """Where a dataset comes from: `meta/nas.json`, which LeRobot's tools do not carry along and ours do."""
 
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
 from functools import cache
@@ -18,8 +18,13 @@ PACKAGES = ("nas_data", "lerobot", "mujoco", "pybullet", "numpy", "pyarrow", "sc
 @cache
 def package_versions() -> dict[str, str]:
     """Return the versions of Python and of the packages that shape a dataset, as far as they are installed."""
-    versions = {"python": platform.python_version()}
-    for name in PACKAGES:
+    return {"python": platform.python_version(), **installed(PACKAGES)}
+
+
+def installed(names: Iterable[str]) -> dict[str, str]:
+    """Return the versions of those packages that are installed."""
+    versions = {}
+    for name in names:
         try:
             versions[name] = metadata.version(name)
         except metadata.PackageNotFoundError:

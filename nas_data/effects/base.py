@@ -268,6 +268,6 @@ def joint_actuator(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsActuator:
         JointMismatch: no actuator does.
     """
     driving = [actuator for actuator in spec.actuators if driven_joint(spec, actuator) == joint]
-    for actuator in sorted(driving, key=lambda actuator: actuator.biasprm[1] == 0):
-        return actuator
-    raise JointMismatch(f"No actuator of the model drives the joint '{joint}'.")
+    if not driving:
+        raise JointMismatch(f"No actuator of the model drives the joint '{joint}'.")
+    return min(driving, key=lambda actuator: actuator.biasprm[1] == 0)

@@ -13,7 +13,7 @@ from nas_data.gap.search.decide import decided
 from nas_data.gap.search.final import Final
 from nas_data.gap.search.fit import Task
 from nas_data.gap.search.hypothesis import Hypothesis
-from nas_data.gap.search.rivals import beside, confronted, fitted_rivals, outdone
+from nas_data.gap.search.rivals import beside, fitted_rivals, outdone
 from nas_data.gap.search.state import Search
 
 SHARPNESS = 4.0  # how fast doubt falls with the ratio of the runner-up's error to the winner's
@@ -89,9 +89,7 @@ def name(train: Task, held: Task, say: Callable[[str], None] = lambda text: None
         say: Told what is going on.
     """
     search = Search(train, held, say)
-    kept = choose(search)
-    confronted(search, kept)
-    kept = outdone(search, kept)
+    kept = outdone(search, choose(search))
     null = Final((), search.null.fit.factors, ())
     say("last fit, on all training episodes")
     kept, final = decided(search, replace(train, fine=search.sub.fine), kept)
@@ -105,8 +103,8 @@ def judge(search: Search, kept: Hypothesis, final: Final, number: int) -> tuple[
     """Compare one effect with nothing and with its rivals; return the finding and the best rival's hypothesis."""
     effect = kept.effects[number]
     others = beside(kept, number)
-    without = search.without(kept, number)
-    without = without if without and without.is_sound else search.null
+    fewer = (search.without(kept, number), search.null, search.nominal)  # of which the last runs on every episode
+    without = next(h for h in fewer if h and h.is_sound)
     ranked = fitted_rivals(search, kept, number)
     twins = [h for twin in effect.twins(effect.joint) if (h := search.rival((*others, twin), kept)) and h.is_sound]
     joints = concerned(search, effect)

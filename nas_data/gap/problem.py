@@ -74,11 +74,13 @@ class Problem:
                 "record more, or cut it with 'nas split'."
             )
         nominal = Nominal.load(model, evidence)
-        check_fits(transitions, nominal.simulator())
-        evidence = evidence.with_objects(kept, nominal.simulator())
+        simulator = nominal.simulator()
+        check_fits(transitions, simulator)
+        evidence = evidence.with_objects(kept, simulator)
         floor = noise_floor(evidence)
         train, held = divide(evidence)
-        substeps = nominal.simulator().substeps
-        train, held = windows(train, TRAIN_STEPS // substeps), windows(held, HELD_STEPS // substeps)
+        train, held = (
+            windows(part, steps // simulator.substeps) for part, steps in ((train, TRAIN_STEPS), (held, HELD_STEPS))
+        )
         names = (root.parent.name if root.name.startswith("v") else root.name, Path(model).name)
         return cls(transitions, evidence, Task(nominal, train, floor), Task(nominal, held, floor), names, model)
