@@ -13,7 +13,7 @@ from nas_data.gap.search.decide import decided
 from nas_data.gap.search.final import Final
 from nas_data.gap.search.fit import Task
 from nas_data.gap.search.hypothesis import Hypothesis
-from nas_data.gap.search.rivals import beside, fitted_rivals, outdone
+from nas_data.gap.search.rivals import beside, confronted, fitted_rivals, outdone
 from nas_data.gap.search.state import Search
 
 SHARPNESS = 4.0  # how fast doubt falls with the ratio of the runner-up's error to the winner's
@@ -89,7 +89,9 @@ def name(train: Task, held: Task, say: Callable[[str], None] = lambda text: None
         say: Told what is going on.
     """
     search = Search(train, held, say)
-    kept = outdone(search, choose(search))
+    kept = choose(search)
+    confronted(search, kept)
+    kept = outdone(search, kept)
     null = Final((), search.null.fit.factors, ())
     say("last fit, on all training episodes")
     kept, final = decided(search, replace(train, fine=search.sub.fine), kept)

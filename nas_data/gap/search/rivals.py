@@ -9,6 +9,7 @@ from nas_data.gap.side_by_side import side_by_side
 
 RIVALS = 3  # that are fitted beside the other effects, for each effect
 BETTER = 4.0  # nats by which a rival must be ahead of what is kept
+FACED = 2  # effects that one beyond a model file must face, of those that it is easily confused with
 SPARE = 2.0  # nats that a rival's every further parameter must bring besides
 
 
@@ -27,6 +28,22 @@ def outdone(search: Search, kept: Hypothesis, rounds: int = 3) -> Hypothesis:
                 search.rivals[place(found.effects[-1])] = [effect, *contenders(search, effect, others)]
                 return outdone(search, search.continued(found), rounds - 1)
     return kept
+
+
+def confronted(search: Search, kept: Hypothesis) -> None:
+    """Let each effect that only a hook can express face those of a model file that it is easily confused with.
+
+    It may have been added at a time when they could not show what they do, and then they were no rivals.
+    """
+    for number, effect in enumerate(kept.effects):
+        if effect.in_model or effect.joint is None:
+            continue
+        without = search.without(kept, number) or search.null
+        found, _ = search.screened(without.fit, kept, {effect.joint})
+        known = search.rivals.setdefault(place(effect), [])
+        met = {place(rival) for rival in known}
+        alike = [c.effect for c in found if c.effect.joint and c.effect.name() in effect.confused_with]
+        known[:0] = [rival for rival in alike if rival.in_model and place(rival) not in met][:FACED]
 
 
 def lead(effect: Effect, rival: Effect) -> float:
@@ -57,4 +74,4 @@ def contenders(search: Search, effect: Effect, others: Sequence[Effect]) -> list
         if place(rival) not in taken:
             taken.add(place(rival))
             result.append(rival)
-    return result[:RIVALS]
+    return result[: RIVALS if effect.in_model else RIVALS + FACED]
