@@ -9,7 +9,10 @@ from effect_samples import SIGNALS, Lever, effect, rms_degrees, simulate, simula
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from nas_data.effects.base import add_effects
+from nas_data.effects.base import add_effects, make_effect
+from nas_data.effects.edits.hook import StepForces
+from nas_data.robots.base import find_robot
+from nas_data.simulators.hooks import find_hooks
 
 
 def stribeck(torque: float, ratio: float, velocity: float):
@@ -121,6 +124,26 @@ def test_many_simulations_with_a_hook_equal_one_by_one(tmp_path):
         stepper.reset(states[rows], rows)
     closed = np.stack([stepper.step(commands[:, step]) for step in range(40)], axis=1)
     assert np.array_equal(closed, together)
+
+
+def test_joints_share_a_hook_and_keep_their_own_friction():
+    """Powered or not, each joint gets from the one hook of its kind what a hook of its own would add."""
+    robot = find_robot("ergojr")
+    effects = [make_effect("load_friction", joint, {"ratio": ratio}) for joint, ratio in (("m5", 0.1), ("m2", 0.3))]
+    spec = mujoco.MjSpec.from_file(str(robot.mjcf))
+    add_effects(spec, effects)
+    model = spec.compile()
+    rng = np.random.default_rng(0)
+    force, bias = rng.uniform(-0.5, 0.5, (4, model.nout)), rng.uniform(-0.5, 0.5, (4, model.nv))
+    for released in (np.zeros(4, bool), np.array([True, False, False, True])):
+        (shared,) = find_hooks(effects, model)
+        alone = [hook for effect in effects for hook in find_hooks([effect], model)]
+        together, one_by_one = (StepForces(force, bias, released, np.zeros((4, model.nv))) for _ in range(2))
+        shared(together)
+        for hook in alone:
+            hook(one_by_one)
+        assert np.array_equal(together.friction, one_by_one.friction)
+        assert (together.friction > 0).sum() == 8
 
 
 def test_an_empty_rollout_with_a_hook_is_empty(tmp_path):

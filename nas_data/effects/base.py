@@ -1,7 +1,7 @@
 """What an effect is: a named physical cause of a gap, with bounded parameters, that edits a model."""
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import ClassVar, Self
@@ -140,8 +140,9 @@ class Effect:
         """Add the effect to a model; never called with neutral parameters."""
         raise NotImplementedError(f"{type(self).__name__} has no edit()")
 
-    def hook(self, model: mujoco.MjModel) -> StepHook | None:
-        """Return what must run before each physics step of the edited model; None where the engine does it all."""
+    @classmethod
+    def hook(cls, effects: Sequence[Self], model: mujoco.MjModel) -> StepHook | None:
+        """Return what must run before each physics step of a model with effects of this kind; None where nothing."""
         return None
 
     @classmethod

@@ -1,8 +1,8 @@
 """Friction that grows with the torque a servo transmits."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import mujoco
 import numpy as np
@@ -50,19 +50,23 @@ class LoadFriction(Effect):
         joint_actuator(spec, self.joint)
         hold_firmly(spec, self.joint)
 
-    def hook(self, model: mujoco.MjModel) -> StepHook:
-        """Return what sets the friction."""
-        assert self.joint is not None
-        joint = model.joint(self.joint).id
-        servo = servo_actuators(model, joint)
-        forces = model.actuator_outadr[servo]
-        levers = np.array([leverage(model, actuator, joint) for actuator in servo])
-        most = np.abs(model.jnt_actfrcrange[joint]).max() if model.jnt_actfrclimited[joint] else np.inf
-        dof = int(model.jnt_dofadr[joint])
+    @classmethod
+    def hook(cls, effects: Sequence[Self], model: mujoco.MjModel) -> StepHook:
+        """Return what sets the friction of all joints that have it."""
+        joints = [model.joint(effect.joint).id for effect in effects]
+        levers = np.zeros((model.nout, len(joints)))
+        for column, joint in enumerate(joints):
+            for actuator in servo_actuators(model, joint):
+                levers[model.actuator_outadr[actuator], column] = leverage(model, actuator, joint)
+        strongest = np.abs(model.jnt_actfrcrange[joints]).max(axis=1)
+        most = np.where(model.jnt_actfrclimited[joints], strongest, np.inf)
+        ratios = np.array([effect.ratio for effect in effects])
+        dofs = model.jnt_dofadr[joints]
 
         def add_friction(step: StepForces) -> None:
-            torque = np.minimum(abs(step.force[:, forces] @ levers), most)
-            load = np.where(step.released, 0.5 * abs(step.bias[:, dof]), torque)
-            step.friction[:, dof] += self.ratio * load
+            load = np.minimum(np.abs(step.force @ levers), most)
+            if step.released.any():
+                load = np.where(step.released[:, None], 0.5 * np.abs(step.bias[:, dofs]), load)
+            step.friction[:, dofs] += ratios * load
 
         return add_friction

@@ -17,7 +17,7 @@ from nas_data.policies.learner import Hyperparameters, Training
 from nas_data.policies.parallel import run_jobs
 from nas_data.policies.policy import load_policy, read_progress
 from nas_data.policies.ppo import Report, check_folder, to_stderr, train
-from nas_data.policies.share import Share, Stake, share, stake
+from nas_data.policies.share import Share, Stake, share, share_heading, stake
 from nas_data.policies.tables import aligned
 
 RESULT = "result.json"
@@ -272,7 +272,8 @@ class Comparison:
 
     def table(self) -> str:
         """Return the comparison as text."""
-        headers = ("method", "seeds", "return: median", "min … max", "success: median", "distance closed")
+        closed = share_heading(len(self.study.seeds))
+        headers = ("method", "seeds", "return: median", "min … max", "success: median", closed)
         at_stake = self.at_stake()
         nothing = None if at_stake is None else at_stake.sentence()
         told = [*([nothing] if nothing else []), *self.lost()]

@@ -65,6 +65,11 @@ def share(method: np.ndarray, source: np.ndarray, expert: np.ndarray) -> Share:
     return Share(closed, float(low), float(high), end - start, len(method))
 
 
+def share_heading(seeds: int) -> str:
+    """Return the heading of a column of shares, which says what their intervals over so many seeds are."""
+    return f"distance closed [{bootstrap_of(seeds)}]" if seeds > 1 else "distance closed"
+
+
 @dataclass(frozen=True)
 class Stake:
     """How far the expert's return is above the source's, medians over seeds.

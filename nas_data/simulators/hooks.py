@@ -14,8 +14,12 @@ WORTH_THREADS = 64  # simulations from which a second thread pays off
 
 
 def find_hooks(effects: Iterable[Effect], model: mujoco.MjModel) -> tuple[StepHook, ...]:
-    """Return the hooks of those effects that have one, for the model with the effects in it."""
-    hooks = (effect.hook(model) for effect in effects if not effect.is_neutral)
+    """Return the hooks of those effects that need one, one for each kind, for the model with the effects in it."""
+    kinds: dict[type[Effect], list[Effect]] = {}
+    for effect in effects:
+        if not effect.is_neutral:
+            kinds.setdefault(type(effect), []).append(effect)
+    hooks = (kind.hook(alike, model) for kind, alike in kinds.items())
     return tuple(hook for hook in hooks if hook is not None)
 
 

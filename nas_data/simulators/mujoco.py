@@ -129,7 +129,8 @@ class MujocoSimulator:
         self.compiled.check(initial, commands)
         if not commands.shape[1]:
             return np.empty((len(initial), 0, initial.shape[1]))
-        per_row = commands.shape[1] * self.substeps * mujoco.mj_stateSize(self.model, self._part)
+        kept = 1 if self.hooks else self.substeps  # of the physics steps of a row
+        per_row = commands.shape[1] * kept * mujoco.mj_stateSize(self.model, self._part)
         chunk = self.threads * max(1, CHUNK_STATES // max(1, per_row * self.threads))
         states = np.asarray(initial, float)
         first = self.rest(states) if holds is None else self.settled(states, holds)

@@ -15,8 +15,9 @@ from nas_data.experiments.pipeline.sizes import Sizes
 from nas_data.experiments.pipeline.stages import describe_stages
 from nas_data.experiments.pipeline.telling import describe_paired, notes
 from nas_data.policies.compare import Comparison, Study, compare
-from nas_data.policies.intervals import bootstrap_of, kind_of, median_interval, median_text
+from nas_data.policies.intervals import kind_of, median_interval, median_text
 from nas_data.policies.learner import Hyperparameters
+from nas_data.policies.share import share_heading
 from nas_data.policies.watching import watching
 from nas_data.stages import INDENT
 
@@ -32,7 +33,7 @@ def headers(seeds: int) -> tuple[str, ...]:
         "mean",
         "min … max",
         "success",
-        f"distance closed [{bootstrap_of(seeds)}]" if several else "distance closed",
+        share_heading(seeds),
         "authors: median",
         "authors: mean",
     )
