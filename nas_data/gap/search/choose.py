@@ -9,6 +9,9 @@ from nas_data.gap.search.opening import opened
 from nas_data.gap.search.prune import adequate, pruned, simplified
 from nas_data.gap.search.state import Search
 
+FAR = 5.0  # noise floors of rest in every joint from which a model is far from what was recorded
+LITTLE = 0.05  # of all that was gained, which then is too little to go on
+
 
 def choose(search: Search) -> Hypothesis:
     """Search and return the hypothesis that is kept."""
@@ -23,7 +26,18 @@ def choose(search: Search) -> Hypothesis:
         larger = larger or grown(search, kept, overlooked(search, kept))
         if larger is None:
             break
-        kept = detailed(search, joined(search, exchanged(search, search.refined(larger))))
+        before, kept = kept, detailed(search, joined(search, exchanged(search, search.refined(larger))))
         search.report("added", kept)
+        if lost(search, before, kept):
+            break
         around = kept.fit
     return pruned(search, adequate(search, simplified(search, pruned(search, kept))))
+
+
+def lost(search: Search, before: Hypothesis, kept: Hypothesis) -> bool:
+    """Whether a step brought little while every joint is far from explained.
+
+    What is missing then is not in the catalogue, and further names would only be bent to it.
+    """
+    gained = search.null.loss - kept.loss
+    return bool(search.ratio(kept).min() > FAR and before.loss - kept.loss < LITTLE * gained)
