@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from test_gap_workflow import ARM, recorded
 
 from nas_data.cli import main
 from nas_data.effects.base import parse
+from nas_data.gap.search.choose import lost
 from nas_data.gap.search.detail import detailed
 from nas_data.gap.search.fit import Task, fit
 from nas_data.gap.search.hypothesis import Hypothesis, labels, lent_slopes, place, relieves, strained
@@ -144,3 +146,19 @@ def test_the_place_of_a_payload_is_sought_where_the_data_tell_it(hidden: str, ap
     assert (set(found.to_json()["parameters"]) == {"mass", "x", "y", "z"}) == apart
     if apart:
         assert (found.y, found.z) == pytest.approx((0.04, 0.06), abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("rest", "losses", "expected"),
+    [
+        ((8.0, 6.0), (0.0, -1000.0, -1040.0), True),
+        ((8.0, 6.0), (0.0, -1000.0, -1060.0), False),  # it brings enough
+        ((8.0, 1.2), (0.0, -1000.0, -1040.0), False),  # one joint is nearly explained
+        ((1.2, 6.0), (0.0, -1000.0, -1040.0), True),  # a joint that stood still says nothing
+    ],
+)
+def test_a_search_that_is_lost_ends(rest, losses, expected):
+    null, before, kept = (SimpleNamespace(loss=loss) for loss in losses)
+    train = SimpleNamespace(nominal=SimpleNamespace(joints=("still" if rest[0] < 5 else "pan", "lift")))
+    search = SimpleNamespace(null=null, train=train, lively={"pan", "lift"}, ratio=lambda h: np.array(rest))
+    assert lost(search, before, kept) == expected

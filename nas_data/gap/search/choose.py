@@ -35,9 +35,10 @@ def choose(search: Search) -> Hypothesis:
 
 
 def lost(search: Search, before: Hypothesis, kept: Hypothesis) -> bool:
-    """Whether a step brought little while every joint is far from explained.
+    """Whether a step brought little while every joint that moved is far from explained.
 
     What is missing then is not in the catalogue, and further names would only be bent to it.
     """
-    gained = search.null.loss - kept.loss
-    return bool(search.ratio(kept).min() > FAR and before.loss - kept.loss < LITTLE * gained)
+    rest = zip(search.train.nominal.joints, search.ratio(kept), strict=True)
+    far = all(left > FAR for joint, left in rest if joint in search.lively)
+    return far and before.loss - kept.loss < LITTLE * (search.null.loss - kept.loss)
