@@ -176,6 +176,8 @@ def test_what_several_joints_lack_is_told_by_where_it_leads(
     monkeypatch.setattr(opening, "extensions", lambda search, h, around: after[id(h)])
     search = SimpleNamespace(report=lambda word, h: None)
     ranked = opening.opened(search, kept, [band, soft, one])
-    assert ranked[0].effects[0] == expected
-    assert {id(h) for h in ranked} == {id(band), id(soft), id(one)}
+    assert ranked[0].effects == (expected, expected, "rub")
+    assert ranked[1:] == [band, soft, one]
+    after[id(band)], after[id(soft)] = [], [Guess(("soft", "soft", "rub"), -400.0)]  # nothing helps either further
+    assert opening.opened(search, kept, [band, soft, one])[0] is band
     assert opening.opened(search, kept, [one, band, soft])[0] is one  # one joint alone explains most: nothing to decide

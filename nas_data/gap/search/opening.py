@@ -10,10 +10,11 @@ OPENINGS = 2  # that are followed one step further
 
 
 def opened(search: Search, kept: Hypothesis, ranked: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """Return hypotheses best first, those with one effect in several joints ordered by their best continuation.
+    """Return hypotheses best first; those with one effect in several joints ordered, and continued, by where they lead.
 
     A servo far softer than its model needs friction beside it before it explains what a dead band explains alone: where
-    all joints lack the same two things, the first of them may look worse by itself than a wrong one.
+    all joints lack the same two things, the first of them may look worse by itself than a wrong one, in all joints or
+    in one. So both steps are taken at once.
 
     Args:
         search: Search.
@@ -23,7 +24,7 @@ def opened(search: Search, kept: Hypothesis, ranked: Sequence[Hypothesis]) -> li
     several = [h for h in ranked if len(h.effects) > len(kept.effects) + 1 and promising(search, kept, h)][:OPENINGS]
     if len(several) < OPENINGS or ranked[0] is not several[0]:
         return list(ranked)
-    leads = [min([worth(after) for after in extensions(search, h, h.fit)], default=worth(h)) for h in several]
-    best = several[leads.index(min(leads))]
+    leads = [min([h, *extensions(search, h, h.fit)], key=worth) for h in several]
+    best = min(leads, key=worth)
     search.report("  opening", best)
-    return [best, *(h for h in ranked if h is not best)]
+    return [best, *ranked]
