@@ -1,0 +1,92 @@
+"""Show the catalogue of physical effects: what each means, its parameters, how it shows, what it is confused with."""
+
+import inspect
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import tyro
+
+from nas_data.commands.base import Command, Outcome
+
+if TYPE_CHECKING:
+    from nas_data.effects.base import Effect, Parameter
+
+WIDTH = 17  # of the longest name of a parameter
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effects(Command):
+    """Show the effects that `nas gap` names and adds, and that `nas record sim` hides in a target.
+
+    Example: nas effects
+
+    Example: nas effects backlash command_delay
+    """
+
+    names: tyro.conf.Positional[tuple[str, ...]] = ()
+    """Effects to show in full; all in short where left out."""
+
+    def run(self) -> Outcome:
+        """Collect and print them."""
+        from nas_data import registry
+        from nas_data.effects.base import find_effect
+
+        chosen = [find_effect(name) for name in self.names or registry.names("effects")]
+        if self.names:
+            text = "\n\n".join("\n".join(in_full(kind)) for kind in chosen)
+        else:
+            text = "\n".join([*(in_short(kind) for kind in chosen), "In full: nas effects NAME"])
+        return Outcome(text, {"effects": [described(kind) for kind in chosen]})
+
+
+def in_short(kind: "type[Effect]") -> str:
+    """Return a line: name, where it may sit, parameters."""
+    told = ", ".join(f"{p.name} [{p.unit}]" if p.unit else p.name for p in kind.parameters)
+    return f"{kind.name():<{WIDTH}} {' or '.join(places(kind)):<12} {told}"
+
+
+def in_full(kind: "type[Effect]") -> Iterator[str]:
+    """Yield what is known of an effect, line by line."""
+    beyond = "no: it acts between the physics steps, and the file holds the nearest effect that MJCF has"
+    told = {
+        "equation": kind.equation,
+        **{parameter.name: span(parameter) for parameter in kind.parameters},
+        "shows as": kind.signature,
+        "confused with": ", ".join(kind.confused_with) or "nothing that is known",
+        "in model.xml": "yes" if kind.in_model else beyond,
+        "source": kind.source,
+    }
+    yield f"{kind.name()} ({' or '.join(places(kind))}): {meaning(kind)}"
+    yield from (f"  {name:<{WIDTH}} {what}" for name, what in told.items())
+
+
+def span(parameter: "Parameter") -> str:
+    """Return a parameter's bounds, its unit and where it does nothing."""
+    return f"{parameter.low:g} … {parameter.high:g} {parameter.unit}".rstrip() + f", neutral at {parameter.neutral:g}"
+
+
+def places(kind: "type[Effect]") -> list[str]:
+    """Return where an effect may sit."""
+    return ["joint"] * kind.per_joint + ["arm"] * kind.whole_arm
+
+
+def meaning(kind: "type[Effect]") -> str:
+    """Return the first sentence about an effect."""
+    return (inspect.getdoc(kind) or "").split("\n\n")[0].replace("\n", " ")
+
+
+def described(kind: "type[Effect]") -> dict[str, object]:
+    """Return an effect for machines."""
+    limits = ("name", "unit", "low", "high", "neutral")
+    return {
+        "effect": kind.name(),
+        "meaning": meaning(kind),
+        "places": places(kind),
+        "parameters": [{key: getattr(parameter, key) for key in limits} for parameter in kind.parameters],
+        "equation": kind.equation,
+        "signature": kind.signature,
+        "confused_with": list(kind.confused_with),
+        "in_model": kind.in_model,
+        "source": kind.source,
+    }
