@@ -15,6 +15,7 @@ from nas_data.gap.search.choose import lost
 from nas_data.gap.search.detail import detailed
 from nas_data.gap.search.fit import Task, fit
 from nas_data.gap.search.hypothesis import Hypothesis, labels, lent_slopes, place, relieves, strained
+from nas_data.gap.search.prune import doubted_again
 from nas_data.gap.search.rivals import contenders, lead, outdone
 from nas_data.gap.search.state import Search
 from nas_data.gap.search.steps import stepped
@@ -162,3 +163,18 @@ def test_a_search_that_is_lost_ends(rest, losses, expected):
     train = SimpleNamespace(nominal=SimpleNamespace(joints=("still" if rest[0] < 5 else "pan", "lift")))
     search = SimpleNamespace(null=null, train=train, lively={"pan", "lift"}, ratio=lambda h: np.array(rest))
     assert lost(search, before, kept) == expected
+
+
+@pytest.mark.parametrize(
+    ("joints", "gone", "spare", "expected"),
+    [
+        ("abc", 1, {1}, [0, 1]),  # few: all are doubted again
+        ("abcdefghi", 2, {2, 5}, [4]),  # many: the other that could be spared
+        ("abcdefaac", 7, {7}, [0, 6]),  # and those of its joint
+        ("abcdefgh-", 1, {1}, [7]),  # and the whole arm's
+        ("abcdefgh-", 8, {8}, list(range(8))),  # which concerns all
+    ],
+)
+def test_many_effects_are_not_all_doubted_again(joints, gone, spare, expected):
+    effects = [SimpleNamespace(joint=None if joint == "-" else joint) for joint in joints]
+    assert doubted_again(effects, gone, spare) == expected

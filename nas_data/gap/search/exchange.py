@@ -2,15 +2,14 @@
 
 from functools import partial
 
-from nas_data.gap.search.hypothesis import Hypothesis, place, relief, strained
+from nas_data.gap.search.hypothesis import MANY, Hypothesis, place, relief, strained
 from nas_data.gap.search.screen import Candidate
 from nas_data.gap.search.state import FAR_BEHIND, Search
 from nas_data.gap.side_by_side import side_by_side
 
 UNSATISFIED = 1.25  # noise floors above which other effects are tried in the place of one that was found
-DOUBTED = 3  # effects in whose place others are tried
+DOUBTED = 3  # effects in whose place others are tried; where there are many, only the most doubted one's
 BETTER = 4.0  # nats by which another effect must lower the loss
-MANY = 8  # effects beyond which only the most doubted one is: each trial fits all of them anew
 EXCHANGED = 4  # effects that are tried there
 
 

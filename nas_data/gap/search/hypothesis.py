@@ -17,6 +17,7 @@ STRAINED = 2.5  # standard deviations from which a base parameter is hardly to b
 GAIN = 12.0  # nats by which an added effect must lower the loss on fitted episodes
 PLAUSIBLE = 12.0  # nats by which an effect may lower the loss by what it spares the base
 MOVED = 10.0  # noise floors between a joint's extremes in an episode from which it counts as having moved
+MANY = 8  # effects beyond which fewer of them are doubted at a time: each trial fits all of them anew
 
 Place = tuple[str, str | None]
 

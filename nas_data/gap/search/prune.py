@@ -1,12 +1,13 @@
 """Leave out what the data do not need: effects that help too little, parameters to spare, names that explain little."""
 
+from collections.abc import Container, Sequence
 from functools import partial
 
 import numpy as np
 
-from nas_data.effects.base import find_effect
+from nas_data.effects.base import Effect, find_effect
 from nas_data.gap.search.grow import NOTICEABLE
-from nas_data.gap.search.hypothesis import Hypothesis, place, relieves
+from nas_data.gap.search.hypothesis import MANY, Hypothesis, place, relieves
 from nas_data.gap.search.state import Search
 from nas_data.gap.side_by_side import side_by_side
 
@@ -21,14 +22,29 @@ UNEXPLAINED = 0.75  # part of a joint's error that must stay, for it to be calle
 
 def pruned(search: Search, kept: Hypothesis) -> Hypothesis:
     """Leave out every effect that held-out episodes do not need, the least needed first."""
+    doubted: Sequence[int] = range(len(kept.effects))
     while kept.effects:
-        rests = side_by_side(partial(search.without, kept), range(len(kept.effects)))
-        spare = [rest for rest in rests if rest is not None and not needs(search, rest, kept)]
+        rests = zip(doubted, side_by_side(partial(search.without, kept), doubted), strict=True)
+        spare = {number: rest for number, rest in rests if rest is not None and not needs(search, rest, kept)}
         if not spare:
             return kept
-        kept = min(spare, key=lambda rest: rest.loss)
+        least = min(spare, key=lambda number: spare[number].loss)
+        doubted = doubted_again(kept.effects, least, spare)
+        kept = spare[least]
         search.report("dropped to", kept)
     return kept
+
+
+def doubted_again(effects: Sequence[Effect], gone: int, spare: Container[int]) -> list[int]:
+    """Return the numbers, in what is left, of the effects that may be spared once one of them is gone.
+
+    All, unless they are many: then those that could be spared before, and those that the one gone shared a joint with.
+    """
+    joint = effects[gone].joint
+    few = len(effects) <= MANY or joint is None
+    left = [number for number in range(len(effects)) if number != gone]
+    near = [number for number in left if few or number in spare or effects[number].joint in (joint, None)]
+    return [number - (number > gone) for number in near]
 
 
 def needs(search: Search, without: Hypothesis, with_: Hypothesis) -> bool:
