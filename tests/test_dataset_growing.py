@@ -35,6 +35,19 @@ def test_what_is_saved_is_read(tmp_path):
     assert len(list(tmp_path.iterdir())) == 2
 
 
+def test_several_episodes_are_saved_together(tmp_path, monkeypatch):
+    growing = Growing(tmp_path / "rec")
+    for first, last in ((0, 2), (2, 3), (3, 4), (0, 3)):
+        growing.append(EPISODES.select(range(first, last)), SIMULATED)
+    whole = EPISODES.select([0, 1, 2, 3, 0, 1, 2])
+    assert same(read(tmp_path / "rec"), whole)
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
+    lerobot = pytest.importorskip("lerobot.datasets.lerobot_dataset")
+    dataset = lerobot.LeRobotDataset("nas/rec", root=tmp_path / "rec")
+    assert [int(dataset[frame]["episode_index"]) for frame in whole.starts] == list(range(7))
+    assert dataset.meta.episodes["dataset_to_index"] == (whole.starts + whole.lengths).tolist()
+
+
 def test_lerobot_reads_it_at_every_moment(tmp_path, monkeypatch):
     monkeypatch.setenv("HF_HUB_OFFLINE", "1")
     lerobot = pytest.importorskip("lerobot.datasets.lerobot_dataset")

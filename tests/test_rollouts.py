@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,19 +16,26 @@ from safetensors.numpy import save_file
 from xl320_samples import virtual
 
 from nas_data.cli import main
-from nas_data.dataset.features import ENVIRONMENT, NEXT_STATE, STATE
+from nas_data.dataset.features import DONE, ENVIRONMENT, NEXT_ENVIRONMENT, NEXT_STATE, REWARD, STATE, SUCCESS
+from nas_data.dataset.growing import Growing
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
 from nas_data.envs.base import find_task
+from nas_data.envs.ergo_shield import GUARD
+from nas_data.envs.ergo_shield import touches as geometric_touches
 from nas_data.errors import OptionError
+from nas_data.policies.evaluate import SEED
 from nas_data.recorders.ergojr_ways import Ways
 from nas_data.recorders.guarded import GuardedArm, Setup
 from nas_data.recorders.schedule import SteppedClock
 from nas_data.recorders.watchdog import Watchdog
 from nas_data.robots.base import find_robot
+from nas_data.rollouts import recorded
 from nas_data.rollouts.keyboard import EVENT, KEY_EVENT, KEY_S, Keyboard
 from nas_data.rollouts.robot_stepper import RobotStepper
+from nas_data.rollouts.rollout import judgements
+from nas_data.rollouts.two_arms import ways_of_two
 from nas_data.simulators.contact import contact_counts
 from nas_data.simulators.mujoco import MujocoSimulator
 from nas_data.virtual_bus.options import Options
@@ -39,6 +47,7 @@ from nas_data.xl320.units import TICK
 JOINTS = ergojr_joints()
 LOCKSTEP = ("--on", "ergojr", "--port", "virtual", "--lockstep")
 DUEL = (*LOCKSTEP, "--defender-port", "virtual")
+UNDER_WAY = Path("datasets/rolled/recording")
 
 
 @pytest.fixture(autouse=True)
@@ -114,6 +123,22 @@ def test_rollouts_are_kept_as_a_dataset(capsys):
     assert [path.name for path in Path("datasets/rolled").iterdir()] == [root.name]
 
 
+def test_each_row_holds_its_reward(capsys):
+    reacher = policy("ErgoReacher", (0.3, -0.2, 0.2, 0.1))
+    answer = evaluate(capsys, reacher, "--episodes", "2", *LOCKSTEP, "--record", "rolled")
+    dataset, task = read(Path(answer["dataset"])), find_task("ErgoReacher")
+    stepper = task.simulator().stepper(1)
+    for number, rows in enumerate(dataset.episodes()):
+        goals = task.start(np.random.default_rng(SEED + number)).goal[None]
+        for row in range(rows.start, rows.stop):
+            stepper.reset(dataset.next_states[row : row + 1].astype(float))
+            verdict = task.judge(stepper, goals, np.zeros((1, 4)))
+            assert dataset.columns[REWARD][row, 0] == pytest.approx(verdict.reward[0], abs=1e-5)
+            assert dataset.columns[SUCCESS][row, 0] == verdict.success[0]
+            assert dataset.columns[DONE][row, 0] == (row == rows.stop - 1)
+    assert answer["returns"] == [returns_of(dataset)]
+
+
 def test_an_arm_is_not_led_into_the_floor(capsys, monkeypatch):
     def touching(name: str) -> tuple[int, int]:
         """Roll out, and return how many commands were held back and in how many readings the arm touched something."""
@@ -149,6 +174,53 @@ def test_a_duel_is_fought_and_kept(capsys):
     assert np.ptp(opponent[:, :6], axis=0).max() > 0.1, "the defender takes another pose every 2.5 s"
     assert np.abs(opponent[:, :6]).max() < np.radians(45) + 0.1
     assert (answer["hits"], answer["missed"]) == ("simulated", 0.125)
+
+
+def test_a_sword_may_lie_on_a_shield_but_no_arm_on_the_other():
+    rng, task = np.random.default_rng(0), find_task("ErgoShield")
+    attackers, defenders = rng.uniform(-1.2, 1.2, (20_000, 6)), rng.uniform(-GUARD, GUARD, (20_000, 6))
+    stepper = task.simulator().stepper(len(attackers))
+    stepper.reset(np.concatenate([attackers, 0 * attackers, defenders, 0 * defenders], axis=1))
+    poses = np.concatenate([attackers, defenders], axis=1)
+    struck = poses[geometric_touches(stepper)]
+    bodies, edges, alone = ways_of_two(), ways_of_two(edges=True), Ways(find_robot("ergojr_penholder"))
+    assert len(struck) > 100
+    assert np.mean([edges.touches(pose) for pose in struck]) < 0.2, "the others have an arm on the other as well"
+    for pose in poses[:1000]:
+        assert alone.touches(pose[:6]) <= bodies.touches(pose) <= edges.touches(pose)
+    crashed = next(pose for pose in struck if bodies.touches(pose) and not alone.touches(pose[:6]))
+    upright = np.concatenate([np.zeros(6), crashed[6:]])
+    assert bodies.leads_into_touch(upright, crashed)
+    assert not bodies.leads_into_touch(crashed, upright)
+
+
+def test_arms_are_kept_from_touching_one_another(capsys, monkeypatch):
+    def touching(name: str) -> tuple[int, int]:
+        """Roll out, and return how many commands were held back and in how many readings the sword was in the arm."""
+        options = ("--episodes", "1", *DUEL, "--record", name, "--speed", "3", "--missed", "1", "--apart", "all")
+        answer = evaluate(capsys, policy("ErgoShield", (0.0, 0.3, 0.0, 0.0, 0.0, 0.0)), *options)
+        dataset, ways = read(Path(answer["dataset"])), ways_of_two(edges=True)
+        places = (dataset.next_states[:, :6], dataset.columns[NEXT_ENVIRONMENT][:, :6])
+        return answer["held_back"], sum(ways.touches(pose) for pose in np.concatenate(places, axis=1).astype(float))
+
+    task = replace(find_task("ErgoShield"), horizon=150)
+    monkeypatch.setattr("nas_data.commands._on_arm.find_task", lambda _: task)
+    held_back, touches = touching("careful")
+    assert held_back > 10
+    assert touches == 0
+    monkeypatch.setattr(RobotStepper, "_careful", lambda _, command: command)
+    held_back, touches = touching("careless")
+    assert held_back == 0
+    assert touches > 3
+
+
+def test_an_arm_stays_where_the_command_without_its_sag_keeps_it():
+    robot, pose = find_robot("ergojr_penholder"), np.array([0.1, 0.2, 0.2, 0.0, 0.1, 0.1])
+    simulator, sag = MujocoSimulator(robot, 0.01, threads=1), Ways(robot).sag(pose)
+    at_rest = np.concatenate([pose, 0 * pose])[None]
+    held, sagging = (simulator.rollout(at_rest, np.tile(c, (1, 200, 1)))[0, -1, :6] for c in (pose - sag, pose))
+    assert np.abs(held - pose).max() < 1e-6
+    assert np.abs(sagging - pose).max() > 0.05
 
 
 def test_a_word_about_one_arm_is_a_word_about_both(monkeypatch):
@@ -221,23 +293,140 @@ def test_where_one_arm_fails_both_are_left_without_torque(capsys):
         assert torques(attacker.port) == torques(defender.port) == [0] * 6
 
 
-def test_ctrl_c_makes_the_arm_safe_and_keeps_what_is_finished():
+def test_ctrl_c_makes_the_arm_safe_and_keeps_what_is_finished(capsys):
     reacher = policy("ErgoReacher", (0.3, -0.2, 0.2, 0.1))
     with VirtualBus(Options(honest=False)) as bus:
-        command = [sys.executable, "-m", "nas_data", "policy", "evaluate", reacher, "--on", "ergojr"]
-        command += ["--port", bus.port, "--record", "rolled"]
+        options = [reacher, "--on", "ergojr", "--port", bus.port, "--record", "rolled"]
+        command = [sys.executable, "-m", "nas_data", "policy", "evaluate", *options]
         process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-        recording, until = Path("datasets/rolled/recording"), time.monotonic() + 120
-        while not recording.exists():
+        until = time.monotonic() + 120
+        while not UNDER_WAY.exists():
             assert process.poll() is None and time.monotonic() < until
             time.sleep(0.05)
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=60)
         assert process.returncode == 130
-        assert "what was finished is kept" in said
+        assert "of 100 episodes are saved in datasets/rolled/recording; the same command goes on from there." in said
         assert torques(bus.port) == [0] * 6
-    assert read(Path("datasets/rolled")).n_episodes >= 1
+        count = read(UNDER_WAY).n_episodes
+        answer = evaluate(capsys, *options, "--finish")
+    assert len(answer["returns"]) == read(Path(answer["dataset"])).n_episodes == count >= 1
     assert verify(Path("datasets/rolled")) == []
+    assert not UNDER_WAY.exists()
+
+
+# Going on
+
+
+def test_rollouts_go_on_where_they_stopped(capsys):
+    reacher = policy("ErgoReacher", (0.3, -0.2, 0.2, 0.1))
+    options = (reacher, "--on", "ergojr", "--lockstep", "--episodes", "4", "--record", "rolled", "--port")
+    with virtual("adapter_pulled:after=6") as bus:
+        said = refused(capsys, *options, bus.port)
+    before, earlier = read(UNDER_WAY), returns_of(read(UNDER_WAY))
+    assert 0 < len(earlier) < 4
+    assert f"{len(earlier)} of 4 episodes are saved in {UNDER_WAY}; the same command goes on from there." in said
+    with virtual() as bus:
+        assert main(["policy", "evaluate", *options, bus.port, "--json"]) == 0
+    out, said = capsys.readouterr()
+    answer = json.loads(out)
+    assert f"{len(earlier)} of 4 episodes are saved in {UNDER_WAY}; going on with the next." in said
+    whole = read(Path(answer["dataset"]))
+    assert np.array_equal(whole.columns[STATE][: before.n_frames], before.columns[STATE])
+    assert whole.n_frames == answer["steps"]
+    assert answer["returns"] == [returns_of(whole)]
+    assert answer["returns"][0][: len(earlier)] == earlier
+    assert answer["groups"][0]["seeds"][0]["episodes"] == 4
+    assert answer["groups"][0]["seeds"][0]["return"] == pytest.approx(np.mean(returns_of(whole)))
+    assert answer["sittings"] == read_provenance(Path(answer["dataset"])).target["tally"]["sittings"] == 2
+    task = find_task("ErgoReacher")
+    for number, first in enumerate(whole.starts):
+        start = task.start(np.random.default_rng(SEED + number)).state[:6]
+        assert np.abs(whole.states[first, :6] - start).max() < 0.25, "the start that the episode has in simulation"
+    assert verify(Path(answer["dataset"])) == []
+
+
+def returns_of(dataset) -> list[float]:
+    """Return the sum of rewards of each rollout."""
+    return [float(judgement.score().returns[0]) for judgement in judgements(dataset)]
+
+
+@pytest.fixture
+def begun(capsys) -> tuple[str, ...]:
+    """Save some of three rollouts; return the options."""
+    options = (policy("ErgoReacher", (0.3, -0.2, 0.2, 0.1)), *LOCKSTEP, "--episodes", "3", "--record", "rolled")
+    with pytest.MonkeyPatch.context() as patch:
+        append, done = Growing.append, []
+
+        def once(growing: Growing, *arguments) -> None:
+            if done:
+                raise KeyboardInterrupt
+            done.append(append(growing, *arguments))
+
+        patch.setattr(Growing, "append", once)
+        assert main(["policy", "evaluate", *options]) == 130
+    capsys.readouterr()
+    return options
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        (("--speed", "3"), "setting of the servos"),
+        (("--episodes", "5"), "number of episodes"),
+        (("--largest-step", "0.5"), "largest step"),
+        (("policy",), "policy"),
+        (("seed",), "seed"),
+        (("task",), "task"),
+    ],
+)
+def test_rollouts_of_something_else_are_not_gone_on_with(capsys, monkeypatch, begun, changed, words):
+    if changed == ("policy",):
+        policy("ErgoReacher", (0.3, -0.2, 0.2, 0.2))
+    elif changed == ("seed",):
+        monkeypatch.setattr("nas_data.commands._on_arm.SEED", SEED + 1)
+    elif changed == ("task",):
+        identity = recorded.identity
+        monkeypatch.setattr(recorded, "identity", lambda known: {**identity(known), "environment": id(known)})
+    said = refused(capsys, *begun, *(changed if changed[0].startswith("--") else ()))
+    assert said == (
+        f"nas: {UNDER_WAY} was begun with another {words}; give the same to go on, --finish to make a dataset of it, "
+        "or another --record."
+    )
+    assert read(UNDER_WAY).n_episodes == 1
+
+
+def test_recordings_and_rollouts_are_not_mixed(capsys, begun):
+    assert main(["record", "ergojr", *LOCKSTEP[2:], "--name", "rolled", "--episodes", "1"]) == 2
+    assert "was begun with another command; give the same to go on" in capsys.readouterr().err
+
+
+def test_a_rollout_is_saved_with_all_its_bouts_or_not_at_all(capsys, monkeypatch):
+    task = replace(find_task("ErgoShield"), horizon=60)
+    monkeypatch.setattr("nas_data.commands._on_arm.find_task", lambda _: task)
+    calls = []
+
+    def touched(stepper) -> np.ndarray:
+        calls.append(len(calls) + 1)
+        if len(calls) == 95:
+            raise KeyboardInterrupt
+        return np.array([(len(calls) - 1) % 60 in (0, 20, 40)])  # the first is as if in touch already
+
+    monkeypatch.setattr("nas_data.rollouts.bench.touches", touched)
+    options = (policy("ErgoShield", (0.0,) * 6), "--episodes", "2", *DUEL, "--record", "rolled")
+    assert main(["policy", "evaluate", *options]) == 130
+    assert read(UNDER_WAY).lengths.tolist() == [21, 20, 19], "the second has touched once, and is not over"
+    calls[:] = [0] * 120
+    capsys.readouterr()
+    answer = evaluate(capsys, *options)
+    whole = read(Path(answer["dataset"]))
+    assert whole.lengths.tolist() == [21, 20, 19] * 2
+    assert answer["returns"] == [[2.0, 2.0]]
+    assert np.flatnonzero(whole.columns[REWARD][:, 0]).tolist() == [20, 40, 80, 100], (
+        "a hit is the last row of its bout"
+    )
+    assert np.flatnonzero(whole.columns[DONE][:, 0]).tolist() == [59, 119]
+    assert np.flatnonzero(~whole.columns[SUCCESS][:, 0].astype(bool)).tolist() == [*range(20), *range(60, 80)]
 
 
 @pytest.mark.parametrize(
@@ -261,6 +450,10 @@ def test_ctrl_c_makes_the_arm_safe_and_keeps_what_is_finished():
         ("ErgoReacher", ("--on", "ergojr", "--port", "/dev/nowhere"), "There is no port /dev/nowhere"),
         ("ErgoReacher", (*LOCKSTEP, "--record", "a/b"), "'a/b' is no name for a dataset"),
         ("ErgoReacher", (*LOCKSTEP, "--speed", "-1"), "speed limit is -1"),
+        ("ErgoReacher", ("--finish",), "Judging on 'target' takes no --finish"),
+        ("ErgoReacher", (*LOCKSTEP, "--finish"), "--finish needs --record NAME"),
+        ("ErgoReacher", (*LOCKSTEP, "--finish", "--record", "rolled"), "Nothing is saved in datasets/rolled/recording"),
+        ("ErgoReacher", (*LOCKSTEP, "--apart", "all"), "--apart all is about sword and shield"),
         ("Pusher", LOCKSTEP, "An ErgoJr cannot do the task of a pusher"),
     ],
 )

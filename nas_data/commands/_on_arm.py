@@ -2,24 +2,29 @@
 
 import sys
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from nas_data.commands.base import Outcome
 from nas_data.dataset.provenance import Provenance
 from nas_data.envs.base import Task, find_task
 from nas_data.errors import ArmError, OptionError
-from nas_data.policies.evaluate import SEED, Group
+from nas_data.policies.evaluate import SEED, Score
 from nas_data.policies.policy import find_policies, load_policy
 from nas_data.policies.tables import policy_table
 from nas_data.recorders.guarded import Setup
 from nas_data.recorders.schedule import MonotonicClock, SteppedClock
 from nas_data.recorders.stopping import stoppable
-from nas_data.rollouts.recorded import Recorder, Saved
-from nas_data.rollouts.robot_stepper import Bout, RobotStepper
-from nas_data.rollouts.rollout import Bench, judge, ways
+from nas_data.recorders.under_way import SAVING
+from nas_data.rollouts.bench import Bench, ways
+from nas_data.rollouts.programme import Programme
+from nas_data.rollouts.recorded import Recorder, Saved, saved_as
+from nas_data.rollouts.robot_stepper import RobotStepper, RolloutTally
+from nas_data.rollouts.rollout import roll_out_on_arm
 from nas_data.virtual_bus.ports import VIRTUAL, port_of
 from nas_data.xl320.calibration import joints_of
 from nas_data.xl320.configuration import Configuration
@@ -42,29 +47,73 @@ class OnArm:
     ids: tuple[str, str]
     hits: str
     missed: float
+    apart: str
     record: str | None
     speed: float
     largest_step: float
     lockstep: bool
+    finish: bool
 
     def run(self) -> Outcome:
-        """Roll out every policy."""
+        """Roll out every policy, as far as that is not yet saved; or make a dataset of what is."""
+        if self.finish:
+            return self._finish()
         environment = load_policy(find_policies(self.policies[0])[0]).environment
-        task, saved = find_task(environment), Saved()
+        programme = Programme.of(self.policies, environment, self.episodes)
         with ExitStack() as stack:
             stack.enter_context(stoppable())
+            saved = stack.enter_context(saved_as(self.record)) if self.record else None
+            task = find_task(environment)
             bench = self._bench(task, stack)
             bench.check(task)
-            ended: Callable[[Bout], None] = lambda _: None  # noqa: E731  # what takes bouts where none are kept
-            if self.record:
-                ended, saved = stack.enter_context(self._recorder(self.record, environment, bench).recording())
-            try:
-                with bench.open(task, ended) as on:
-                    groups = judge(self.policies, environment, on, self.episodes, Progress())
-            except ArmError as error:
-                kept = f" {saved.episodes} bouts are kept as datasets/{self.record}." if saved.episodes else ""
-                raise type(error)(f"{error}{kept}") from error
-        return self._outcome(environment, groups, on[1], saved)
+            tally = saved.tally if saved else RolloutTally()
+            tally.sittings += 1
+            if saved:
+                saved.go_on(self._recorder(programme, environment, bench))
+            with self._saying_what_is_saved(saved, programme), bench.open(task, tally) as on:
+                scores = self._roll_out(programme, on, saved)
+            path = saved.finish(_counted(tally)) if saved else None
+        return self._outcome(programme, environment, scores, tally, path)
+
+    def _roll_out(self, programme: Programme, on: tuple[Task, RobotStepper], saved: Saved | None) -> list[Score]:
+        """Roll out what is not yet saved; return how all episodes went."""
+        task, stepper = on
+        scores, turns = list(saved.scores) if saved else [], programme.turns()
+        progress = Progress(len(scores), len(turns))
+        for policy, seed in turns[len(scores) :]:
+            bouts, judgement = roll_out_on_arm(task, stepper, policy, seed)
+            if saved:
+                stepper.promise(SAVING)
+                saved.save(bouts, judgement)
+            scores.append(judgement.score())
+            progress(len(scores))
+        return scores
+
+    @contextmanager
+    def _saying_what_is_saved(self, saved: Saved | None, programme: Programme) -> Iterator[None]:
+        """Say where it goes on, and where it will go on if this context ends early."""
+        if saved is None:
+            yield
+            return
+        wanted = len(programme.turns())
+        if saved.scores:
+            say(f"{len(saved.scores)} of {wanted} episodes are saved in {saved.growing.root}; going on with the next.")
+        try:
+            yield
+        except (ArmError, OptionError) as error:
+            raise type(error)(f"{error} {saved.told(wanted)}") from error
+        except KeyboardInterrupt:
+            say(saved.told(wanted))
+            raise
+
+    def _finish(self) -> Outcome:
+        """Make a dataset of what is saved."""
+        assert self.record is not None
+        with saved_as(self.record) as saved:
+            path = saved.finish(_counted(saved.tally))
+        returns = [float(score.returns[0]) for score in saved.scores]
+        text = f"{len(returns)} episodes, mean return {np.mean(returns):.2f}.\n{_counted(saved.tally)}\n{path}"
+        return Outcome(text, {"dataset": path, "returns": returns, **_numbers(saved.tally)})
 
     def _bench(self, task: Task, stack: ExitStack) -> Bench:
         """Open the ports; a virtual arm lives as long as the stack."""
@@ -74,7 +123,14 @@ class OnArm:
         setups = [self._setup(name, own, task, stack) for name, own in zip(ports, self.ids, strict=False)]
         clock = SteppedClock() if self.lockstep else MonotonicClock()
         defender = setups[1] if len(setups) > 1 else None
-        return Bench(attacker=setups[0], defender=defender, clock=clock, hits=self.hits, missed=self.missed)
+        return Bench(
+            attacker=setups[0],
+            defender=defender,
+            clock=clock,
+            hits=self.hits,
+            missed=self.missed,
+            edges=self.apart == "all",
+        )
 
     def _setup(self, name: str, own: str, task: Task, stack: ExitStack) -> Setup:
         return Setup(
@@ -89,36 +145,46 @@ class OnArm:
     def _joints(self, port: str, own: str) -> Joints:
         return ergojr_joints() if port == VIRTUAL else joints_of(ergojr_joints(), "ergojr", own)
 
-    def _recorder(self, name: str, environment: str, bench: Bench) -> Recorder:
-        """Return what keeps the bouts."""
-        task, virtual = find_task(environment), self.port == VIRTUAL
-        target = {"kind": "virtual XL-320 servos" if virtual else "hardware", "hits": self.hits, "missed": self.missed}
+    def _recorder(self, programme: Programme, environment: str, bench: Bench) -> Recorder:
+        """Return how rollouts are kept; what its provenance says decides whether a recording may be gone on with."""
+        virtual = self.port == VIRTUAL
         provenance = Provenance(
             how="simulated" if virtual else "hardware",
             robot="ergojr",
-            target={**target, "configuration": bench.attacker.configuration.to_json()},
-            signal={"policies": [str(path) for path in self.policies], "environment": environment},
+            target={
+                "kind": "virtual XL-320 servos" if virtual else "hardware",
+                "arms": list(self.ids[: 2 if bench.defender else 1]),
+                "hits": self.hits,
+                "missed": self.missed,
+                "apart": self.apart,
+                "configuration": bench.attacker.configuration.to_json(),
+                "largest_step": self.largest_step,
+            },
+            signal={
+                "policies": [str(path) for path in self.policies],
+                "weights": programme.weights(),
+                "environment": environment,
+                "episodes": self.episodes,
+            },
             seeds=(SEED,),
             contiguous=True,
         )
         return Recorder(
-            name=name,
             joints=bench.attacker.joints,
             rate=bench.attacker.rate,
             task=environment,
-            objects=task.simulator().object_feature,
+            objects=find_task(environment).simulator().object_feature,
             provenance=provenance,
         )
 
-    def _outcome(self, environment: str, groups: list[Group], stepper: RobotStepper, saved: Saved) -> Outcome:
+    def _outcome(
+        self, programme: Programme, environment: str, scores: list[Score], tally: RolloutTally, path: Path | None
+    ) -> Outcome:
+        groups = programme.groups(scores)
         lines = [f"{environment} on {self.port}, {self.episodes} episodes a policy, mean actions:"]
-        lines += [policy_table(groups, {}), self._told_by()]
-        lines.append(
-            f"{stepper.late} of {stepper.steps} readings came late, {stepper.missed} of them by more than a period; "
-            f"{stepper.held_back} commands would have led into a "
-            "touch and were not sent."
-        )
-        lines += [f"{saved.episodes} bouts → {saved.path}"] if saved.path else []
+        lines += [policy_table(groups, {}), self._told_by(), _counted(tally)]
+        lines += [f"{len(scores)} episodes → {path}"] if path else []
+        returns = [float(score.returns[0]) for score in scores]
         data = {
             "environment": environment,
             "port": self.port,
@@ -126,11 +192,9 @@ class OnArm:
             "missed": self.missed,
             "episodes": self.episodes,
             "groups": [group.describe() for group in groups],
-            "steps": stepper.steps,
-            "late": stepper.late,
-            "missed_readings": stepper.missed,
-            "held_back": stepper.held_back,
-            "dataset": saved.path,
+            "returns": [returns[first : first + self.episodes] for first in range(0, len(returns), self.episodes)],
+            **_numbers(tally),
+            "dataset": path,
         }
         return Outcome("\n".join(lines), data)
 
@@ -144,17 +208,45 @@ class OnArm:
         return f"Hits are told by where the model has sword and shield in the measured poses{missed}."
 
 
+def _counted(tally: RolloutTally) -> str:
+    """Say what happened, for people."""
+    sittings = f" All in {tally.sittings} sittings." if tally.sittings > 1 else ""
+    return (
+        f"{tally.late} of {tally.steps} readings came late, {tally.missed} of them by more than a period; "
+        f"{tally.held_back} commands would have led into a touch and were not sent.{sittings}"
+    )
+
+
+def _numbers(tally: RolloutTally) -> dict[str, int]:
+    """Return the same for JSON."""
+    return {
+        "sittings": tally.sittings,
+        "steps": tally.steps,
+        "late": tally.late,
+        "missed_readings": tally.missed,
+        "held_back": tally.held_back,
+        "pauses": tally.pauses,
+        "retries": tally.retries,
+    }
+
+
 class Progress:
     """Says on stderr how many episodes are over, at most every two seconds."""
 
-    def __init__(self) -> None:
+    def __init__(self, first: int, wanted: int) -> None:
+        self._first, self._wanted = first, wanted
         self._began = self._spoken = time.monotonic()
 
-    def __call__(self, done: int, wanted: int) -> None:
+    def __call__(self, done: int) -> None:
         """Report."""
         now = time.monotonic()
-        if now - self._spoken < 2.0 and done < wanted:
+        if now - self._spoken < 2.0 and done < self._wanted:
             return
         self._spoken = now
-        left = (now - self._began) / done * (wanted - done)
-        print(f"{done} of {wanted} episodes, {left / 60:.0f} min left", file=sys.stderr, flush=True)
+        left = (now - self._began) / (done - self._first) * (self._wanted - done)
+        say(f"{done} of {self._wanted} episodes, {left / 60:.0f} min left")
+
+
+def say(text: str) -> None:
+    """Tell a person something at once."""
+    print(text, file=sys.stderr, flush=True)

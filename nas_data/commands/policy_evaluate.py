@@ -16,7 +16,7 @@ class PolicyEvaluate(Command):
 
     On an arm (--on ergojr) each episode begins with a slow way to its first pose: keep hands away. Ctrl-C stops it,
     holds it until it is slow and switches its torque off; it then sinks. Commands stay within limits and step size,
-    and those that would lead into a touch with the arm itself or the floor are not sent.
+    and those that would lead into a touch with the arm itself, the floor or the other arm are not sent.
 
     Example: nas policy evaluate runs/policy/ErgoReacher-source runs/policy/ErgoReacher-augmented
 
@@ -44,8 +44,14 @@ class PolicyEvaluate(Command):
     hits: str | None = None
     """Input device that says an 's' while sword and shield touch (a MakeyMakey), or 'simulated': told by where the
     model has them in the measured poses, which is what virtual arms take."""
+    apart: Literal["bodies", "all"] = "bodies"
+    """What of two arms is kept from touching: their bodies, or also the sword from the other body and the shield from
+    this one, which in simulation pass through."""
     record: str | None = None
-    """Keep what was read and sent as the next version of datasets/RECORD."""
+    """Keep what was read and sent, with its rewards, as the next version of datasets/RECORD; stopped at any moment, the
+    same command goes on after the last episode that is saved."""
+    finish: bool = False
+    """Roll out nothing more: make the dataset of what is saved."""
     speed: float = 1.745
     """Speed limit in the servos [rad/s], 100°/s as in the paper; take what the policy learned with. 0 for none."""
     largest_step: float = 3.2
@@ -79,6 +85,8 @@ class PolicyEvaluate(Command):
             "--hits": self.hits,
             "--record": self.record,
             "--lockstep": self.lockstep,
+            "--finish": self.finish,
+            "--apart": self.apart != "bodies",
         }
         simulations = {"--engine": self.engine != "mujoco", "--dynamics": self.dynamics != "backlash"}
         unused = [option for option, given in (simulations if self.port else arms).items() if given]
@@ -117,6 +125,8 @@ class PolicyEvaluate(Command):
     def _on_arm(self, port: str) -> Outcome:
         from nas_data.commands._on_arm import OnArm
 
+        if self.finish and not self.record:
+            raise OptionError("--finish needs --record NAME, what is to be finished.")
         if not self.largest_step > 0:
             raise OptionError(f"--largest-step is {self.largest_step}; it must be above zero.")
         virtual = {name for name in (port, self.defender_port) if name == "virtual"}
@@ -130,8 +140,10 @@ class PolicyEvaluate(Command):
             ids=(self.id, self.defender_id),
             hits=self.hits or "simulated",
             missed=self.missed,
+            apart=self.apart,
             record=self.record,
             speed=self.speed,
             largest_step=self.largest_step,
             lockstep=self.lockstep,
+            finish=self.finish,
         ).run()

@@ -2,7 +2,7 @@
 
 import sys
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -93,13 +93,14 @@ class RecordErgojr(Command):
         from nas_data.dataset.alone import alone
         from nas_data.dataset.growing import Growing
         from nas_data.dataset.versions import check_place
+        from nas_data.recorders.under_way import place
 
         protocol, configuration = self._protocol(), self._configuration()
         task = self.commands.stem if self.commands else protocol.excitation.name()
         name = self.name or f"{NAME}_{task}"
         check_place(out=self.out, name=name)
-        with alone(self._under_way(name)):
-            growing = Growing(self._under_way(name))
+        with alone(root := place(name, self.out)):
+            growing = Growing(root)
             if not self.finish:
                 self._record(growing, protocol, configuration)
             elif not growing.episodes:
@@ -139,33 +140,31 @@ class RecordErgojr(Command):
         """
         from nas_data.recorders.ergojr import PLAN
         from nas_data.recorders.ergojr_plan import Plan, draw_plan, plan_key
+        from nas_data.recorders.under_way import begun_with
         from nas_data.robots.base import find_robot
 
         robot = find_robot(NAME)
         if not growing.episodes:
             return draw_plan(robot, protocol, self.rate, self.speed, Counting("planned"))
+        if not (growing.root / PLAN).is_file():  # rollouts of policies have none
+            raise begun_with(growing.root, "another command")
         plan = Plan.from_bytes((growing.root / PLAN).read_bytes())
         if plan.key != plan_key(robot, protocol, self.rate, self.speed):
-            raise OptionError(
-                f"{growing.root} was begun with other options; give the same ones to go on, --finish to make a dataset "
-                "of it, or another --name."
-            )
+            raise begun_with(growing.root, "other options")
         return plan
 
     def _finish(self, growing: "Growing", name: str) -> Outcome:
         """Make a dataset of what is saved, and remove the recording."""
         from nas_data.dataset.content import content_hash
-        from nas_data.dataset.provenance import now, read_provenance
+        from nas_data.dataset.provenance import read_provenance
         from nas_data.dataset.read import read
-        from nas_data.dataset.versions import save
         from nas_data.recorders.ergojr_tally import Tally, summary, told
+        from nas_data.recorders.under_way import complete
 
         dataset, provenance = read(growing.root), read_provenance(growing.root)
         assert provenance is not None
         numbers = summary(dataset, Tally.of(provenance.target))
-        complete = replace(provenance, when=now(), files={}, notes="\n".join(told(numbers)))
-        path = save(dataset, complete, out=self.out, name=name)
-        growing.remove()
+        path = complete(growing, dataset, "\n".join(told(numbers)), name=name, out=self.out)
         text = (
             f"Recorded {dataset.n_episodes} episodes, {dataset.n_frames} frames at {dataset.fps:g} Hz.\n"
             + "\n".join(told(numbers))
@@ -173,12 +172,6 @@ class RecordErgojr(Command):
         )
         data = {"dataset": str(path), "episodes": dataset.n_episodes, "frames": dataset.n_frames, "fps": dataset.fps}
         return Outcome(text, {**data, **numbers, "content_hash": content_hash(dataset)})
-
-    def _under_way(self, name: str) -> Path:
-        """Return where the recording grows until it is complete."""
-        from nas_data.dataset.versions import FOLDER
-
-        return self.out.with_name(f"{self.out.name}.recording") if self.out else FOLDER / name / "recording"
 
     def _protocol(self) -> "Protocol":
         from nas_data.excitations.base import parse

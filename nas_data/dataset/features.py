@@ -12,6 +12,9 @@ SIM_STATE = "next.observation.sim_state"
 ENVIRONMENT = "observation.environment_state"
 NEXT_ENVIRONMENT = "next.observation.environment_state"
 SIM_ENVIRONMENT = "next.observation.sim_environment_state"
+REWARD = "next.reward"
+DONE = "next.done"
+SUCCESS = "next.success"
 TIME = "nas.time"
 
 POSITION = ".pos"
@@ -89,3 +92,13 @@ def effort_feature(joints: Sequence[str]) -> Feature:
 def time_feature() -> Feature:
     """Seconds since the episode's start by the recorder's clock; float64, which holds microseconds for years."""
     return Feature(names=("time",), units=("s",), dtype="float64")
+
+
+def flag_feature(key: str) -> Feature:
+    """A yes or no a frame, named as LeRobot names what has no names."""
+    return Feature(names=(key,), dtype="bool")
+
+
+def reward_feature() -> Feature:
+    """The reward of the step from a frame to the next, in the task's own units."""
+    return Feature(names=(REWARD,))

@@ -1,7 +1,7 @@
 """A dataset that grows by whole episodes, each of them on the disk and readable before it is called saved.
 
 At every moment, whatever kills the writer, the folder is a LeRobot dataset of the episodes that were saved: it is a
-symbolic link, and saving an episode makes a second folder (hard links to the old files, and the new ones) to which the
+symbolic link, and saving episodes makes a second folder (hard links to the old files, and the new ones) to which the
 link is turned by one rename.
 """
 
@@ -59,22 +59,22 @@ class Growing:
         """Number of episodes that are saved."""
         return layout.total(layout.read_info(self.root), "total_episodes") if self.root.is_symlink() else 0
 
-    def append(self, episode: Dataset, provenance: Provenance, attachments: dict[str, bytes] | None = None) -> None:
-        """Save an episode; when this returns, it outlives everything but the disk.
+    def append(self, episodes: Dataset, provenance: Provenance, attachments: dict[str, bytes] | None = None) -> None:
+        """Save episodes, all of them or none; when this returns, they outlive everything but the disk.
 
         Args:
-            episode: A dataset of one episode, of the same features and the same task each time.
+            episodes: A dataset of at least one episode, of the same features and the same task each time.
             provenance: Where the episodes come from.
-            attachments: Further files by their path, stored with the first episode.
+            attachments: Further files by their path, stored with the first episodes.
         """
         number = self.episodes
         self.root.parent.mkdir(parents=True, exist_ok=True)
-        folder = self._generation(number + 1)
+        folder = self._generation(number + episodes.n_episodes)
         shutil.rmtree(folder, ignore_errors=True)
         if number:
-            self._extend(folder, episode, provenance)
+            self._extend(folder, episodes, provenance)
         else:
-            fill(folder, episode, provenance, attachments or {})
+            fill(folder, episodes, provenance, attachments or {})
             (folder / layout.STATS).unlink()  # statistics of the whole are made at the end
         for path in [folder, *(path for path in folder.rglob("*") if path.is_dir())]:
             flush_folder(path)
@@ -88,37 +88,41 @@ class Growing:
         for folder in self._generations():
             shutil.rmtree(folder)
 
-    def _extend(self, folder: Path, episode: Dataset, provenance: Provenance) -> None:
-        """Make a folder of the old files and one more episode."""
+    def _extend(self, folder: Path, episodes: Dataset, provenance: Provenance) -> None:
+        """Make a folder of the old files and of more episodes."""
         info = layout.read_info(self.root)
         number, rows = layout.total(info, "total_episodes"), layout.total(info, "total_frames")
-        features = layout.vector_features(info)
-        if features != dict(episode.features) or list(read_tasks(self.root).values()) != [episode.tasks[0]]:
+        features, tasks = layout.vector_features(info), list(read_tasks(self.root).values())
+        if features != dict(episodes.features) or [*dict.fromkeys(episodes.tasks)] != tasks:
             raise DatasetInvalid(
                 f"{self.root} has other features or another task than the episode to be added; choose another name."
             )
         _link(self.root.resolve(), folder)
-        columns = {key: stored_column(episode, key) for key in episode.features}
-        columns |= automatic_columns(episode, [episode.tasks[0]])
+        columns = {key: stored_column(episodes, key) for key in episodes.features}
+        columns |= automatic_columns(episodes, tasks)
         columns["episode_index"] = columns["episode_index"] + number
         columns["index"] = columns["index"] + rows
-        put(folder / layout.numbered(layout.DATA_TEMPLATE, number), data_file(columns, episode.lengths, range(1)))
-        put(folder / layout.numbered(layout.EPISODES_TEMPLATE, number), self._entry(episode, columns, number, rows))
-        whole = info_of(episode, layout.total(info, "total_tasks"))
-        whole |= {"total_episodes": number + 1, "total_frames": rows + episode.n_frames}
-        put(folder / layout.INFO, json_bytes(whole | {"splits": {"train": f"0:{number + 1}"}}))
+        content = data_file(columns, episodes.lengths, range(episodes.n_episodes))
+        put(folder / layout.numbered(layout.DATA_TEMPLATE, number), content)
+        put(folder / layout.numbered(layout.EPISODES_TEMPLATE, number), self._entries(episodes, columns, number, rows))
+        whole = info_of(episodes, layout.total(info, "total_tasks"))
+        count = number + episodes.n_episodes
+        whole |= {"total_episodes": count, "total_frames": rows + episodes.n_frames, "splits": {"train": f"0:{count}"}}
+        put(folder / layout.INFO, json_bytes(whole))
         put(folder / layout.PROVENANCE, json_bytes(replace(provenance, files={}).to_json()))
 
-    def _entry(self, episode: Dataset, columns: dict[str, np.ndarray], number: int, rows: int) -> memoryview:
-        """Return the file of the episode table that speaks of one more episode."""
-        table = episode_table(episode, [range(1)], statistics(columns, episode.lengths))
-        chunk, file = divmod(number, layout.FILES_PER_CHUNK)
-        places = {"data/chunk_index": chunk, "data/file_index": file, "episode_index": number}
-        places |= {"dataset_from_index": rows, "dataset_to_index": rows + episode.n_frames}
-        for key, value in places.items():
-            table = table.set_column(table.column_names.index(key), key, numbers(np.array([value])))
-        for key, value in {"meta/episodes/chunk_index": chunk, "meta/episodes/file_index": file}.items():
-            table = table.append_column(key, numbers(np.array([value])))
+    def _entries(self, episodes: Dataset, columns: dict[str, np.ndarray], number: int, rows: int) -> memoryview:
+        """Return the file of the episode table that speaks of more episodes."""
+        table = episode_table(episodes, [range(episodes.n_episodes)], statistics(columns, episodes.lengths))
+        chunk, file = (np.full(episodes.n_episodes, part) for part in divmod(number, layout.FILES_PER_CHUNK))
+        first = rows + episodes.starts
+        places = {"data/chunk_index": chunk, "data/file_index": file}
+        places["episode_index"] = number + np.arange(episodes.n_episodes)
+        places |= {"dataset_from_index": first, "dataset_to_index": first + episodes.lengths}
+        for key, values in places.items():
+            table = table.set_column(table.column_names.index(key), key, numbers(values))
+        for key, values in {"meta/episodes/chunk_index": chunk, "meta/episodes/file_index": file}.items():
+            table = table.append_column(key, numbers(values))
         return parquet(table)
 
     def _turn_to(self, folder: Path) -> None:

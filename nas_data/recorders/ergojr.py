@@ -14,13 +14,13 @@ from nas_data.recorders.ergojr_plan import Plan
 from nas_data.recorders.ergojr_tally import Tally
 from nas_data.recorders.guarded import GuardedArm, Setup
 from nas_data.recorders.schedule import Clock
+from nas_data.recorders.under_way import SAVING, told
 from nas_data.xl320.arm import Arm
 from nas_data.xl320.joints import Joints
 
 PLAN = "meta/plan.npz"
 TRIES = 3  # times that an episode is begun before it is given up, or taken with readings that were missed
 REST = 1.0  # [s] that a line has to recover
-SAVING = 10.0  # [s] that the disk may take for an episode while the arm stands still
 PASSING = (BadReply, ServoSilent, NobodyAnswers)  # what may have been a loose plug or noise
 
 
@@ -161,7 +161,4 @@ class Recording:
         return replace(self._job.provenance, target={**arm.describe(), **known, **made})
 
     def _saved(self) -> str:
-        count, wanted = self.growing.episodes, len(self._job.plan.commands)
-        if not count:
-            return "Nothing was recorded yet."
-        return f"{count} of {wanted} episodes are saved in {self.growing.root}; the same command goes on from there."
+        return told(self.growing.root, self.growing.episodes, len(self._job.plan.commands))

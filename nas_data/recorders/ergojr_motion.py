@@ -141,6 +141,14 @@ class Motion:
         self.record_reading(episode, start + len(commands) * self.period)
         return episode
 
+    def promise(self, seconds: float) -> None:
+        """Tell the guard until when the next word comes [s from now].
+
+        Raises:
+            GuardLost: the guard is gone.
+        """
+        self._alive(seconds)
+
     def sense(self) -> Reading:
         """Read the arm.
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from typing import Self
 
 import numpy as np
 
@@ -31,7 +32,7 @@ class Tally:
     retries: int = 0
 
     @classmethod
-    def of(cls, target: Mapping[str, object] | None) -> "Tally":
+    def of(cls, target: Mapping[str, object] | None) -> Self:
         """Read the counts from a recording's provenance."""
         stored = (target or {}).get("tally")
         known = dict(stored) if isinstance(stored, Mapping) else {}

@@ -64,6 +64,20 @@ class Ways:
         now = touches(self._simulator, begin, self._room) if soon else {}
         return any(distance < now.get(pair, np.inf) for pair, distance in soon.items())
 
+    def sag(self, pose: np.ndarray) -> np.ndarray:
+        """Return how far the arm hangs from a command that keeps it in a pose [rad], shape (n,): pose minus command.
+
+        A servo without integral gain gives way until its spring carries the weight: gravity's torque over its gain.
+        """
+        model, data, layout = self._simulator.model, self._room, self._simulator.layout
+        data.qpos[layout.qpos], data.qvel[:] = pose, 0.0
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_comVel(model, data)
+        torques = np.empty(model.nv)
+        mujoco.mj_rne(model, data, 0, torques)
+        return np.asarray(-torques[layout.dof] / model.actuator_gainprm[layout.control, 0])
+
     def _candidates(self, begin: np.ndarray, end: np.ndarray) -> Iterator[list[np.ndarray]]:
         """Yield the straight way, that over the rest pose, and those that move one joint first or last."""
         yield [end]

@@ -1,84 +1,82 @@
-"""Rollouts as a dataset: each stretch from one reset to the next is an episode, on the disk before the next begins."""
+"""Rollouts as a dataset: each is on the disk, with its rewards, before the next begins; a second run goes on."""
 
-from collections.abc import Callable, Iterator
+import json
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from nas_data.dataset.alone import alone
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import ENVIRONMENT, NEXT_ENVIRONMENT, Feature
+from nas_data.dataset.features import (
+    DONE,
+    ENVIRONMENT,
+    NEXT_ENVIRONMENT,
+    REWARD,
+    SUCCESS,
+    Feature,
+    flag_feature,
+    reward_feature,
+)
 from nas_data.dataset.growing import Growing
-from nas_data.dataset.provenance import Provenance, now, read_provenance
+from nas_data.dataset.merge import concatenate
+from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
-from nas_data.dataset.versions import FOLDER, check_place, save
-from nas_data.errors import OutputExists
+from nas_data.dataset.versions import check_place
+from nas_data.errors import OptionError
+from nas_data.policies.evaluate import Score
 from nas_data.recorders.ergojr_dataset import to_dataset
-from nas_data.rollouts.robot_stepper import Bout
+from nas_data.recorders.under_way import begun_with, complete, place, told
+from nas_data.rollouts.robot_stepper import Bout, RolloutTally
+from nas_data.rollouts.rollout import Judgement, judgements
 from nas_data.xl320.joints import Joints
 
-
-@dataclass
-class Saved:
-    """What became of a recording.
-
-    Attributes:
-        path: Its dataset, once it is complete; None where nothing was recorded.
-        episodes: How many are saved.
-    """
-
-    path: Path | None = None
-    episodes: int = 0
+FEATURES = {REWARD: reward_feature(), DONE: flag_feature(DONE), SUCCESS: flag_feature(SUCCESS)}
+WORDS = {  # what the user would call that in which two series of rollouts differ
+    "how": "kind of arm",
+    "kind": "kind of arm",
+    "arms": "arm",
+    "robot": "robot",
+    "environment": "task",
+    "weights": "policy",
+    "seeds": "seed",
+    "episodes": "number of episodes",
+    "configuration": "setting of the servos",
+    "largest_step": "largest step",
+    "hits": "source of hits",
+    "missed": "share of missed touches",
+    "apart": "answer to what is kept apart",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Recorder:
-    """How bouts become a dataset.
+    """How rollouts become a dataset.
 
     Attributes:
-        name: Of the dataset.
         joints: The arm's.
         rate: Control rate [Hz].
         task: Name of the environment.
         objects: What is known of the defender; of no width where there is none.
-        provenance: Where the episodes come from.
+        provenance: Where the episodes come from, without the tally. Rollouts of an equal one may be gone on with.
     """
 
-    name: str
     joints: Joints
     rate: float
     task: str
     objects: Feature
     provenance: Provenance
 
-    @contextmanager
-    def recording(self) -> Iterator[tuple[Callable[[Bout], None], Saved]]:
-        """Yield what takes bouts, and what became of them; whatever ends this context, they are a dataset then.
+    def dataset(self, bouts: Sequence[Bout], judgement: Judgement) -> Dataset:
+        """Return a rollout of T steps as a dataset of one episode a bout."""
+        dataset = concatenate([self._bout(bout) for bout in bouts])
+        for key, column in judgement.columns().items():
+            dataset = dataset.with_column(key, FEATURES[key], column)
+        return dataset
 
-        Raises:
-            OutputExists: a recording of that name is under way.
-            BeingWritten: another program records under that name.
-        """
-        check_place(name=self.name)
-        root, saved = FOLDER / self.name / "recording", Saved()
-        with alone(root):
-            growing = Growing(root)
-            if growing.episodes:
-                raise OutputExists(f"{root} holds a recording under way; finish it first, or choose another --record.")
-
-            def take(bout: Bout) -> None:
-                growing.append(self._dataset(bout), self.provenance)
-                saved.episodes = growing.episodes
-
-            try:
-                yield take, saved
-            finally:
-                if growing.episodes:
-                    saved.path = self._finish(growing)
-
-    def _dataset(self, bout: Bout) -> Dataset:
+    def _bout(self, bout: Bout) -> Dataset:
         dataset = to_dataset(bout, self.joints, self.rate, self.task)
         if not self.objects.width:
             return dataset
@@ -86,9 +84,86 @@ class Recorder:
         dataset = dataset.with_column(ENVIRONMENT, self.objects, opponents[:-1])
         return dataset.with_column(NEXT_ENVIRONMENT, self.objects, opponents[1:])
 
-    def _finish(self, growing: Growing) -> Path:
-        provenance = read_provenance(growing.root)
-        assert provenance is not None
-        path = save(read(growing.root), replace(provenance, when=now(), files={}), name=self.name)
-        growing.remove()
-        return path
+
+class Saved:
+    """Rollouts that are saved under a name, and may become more.
+
+    Attributes:
+        name: Of the dataset that they become.
+        growing: Where they are.
+        scores: How each went.
+        tally: What happened while they were made.
+    """
+
+    def __init__(self, name: str, growing: Growing) -> None:
+        """Read what an earlier run saved.
+
+        Raises:
+            OptionError: something else is under way there.
+        """
+        self.name, self.growing, self.scores = name, growing, list[Score]()
+        self._known = read_provenance(growing.root) if growing.episodes else None
+        self.tally = RolloutTally.of(self._known.target if self._known else None)
+        self._recorder: Recorder | None = None
+        if self._known:
+            dataset = read(growing.root)
+            if not FEATURES.keys() <= dataset.features.keys():
+                raise begun_with(growing.root, "another command", "--record")
+            self.scores = [judgement.score() for judgement in judgements(dataset)]
+
+    def go_on(self, recorder: Recorder) -> None:
+        """Begin, or go on with, what a recorder makes datasets of.
+
+        Raises:
+            OptionError: what is saved is of another kind; says in what it differs.
+        """
+        self._recorder = recorder
+        if self._known:
+            earlier, now = identity(self._known), identity(recorder.provenance)
+            other = dict.fromkeys(word for key, word in WORDS.items() if earlier[key] != now[key])
+            if other:
+                raise begun_with(self.growing.root, f"another {' and '.join(other)}", "--record")
+
+    def save(self, bouts: Sequence[Bout], judgement: Judgement) -> None:
+        """Save a rollout, after `go_on`; when this returns, it outlives everything but the disk."""
+        assert self._recorder is not None
+        provenance = self._recorder.provenance
+        target = {**(provenance.target or {}), "tally": asdict(self.tally)}
+        self.growing.append(self._recorder.dataset(bouts, judgement), replace(provenance, target=target))
+        self.scores.append(judgement.score())
+
+    def told(self, wanted: int) -> str:
+        """Say how many episodes of how many are saved, and how it goes on."""
+        return told(self.growing.root, len(self.scores), wanted)
+
+    def finish(self, notes: str) -> Path:
+        """Make a dataset of what is saved, and return its folder.
+
+        Args:
+            notes: On how it came about, for people.
+
+        Raises:
+            OptionError: nothing is saved.
+        """
+        if not self.growing.episodes:
+            raise OptionError(f"Nothing is saved in {self.growing.root} that could be finished; record first.")
+        return complete(self.growing, read(self.growing.root), notes, name=self.name)
+
+
+@contextmanager
+def saved_as(name: str) -> Iterator[Saved]:
+    """Yield what is saved under a name; nobody else writes there as long as this context is open.
+
+    Raises:
+        BeingWritten: another program records under that name.
+        OptionError: no name for a dataset, or something else is under way there.
+    """
+    check_place(name=name)
+    with alone(root := place(name)):
+        yield Saved(name, Growing(root))
+
+
+def identity(provenance: Provenance) -> dict[str, object]:
+    """Return what must be alike in rollouts that are one recording, by the keys of `WORDS`."""
+    values = {**provenance.to_json(), **(provenance.target or {}), **(provenance.signal or {})}
+    return {key: json.loads(json.dumps(values.get(key))) for key in WORDS}

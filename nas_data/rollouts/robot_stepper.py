@@ -1,12 +1,12 @@
 """One arm, or two, in place of a batch of simulations: what is read is the state, what is commanded moves servos."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from nas_data.errors import OptionError
 from nas_data.recorders.ergojr_motion import LEAD, Episode, Motion
+from nas_data.recorders.ergojr_tally import Tally
 from nas_data.recorders.ergojr_ways import Ways
 from nas_data.simulators.base import Simulator
 from nas_data.xl320.arm import Reading
@@ -26,20 +26,33 @@ class Bout(Episode):
     opponents: list[np.ndarray] = field(default_factory=list)
 
 
+@dataclass
+class RolloutTally(Tally):
+    """Counts over all sittings of rollouts.
+
+    Attributes:
+        steps: Commands.
+        late: Readings after a command that came late; those that were missed are among them.
+        held_back: Commands that would have led into a touch, and were not sent.
+    """
+
+    steps: int = 0
+    late: int = 0
+    held_back: int = 0
+
+
 class RobotStepper:
     """An arm, and a defender where the task has one, behind the interface of a batch of one simulation.
 
-    A reset is a slow way to the first pose. A command that would bring the arm into touch with itself or the floor
-    within a tenth of a second is not sent: the arm goes back to where it was safe. Sites are where the model has them
-    in the measured pose.
+    A reset is a slow way to the first pose. A command that would bring the arm into touch with itself, the floor or
+    the defender within a tenth of a second is not sent: the arm goes back to where it was safe. The defender waits
+    where it was safe while its own way would lead into the attacker. Sites are where the model has them in the
+    measured pose.
 
     Attributes:
         joints: Names of the commanded joints.
         size: 1.
-        held_back: Commands that were not sent.
-        late: Readings after a command that came late.
-        missed: Those of them whose moment was lost.
-        steps: Commands so far.
+        tally: What happened so far.
     """
 
     def __init__(
@@ -49,7 +62,7 @@ class RobotStepper:
         model: Simulator,
         ways: Ways,
         reach: float,
-        ended: Callable[[Bout], None] = lambda _: None,
+        tally: RolloutTally | None = None,
     ) -> None:
         """Take arms over.
 
@@ -57,17 +70,15 @@ class RobotStepper:
             attacker: The arm that is commanded.
             defender: The other one.
             model: The task's model, which tells where sites are.
-            ways: What the arm touches.
+            ways: What touches in poses of the arm [rad], shape (n,), or of both, the attacker's first, shape (2n,).
             reach: How far a joint may get in the time that is looked ahead [rad].
-            ended: Told what was read and sent, at each reset and at the end.
+            tally: What happened so far; nothing where None.
         """
-        self.joints, self.size = model.joints, 1
-        self.held_back = self.late = self.missed = self.steps = 0
+        self.joints, self.size, self.tally = model.joints, 1, tally or RolloutTally()
         self._attacker, self._defender, self._ways, self._reach = attacker, defender, ways, reach
-        self._body, self._ended = model.stepper(1), ended
-        self._width = model.object_feature.width
-        self._bout, self._due = Bout(), 0.0
-        self._state, self._opponent = np.zeros(2 * len(self.joints)), np.zeros(self._width)
+        self._body, self._retries = model.stepper(1), 0
+        self._bouts, self._bout, self._due = list[Bout](), Bout(), 0.0
+        self._state, self._opponent = np.zeros(2 * len(self.joints)), np.zeros(model.object_feature.width)
         self._guidance: np.ndarray = np.zeros(len(self.joints))
         self._safe: np.ndarray = self._guidance
 
@@ -83,15 +94,16 @@ class RobotStepper:
 
     def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
         """Bring the arms slowly into their first poses, one after the other; see `Stepper.reset`."""
-        self.end()
+        self._end_bout()
         n = len(self.joints)
         self._guidance = states[0, 2 * n : 3 * n].copy()
-        _bring(self._attacker, states[0, :n])
+        self._bring(self._attacker, states[0, :n])
         if self._defender:
-            _bring(self._defender, self._guidance)
+            self._bring(self._defender, self._guidance)
         self._bout, self._due = Bout(), self._attacker.clock.now() + LEAD
         self._read()
-        self._safe = self._state[:n]
+        here, _ = self._halves()
+        self._safe = here - self._ways.sag(here)
 
     def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
         """Command the defender from now on; see `Stepper.guide`."""
@@ -99,12 +111,14 @@ class RobotStepper:
 
     def step(self, commands: np.ndarray) -> np.ndarray:
         """Send commands (1, n), wait for the end of the control period, and read the arms."""
-        self._attacker.record_command(self._bout, self._careful(commands[0]))
+        n = len(self.joints)
+        sent = self._careful(np.concatenate([commands[0], self._guidance]))
+        self._attacker.record_command(self._bout, sent[:n])
         if self._defender:
-            self._defender.send(self._guidance)
+            self._defender.send(sent[n:])
         self._due += self._attacker.period
         self._read()
-        self.steps += 1
+        self.tally.steps += 1
         return self.states
 
     def set_states(self, states: np.ndarray) -> None:
@@ -120,13 +134,25 @@ class RobotStepper:
         self._body.reset(np.concatenate([self._state, self._opponent])[None])
         return self._body.site_positions(name)
 
-    def end(self) -> None:
-        """Hand over what was read and sent since the last reset."""
+    def take_bouts(self) -> list[Bout]:
+        """Return what was read and sent since the last call, one bout from reset to reset; the present one is over."""
+        self._end_bout()
+        bouts, self._bouts = self._bouts, []
+        retries = sum(motion.arm.retries for motion in (self._attacker, self._defender) if motion)
+        self.tally.retries, self._retries = self.tally.retries + retries - self._retries, retries
+        return bouts
+
+    def promise(self, seconds: float) -> None:
+        """Tell the guards until when the next word comes [s from now]; raises as `Motion.promise` does."""
+        self._attacker.promise(seconds)
+
+    def _end_bout(self) -> None:
+        """Put what was read and sent since the last reset to the bouts."""
         bout, self._bout = self._bout, Bout()
         if bout.commands:
-            self.late += int(bout.late(self._attacker.period)[1:].sum())
-            self.missed += int(bout.missed(self._attacker.period)[1:].sum())
-            self._ended(bout)
+            self.tally.late += int(bout.late(self._attacker.period)[1:].sum())
+            self.tally.missed += int(bout.missed(self._attacker.period)[1:].sum())
+            self._bouts.append(bout)
 
     def _read(self) -> None:
         self._state = _state(self._attacker.record_reading(self._bout, self._due))
@@ -134,24 +160,49 @@ class RobotStepper:
             self._opponent = _state(self._defender.sense())
         self._bout.opponents.append(self._opponent)
 
-    def _careful(self, command: np.ndarray) -> np.ndarray:
-        """Return a command [rad], shape (n,), or the last pose that was safe where it would lead into a touch."""
+    def _bring(self, motion: Motion, pose: np.ndarray) -> None:
+        """Go slowly to a pose [rad], shape (n,), and rest there where a servo is hot."""
+        motion.approach(pose)
+        if motion.vitals.temperature.max() >= HOT:
+            self.tally.pauses += 1
+            motion.cool(pose, HOT)
+
+    def _careful(self, goal: np.ndarray) -> np.ndarray:
+        """Return what may be sent: the goal, or for an arm that it would lead into a touch, what keeps it safe.
+
+        The attacker gives way first, and then, where this is not enough, the defender.
+
+        Args:
+            goal: Of the attacker, and of the defender where there is one [rad], shape (n,) or (2n,).
+        """
         n = len(self.joints)
-        here = self._state[:n]
-        led = here + np.clip(command - here, -self._reach, self._reach)
-        coasting = here + self._state[n:] * AHEAD
-        if any(self._ways.leads_into_touch(here, soon) for soon in (led, coasting)):
-            self.held_back += 1
-            return self._safe
-        self._safe = here
-        return command
+        here, velocities = self._halves()
+        sag = self._ways.sag(here)
+        if not self._touches_soon(self._led(goal + sag), here + velocities * AHEAD):
+            self._safe = here - sag
+            return goal
+        self.tally.held_back += 1
+        goal = np.concatenate([self._safe[:n], goal[n:]])
+        if not self._touches_soon(self._led(goal + sag)):
+            self._safe = np.concatenate([self._safe[:n], (here - sag)[n:]])
+            return goal
+        return self._safe
 
+    def _touches_soon(self, led: np.ndarray, *others: np.ndarray) -> bool:
+        """Return whether poses [rad], shape (n,) or (2n,), and what is half-way to the first, bring a new touch."""
+        here, _ = self._halves()
+        poses = ((here + led) / 2, led, *others)  # a thin sword could be through at the end of the way
+        return any(self._ways.leads_into_touch(here, pose) for pose in poses)
 
-def _bring(motion: Motion, pose: np.ndarray) -> None:
-    """Go slowly to a pose [rad], shape (n,), and rest there where a servo is hot."""
-    motion.approach(pose)
-    if motion.vitals.temperature.max() >= HOT:
-        motion.cool(pose, HOT)
+    def _led(self, goal: np.ndarray) -> np.ndarray:
+        """Return where an arm gets on its way to a pose [rad], shape (n,) or (2n,), in the time looked ahead."""
+        here, _ = self._halves()
+        return np.asarray(here + np.clip(goal - here, -self._reach, self._reach))
+
+    def _halves(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions [rad] and velocities [rad/s] of the attacker, then of the defender, (n,) or (2n,) each."""
+        own, others = np.split(self._state, 2), np.split(self._opponent, 2)
+        return np.concatenate([own[0], others[0]]), np.concatenate([own[1], others[1]])
 
 
 def _state(reading: Reading) -> np.ndarray:
