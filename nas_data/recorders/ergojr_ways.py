@@ -56,7 +56,7 @@ class Ways:
 
     def touches(self, pose: np.ndarray) -> bool:
         """Return whether a pose [rad], shape (n,), touches something."""
-        return bool(contact_counts(self._simulator, pose[None])[0])
+        return bool(touches(self._simulator, pose, self._room))
 
     def leads_into_touch(self, begin: np.ndarray, end: np.ndarray) -> bool:
         """Return whether something touches in a pose [rad], shape (n,), that in another does not, or less."""
