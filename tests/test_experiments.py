@@ -221,10 +221,13 @@ def test_figure6_sweeps_nested_subsets_and_says_how_many_are_enough(tmp_path):
     found = conduct("figure6", request)
     assert np.shape(found.data["returns"]) == (len(TINY.counts), 1)
     assert "Smallest number of trajectories" in found.text
+    assert {(run["count"], run["seed"]) for run in found.data["runs"]} == {(count, 0) for count in TINY.counts}
+    assert all(run["phi_seconds"] > 0 and run["cpu_seconds"] > 0 for run in found.data["runs"])
     before = times(tmp_path / "tiny")
     again = conduct("figure6", request)
     assert times(tmp_path / "tiny") == before
     assert again.data["returns"] == found.data["returns"]
+    assert again.data["runs"] == found.data["runs"]
 
 
 @pytest.mark.parametrize(

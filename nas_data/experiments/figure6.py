@@ -42,7 +42,7 @@ def run(request: Request) -> Result:
     recording = replace(request, sizes=recorded, purpose=f"counts{max(counts)}")
     ends = run_study(study(request, recording.material(environment, ()), ENDS), request, environment)
     material = recording.material(environment, ("record",))
-    returns = sweep(request, material, counts)
+    returns, runs = sweep(request, material, counts)
     authors = RETURN_BY_COUNT if find_task_file(environment) == "pusher" else {}
     picture = return_over_count(
         Counted(np.array(counts), returns),
@@ -58,6 +58,7 @@ def run(request: Request) -> Result:
             "counts": list(counts),
             "seeds": list(request.sizes.seeds),
             "returns": returns.tolist(),
+            "runs": runs,
             "enough": smallest(counts, returns),
             "ends": ends.describe(),
             "authors": {str(count): {"mean": pair[0], "sd": pair[1]} for count, pair in authors.items()},
@@ -72,8 +73,12 @@ def run(request: Request) -> Result:
     )
 
 
-def sweep(request: Request, material: Material, counts: tuple[int, ...]) -> np.ndarray:
-    """Return the return of each count and seed on the target, shape (counts, seeds); large counts come last."""
+def sweep(request: Request, material: Material, counts: tuple[int, ...]) -> tuple[np.ndarray, list[dict[str, object]]]:
+    """Do every count and seed; large counts come last.
+
+    Returns:
+        The return of each on the target, shape (counts, seeds), and what each took.
+    """
     sizes = request.sizes
     jobs = [
         CountJob(
@@ -95,15 +100,18 @@ def sweep(request: Request, material: Material, counts: tuple[int, ...]) -> np.n
         for count in counts
     ]
     returns, began = np.full((len(counts), len(sizes.seeds)), np.nan), time.monotonic()
+    runs: list[dict[str, object]] = []
     for done, (place, record) in enumerate(run_jobs(do_count, jobs, request.workers), start=1):
         job = jobs[place]
         returns[counts.index(job.count), sizes.seeds.index(job.seed)] = number(record, "return")
+        took = {key: record[key] for key in ("phi_seconds", "wall_seconds", "cpu_seconds", "judging")}
+        runs.append({"count": job.count, "seed": job.seed, **took})
         left = (time.monotonic() - began) / done * (len(jobs) - done)
         told = (
             f"{done} of {len(jobs)}: {job.count} trajectories, seed {job.seed}: return {number(record, 'return'):.2f}"
         )
         request.report(f"{INDENT}{told}, about {spoken(left)} left")
-    return returns
+    return returns, runs
 
 
 def smallest(counts: tuple[int, ...], returns: np.ndarray) -> int:

@@ -56,9 +56,13 @@ class CountJob:
 
 
 def do_count(job: CountJob) -> Record:
-    """Train φ and then the policy, judge it on the target; what was done before is read."""
+    """Train φ and then the policy, judge it on the target; what was done before is read.
+
+    Returns:
+        The policy's record, and `phi_seconds`, the time in which φ was trained [s].
+    """
     model = ModelJob("delta", job.pairs, replace(job.options, seed=job.seed), job.folder / PHI, job.threads)
-    train_model(model, silence, job.subset)
+    history = train_model(model, silence, job.subset)
     plant = replace(job.source, checkpoint=str(model.folder))
     run = Run(
         method="nas",
@@ -69,4 +73,4 @@ def do_count(job: CountJob) -> Record:
         quiet=True,
         dataset=job.content_hash,
     )
-    return do_run(run)
+    return {**do_run(run), "phi_seconds": history[-1]["seconds"]}
