@@ -53,14 +53,17 @@ class LoadFriction(Effect):
     @classmethod
     def hook(cls, effects: Sequence[Self], model: mujoco.MjModel) -> StepHook:
         """Return what sets the friction of all joints that have it."""
-        joints = [model.joint(effect.joint).id for effect in effects]
+        shares: dict[int, float] = {}
+        for effect in effects:
+            joint = model.joint(effect.joint).id
+            shares[joint] = shares.get(joint, 0.0) + effect.ratio
+        joints, ratios = list(shares), np.array(list(shares.values()))
         levers = np.zeros((model.nout, len(joints)))
         for column, joint in enumerate(joints):
             for actuator in servo_actuators(model, joint):
                 levers[model.actuator_outadr[actuator], column] = leverage(model, actuator, joint)
         strongest = np.abs(model.jnt_actfrcrange[joints]).max(axis=1)
         most = np.where(model.jnt_actfrclimited[joints], strongest, np.inf)
-        ratios = np.array([effect.ratio for effect in effects])
         dofs = model.jnt_dofadr[joints]
 
         def add_friction(step: StepForces) -> None:

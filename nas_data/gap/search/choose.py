@@ -37,7 +37,8 @@ def choose(search: Search) -> Hypothesis:
 def lost(search: Search, before: Hypothesis, kept: Hypothesis) -> bool:
     """Whether a step brought little while every joint that moved is far from explained.
 
-    What is missing then is not in the catalogue, and further names would only be bent to it.
+    What is missing then is not in the catalogue, or a description that names it was passed by; either way further names
+    would only be bent to these motions.
     """
     rest = zip(search.train.nominal.joints, search.ratio(kept), strict=True)
     far = all(left > FAR for joint, left in rest if joint in search.lively)
