@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 from effect_samples import SIGNALS, Lever, effect, rms_degrees, simulate, simulator
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from nas_data.effects.base import add_effects, make_effect
@@ -46,6 +46,8 @@ def test_a_slow_servo_sticks_and_slips(tmp_path):
 
 
 @settings(max_examples=25, deadline=None)
+@example(torque=0.09375, ratio=0.21875, exponent=-3.625, share=0.890625)
+@example(torque=2.4445, ratio=0.2196, exponent=-2.2827, share=0.8981)
 @given(
     torque=st.floats(0.005, 0.5),
     ratio=st.floats(0.2, 0.95),
