@@ -1,4 +1,4 @@
-"""Which joint an actuator drives: directly, or by way of the goal that a servo with a dead band follows."""
+"""Which joint an actuator drives: directly, or by a fixed tendon that stands for the joint."""
 
 import mujoco
 import numpy as np
@@ -9,6 +9,8 @@ GOAL = "_deadband_goal"  # a weightless joint in the world, which is where the s
 # passive actuators: what such a servo then gives the joint
 GAIN, BAND, DAMPING = "_deadband_gain", "_deadband", "_deadband_damping"
 PARTS = (GAIN, BAND, DAMPING)
+PRESSED = "_pressed_drive"  # a fixed tendon `<joint>_pressed_drive`: the joint and a pad that its servo presses
+STANDING = (DRIVE, PRESSED)  # ends of the names of fixed tendons that stand for a joint
 
 
 def driven_joint(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> str | None:
@@ -17,18 +19,20 @@ def driven_joint(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> str | Non
         return None
     if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT:
         return str(actuator.target)
-    joint = actuator.target.removesuffix(DRIVE)
-    by_goal = actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON and joint != actuator.target
-    return joint if by_goal and spec.joint(joint) is not None else None
+    if actuator.trntype != mujoco.mjtTrn.mjTRN_TENDON:
+        return None
+    joints = [actuator.target.removesuffix(end) for end in STANDING if actuator.target.endswith(end)]
+    return next((joint for joint in joints if spec.joint(joint) is not None), None)
 
 
 def driving_actuators(model: mujoco.MjModel, joint: int) -> np.ndarray:
     """Return the indices of the actuators with a control that drive a joint of a compiled model, its servo first."""
-    tendon = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, model.joint(joint).name + DRIVE)
+    name = model.joint(joint).name
+    tendons = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, name + end) for end in STANDING]
     kind, target = model.actuator_trntype, model.actuator_trnid[:, 0]
     direct = (kind == int(mujoco.mjtTrn.mjTRN_JOINT)) & (target == joint)
-    by_goal = (kind == int(mujoco.mjtTrn.mjTRN_TENDON)) & (target == tendon) & (tendon >= 0)
-    found = np.flatnonzero((direct | by_goal) & (model.actuator_ctrlnum > 0))
+    by_tendon = (kind == int(mujoco.mjtTrn.mjTRN_TENDON)) & np.isin(target, [one for one in tendons if one >= 0])
+    found = np.flatnonzero((direct | by_tendon) & (model.actuator_ctrlnum > 0))
     return found[np.argsort(model.actuator_biasprm[found, 1] == 0, kind="stable")]  # a servo feeds positions back
 
 

@@ -48,7 +48,7 @@ def in_short(kind: "type[Effect]") -> str:
 
 def in_full(kind: "type[Effect]") -> Iterator[str]:
     """Yield what is known of an effect, line by line."""
-    beyond = "no: it acts between the physics steps, and the file holds the nearest effect that MJCF has"
+    beyond = "in a form of its own; where that does not fit the joint, the nearest effect that fits"
     told = {
         "equation": kind.equation,
         **{parameter.name: span(parameter) for parameter in kind.parameters},

@@ -164,6 +164,10 @@ class Effect:
         """Return the effect nearest to this one that a model alone can express; itself where it can."""
         return self if self.in_model else None
 
+    def written(self, scales: Scales) -> "Effect | None":
+        """Return what does the same in a model file, at a joint of these sizes; None where nothing does."""
+        return self if self.in_model else None
+
     def to_json(self) -> dict[str, object]:
         """Return the effect as `effects.json` holds it, without details that are neutral."""
         values = {p.name: {"value": getattr(self, p.name), "unit": p.unit} for p in self.sought}

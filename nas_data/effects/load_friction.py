@@ -12,6 +12,7 @@ from nas_data.effects.base import Effect, Parameter, Scales, joint_actuator
 from nas_data.effects.coulomb_friction import CoulombFriction
 from nas_data.effects.edits.holding import hold_firmly
 from nas_data.effects.edits.hook import StepForces, StepHook
+from nas_data.effects.edits.press import press_pad
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,7 +20,8 @@ class LoadFriction(Effect):
     """Gears press harder under load: friction in proportion to the torque that the joint's actuator gives.
 
     A servo that holds a load has its gears pressed from both sides. Switched off, it is pressed by the load alone, and
-    half as hard. MJCF cannot express it: friction is set anew before each physics step, from the torques in the last.
+    half as hard. In simulation friction is set anew before each physics step, from the torques in the last. A model
+    file has a pad in its place that the servo presses (`PressedFriction`): the same friction while the servo is on.
     """
 
     ratio: float
@@ -39,6 +41,10 @@ class LoadFriction(Effect):
     def native(self, scales: Scales) -> Effect:
         """Return constant friction of the size that this has under half of a large torque."""
         return CoulombFriction(joint=self.joint, torque=0.5 * self.ratio * scales.torque)
+
+    def written(self, scales: Scales) -> Effect:
+        """Return the same friction as contacts make it."""
+        return PressedFriction(joint=self.joint, ratio=self.ratio, torque=scales.torque, speed=scales.speed)
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Let the joint's friction hold rather than creep.
@@ -73,3 +79,34 @@ class LoadFriction(Effect):
             step.friction[:, dofs] += ratios * load
 
         return add_friction
+
+
+@dataclass(frozen=True, kw_only=True)
+class PressedFriction(LoadFriction):
+    """The same for a model file, which must do without anything between two physics steps.
+
+    Attributes:
+        torque: Large torque of the servo [N·m].
+        speed: Large speed of the joint [rad/s].
+    """
+
+    torque: float
+    speed: float
+
+    in_model: ClassVar = True
+    late: ClassVar = 3
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Let the servo press a pad against the link.
+
+        Raises:
+            JointMismatch: no actuator drives the joint.
+            ModelFileError: the joint is no hinge alone on its body.
+        """
+        super().edit(spec)
+        assert self.joint is not None
+        press_pad(spec, self.joint, self.ratio, self.torque, self.speed)
+
+    @classmethod
+    def hook(cls, effects: Sequence[Self], model: mujoco.MjModel) -> StepHook | None:  # type: ignore[override]
+        """Return None: the model alone expresses it."""

@@ -44,9 +44,16 @@ def write_model(
     return folder / MODEL, written
 
 
-def write_effects(folder: Path, effects: Sequence[Effect], factors: Mapping[str, float]) -> Path:
-    """Write the named effects and the retuned base parameters; `nas record sim --effects` and `nas pair` read it."""
-    entries = [{**effect.to_json(), "in_model_xml": effect.in_model} for effect in effects]
+def write_effects(folder: Path, effects: Sequence[Effect], factors: Mapping[str, float], whole: bool = False) -> Path:
+    """Write the named effects and the retuned base parameters; `nas record sim --effects` and `nas pair` read it.
+
+    Args:
+        folder: Where.
+        effects: Effects.
+        factors: Retuned base parameters.
+        whole: Whether the model file holds also those that edits alone do not express.
+    """
+    entries = [{**effect.to_json(), "in_model_xml": whole or effect.in_model} for effect in effects]
     content = {"schema": 1, "effects": entries, "retuned": dict(factors)}
     path = folder / EFFECTS
     path.write_text(json.dumps(content, indent=1), encoding="utf-8")

@@ -6,13 +6,18 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.gap.add import write_effects, write_model
+from nas_data.effects.base import Scales
+from nas_data.errors import ModelFileError
+from nas_data.gap.add import MODEL, write_effects, write_model
+from nas_data.gap.evidence import Evidence
 from nas_data.gap.nominal import Nominal, with_timestep
 from nas_data.gap.problem import Problem
 from nas_data.gap.search.final import Final, finish
 from nas_data.gap.search.fit import Task
 from nas_data.gap.search.scales import scales
 from nas_data.simulators.settled import Hold
+
+AS_GOOD = 1.5  # error of a joint on training episodes, floor included, up to which a file does what the names do
 
 
 @dataclass(frozen=True)
@@ -25,6 +30,7 @@ class Outcome:
         after: With the named effects: the written model, read back, where MJCF can express them all.
         written: The written model, read back.
         model: Its file.
+        whole: Whether the written file holds every effect named.
         learned: Shares of the gap where φ was trained on top, None otherwise.
     """
 
@@ -33,34 +39,67 @@ class Outcome:
     after: np.ndarray
     written: np.ndarray
     model: Path
+    whole: bool = True
     learned: Mapping[str, float] | None = None
 
 
 def added(problem: Problem, final: Final, null: Final, folder: Path) -> Outcome:
     """Write the model and judge it by what the written file does on held-out episodes.
 
-    Where an effect is beyond MJCF, the file holds the nearest one that is not, fitted in its place; the error after
-    is then that of the effects named, which `effects.json` holds, and the file's own is told beside it.
+    Where the file can do without what runs between physics steps, it holds everything. Otherwise it holds the nearest
+    effect, fitted in its place; the error after is then that of the effects named, which `effects.json` holds, and the
+    file's own is told beside it.
     """
     task = replace(problem.train, fine=final.fine).begun(final.effects, dict(final.factors))
     task = task.corrected(final.effects, dict(final.factors))
     hold = usual_hold(task, final)
     nominal, held = problem.held.nominal, problem.held.evidence.begun(hold)
     effects, factors = final.effects, dict(final.factors)
-    native = stand_ins(problem, final)
-    model, _ = write_model(folder, nominal, native.effects, dict(native.factors), task.timestep)
-    write_effects(folder, effects, factors)
-    written = Nominal.load(model, held).predict(held)
-    after = written
-    if native is not final:
-        after = with_timestep(nominal, task.timestep).predict(held, effects, factors)
+    named = with_timestep(nominal, task.timestep)
+    fitted = problem.train.evidence.begun(hold)
+    whole = all(effect.in_model for effect in effects)
+    if whole:
+        write_model(folder, nominal, effects, factors, task.timestep)
+    elif not (whole := wholly_written(problem, final, folder, fitted, named)):
+        native = stand_ins(problem, final)
+        write_model(folder, nominal, native.effects, dict(native.factors), task.timestep)
+    write_effects(folder, effects, factors, whole)
+    written = Nominal.load(folder / MODEL, held).predict(held)
     return Outcome(
         before=nominal.predict(held),
         retuned=nominal.predict(held, (), null.factors),
-        after=after,
+        after=written if whole else named.predict(held, effects, factors),
         written=written,
-        model=model,
+        model=folder / MODEL,
+        whole=whole,
     )
+
+
+def wholly_written(problem: Problem, final: Final, folder: Path, fitted: Evidence, named: Nominal) -> bool:
+    """Write a model file that does alone what the effects do with their hooks; return whether it does.
+
+    Args:
+        problem: What was given.
+        final: The effects and factors.
+        folder: Where.
+        fitted: Training episodes, by which that is judged.
+        named: The model at the physics step to be written, without effects.
+    """
+    sizes = zip(final.effects, sized(problem, final), strict=True)
+    forms = [effect if effect.joint is None else effect.written(own) for effect, own in sizes]
+    effects, factors = [form for form in forms if form is not None], dict(final.factors)
+    if len(effects) < len(forms):
+        return False
+    try:
+        write_model(folder, problem.held.nominal, effects, factors, float(named.spec.option.timestep))
+        alone = Nominal.load(folder / MODEL, fitted).predict(fitted)
+    except ModelFileError:  # it does not compile or diverges: the nearest effects take its place
+        return False
+    rests = [
+        (problem.train.floor**2 + fitted.mean_squares(predicted)).mean(0)
+        for predicted in (alone, named.predict(fitted, final.effects, factors))
+    ]
+    return bool((rests[0] <= AS_GOOD**2 * rests[1]).all())
 
 
 def usual_hold(task: Task, final: Final) -> Hold:
@@ -77,11 +116,15 @@ def usual_hold(task: Task, final: Final) -> Hold:
 
 
 def stand_ins(problem: Problem, final: Final) -> Final:
-    """Return a hypothesis that a model file can express: the same one, or one with the nearest effects, fitted."""
-    if all(effect.in_model for effect in final.effects):
-        return final
+    """Return a hypothesis of effects that edits alone express: the nearest to those named, fitted."""
+    sizes = zip(final.effects, sized(problem, final), strict=True)
+    near = [effect if effect.joint is None else effect.native(own) for effect, own in sizes]
+    return finish(problem.train, [effect for effect in near if effect is not None], dict(final.factors), rounds=1)
+
+
+def sized(problem: Problem, final: Final) -> list[Scales]:
+    """Return what is big and small at the joint of each effect; at the first joint for those of the whole arm."""
     train = problem.train
     sizes = scales(train.nominal, train.evidence, train.nominal.predict(train.evidence))
-    by_joint = dict(zip(train.nominal.joints, sizes, strict=True))
-    near = [effect if effect.joint is None else effect.native(by_joint[effect.joint]) for effect in final.effects]
-    return finish(train, [effect for effect in near if effect is not None], dict(final.factors), rounds=1)
+    joints = train.nominal.joints
+    return [sizes[joints.index(effect.joint) if effect.joint in joints else 0] for effect in final.effects]

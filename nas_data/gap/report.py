@@ -50,7 +50,7 @@ def write_report(
         "dataset": dataset,
         "model": model,
         "verdict": verdict(before, after, len(naming.findings)),
-        "effects": [described(finding) for finding in naming.findings],
+        "effects": [described(finding, outcome.whole) for finding in naming.findings],
         "retuned": retuned(naming.final.factors),
         "unexplained": unexplained(held, outcome.after, after),
         "gap": gap(held, outcome),
@@ -69,8 +69,8 @@ def write_report(
     return report
 
 
-def described(finding: Finding) -> Mapping[str, object]:
-    """Return a finding as the report lists it."""
+def described(finding: Finding, whole: bool = False) -> Mapping[str, object]:
+    """Return a finding as the report lists it; `whole` says whether the model file holds every effect."""
     effect = finding.effect
     return {
         "effect": effect.name(),
@@ -80,7 +80,7 @@ def described(finding: Finding) -> Mapping[str, object]:
         "evidence": {"heldout_error_before": finding.before, "heldout_error_after": finding.after},
         "alternatives": [alternative(rival, error) for rival, error in finding.alternatives],
         "equals": [{"effect": rival.name(), "joint": rival.joint} for rival in finding.equals],
-        "in_model_xml": effect.in_model,
+        "in_model_xml": whole or effect.in_model,
     }
 
 

@@ -14,9 +14,9 @@ def add_bristles(spec: mujoco.MjSpec, joint: str, torque: float, velocity: float
     """Add LuGre friction to a joint: `torque` [N·m] at rest, fading with exp(−(v / velocity)²), velocity in rad/s.
 
     The bristles are half as stiff as the timestep can bear on the inertia that the joint feels, so that they yield by
-    less than a sensor sees, and have no damping of their own: the engine would treat it as inertia. The joint's friction
-    loss keeps them quiet. As they feel only what moved, a load that jumps, within one step, to more than friction loss
-    plus inertia · velocity / timestep tears them off.
+    less than a sensor sees, and have no damping of their own: the engine would treat it as inertia. The joint's
+    friction loss keeps them quiet. As they feel only what moved, a load that jumps, within one step, to more than
+    friction loss plus inertia · velocity / timestep tears them off.
     """
     stiffness = STIFF * felt_inertia(spec, joint) / spec.option.timestep**2
     lugre = np.array([stiffness, 0.0, REST * torque, torque, velocity])

@@ -1,0 +1,62 @@
+"""A written model holds friction under load by itself, or the nearest effect that it can, and the report says which."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nas_data.cli import main
+from nas_data.effects.base import parse
+from nas_data.gap.added import Outcome, added
+from nas_data.gap.problem import Problem
+from nas_data.gap.search.final import Final
+
+LOAD, PLAY = "load_friction:joint=m2,ratio=0.3", "backlash:joint=m2,half_width=0.03"
+
+
+def problem(tmp_path: Path, *effects: str) -> Problem:
+    options = [option for text in effects for option in ("--effect", text)]
+    out = str(tmp_path / "arm")
+    command = ["record", "sim", "--robot", "ergojr", *options, "--noise", "0.0009", "--out", out]
+    assert main([*command, "--episodes", "6", "--seconds", "1.5"]) == 0
+    return Problem.load(out, "ergojr")
+
+
+def outcome(given: Problem, folder: Path, *effects: str) -> Outcome:
+    folder.mkdir()
+    known = Final(tuple(parse(text) for text in effects), {}, ())
+    return added(given, known, Final((), {}, ()), folder)
+
+
+def error(given: Problem, predicted: np.ndarray) -> float:
+    return float(np.degrees(np.sqrt(given.held.evidence.mean_squares(predicted).mean())))
+
+
+def flags(folder: Path) -> dict[str, bool]:
+    entries = json.loads((folder / "effects.json").read_text())["effects"]
+    return {entry["effect"]: entry["in_model_xml"] for entry in entries}
+
+
+def test_the_file_rubs_under_load_by_itself(tmp_path: Path):
+    given = problem(tmp_path, LOAD)
+    found = outcome(given, tmp_path / "report", LOAD)
+    assert found.whole
+    assert flags(tmp_path / "report") == {"load_friction": True}
+    assert found.after is found.written
+    assert error(given, found.before) > 1.5
+    floor = float(np.degrees(np.sqrt((given.held.floor**2).mean())))
+    assert error(given, found.written) < 1.4 * floor
+    again = Problem.load(tmp_path / "arm", found.model)
+    assert not again.held.nominal.notes
+    assert error(again, again.held.nominal.predict(again.held.evidence)) == pytest.approx(
+        error(given, found.written), rel=0.05
+    )
+
+
+def test_beside_play_the_file_has_the_nearest_effect(tmp_path: Path):
+    given = problem(tmp_path, LOAD, PLAY)
+    found = outcome(given, tmp_path / "report", LOAD, PLAY)
+    assert not found.whole
+    assert flags(tmp_path / "report") == {"load_friction": False, "backlash": True}
+    assert error(given, found.after) < 0.5 * error(given, found.written) < 0.5 * error(given, found.before)
