@@ -70,11 +70,11 @@ def test_who_knows_the_answer_leaves_least(weak_servo):
     least = least_error(weak_servo, answer, fresh)
     assert fresh.floor < least < 0.5 * errors["before"]
     assert least_error(weak_servo, {**answer, "effects": []}, fresh) == pytest.approx(errors["before"], rel=0.1)
-    for beyond in (
-        {"effect": "cable", "joint": "m3"},
-        {"effect": "load_friction", "joint": "m3", "parameters": {"ratio": 0.3}},
-    ):
-        assert least_error(weak_servo, {**answer, "effects": [beyond]}, fresh) is None
+    play = {"effect": "backlash", "joint": "m3", "parameters": {"half_width": 0.01}}
+    rubs = {"effect": "load_friction", "joint": "m3", "parameters": {"ratio": 0.3}}
+    assert least_error(weak_servo, {**answer, "effects": [rubs]}, fresh) > least
+    for beyond in ([{"effect": "cable", "joint": "m3"}], [play, rubs]):  # beside play no file can hold it
+        assert least_error(weak_servo, {**answer, "effects": beyond}, fresh) is None
 
 
 def test_a_record_of_before_is_completed_where_the_case_still_tells(weak_servo):
