@@ -10,6 +10,7 @@ GOAL = "_deadband_goal"  # a weightless joint in the world, which is where the s
 GAIN, BAND, DAMPING = "_deadband_gain", "_deadband", "_deadband_damping"
 PARTS = (GAIN, BAND, DAMPING)
 PRESSED = "_pressed_drive"  # a fixed tendon `<joint>_pressed_drive`: the joint and a pad that its servo presses
+PAD = "_pressed_pad"  # that pad's joint, in the body that holds the servo's
 STANDING = (DRIVE, PRESSED)  # ends of the names of fixed tendons that stand for a joint
 
 
@@ -61,3 +62,9 @@ def goal_joints(model: mujoco.MjModel) -> list[int]:
     return [
         index for index, name in enumerate(names) if name.endswith(GOAL) and name.removesuffix(GOAL) + DRIVE in tendons
     ]
+
+
+def pad_joints(model: mujoco.MjModel) -> list[int]:
+    """Return the indices of the joints of pads that servos press, which are no part of the robot."""
+    names = [model.joint(index).name for index in range(model.njnt)]
+    return [index for index, name in enumerate(names) if name.endswith(PAD) and name.removesuffix(PAD) in names]

@@ -142,7 +142,7 @@ def test_pads_in_an_arm_s_file_do_what_the_simulator_does(contacts, tmp_path):
 
 def test_a_model_with_pads_is_an_arm_like_any_other():
     """Its servos drive the same joints in the same order, and nothing of the pad counts as a joint of the arm."""
-    spec = arm(pressed(0.3, "m2"))
+    spec = arm(*(pressed(0.3, joint) for joint in JOINTS), make_effect("joint_offset", "m3", {"offset": 0.03}))
     assert [driven_joint(spec, actuator) for actuator in spec.actuators] == list(JOINTS)
     assert hold_others(spec, JOINTS) == ()
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 import mujoco
 import numpy as np
 
-from nas_data.drives import goal_joints
+from nas_data.drives import goal_joints, pad_joints
 from nas_data.effects.backlash import Backlash
 from nas_data.free_name import free_name
 from nas_data.simulators.layout import Layout, takes_effort
@@ -68,9 +68,10 @@ def movable(model: mujoco.MjModel) -> list[int]:
 
 
 def steady(model: mujoco.MjModel, layout: Layout) -> set[int]:
-    """Return the joints that are measured, an object's, a servo's goal, on a spring, in a play, or neither of both."""
+    """Return the joints that are measured, an object's, a servo's part, on a spring, in a play, or neither of both."""
     addresses = [*np.flatnonzero(layout.position_map.any(axis=0)), *layout.qpos, *layout.objects.qpos]
-    found = {joint for joint in range(model.njnt) if model.jnt_qposadr[joint] in addresses} | set(goal_joints(model))
+    found = {joint for joint in range(model.njnt) if model.jnt_qposadr[joint] in addresses}
+    found |= set(goal_joints(model)) | set(pad_joints(model))
     found |= set(range(model.njnt)) - set(movable(model))
     found |= {joint for joint in range(model.njnt) if np.any(model.jnt_stiffness[joint] > 0)}
     return found | {joint for joint in set(movable(model)) - pushed(model) if is_play(model, joint)}

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from nas_data.drives import PARTS, PRESSED
+from nas_data.drives import PAD, PARTS, PRESSED
 from nas_data.effects.base import joint_actuator
 from nas_data.effects.edits.pristine import clear_joint, clear_tendon
 from nas_data.errors import ModelFileError
@@ -14,7 +14,8 @@ from nas_data.free_name import free_name
 PER_TURN = 0.3  # [m/rad] of the pad's way that the servo takes for an angle: the pad's force per torque [1/m]
 SMALLEST = 0.05  # ratio below which clearance and mass are no longer made to measure
 QUICK = 0.7  # of the large speed, for which clearance is left: at more, stops still hardly jam
-LIGHT = 0.1  # a pad four times lighter may be thrown off its stops, a heavier one is late where the torque reverses
+LIGHT = 0.6  # clearances that the large torque moves the pad in a step, inverted: less, and stops throw it to and fro;
+# more, and it is late where the torque reverses
 STOPS = 5.0  # radius of the stops and the pad over the clearance between them
 SLIDING = 0.01  # sliding friction, of which there is none: the contact lies on the axis
 HARD = (0.999, 0.999, 0.001, 0.5, 2.0)  # impedance of the contact
@@ -25,10 +26,10 @@ HIDDEN = 5  # group of geoms that viewers leave out unless asked
 def press_pad(spec: mujoco.MjSpec, joint: str, ratio: float, torque: float, speed: float) -> None:
     """Let a servo rub its joint with `ratio` times the torque that it gives.
 
-    The engine knows one friction that follows a force: that of contacts. A pad `<joint>_pad` slides in the parent body
-    along the joint's axis. The servo pulls at the joint by a fixed tendon that has a little of the pad in it, so that
-    it presses the pad, in proportion to its torque, against one of two stops that turn with the link; the contact lies
-    on the axis and rubs about it. Nothing lags: load and friction are found together in every step.
+    The engine knows one friction that follows a force: that of contacts. A pad `<joint>_pressed_pad` slides in the
+    parent body along the joint's axis. The servo pulls at the joint by a fixed tendon that has a little of the pad in
+    it, so that it presses the pad, in proportion to its torque, against one of two stops that turn with the link; the
+    contact lies on the axis and rubs about it. Nothing lags: load and friction are found together in every step.
 
     A turning stop is driven away from the pad by the engine's friction, which has no gap of its own; so stops leave a
     clearance, by which servo and pad together are off by less than a sensor sees.
@@ -46,10 +47,10 @@ def press_pad(spec: mujoco.MjSpec, joint: str, ratio: float, torque: float, spee
     refuse(spec, joint)
     step, share = spec.option.timestep, max(ratio, SMALLEST)
     clearance = 2 * QUICK * share * speed * step / PER_TURN
-    mass = LIGHT * PER_TURN**2 * torque * step / share
+    mass = LIGHT * PER_TURN * torque * step**2 / clearance
     enable_contacts(spec)
     pad, stops = add_parts(spec, joint, mass, clearance)
-    couple(spec, joint, pad)
+    couple(spec, joint)
     for stop in stops:
         pair = spec.add_pair(name=free_name(spec.pair, stop), geomname1=pad, geomname2=stop)
         pair.condim, pair.friction = TORSION, [SLIDING, SLIDING, ratio / PER_TURN, 0.0, 0.0]
@@ -65,7 +66,7 @@ def refuse(spec: mujoco.MjSpec, joint: str) -> None:
         raise ModelFileError(
             f"Friction under load cannot be written for the joint '{joint}': only for a hinge alone on its body."
         )
-    if spec.tendon(joint + PRESSED) is not None:
+    if spec.joint(joint + PAD) is not None:
         raise ModelFileError(f"The joint '{joint}' has friction under load in its model already.")
 
 
@@ -96,7 +97,7 @@ def add_parts(spec: mujoco.MjSpec, joint: str, mass: float, clearance: float) ->
     )
     holder.pos, holder.ipos = inside(data, base, anchor), np.zeros(3)
     holder.inertia = np.full(3, 0.4 * mass * radius**2)
-    slide = holder.add_joint(name=free_name(spec.joint, joint + "_pad"), type=mujoco.mjtJoint.mjJNT_SLIDE)
+    slide = holder.add_joint(name=joint + PAD, type=mujoco.mjtJoint.mjJNT_SLIDE)
     clear_joint(slide)
     slide.pos, slide.axis = np.zeros(3), data.xmat[base].reshape(3, 3).T @ axis
     pad = add_ball(spec, holder, joint + "_pad", np.zeros(3), radius)
@@ -119,9 +120,9 @@ def add_ball(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, place: np.nda
     return str(ball.name)
 
 
-def couple(spec: mujoco.MjSpec, joint: str, pad: str) -> None:
+def couple(spec: mujoco.MjSpec, joint: str) -> None:
     """Let every actuator that is the joint's servo act on the pad in proportion to what it gives the joint."""
-    slide, limited = spec.joint(spec.geom(pad).parent.joints[0].name), spec.joint(joint)
+    slide, limited = spec.joint(joint + PAD), spec.joint(joint)
     if limited.actfrclimited != mujoco.mjtLimited.mjLIMITED_FALSE and np.any(limited.actfrcrange):
         slide.actfrclimited, slide.actfrcrange = limited.actfrclimited, PER_TURN * limited.actfrcrange
     tendons = set()
