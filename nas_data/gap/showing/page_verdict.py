@@ -129,6 +129,6 @@ def scored(report: Report) -> str:
     if degrees(alone) == degrees(gap["after"]):
         return "The errors called after were computed from that file, read back."
     return (
-        f"The errors called after are those of the effects named, of which MJCF cannot express all; the file alone "
+        f"The errors called after are those of the effects named, of which a model file cannot hold all; it alone "
         f"leaves {degrees(alone)}."
     )

@@ -99,7 +99,7 @@ def finding(effect: Effect) -> list[str]:
     ]
     if not effect["in_model_xml"]:
         sentences.append(
-            "MJCF cannot express it: effects.json holds it, and model.xml the nearest effect that MJCF can express."
+            "A model file cannot hold it here: effects.json does, and model.xml has the nearest effect in its place."
         )
     return sentences
 
