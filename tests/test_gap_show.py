@@ -193,7 +193,7 @@ def test_every_number_comes_from_the_files(tmp_path):
 def test_what_the_written_file_alone_leaves_is_told_where_it_is_more(tmp_path):
     assert "computed from that file, read back" in text_of(show(written(tmp_path)))
     gap = {**REPORT["gap"], "after_model_xml": 0.0047}
-    assert "the file alone leaves 0.269°" in text_of(show(written(tmp_path, {"gap": gap})))
+    assert "it alone leaves 0.269°" in text_of(show(written(tmp_path, {"gap": gap})))
 
 
 def test_pictures_are_written_and_embedded(tmp_path):
