@@ -123,7 +123,7 @@ class OutsideLimits(ArmError):
 
 
 class WayBlocked(ArmError):
-    """The arm would touch itself or the floor on every slow way to a pose."""
+    """The arm would touch itself, the floor or another arm on every slow way to a pose."""
 
 
 class GuardLost(ArmError):

@@ -213,7 +213,8 @@ def _counted(tally: RolloutTally) -> str:
     sittings = f" All in {tally.sittings} sittings." if tally.sittings > 1 else ""
     return (
         f"{tally.late} of {tally.steps} readings came late, {tally.missed} of them by more than a period; "
-        f"{tally.held_back} commands would have led into a touch and were not sent.{sittings}"
+        f"{tally.held_back} commands would have led into a touch and were not sent; "
+        f"{tally.retries} readings were tried again, {tally.unheard} times after a servo had gone unheard.{sittings}"
     )
 
 
@@ -227,6 +228,7 @@ def _numbers(tally: RolloutTally) -> dict[str, int]:
         "held_back": tally.held_back,
         "pauses": tally.pauses,
         "retries": tally.retries,
+        "unheard": tally.unheard,
     }
 
 

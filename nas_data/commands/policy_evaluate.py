@@ -16,7 +16,8 @@ class PolicyEvaluate(Command):
 
     On an arm (--on ergojr) each episode begins with a slow way to its first pose: keep hands away. Ctrl-C stops it,
     holds it until it is slow and switches its torque off; it then sinks. Commands stay within limits and step size,
-    and those that would lead into a touch with the arm itself, the floor or the other arm are not sent.
+    and those that would lead into a touch with the arm itself, the floor or the other arm are not sent. A servo that
+    goes unheard is asked again; what lasts ends the rollout with the arm safe.
 
     Example: nas policy evaluate runs/policy/ErgoReacher-source runs/policy/ErgoReacher-augmented
 

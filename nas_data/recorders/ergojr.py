@@ -7,13 +7,14 @@ import numpy as np
 
 from nas_data.dataset.growing import Growing
 from nas_data.dataset.provenance import Provenance, read_provenance
-from nas_data.errors import ArmError, BadReply, NobodyAnswers, ServoSilent
+from nas_data.errors import ArmError
 from nas_data.recorders.ergojr_dataset import to_dataset
 from nas_data.recorders.ergojr_motion import Episode, Motion
 from nas_data.recorders.ergojr_plan import Plan
 from nas_data.recorders.ergojr_tally import Tally
 from nas_data.recorders.guarded import GuardedArm, Setup
 from nas_data.recorders.schedule import Clock
+from nas_data.recorders.tolerance import PASSING
 from nas_data.recorders.under_way import SAVING, told
 from nas_data.xl320.arm import Arm
 from nas_data.xl320.joints import Joints
@@ -21,7 +22,6 @@ from nas_data.xl320.joints import Joints
 PLAN = "meta/plan.npz"
 TRIES = 3  # times that an episode is begun before it is given up, or taken with readings that were missed
 REST = 1.0  # [s] that a line has to recover
-PASSING = (BadReply, ServoSilent, NobodyAnswers)  # what may have been a loose plug or noise
 
 
 @dataclass(frozen=True, kw_only=True)

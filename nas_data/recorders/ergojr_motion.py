@@ -9,8 +9,9 @@ import numpy as np
 from nas_data.dataset.lateness import late_readings
 from nas_data.recorders.ergojr_ways import Ways
 from nas_data.recorders.schedule import Clock
+from nas_data.recorders.tolerance import Tolerance
 from nas_data.xl320.arm import Arm, Reading
-from nas_data.xl320.fitness import refuse_unfit
+from nas_data.xl320.fitness import Health, refuse_unfit
 
 APPROACH = 0.6  # [rad/s] of a slow way
 SETTLE = 0.5  # [s] that a pose is held before what follows
@@ -43,6 +44,7 @@ class Episode:
         commands: As they were sent [rad], T of shape (n,).
         voltages: [V], T of shape (n,).
         temperatures: [°C], T of shape (n,).
+        unheard: Places of readings before which the line failed and was asked again.
     """
 
     due: list[float] = field(default_factory=list)
@@ -50,23 +52,27 @@ class Episode:
     commands: list[np.ndarray] = field(default_factory=list)
     voltages: list[np.ndarray] = field(default_factory=list)
     temperatures: list[np.ndarray] = field(default_factory=list)
+    unheard: set[int] = field(default_factory=set)
 
     def delays(self) -> np.ndarray:
         """Return how long after its time each reading was made [s], shape (T + 1,)."""
         return np.array([reading.time for reading in self.readings]) - np.array(self.due)
 
     def late(self, period: float) -> np.ndarray:
-        """Return which readings came late, shape (T + 1,)."""
-        return late_readings(self.delays(), period)
+        """Return which readings came late, shape (T + 1,); those that were asked for again did."""
+        return late_readings(self.delays(), period) | self._asked_again()
 
     def missed(self, period: float) -> np.ndarray:
         """Return which readings came so late that their moment is lost, shape (T + 1,)."""
-        return self.delays() > period
+        return (self.delays() > period) | self._asked_again()
 
     def repeated(self) -> np.ndarray:
         """Return which readings are those before byte for byte although the arm moves, shape (T + 1,)."""
         again = [a.raw == b.raw and bool(b.velocities.any()) for a, b in pairwise(self.readings)]
         return np.array([False, *again])
+
+    def _asked_again(self) -> np.ndarray:
+        return np.isin(np.arange(len(self.readings)), list(self.unheard))
 
 
 class Motion:
@@ -77,6 +83,7 @@ class Motion:
         clock: By which it is moved.
         period: Control period [s].
         vitals: What was last heard of supply and warmth.
+        tolerance: How errors of the line that may pass are met; they are raised at once where nobody sets another.
     """
 
     def __init__(
@@ -100,6 +107,7 @@ class Motion:
         """
         self.arm, self.clock, self.period = arm, clock, period
         self._largest_step, self._ways, self._alive = largest_step, ways, alive
+        self.tolerance = Tolerance()
         self._sent = arm.read().positions
         self._steps = 0
         first = [arm.health(identity) for identity in arm.joints.ids]
@@ -114,9 +122,9 @@ class Motion:
             WayBlocked: there is no free way.
             ArmError: something is wrong with the arm.
         """
-        begin = self.arm.read().positions
+        begin = self.tolerance.ask(self.arm.read).positions
         corners = np.stack([begin, *self._ways.find(begin, pose)])
-        slow = [self._slowly(a, b) for a, b in pairwise(corners)]
+        slow = [slowly(a, b, self.period) for a, b in pairwise(corners)]
         self.play(np.concatenate([*slow, np.repeat(pose[None], round(SETTLE / self.period), axis=0)]))
 
     def hold(self, pose: np.ndarray, seconds: float) -> None:
@@ -155,10 +163,7 @@ class Motion:
         Raises:
             ArmError: something is wrong with the arm.
         """
-        self._alive(self.period)
-        reading = self.arm.read()
-        self.arm.refuse_alerts(reading)
-        return reading
+        return self.tolerance.ask(self._sense)
 
     def send(self, wanted: np.ndarray) -> np.ndarray:
         """Send a command [rad], shape (n,), no farther from the last than is allowed; return it as it was sent.
@@ -166,10 +171,18 @@ class Motion:
         Raises:
             ArmError: something is wrong with the arm.
         """
-        self._sent = self._sent + np.clip(wanted - self._sent, -self._largest_step, self._largest_step)
-        sent = self.arm.command(self._sent)
+        sent = self.command(wanted)
         self._look_after()
         return sent
+
+    def command(self, wanted: np.ndarray) -> np.ndarray:
+        """Send a command as `send` does, and look after nothing.
+
+        Raises:
+            AdapterLost: the port is gone.
+        """
+        self._sent = self._sent + np.clip(wanted - self._sent, -self._largest_step, self._largest_step)
+        return self.arm.command(self._sent)
 
     def record_command(self, episode: Episode, wanted: np.ndarray) -> None:
         """Send a command [rad], shape (n,), and add it and the vitals to an episode; raises as `send` does."""
@@ -185,10 +198,15 @@ class Motion:
         episode.readings.append(reading)
         return reading
 
-    def _slowly(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """Return the commands of a straight way between poses [rad], shape (T, n)."""
-        steps = max(1, int(np.ceil(np.abs(end - begin).max() / APPROACH / self.period)))
-        return np.asarray(begin + np.arange(1, steps + 1)[:, None] / steps * (end - begin))
+    def _sense(self) -> Reading:
+        self._alive(self.period)
+        reading = self.arm.read()
+        self.arm.refuse_alerts(reading)
+        return reading
+
+    def _health(self, identity: int) -> Health:
+        self._alive(self.period)
+        return self.arm.health(identity)
 
     def _look_after(self) -> None:
         """Read supply and warmth of the next servo, now and then."""
@@ -197,6 +215,12 @@ class Motion:
         if rest:
             return
         place = turn % len(self.arm.joints.ids)
-        health = self.arm.health(self.arm.joints.ids[place])
+        health = self.tolerance.ask(lambda: self._health(self.arm.joints.ids[place]))
         self.vitals.voltage[place], self.vitals.temperature[place] = health.voltage, health.temperature
         refuse_unfit(f"Servo {self.arm.joints.ids[place]} ({self.arm.joints.names[place]})", health)
+
+
+def slowly(begin: np.ndarray, end: np.ndarray, period: float) -> np.ndarray:
+    """Return the commands of a straight slow way between poses [rad], one a control period [s], shape (T, n)."""
+    steps = max(1, int(np.ceil(np.abs(end - begin).max() / APPROACH / period)))
+    return np.asarray(begin + np.arange(1, steps + 1)[:, None] / steps * (end - begin))

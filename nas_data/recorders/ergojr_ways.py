@@ -42,17 +42,46 @@ class Ways:
         Raises:
             WayBlocked: no way is free.
         """
-        for corners in self._candidates(begin, end):
-            if self._is_free(np.stack([begin, *corners])):
+        for corners in self.candidates(begin, end):
+            if self.is_free(np.stack([begin, *corners])):
                 return np.stack(corners)
         raise WayBlocked(
-            f"On the slow way to its next pose the arm would touch {self._obstacle(begin, end)}; move it upright by "
+            f"On the slow way to its next pose the arm would touch {self.obstacle(begin, end)}; move it upright by "
             "hand (the torque is off) and start again."
         )
 
+    def candidates(self, begin: np.ndarray, end: np.ndarray) -> Iterator[list[np.ndarray]]:
+        """Yield the straight way, that over the rest pose, and those that move one joint first or last."""
+        yield [end]
+        yield [self.rest, end]
+        for first in self._one_at_rest(begin):
+            yield [first, self.rest, end]
+            for last in self._one_at_rest(end):
+                yield [first, self.rest, last, end]
+        for last in self._one_at_rest(end):
+            yield [self.rest, last, end]
+
+    def is_free(self, corners: np.ndarray) -> bool:
+        """Return whether nothing new touches along straight lines between poses [rad], shape (k, n)."""
+        if self.touches(corners[-1]):
+            return False
+        path = np.concatenate([_between(a, b) for a, b in pairwise(corners)])
+        touching = contact_counts(self._simulator, path) > 0
+        parted = int(np.argmin(touching))
+        return not touching[parted:].any() and self._parts(path[:parted])
+
     def exists(self, begin: np.ndarray, end: np.ndarray) -> bool:
         """Return whether there is a free way between two poses [rad], shape (n,)."""
-        return any(self._is_free(np.stack([begin, *corners])) for corners in self._candidates(begin, end))
+        return any(self.is_free(np.stack([begin, *corners])) for corners in self.candidates(begin, end))
+
+    def obstacle(self, begin: np.ndarray, end: np.ndarray) -> str:
+        """Name what is first in the straight way."""
+        known = touches(self._simulator, begin).keys()
+        for pose in _between(begin, end):
+            new = touches(self._simulator, pose).keys() - known
+            if new:
+                return " with ".join(reversed(min(new)))
+        return "what it touches now even more"
 
     def touches(self, pose: np.ndarray) -> bool:
         """Return whether a pose [rad], shape (n,), touches something."""
@@ -63,6 +92,16 @@ class Ways:
         soon = touches(self._simulator, end, self._room)
         now = touches(self._simulator, begin, self._room) if soon else {}
         return any(distance < now.get(pair, np.inf) for pair, distance in soon.items())
+
+    def leads_out_of_touch(self, begin: np.ndarray, end: np.ndarray) -> bool:
+        """Return whether a pose [rad], shape (n,), touches something, and another touches nothing else and less of it.
+
+        Less is a larger clearance where it is smallest, while no pair of bodies comes closer by more than a millimetre.
+        """
+        now = touches(self._simulator, begin, self._room)
+        soon = touches(self._simulator, end, self._room) if now else {}
+        parts = all(distance > now.get(pair, np.inf) - CLOSER for pair, distance in soon.items())
+        return bool(now) and parts and min(soon.values(), default=np.inf) > min(now.values())
 
     def sag(self, pose: np.ndarray) -> np.ndarray:
         """Return how far the arm hangs from a command that keeps it in a pose [rad], shape (n,): pose minus command.
@@ -78,29 +117,9 @@ class Ways:
         mujoco.mj_rne(model, data, 0, torques)
         return np.asarray(-torques[layout.dof] / model.actuator_gainprm[layout.control, 0])
 
-    def _candidates(self, begin: np.ndarray, end: np.ndarray) -> Iterator[list[np.ndarray]]:
-        """Yield the straight way, that over the rest pose, and those that move one joint first or last."""
-        yield [end]
-        yield [self.rest, end]
-        for first in self._one_at_rest(begin):
-            yield [first, self.rest, end]
-            for last in self._one_at_rest(end):
-                yield [first, self.rest, last, end]
-        for last in self._one_at_rest(end):
-            yield [self.rest, last, end]
-
     def _one_at_rest(self, pose: np.ndarray) -> list[np.ndarray]:
         """Return the pose with each of its joints in turn at rest."""
         return [np.where(np.arange(len(pose)) == joint, self.rest, pose) for joint in range(len(pose))]
-
-    def _is_free(self, corners: np.ndarray) -> bool:
-        """Return whether nothing new touches along straight lines between poses [rad], shape (k, n)."""
-        path = np.concatenate([_between(a, b) for a, b in pairwise(corners)])
-        touching = contact_counts(self._simulator, path) > 0
-        if touching[-1]:
-            return False
-        parted = int(np.argmin(touching))
-        return not touching[parted:].any() and self._parts(path[:parted])
 
     def _parts(self, path: np.ndarray) -> bool:
         """Return whether what touches at the start of a path only comes apart on it."""
@@ -111,15 +130,6 @@ class Ways:
                 return False
             allowed = now if allowed is None else {pair: allowed[pair] for pair in now}
         return True
-
-    def _obstacle(self, begin: np.ndarray, end: np.ndarray) -> str:
-        """Name what is first in the straight way."""
-        known = touches(self._simulator, begin).keys()
-        for pose in _between(begin, end):
-            new = touches(self._simulator, pose).keys() - known
-            if new:
-                return " with ".join(reversed(min(new)))
-        return "what it touches now even more"
 
 
 def _between(begin: np.ndarray, end: np.ndarray) -> np.ndarray:

@@ -14,13 +14,16 @@ from nas_data.recorders.guarded import GuardedArm, Setup
 from nas_data.recorders.schedule import Clock
 from nas_data.robots.base import find_robot
 from nas_data.robots.ergojr import JOINTS
+from nas_data.rollouts.approach import Approach
 from nas_data.rollouts.keyboard import Keyboard
+from nas_data.rollouts.making_room import WaysOfTwo
 from nas_data.rollouts.robot_stepper import AHEAD, RobotStepper, RolloutTally
 from nas_data.rollouts.two_arms import ways_of_two
 from nas_data.simulators.base import Stepper
 
 ARM = "ergojr_penholder"  # model of either arm by itself
 NO_LOAD_SPEED = 11.9  # [rad/s] at 7.4 V, XL-320 e-manual (114 rpm)
+CLEARANCE = 0.01  # [m] that two arms keep on their slow ways where they can: friction leaves joints up to 5° off
 SIMULATED = "simulated"
 
 
@@ -81,11 +84,17 @@ class Bench:
                 arms.append(stack.enter_context(GuardedArm(self.defender, self.clock)))
                 arms[0].accompany(arms[1])
             motions = [arm.take(rest) for arm in arms]
+            touching, approach = self.attacker.ways, motions[0].approach
+            if self.defender:
+                touching = ways_of_two(self.edges)
+                seeking = WaysOfTwo(self.defender.ways, (ways_of_two(self.edges, CLEARANCE), touching))
+                approach = Approach(motions[0], motions[1], seeking, touching)
             stepper = RobotStepper(
                 motions[0],
                 motions[1] if self.defender else None,
                 task.simulator(),
-                ways_of_two(self.edges) if self.defender else self.attacker.ways,
+                touching,
+                approach,
                 AHEAD * (self.attacker.configuration.speed or NO_LOAD_SPEED),
                 tally,
             )

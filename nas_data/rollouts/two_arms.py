@@ -1,6 +1,7 @@
 """Two arms as one: in which poses of both one touches the other, beside what the attacker touches by itself."""
 
 from dataclasses import replace
+from functools import partial
 
 import mujoco
 
@@ -34,12 +35,21 @@ def add_edges(spec: mujoco.MjSpec) -> None:
         spec.geom(name).conaffinity |= SHIELD
 
 
-def ways_of_two(edges: bool = False) -> Ways:
+def keep_clear(spec: mujoco.MjSpec, clearance: float) -> None:
+    """Let what of the defender comes so near [m] to the attacker count as a touch."""
+    for geom in spec.geoms:
+        if geom.name.startswith(DEFENDER):
+            geom.margin = clearance
+
+
+def ways_of_two(edges: bool = False, clearance: float = 0.0) -> Ways:
     """Return what an attacker and a defender touch, in poses of the one then the other [rad], shape (12,).
 
     Args:
         edges: Whether the sword on the defender's body, and the shield on the attacker's, are touches as well. In the
             environment's model they are not, and policies that learned there pass through.
+        clearance: How near the two may come before that is a touch [m].
     """
-    edit = in_turn(DUEL.edit, add_edges if edges else tell_apart)
+    touching = in_turn(add_edges if edges else tell_apart, partial(keep_clear, clearance=clearance))
+    edit = in_turn(DUEL.edit, touching)
     return Ways(replace(DUEL, name="two_ergojr", joints=(*JOINTS, *DEFENDERS_JOINTS), edit=edit))

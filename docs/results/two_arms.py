@@ -1,0 +1,91 @@
+"""Roll a policy for ErgoShield out on two virtual arms and count in how many readings the arms' bodies overlap.
+
+    nas policy train --env ErgoShield --on source --frames 400000 --seed 0 --out runs/shield
+    python docs/results/two_arms.py runs/shield 2 unchecked bodies all
+
+`unchecked` sends every command and goes every slow way straight; the others are what `--apart` may be. Starts are those
+of the first episodes in simulation; in lock-step the same policy gives the same figures.
+"""
+
+import contextlib
+import io
+import json
+import sys
+from collections.abc import Iterator
+from unittest.mock import patch
+
+import numpy as np
+
+from nas_data.cli import main
+from nas_data.recorders.ergojr_ways import Ways
+from nas_data.robots.ergo_shield import DEFENDER
+from nas_data.rollouts.approach import Approach
+from nas_data.rollouts.making_room import WaysOfTwo
+from nas_data.rollouts.robot_stepper import RobotStepper
+from nas_data.rollouts.two_arms import ways_of_two
+from nas_data.simulators.contact import touches
+
+LOCKSTEP = ("--on", "ergojr", "--port", "virtual", "--defender-port", "virtual", "--lockstep", "--json")
+Poses = list[np.ndarray]
+
+
+@contextlib.contextmanager
+def watched() -> Iterator[tuple[Poses, Poses]]:
+    """Yield where the poses of both arms [rad], shape (12,), gather: those of steps, and those of slow ways."""
+    steps, slow, read, approach = Poses(), Poses(), RobotStepper._read, Approach._read
+
+    def reading(stepper: RobotStepper, unheard: int) -> None:
+        read(stepper, unheard)
+        steps.append(stepper._halves()[0])
+
+    def approaching(arms: Approach) -> tuple[np.ndarray, np.ndarray]:
+        found = approach(arms)
+        slow.append(found[0])
+        return found
+
+    with patch.object(RobotStepper, "_read", reading), patch.object(Approach, "_read", approaching):
+        yield steps, slow
+
+
+@contextlib.contextmanager
+def unchecked() -> Iterator[None]:
+    """Let nothing be looked at before it is done: the attacker goes straight to its pose, then the defender."""
+
+    def straight(_: WaysOfTwo, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+        return np.stack([np.concatenate([end[:6], begin[6:]]), end])
+
+    with patch.object(Ways, "leads_into_touch", lambda *_: False), patch.object(WaysOfTwo, "find", straight):
+        yield
+
+
+def depths(ways: Ways, poses: Poses) -> np.ndarray:
+    """Return how deep [m] attacker and defender are in one another, zero where they are not, shape (N,)."""
+    found = [touches(ways._simulator, pose, ways._room) for pose in poses]
+    between = [[-far for pair, far in each.items() if sum(DEFENDER in name for name in pair) == 1] for each in found]
+    return np.array([max(each, default=0.0) for each in between])
+
+
+def told(ways: Ways, poses: Poses) -> str:
+    """Say how many readings overlap, and how deep."""
+    deep = depths(ways, poses)
+    return f"{np.count_nonzero(deep)} of {len(deep)} (up to {1e3 * deep.max(initial=0.0):.1f} mm)"
+
+
+def measure(policy: str, episodes: str, kind: str) -> None:
+    """Roll out, and print a line."""
+    options = (policy, "--episodes", episodes, *LOCKSTEP, *(("--apart", "all") if kind == "all" else ()))
+    said = io.StringIO()
+    care = unchecked() if kind == "unchecked" else contextlib.nullcontext()
+    with care, watched() as (steps, slow), contextlib.redirect_stdout(said):
+        code = main(["policy", "evaluate", *options])
+    if code:
+        sys.exit(said.getvalue())
+    answer, bodies, edges = json.loads(said.getvalue()), ways_of_two(), ways_of_two(edges=True)
+    print(f"{kind}: touches {answer['returns'][0]}, {answer['held_back']} commands held back")
+    print(f"  bodies: {told(bodies, steps)} in episodes, {told(bodies, slow)} on slow ways")
+    print(f"  bodies, sword and shield: {told(edges, steps)} in episodes, {told(edges, slow)} on slow ways", flush=True)
+
+
+if __name__ == "__main__":
+    for name in sys.argv[3:]:
+        measure(sys.argv[1], sys.argv[2], name)
