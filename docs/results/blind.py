@@ -16,7 +16,7 @@ FAMILIES = {
 }
 KEPT = (
     "case", "arm", "excitation", "true", "marks", "named", "confidences", "parameters", "verdict", "exact",
-    "unexplained_joint_named", "seconds", "fresh", "baselines",
+    "confident_wrong", "unexplained_joint_named", "seconds", "fresh", "baselines",
 )  # fmt: skip
 SURE = 0.8  # a wrong name with at least this confidence counts as confidently wrong
 Case = Mapping[str, object]
@@ -87,7 +87,29 @@ def told(cases: Sequence[Case]) -> str:
     for family, members in by_family.items():
         lines.append(f"- {family}: {median([case['seconds'] for case in members])} s")
     lines += [f"- not right: {case['case']}: {names(case)}" for case in cases if wrong(case)]
-    return "\n".join(lines)
+    return "\n".join([*lines, *baselines(by_family)])
+
+
+def baselines(by_family: Mapping[str, Sequence[Case]]) -> list[str]:
+    """Return a table of the other methods on the cases that they were given, the workflow's own figures beside them."""
+    lines = ["", "| family | method | cases | exactly right | wrong, sure | rest | s |", "|" + " --- |" * 7]
+    for family, members in by_family.items():
+        both = [case for case in members if case.get("baselines")]
+        methods = {"nas gap": both} | {
+            name: [case["baselines"][name] for case in both if name in case["baselines"]]
+            for name in dict.fromkeys(name for case in both for name in case["baselines"])
+        }
+        lines += [method_row(FAMILIES[family], name, answers) for name, answers in methods.items() if answers]
+    return lines if len(lines) > 3 else []
+
+
+def method_row(family: str, name: str, answers: Sequence[Case]) -> str:
+    """Return one line of that table; rests are those of all cases, right or not."""
+    right = sum(bool(answer["exact"]) for answer in answers)
+    sure = sum(bool(answer["confident_wrong"]) for answer in answers if "confident_wrong" in answer)
+    seconds = median([answer["seconds"] for answer in answers if "seconds" in answer])
+    left = median([rest for answer in answers if "fresh" in answer for rest in rests([answer])])
+    return f"| {family} | {name} | {len(answers)} | {right} | {sure} | {left} | {seconds} |"
 
 
 def wrong(case: Case) -> bool:
