@@ -184,15 +184,15 @@ def test_a_duel_is_fought_and_kept(capsys):
 
 def test_a_sword_may_lie_on_a_shield_but_no_arm_on_the_other():
     rng, task = np.random.default_rng(0), find_task("ErgoShield")
-    attackers, defenders = rng.uniform(-1.2, 1.2, (20_000, 6)), rng.uniform(-GUARD, GUARD, (20_000, 6))
+    attackers, defenders = rng.uniform(-1.2, 1.2, (5_000, 6)), rng.uniform(-GUARD, GUARD, (5_000, 6))
     stepper = task.simulator().stepper(len(attackers))
     stepper.reset(np.concatenate([attackers, 0 * attackers, defenders, 0 * defenders], axis=1))
     poses = np.concatenate([attackers, defenders], axis=1)
     struck = poses[geometric_touches(stepper)]
     bodies, edges, alone = ways_of_two(), ways_of_two(edges=True), Ways(find_robot("ergojr_penholder"))
-    assert len(struck) > 100
+    assert len(struck) > 25
     assert np.mean([edges.touches(pose) for pose in struck]) < 0.2, "the others have an arm on the other as well"
-    for pose in poses[:1000]:
+    for pose in poses[:500]:
         assert alone.touches(pose[:6]) <= bodies.touches(pose) <= edges.touches(pose)
     crashed = next(pose for pose in struck if bodies.touches(pose) and not alone.touches(pose[:6]))
     upright = np.concatenate([np.zeros(6), crashed[6:]])
@@ -239,13 +239,15 @@ def test_a_word_about_one_arm_is_a_word_about_both(monkeypatch):
             assert len(told) == 1, "the other is safe, and its guard was sent home"
 
 
-def test_hits_are_what_the_keyboard_says(capsys):
+def test_hits_are_what_the_keyboard_says(capsys, monkeypatch):
+    task = replace(find_task("ErgoShield"), horizon=300)
+    monkeypatch.setattr("nas_data.commands._on_arm.find_task", lambda _: task)
     os.mkfifo("keys")
     writer = os.open("keys", os.O_RDWR | os.O_NONBLOCK)
     over = threading.Event()
 
     def press() -> None:
-        while not over.wait(1.5):
+        while not over.wait(0.5):
             os.write(writer, key(1) + key(0))
 
     thread = threading.Thread(target=press)
