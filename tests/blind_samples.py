@@ -2,13 +2,15 @@
 
 import json
 import shutil
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from nas_data.blind.arms import Arm, ergojr, random_arm
-from nas_data.blind.case import Identity
+from nas_data.blind.case import Case, Identity
 from nas_data.blind.conditions import Conditions
+from nas_data.blind.draw import draw_case
 from nas_data.blind.plants.base import find_plant
 from nas_data.blind.plants.constants import Constants
 from nas_data.blind.plants.mujoco_plant import multiply
@@ -47,8 +49,15 @@ def drawn(number: int, episodes: int = 2) -> tuple[Arm, Conditions, np.ndarray, 
     return arm, conditions, *setting.episodes(conditions, episodes, control, identity.stream("commands"))
 
 
+@cache
+def shortened(**identity: object) -> Case:
+    """Draw a case of the settings that `shorten` makes."""
+    return draw_case(**identity)
+
+
 def shorten(monkeypatch) -> None:
-    """Let cases have three episodes of half a second (other arms: of one), and two fresh ones."""
+    """Let cases have three episodes of half a second (other arms: of one), and two fresh ones; none is drawn twice."""
+    monkeypatch.setattr("nas_data.blind.judge.draw_case", shortened)
     monkeypatch.setattr(xl320, "EPISODES", 3)
     monkeypatch.setattr(xl320, "FRESH", 2)
     monkeypatch.setattr(xl320, "SECONDS", 0.5)
