@@ -10,11 +10,11 @@ from nas_data.errors import ModelFileError
 from nas_data.free_name import free_name
 
 # Tried on servos of XL-320 size and on ones four times as quick (up to 22 rad/s), at a step of 0.5 ms and ratios of 0.1
-# to 0.6: within 0.1° and 0.7° of the equation. Files made for 0.5 ms are within 0.2° and 0.6° at 1 ms and jam at 2 ms.
+# to 0.6: within 0.1° and 0.4° of the equation. Files made for 0.5 ms are within 0.2° and 0.5° at 1 ms and jam at 2 ms.
 PER_TURN = 0.3  # [m/rad] of the pad's way that the servo takes for an angle: the pad's force per torque [1/m]
 SMALLEST = 0.05  # ratio below which clearance and mass are no longer made to measure
 QUICK = 0.7  # of the large speed, for which clearance is left: at more, stops still hardly jam
-LIGHT = 0.6  # clearances that the large torque moves the pad in a step, inverted: less, and stops throw it to and fro;
+LIGHT = 0.6  # clearances over the way that the large torque moves the pad in a step: less, and stops throw it to and fro;
 # more, and it is late where the torque reverses
 STOPS = 5.0  # radius of the stops and the pad over the clearance between them
 SLIDING = 0.01  # sliding friction, of which there is none: the contact lies on the axis
