@@ -14,8 +14,9 @@ from nas_data.free_name import free_name
 PER_TURN = 0.3  # [m/rad] of the pad's way that the servo takes for an angle: the pad's force per torque [1/m]
 SMALLEST = 0.05  # ratio below which clearance and mass are no longer made to measure
 QUICK = 0.7  # of the large speed, for which clearance is left: at more, stops still hardly jam
-LIGHT = 0.6  # clearances over the way that the large torque moves the pad in a step: less, and stops throw it to and fro;
-# more, and it is late where the torque reverses
+# Clearance over the way that the large torque moves the pad in a step: with less, stops throw it to and fro; with more,
+# it is late where the torque reverses.
+LIGHT = 0.6
 STOPS = 5.0  # radius of the stops and the pad over the clearance between them
 SLIDING = 0.01  # sliding friction, of which there is none: the contact lies on the axis
 HARD = (0.999, 0.999, 0.001, 0.5, 2.0)  # impedance of the contact
