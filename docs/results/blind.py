@@ -41,7 +41,7 @@ def write(path: Path, whole: Mapping[str, object]) -> None:
 
 def family_of(case: Case) -> str:
     """Return the family that a case's name begins with."""
-    return str(case["case"]).split("-")[0]
+    return str(case["case"]).removeprefix("any-").split("-")[0]
 
 
 def row(family: str, cases: Sequence[Case]) -> str:
