@@ -91,10 +91,8 @@ BESIDE = {
 
 @pytest.mark.parametrize("name", BESIDE)
 def test_a_pad_feels_a_servo_as_other_effects_leave_it(name, tmp_path):
-    """Play, delay, limits: the file does with a pad what the simulator does with its hook."""
+    """Delay, limits, dead band: the file does with a pad what the simulator does with its hook."""
     other = effect(name, **BESIDE[name])
-    file = tmp_path / "lever.xml"
-    file.write_text(edited(Lever()).to_xml())
     hooked = simulate(tmp_path, Lever(), SIGNALS["holds"], other, effect("load_friction", ratio=0.3))
     plain = simulate(tmp_path, Lever(), SIGNALS["holds"], other)
     found = played(edited(Lever(), pressed(0.3), other), SIGNALS["holds"])

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from xl320_samples import virtual
+from xl320_samples import torques, virtual
 
 from nas_data.cli import main
 from nas_data.dataset.features import ACTION, NEXT_STATE, STATE
@@ -72,13 +72,6 @@ def robot_on(plugin, tmp_path):
     yield make
     for robot in robots:
         robot.disconnect()
-
-
-def torques(port: str) -> list[int]:
-    arm = Arm(port, JOINTS)
-    found = [arm.bus.get(identity, "torque_enable") for identity in JOINTS.ids]
-    arm.close()
-    return found
 
 
 def test_lerobot_finds_robot_and_teleoperator_by_their_names(installed, tmp_path):

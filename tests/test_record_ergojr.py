@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from xl320_samples import virtual
+from xl320_samples import torques, virtual
 
 from nas_data.cli import main
 from nas_data.command_file import write_commands
@@ -337,14 +337,6 @@ def wait_for(condition, seconds: float = 60.0) -> None:
     while not condition():
         assert time.monotonic() < until
         time.sleep(0.02)
-
-
-def torques(port: str) -> list[int]:
-    """Read the torque of every servo; the port may still be someone else's for a moment."""
-    arm = Arm(port, JOINTS)
-    found = [arm.bus.get(identity, "torque_enable") for identity in JOINTS.ids]
-    arm.close()
-    return found
 
 
 def free(port: str) -> bool:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from safetensors.numpy import save_file
-from xl320_samples import virtual
+from xl320_samples import torques, virtual
 
 from nas_data.cli import main
 from nas_data.dataset.features import DONE, ENVIRONMENT, NEXT_ENVIRONMENT, NEXT_STATE, REWARD, STATE, SUCCESS
@@ -41,7 +41,6 @@ from nas_data.simulators.contact import contact_counts
 from nas_data.simulators.mujoco import MujocoSimulator
 from nas_data.virtual_bus.options import Options
 from nas_data.virtual_bus.process import VirtualBus
-from nas_data.xl320.arm import Arm
 from nas_data.xl320.ergojr import ergojr_joints
 from nas_data.xl320.units import TICK
 
@@ -85,13 +84,6 @@ def evaluate(capsys, *words: str) -> dict:
 def refused(capsys, *words: str) -> str:
     assert main(["policy", "evaluate", *words]) == 2
     return capsys.readouterr().err.splitlines()[-1]
-
-
-def torques(port: str) -> list[int]:
-    arm = Arm(port, JOINTS)
-    found = [arm.bus.get(identity, "torque_enable") for identity in JOINTS.ids]
-    arm.close()
-    return found
 
 
 # One arm

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from xl320_samples import virtual
+from xl320_samples import torques, virtual
 
 from nas_data.envs.base import find_task
 from nas_data.errors import WayBlocked
@@ -18,7 +18,6 @@ from nas_data.rollouts.bench import CLEARANCE, Bench, ways
 from nas_data.rollouts.making_room import WaysOfTwo
 from nas_data.rollouts.robot_stepper import RobotStepper, RolloutTally
 from nas_data.rollouts.two_arms import ways_of_two
-from nas_data.xl320.arm import Arm
 from nas_data.xl320.configuration import Configuration
 from nas_data.xl320.ergojr import ergojr_joints
 from nas_data.xl320.units import TICK
@@ -125,13 +124,6 @@ def at_rest(attacker: np.ndarray, defender: np.ndarray) -> np.ndarray:
 
 def poses_of(stepper: RobotStepper) -> np.ndarray:
     return np.concatenate([stepper.states[0, :6], stepper.objects[0, :6]])
-
-
-def torques(port: str) -> list[int]:
-    arm = Arm(port, JOINTS)
-    found = [arm.bus.get(identity, "torque_enable") for identity in JOINTS.ids]
-    arm.close()
-    return found
 
 
 def test_arms_get_to_their_first_poses_one_after_the_other_without_a_touch(monkeypatch):

@@ -22,3 +22,12 @@ def connected(*faults: str, effects: tuple[str, ...] = (), offsets: tuple[int, .
     """Yield a driver on a virtual arm."""
     with virtual(*faults, effects=effects, offsets=offsets) as bus, Arm(bus.port, ergojr_joints()) as arm:
         yield arm
+
+
+def torques(port: str) -> list[int]:
+    """Read the torque of every servo; the port may still be someone else's for a moment."""
+    joints = ergojr_joints()
+    arm = Arm(port, joints)
+    found = [arm.bus.get(identity, "torque_enable") for identity in joints.ids]
+    arm.close()
+    return found
