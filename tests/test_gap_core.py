@@ -9,19 +9,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
 from nas_data.dataset.versions import resolve
 from nas_data.effects.base import parse
+from nas_data.envs.base import find_task
 from nas_data.errors import DatasetInvalid
 from nas_data.explicit import explicit
 from nas_data.gap.add import write_model
 from nas_data.gap.base import base_parameters
 from nas_data.gap.evidence import Evidence, divide, windows
-from nas_data.gap.floor import noise_floor, quantum
+from nas_data.gap.floor import noise_floor, quantum, step_errors
 from nas_data.gap.nominal import Nominal, fine_timestep, with_timestep
 from nas_data.gap.search.fit import Task, constrained, fit
 from nas_data.gap.search.unknowns import Unknowns
 from nas_data.gap.verdict import verdict
+from nas_data.recorders.recipe import Recipe
 from nas_data.robots.base import find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
 from nas_data.simulators.settled import Hold
@@ -93,6 +96,40 @@ def test_floor_of_a_moving_joint_is_that_of_quantum_and_noise(noise: float, peri
     expected = QUANTUM * np.hypot(1 / np.sqrt(12), noise)
     ratio = noise_floor(evidence) / expected
     assert np.all((ratio > 0.6) & (ratio < 1.4)), ratio  # medians of whole quanta are coarse
+
+
+@pytest.fixture(scope="module")
+def thrown():
+    """Clean recordings of an arm with play, driven by new torques every 50 or 100 ms."""
+    recipe = Recipe(environment="Striker", dynamics="backlash", episodes=16, steps=60, holds=(1, 2))
+    return recipe.record()[0], find_task("Striker").simulator("source")
+
+
+def with_noise(dataset: Dataset, deviation: float) -> Dataset:
+    """Return transitions whose position readings have normal noise [rad], velocities left alone."""
+    n, rng = len(dataset.joints), np.random.default_rng(0)
+    columns = dict(dataset.columns)
+    for key in ("observation.state", "next.observation.state"):
+        columns[key] = columns[key].copy()
+        columns[key][:, :n] += rng.normal(0, deviation, (dataset.n_frames, n))
+    return replace(dataset, columns=columns)
+
+
+def test_fast_motion_without_noise_is_not_taken_for_noise(thrown):
+    """Its differences look like noise of any order; the source's errors after one step tell."""
+    dataset, source = thrown
+    evidence, fast = Evidence.of(dataset), [2, 4, 6]  # light ones that have no play
+    assert noise_floor(evidence)[fast].min() > np.radians(0.2)
+    assert noise_floor(evidence, step_errors(dataset, source))[fast].max() < np.radians(0.1)
+
+
+@pytest.mark.parametrize("degrees", [0.3, 1.0, 3.0])
+def test_noise_is_not_taken_for_errors_of_the_model(thrown, degrees: float):
+    dataset, source = thrown
+    noise = np.radians(degrees)
+    noisy = with_noise(dataset, noise)
+    assert step_errors(noisy, source).min() > 0.95 * noise
+    assert noise_floor(Evidence.of(noisy), step_errors(noisy, source)).min() > 0.85 * noise
 
 
 @pytest.mark.parametrize("count", [2, 3, 10, 20])

@@ -6,34 +6,59 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nas_data.dataset.dataset import Dataset
+from nas_data.pairing import scene_states
+from nas_data.simulators.base import Simulator
+
 if TYPE_CHECKING:
     from nas_data.gap.evidence import Evidence
 
 SMALLEST = 1e-5  # [rad] below which no floor makes sense: float32 and solver tolerances
 ORDER, ORDERS = 3, (4, 5, 6, 8)  # of the differences in which noise shows; the higher, the less motion is in them
 COARSE = 2.0  # [roundings] up to which noise is what third differences say; beyond, it might be motion
+STEPS = 4000  # transitions of which a model's errors after one step are taken at most
 NORMAL = 1.4826  # standard deviation over median absolute deviation of a normal distribution
 ENOUGH = 10  # different repeated readings from which a quantum can be told
 MULTIPLES = 1e-3  # how near readings must lie to multiples of a quantum, as a share of it
 
 
-def noise_floor(evidence: "Evidence") -> np.ndarray:
+def noise_floor(evidence: "Evidence", most: np.ndarray | None = None) -> np.ndarray:
     """Estimate the standard deviation of the position readings' error [rad], shape (n,).
 
     A quantum Δ gives Δ/√12. Noise beyond it shows in third differences, in which smooth motion hardly does; rounding
     noise in a still joint does not show at all, hence the larger of both counts. What looks like much more noise than
-    rounding may be fast motion: it is noise only as far as higher differences show it too.
+    rounding may be fast motion: it is noise only as far as higher differences show it too, and the error of a model's
+    single steps, in which all noise of the reading that follows is.
+
+    Args:
+        evidence: Readings.
+        most: Error of single steps [rad], shape (n,); see `step_errors`.
     """
-    return np.array([joint_floor(evidence, joint) for joint in range(len(evidence.joints))])
+    limits = np.full(len(evidence.joints), np.inf) if most is None else most
+    return np.array([joint_floor(evidence, joint, float(limit)) for joint, limit in enumerate(limits)])
 
 
-def joint_floor(evidence: "Evidence", joint: int) -> float:
-    """Return the floor of one joint [rad]."""
+def step_errors(dataset: Dataset, simulator: Simulator) -> np.ndarray:
+    """Return the standard deviation of normal noise that explains a model's errors after one step [rad], shape (n,).
+
+    However wrong the model is, noise is not larger: what it gets wrong only adds to that.
+    """
+    rows = np.unique(np.linspace(0, dataset.n_frames - 1, STEPS).round().astype(int))
+    predicted = simulator.predict(
+        scene_states(dataset, simulator, rows).astype(float), dataset.commands[rows].astype(float)
+    )
+    n = len(dataset.joints)
+    errors = np.abs(predicted[:, :n] - dataset.next_states[rows, :n])
+    return NORMAL * np.median(np.where(np.isfinite(errors), errors, np.inf), axis=0)
+
+
+def joint_floor(evidence: "Evidence", joint: int, most: float) -> float:
+    """Return the floor of one joint [rad], given what it is at most beyond a few roundings."""
     readings = [row[seen, joint] for row, seen in zip(evidence.measured, evidence.counts, strict=True)]
     rounding = quantum(repeated(readings)) / np.sqrt(12.0)
     noise = spread(readings, ORDER)
     if noise > COARSE * rounding:
-        noise = max(COARSE * rounding, min(noise, *(spread(readings, order) for order in ORDERS)))
+        noise = max(COARSE * rounding, min(noise, most, *(spread(readings, order) for order in ORDERS)))
     return max(rounding, noise, SMALLEST)
 
 

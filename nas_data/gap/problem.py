@@ -10,7 +10,7 @@ from nas_data.dataset.versions import resolve
 from nas_data.errors import DatasetInvalid
 from nas_data.gap.evidence import Evidence, divide, windows
 from nas_data.gap.finding.driven import until_driven_again
-from nas_data.gap.floor import noise_floor
+from nas_data.gap.floor import noise_floor, step_errors
 from nas_data.gap.gains import with_relative_gains
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.search.fit import Task
@@ -77,7 +77,7 @@ class Problem:
         simulator = nominal.simulator()
         check_fits(transitions, simulator)
         evidence = evidence.with_objects(kept, simulator)
-        floor = noise_floor(evidence)
+        floor = noise_floor(evidence, step_errors(kept, simulator))
         train, held = divide(evidence)
         train, held = (
             windows(part, steps // simulator.substeps) for part, steps in ((train, TRAIN_STEPS), (held, HELD_STEPS))
