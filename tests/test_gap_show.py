@@ -10,7 +10,7 @@ import pytest
 from command_samples import nas
 
 from nas_data.errors import OptionError
-from nas_data.gap.showing.figures import AFTER, BEFORE, RETUNED
+from nas_data.gap.showing.figures import AFTER, BEFORE, RETUNED, per_joint
 from nas_data.gap.showing.page_pictures import ABOVE, models
 from nas_data.gap.showing.page_words import beside, figures, friendly, listed
 from nas_data.gap.showing.report import read_report
@@ -213,6 +213,16 @@ def test_a_joint_is_drawn_where_its_gap_is_above_the_floor(tmp_path):
     assert {path.stem for path in (tmp_path / "figures").glob("joint_*")} == {"joint_m2", "joint_gripper_left"}
     shown = Series.read(tmp_path)
     assert (shown.by_joint(shown.before) / FLOOR > ABOVE).tolist() == [False, True, True]
+
+
+def test_a_joint_that_never_moved_does_not_stretch_the_axis(tmp_path):
+    drawn = series(np.random.default_rng(1))
+    drawn["floor"] = np.array([1e-5, *FLOOR[1:]])
+    for name in ("before", "retuned", "after", "placebo"):
+        drawn[name][..., 0] = drawn["measured"][..., 0] + 1e-17
+    shown = Series.read(written(tmp_path, drawn=drawn))
+    low, high = per_joint(shown, {BEFORE: shown.before, AFTER: shown.after}).axes[0].get_ylim()
+    assert 1e-4 < low < high < 10  # [°]
 
 
 def test_pictures_of_an_earlier_report_go(tmp_path):

@@ -20,6 +20,8 @@ LOOKS = {
 MARKERS = {BEFORE: "o", RETUNED: "s", AFTER: "D", PLACEBO: "^"}
 FLOOR = "noise floor"
 WINDOW = 0.1  # [s] over which errors are averaged when drawn over time
+NOTHING = 1 / 3  # of a joint's floor, below which its errors are drawn no lower
+MARGIN = 0.04  # of what a logarithmic axis spans, above and below it, where that is much
 MOST_LABELS = 30  # ticks with a name on one axis
 MANY = 8  # names along an axis, or long ones, are turned
 
@@ -32,12 +34,13 @@ def per_joint(series: Series, models: Models) -> Figure:
         figure = Figure(figsize=(WIDTH, 3.6))
         axes = figure.subplots()
         places = np.arange(len(series.joints))
-        rows = {name: np.degrees(series.by_joint(predicted)) for name, predicted in models.items()}
+        floor = np.degrees(series.floor)
+        lowest = NOTHING * floor  # of a joint that never moved, which would stretch the axis down to rounding errors
+        rows = {name: np.maximum(np.degrees(series.by_joint(made)), lowest) for name, made in models.items()}
         stacked = np.stack([*rows.values()])
         axes.vlines(places, stacked.min(0), stacked.max(0), color=LIGHT, linewidth=1.0, zorder=2)
         for name, values in rows.items():
             draw_dots(axes, name, places, values)
-        floor = np.degrees(series.floor)
         axes.hlines(floor, places - 0.35, places + 0.35, color=BLACK, linewidth=1.4, label=FLOOR, zorder=3)
         axes.set_xticks(places, series.joints, rotation=turned(series.joints), ha=anchored(series.joints, "right"))
         axes.set_xlim(-0.6, len(places) - 0.4)
@@ -145,9 +148,11 @@ def logarithmic(axes: Axes, label: str, values: Sequence[float]) -> None:
     """Make the vertical axis logarithmic, with plain numbers in it and a margin about the values [°]."""
     positive = [value for value in values if np.isfinite(value) and value > 0] or [1.0]
     axes.set_yscale("log")
-    axes.set_ylim(min(positive) / 1.3, max(positive) * 1.3)
+    span = max(positive) / min(positive)
+    margin = max(1.3, span**MARGIN)
+    axes.set_ylim(min(positive) / margin, max(positive) * margin)
     axes.set_ylabel(label)
-    wide = max(positive) / min(positive) > 30
+    wide = span > 30
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     axes.yaxis.set_minor_formatter(
         lambda value, _: f"{value:g}" if f"{value:e}"[0] in ("25" if wide else "2357") else ""
