@@ -112,7 +112,20 @@ def unknown(arguments: Sequence[str]) -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program and return its exit code: 0 success, 1 a negative answer, 2 bad input, 130 interrupted."""
-    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        return answer(list(sys.argv[1:] if arguments is None else arguments))
+    except BrokenPipeError:
+        let_reader_go()
+        return 0
+
+
+def let_reader_go() -> None:
+    """Drop what is still to be printed: the reader (head, less) has seen enough, and Python would complain at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def answer(arguments: list[str]) -> int:
+    """Do what the arguments ask for and return the exit code; see `main`."""
     if not arguments or arguments[0] in {"-h", "--help"}:
         print(overview())
         return 0 if arguments else 2
@@ -170,6 +183,6 @@ def run(name: str, rest: list[str]) -> int:
     text = json.dumps(finite(outcome.data), indent=2, allow_nan=False) if command.json else outcome.text
     try:
         print(text, flush=True)
-    except BrokenPipeError:  # the reader (head, less) has seen enough; Python would complain again while it exits
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except BrokenPipeError:
+        let_reader_go()
     return 0 if outcome.ok else 1

@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import os
 import shlex
 import subprocess
 import sys
@@ -76,6 +77,16 @@ def test_words_that_are_no_command_are_answered(words):
         assert answer.code == 2
     assert "Traceback" not in answer.err
     assert overview(words[0]) in answer.out or answer.err.startswith("nas: There is no command")
+
+
+@pytest.mark.parametrize("words", ["--help", "gap --help", "effects"])
+def test_a_reader_that_has_seen_enough_ends_the_program_quietly(words: str):
+    reading, writing = os.pipe()
+    os.close(reading)
+    program = [sys.executable, "-m", "nas_data", *words.split()]
+    ended = subprocess.run(program, stdout=writing, stderr=subprocess.PIPE, check=False)
+    os.close(writing)
+    assert (ended.returncode, ended.stderr) == (0, b"")
 
 
 def test_help_imports_nothing_heavy():
