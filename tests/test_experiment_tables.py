@@ -1,6 +1,8 @@
 """What experiments write: after each environment, apart from their parts, and with what must be said below."""
 
 import json
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from experiment_samples import tiny
 
 from nas_data.envs.base import find_task
 from nas_data.envs.loop.plant import Plant
+from nas_data.envs.pusher import TORQUE
 from nas_data.errors import JobsFailed, OptionError, UnknownName
 from nas_data.experiments import figure6
 from nas_data.experiments.pipeline import comparing, conducting, stages
@@ -15,6 +18,7 @@ from nas_data.experiments.pipeline.authors import RETURNS
 from nas_data.experiments.pipeline.comparing import hyperparameters
 from nas_data.experiments.pipeline.conducting import conduct
 from nas_data.experiments.pipeline.dynamics import describe_dynamics
+from nas_data.experiments.pipeline.material import Material, MaterialPlan
 from nas_data.experiments.pipeline.methods import METHODS
 from nas_data.experiments.pipeline.naming import stem_of
 from nas_data.experiments.pipeline.sizes import FULL, PPO
@@ -22,6 +26,7 @@ from nas_data.experiments.pipeline.telling import describe_paired, on_intervals,
 from nas_data.policies.compare import Comparison, Study
 from nas_data.policies.intervals import median_interval
 from nas_data.policies.share import stake
+from nas_data.recorders.recipe import Recipe
 from nas_data.reports.prediction_figures import growth, quartiles
 
 ENDS = ("expert", "source")
@@ -126,6 +131,28 @@ def test_workers_of_figure6_simulate_on_one_thread(tmp_path, monkeypatch):
     for workers in (1, 2):
         with pytest.raises(Seen):
             conduct("figure6", tiny(tmp_path, "Pusher", seeds=(0,), workers=workers))
+
+
+# --- what is recorded
+
+
+def test_torques_are_weak_in_some_episodes_and_never_under_the_paper_s_protocol():
+    recipe = replace(FULL.recipe("Pusher", "backlash"), episodes=80)
+    actions = np.abs(recipe.session().commands) / TORQUE
+    strengths = np.array([strength for _, strength in recipe.kinds()])
+    assert set(strengths) == {0.3, 1.0} and strengths[::4].min() == 1.0
+    assert np.all(actions.max(axis=(1, 2)) <= strengths + 1e-6)
+    assert np.all(actions.max(axis=(1, 2)) > 0.7 * strengths)
+    plan = MaterialPlan(recipe, 100, FULL.delta, FULL.forward)
+    assert Material(plan, Path()).paper_protocol() == list(range(0, 100, 4))
+
+
+def test_a_recipe_without_strengths_draws_what_it_always_drew():
+    recipe = Recipe(environment="Pusher", dynamics="source", episodes=3, steps=20, holds=(1, 5))
+    whole = replace(recipe, strengths=(1.0, 1.0))
+    np.testing.assert_array_equal(recipe.session().commands, whole.session().commands)
+    weak = replace(recipe, strengths=(0.5,)).session().commands
+    np.testing.assert_allclose(weak, 0.5 * np.array(whole.session().commands), rtol=1e-6)
 
 
 # --- PPO as the authors ran it

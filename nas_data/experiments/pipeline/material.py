@@ -1,6 +1,6 @@
 """What all methods of an environment are made from: recordings, φ, ψ and names; built once, whatever the seeds."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -110,4 +110,5 @@ class Material:
 
     def paper_protocol(self) -> list[int]:
         """Return the held-out episodes that follow the paper's protocol."""
-        return list(range(0, self.plan.heldout, len(self.plan.recipe.holds)))
+        kinds = replace(self.plan.recipe, episodes=self.plan.heldout).kinds()
+        return [episode for episode, kind in enumerate(kinds) if kind == kinds[0]]

@@ -18,17 +18,21 @@ class Recording:
         steps: Control steps of each.
         holds: Control steps that an action is held, in turn; the first is the paper's protocol, the others are what
             policies do beyond it, which a recording of the first alone does not cover.
+        strengths: Shares of the actions' range that they are drawn from, in turn; in the paper's protocol all of it.
     """
 
     trajectories: int
     steps: int
     holds: tuple[int, ...]
+    strengths: tuple[float, ...] = (1.0,)
 
 
+# Every fourth episode, that of the paper's protocol, has all of the range, every other one of the others little of it
+TORQUES = (1.0, 1.0, 1.0, 1.0, 1.0, 0.3, 0.3, 0.3)
 # The paper draws a new action every step in simulation, and a new target every second on the arm
 RECORDINGS: Mapping[str, Recording] = {
-    "pusher": Recording(250, 100, (1, 2, 5, 20)),
-    "striker": Recording(5000, 100, (1, 2, 5, 20)),
+    "pusher": Recording(1000, 100, (1, 2, 5, 20), TORQUES),
+    "striker": Recording(5000, 100, (1, 2, 5, 20), TORQUES),
     "ergo_reacher": Recording(1000, 100, (1, 5, 20, 100)),
     "ergo_shield": Recording(500, 300, (100, 20, 5, 1)),
 }
@@ -104,7 +108,14 @@ class Sizes:
         """Return how an environment's target is recorded."""
         known = RECORDINGS.get(find_task_file(environment)) or Recording(250, find_task(environment).horizon, OTHERS)
         count = self.trajectories or known.trajectories
-        return Recipe(environment=environment, dynamics=dynamics, episodes=count, steps=known.steps, holds=known.holds)
+        return Recipe(
+            environment=environment,
+            dynamics=dynamics,
+            episodes=count,
+            steps=known.steps,
+            holds=known.holds,
+            strengths=known.strengths,
+        )
 
     def sentence(self) -> str:
         """Say how small a quick run is, for tables; nothing for a full one."""

@@ -104,7 +104,7 @@ STAGES = {
         Stage(
             "record",
             "Record and pair",
-            "The environment's target is driven by random actions, held briefly in some episodes and long in others, "
+            "The environment's target is driven by random actions, brief in some episodes, long or weak in others, "
             "from the environment's own starts with its objects; the source is asked where each command leads.",
             record,
             (DATASETS,),
