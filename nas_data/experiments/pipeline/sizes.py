@@ -14,7 +14,8 @@ class Recording:
     """How much of an environment's target is recorded.
 
     Attributes:
-        trajectories: Number of episodes, the paper's (sections 4.3 and 4.4).
+        trajectories: Number of episodes, the paper's (sections 4.3 and 4.4); of Pusher what the authors' published
+            returns are of, the paper says 250.
         steps: Control steps of each.
         holds: Control steps that an action is held, in turn; the first is the paper's protocol, the others are what
             policies do beyond it, which a recording of the first alone does not cover.
@@ -131,8 +132,8 @@ class Sizes:
 FULL = Sizes(
     name="full",
     heldout=100,
-    delta=preset("fast", updates=400, horizon=100),
-    forward=preset("fast", updates=600, horizon=100),
+    delta=preset("fast", updates=1200, horizon=100),
+    forward=preset("fast", updates=1200, horizon=100),
     frames=2_000_000,
     seeds=(0, 1, 2, 3, 4),
     judged=100,
