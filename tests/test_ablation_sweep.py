@@ -367,6 +367,7 @@ def test_minutes_start_in_motion_where_episodes_start_at_rest(swings):
     np.testing.assert_array_equal(resting.starts, moving.starts)
 
 
+@pytest.mark.slow
 def test_effects_are_named_from_the_subset_and_beat_the_source(here):
     Path("arm.xml").write_text(ARM)
     arm = recorded(Path("arm.xml"), Path("data"), "--effect", "viscous_friction:joint=shoulder,coefficient=0.05")

@@ -79,7 +79,7 @@ def test_other_cases_have_names_of_their_own():
 
 
 @pytest.mark.parametrize(
-    "family", ["none", "two", "outside", *(pytest.param(name, marks=pytest.mark.slow) for name in ("one", "three"))]
+    "family", ["none", *(pytest.param(name, marks=pytest.mark.slow) for name in ("one", "two", "three", "outside"))]
 )
 def test_other_cases_hide_what_can_be_seen_and_is_not_huge(family, tmp_path):
     case = draw_case(family, "numpy", 1, 3, setting="any")
@@ -92,6 +92,7 @@ def test_other_cases_hide_what_can_be_seen_and_is_not_huge(family, tmp_path):
     assert noise == pytest.approx(sensor.floor, rel=0.15)
 
 
+@pytest.mark.slow
 def test_measured_speeds_are_handed_over_and_others_differenced(tmp_path):
     sorts = {}
     for number in range(12):
@@ -120,6 +121,7 @@ def test_who_knows_everything_is_right_about_other_arms_too(plant, tmp_path):
     assert run(plan, tmp_path, know_everything, said.append) == records and len(said) == 1
 
 
+@pytest.mark.slow
 def test_every_baseline_answers_on_other_arms(tmp_path, monkeypatch):
     small = {"updates": 1, "frames": 50, "horizon": 10, "hidden": 8, "shortcut": False}
     monkeypatch.setattr("nas_data.blind.baselines.phi.SMALL", small)
