@@ -10,6 +10,7 @@ from nas_data.demo.plan import Demo
 from nas_data.envs.loop.plant import Plant
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compare
 from nas_data.policies.evaluate import score_baselines
+from nas_data.policies.intervals import bootstrap_of
 from nas_data.policies.learner import Hyperparameters
 from nas_data.policies.watching import watching
 from nas_data.reports.file import write_whole
@@ -34,11 +35,12 @@ def learn_policies(demo: Demo) -> Found:
     ]
     scores = {name: score.describe() for name, score in baselines.items()}
     write_whole(demo.folder / BASELINES, (json.dumps(scores, indent=1) + "\n").encode())
+    resampled = bootstrap_of(len(plan.seeds))
     summary = [
         f"Return on the target, median of {len(plan.seeds)} seeds: "
         + ", ".join(f"{method} {np.median(comparison.values(method)):.2f}" for method in study.methods),
         *(
-            f"{method} closes {closed} of the distance from source to expert"
+            f"{method} closes {closed} of the distance from source to expert (in brackets: {resampled})"
             for method in study.methods
             if (closed := comparison.share_closed(method)) is not None and not np.isnan(closed.value)
         ),
