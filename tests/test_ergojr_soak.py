@@ -1,18 +1,24 @@
-"""Endurance: thousands of disturbed packets, a hundred kills; minutes each, and so run apart from the other tests."""
+"""Endurance: ten thousand faults of all kinds, a hundred kills; minutes each, and so run apart from the other tests."""
 
+import contextlib
 import os
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from xl320_samples import torques
 
 from nas_data import errors
+from nas_data.cli import main
+from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
+from nas_data.virtual_bus import ports
 from nas_data.virtual_bus.options import Options
 from nas_data.virtual_bus.process import VirtualBus
 from nas_data.xl320.arm import Arm
@@ -24,6 +30,19 @@ KILLS = 100
 UNDER_WAY = Path("datasets/rec/recording")
 DISTURBED = ("lost_packet:share=0.03", "corrupted_packet:share=0.03", "latency:share=0.01")
 SENTENCES = (errors.BadReply, errors.ServoSilent, errors.NobodyAnswers)
+LASTING = (
+    "adapter_pulled:after={after}",
+    "unplugged:servo={servo},after={after}",
+    "overload:servo={servo},after={after}",
+    "overheat:servo={servo},after={after}",
+    "undervoltage:after={after}",
+    "lost_packet:share=1,after={after}",
+    "duplicate_id:servo=5,identity={servo}",
+    "wrong_model:servo={servo}",
+    "no_sync_read",
+)
+OUT_OF_REACH = ("adapter_pulled", "unplugged", "lost_packet")  # after these a servo may be beyond any command
+LARGEST_STEP = 0.1  # [rad] of an arm in a period; its speed limit is 1.745 rad/s, and two packets may be lost in a row
 
 
 @pytest.mark.slow
@@ -46,6 +65,77 @@ def test_thousands_of_disturbed_packets_yield_no_wrong_value_and_no_hang():
         assert longest < 1.0
         assert sentences > 0
         arm.close()
+
+
+class Stopwatch:
+    """Longest time [s] that an exchange with an arm takes."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.longest = 0.0
+        for name in ("read", "health", "command"):
+            monkeypatch.setattr(Arm, name, self._timed(getattr(Arm, name)))
+
+    def _timed(self, exchange):
+        def timed(*arguments):
+            began = time.monotonic()
+            try:
+                return exchange(*arguments)
+            finally:
+                self.longest = max(self.longest, time.monotonic() - began)
+
+        return timed
+
+
+def record(number: int) -> int:
+    options = ["--seconds", "0.3", "--excitation", "steps:share=0.2,seconds=0.1", "--episodes", "40", "--lockstep"]
+    return main(["record", "ergojr", "--port", "virtual", "--name", f"rec{number}", *options])
+
+
+@contextlib.contextmanager
+def bus_of(monkeypatch: pytest.MonkeyPatch, *faults: str) -> Iterator[VirtualBus]:
+    """Yield the arm that `--port virtual` is from now on; it is still there when the recorder is gone."""
+    with VirtualBus(Options(faults=faults, honest=False, lockstep=True)) as bus:
+        monkeypatch.setattr(ports, "port_of", lambda *_: contextlib.nullcontext(bus.port))
+        yield bus
+
+
+def check_stop(bus: VirtualBus, fault: str, said: list[str]) -> None:
+    """Check that a recorder that was stopped said why in a sentence, and left no torque, or said that it could not."""
+    sentence = said[-1]
+    assert sentence.startswith("nas: "), fault
+    assert "Traceback" not in "".join(said)
+    if not fault.startswith("adapter_pulled"):
+        bus.repair()
+        with contextlib.suppress(errors.ArmError):  # a servo that is gone
+            safe = sum(torques(bus.port)) == 0
+            assert safe or (fault.startswith(OUT_OF_REACH) and "switch the supply off" in "".join(said)), fault
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(7200)
+def test_ten_thousand_faults_of_all_kinds_cost_no_recording_and_no_wrong_value(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(0)
+    stopwatch = Stopwatch(monkeypatch)
+    faults, number = 0, 0
+    while faults < FAULTS:
+        for place in rng.permutation(len(LASTING)):
+            fault = LASTING[place].format(servo=rng.integers(1, 5), after=round(float(rng.uniform(0.1, 60)), 2))
+            with bus_of(monkeypatch, *DISTURBED, fault) as bus:
+                if record(number):
+                    check_stop(bus, fault, capfd.readouterr().err.splitlines())
+            faults += 1
+        with bus_of(monkeypatch, *DISTURBED) as bus:
+            while record(number):  # a line that is bad enough may stop it once more
+                check_stop(bus, "none", capfd.readouterr().err.splitlines())
+        (path,) = Path(f"datasets/rec{number}").glob("v1-*")
+        dataset = read(path)
+        assert verify(path) == []
+        assert dataset.n_episodes == 40
+        assert np.abs(dataset.next_states[:, :6] - dataset.states[:, :6]).max() < LARGEST_STEP
+        faults += read_provenance(path).target["tally"]["retries"]
+        number += 1
+    assert stopwatch.longest < 1.0
 
 
 def saved() -> int:

@@ -23,7 +23,7 @@ from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
 from nas_data.effects.base import make_effect
-from nas_data.errors import BeingWritten, GuardLost
+from nas_data.errors import BeingWritten, GuardLost, ServoSilent
 from nas_data.excitations.base import parse
 from nas_data.recorders.ergojr_dataset import LATE, LOAD, REPEATED, TEMPERATURE, VOLTAGE
 from nas_data.recorders.ergojr_motion import Episode
@@ -241,6 +241,21 @@ def test_a_bad_line_costs_attempts_but_no_wrong_value():
     steps = np.abs(dataset.next_states[:, :6] - dataset.states[:, :6]).max()
     assert steps < 0.1  # at 1.75 rad/s an arm cannot go farther in a period, but for a lost one now and then
     assert verify(finished()) == []
+
+
+@pytest.mark.parametrize(("times", "outcome"), [(2, 0), (3, 2)])
+def test_an_arm_that_goes_unheard_while_it_is_taken_is_taken_again(monkeypatch, times, outcome):
+    configure, failed = Arm.configure, []
+
+    def sometimes(arm, configuration):
+        if len(failed) < times:
+            failed.append(True)
+            raise ServoSilent("Servo 3 does not answer.")
+        configure(arm, configuration)
+
+    monkeypatch.setattr(Arm, "configure", sometimes)
+    assert record(*LOCKSTEP, "--episodes", "2") == outcome
+    assert len(failed) == times
 
 
 def test_a_hot_arm_rests(capfd):

@@ -21,7 +21,6 @@ from nas_data.xl320.joints import Joints
 
 PLAN = "meta/plan.npz"
 TRIES = 3  # times that an episode is begun before it is given up, or taken with readings that were missed
-REST = 1.0  # [s] that a line has to recover
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,8 +143,7 @@ class Recording:
 
     def _again(self, guarded: GuardedArm, number: int) -> Motion:
         """Begin an episode anew with an arm whose line failed."""
-        guarded.make_safe()
-        self._clock.wait_until(self._clock.now() + REST)
+        guarded.recover()
         return guarded.take(self._job.plan.poses[number])
 
     def _save(self, guarded: GuardedArm, episode: Episode) -> None:

@@ -10,12 +10,14 @@ from nas_data.errors import GuardLost
 from nas_data.recorders.ergojr_motion import Motion
 from nas_data.recorders.ergojr_ways import Ways
 from nas_data.recorders.schedule import Clock
+from nas_data.recorders.tolerance import TRIES, Tolerance
 from nas_data.recorders.watchdog import Watchdog
 from nas_data.xl320.arm import Arm
 from nas_data.xl320.configuration import Configuration
 from nas_data.xl320.joints import Joints
 
 SETTING_UP = 10.0  # [s] that it may take to look at an arm, to set it up or to make it safe
+REST = 1.0  # [s] that a line has to recover
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,9 +69,19 @@ class GuardedArm:
     def take(self, pose: np.ndarray) -> Motion:
         """Look at the arm and for a way to its first pose [rad], shape (n,), set it up, switch its torque on.
 
+        Where the line fails in a way that may pass, the arm is made safe, left alone for a moment, and taken again.
+
         Raises:
-            ArmError: something is wrong with the arm; its torque is still off.
+            ArmError: something is wrong with the arm.
         """
+        return Tolerance(TRIES, self.recover).ask(lambda: self._take(pose))
+
+    def recover(self) -> None:
+        """Make the arm safe, and give its line time to recover."""
+        self.make_safe()
+        self._clock.wait_until(self._clock.now() + REST)
+
+    def _take(self, pose: np.ndarray) -> Motion:
         setup = self._setup
         self.promise(SETTING_UP)
         self.arm.check()
