@@ -9,6 +9,7 @@ import numpy as np
 from nas_data.envs.base import Task
 from nas_data.envs.ergo_shield import ErgoShield, touches
 from nas_data.errors import OptionError
+from nas_data.recorders.ergojr_motion import Motion
 from nas_data.recorders.ergojr_ways import Ways
 from nas_data.recorders.guarded import GuardedArm, Setup
 from nas_data.recorders.schedule import Clock
@@ -84,7 +85,7 @@ class Bench:
                 arms.append(stack.enter_context(GuardedArm(self.defender, self.clock)))
                 arms[0].accompany(arms[1])
             motions = [arm.take(rest) for arm in arms]
-            touching, approach = self.attacker.ways, motions[0].approach
+            touching, approach = self.attacker.ways, self._alone(motions[0])
             if self.defender:
                 touching = ways_of_two(self.edges)
                 seeking = WaysOfTwo(self.defender.ways, (ways_of_two(self.edges, CLEARANCE), touching))
@@ -99,6 +100,11 @@ class Bench:
                 tally,
             )
             yield noticed, stepper
+
+    def _alone(self, motion: Motion) -> Callable[[np.ndarray], None]:
+        """Return what brings a single arm into a pose, its sag made up for."""
+        ways = self.attacker.ways
+        return lambda pose: motion.approach(pose - ways.sag(pose))
 
     def _noticed(self, task: Task, stack: ExitStack) -> Task:
         """Return a task that reads its hits where they come from."""

@@ -180,7 +180,7 @@ class RobotStepper:
     def _bring(self, pose: np.ndarray) -> None:
         """Go slowly to a pose [rad], shape (n,) or (2n,), and rest there where a servo is hot."""
         self._approach(pose)
-        held = pose - self._ways.sag(pose) if self._defender else pose
+        held = pose - self._ways.sag(pose)
         for motion, command in zip(self._arms, np.split(held, len(self._arms)), strict=True):
             if motion.vitals.temperature.max() >= HOT:
                 self.tally.pauses += 1
