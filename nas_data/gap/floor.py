@@ -5,6 +5,7 @@ from math import comb
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.pairing import scene_states
@@ -14,10 +15,12 @@ if TYPE_CHECKING:
     from nas_data.gap.evidence import Evidence
 
 SMALLEST = 1e-5  # [rad] below which no floor makes sense: float32 and solver tolerances
-ORDER, ORDERS = 3, (4, 5, 6, 8)  # of the differences in which noise shows; the higher, the less motion is in them
-COARSE = 2.0  # [roundings] up to which noise is what third differences say; beyond, it might be motion
+# Of the differences in which noise shows: rounding alone looks like more in even ones; the higher, the less motion
+ODD, ORDERS = (3, 5), (4, 5, 6, 8)
+COARSE = 2.0  # [roundings] up to which noise is what odd differences say; beyond, it might be motion
 STEPS = 4000  # transitions of which a model's errors after one step are taken at most
 NORMAL = 1.4826  # standard deviation over median absolute deviation of a normal distribution
+FEWEST = 50  # differences from which noise can be told
 ENOUGH = 10  # different repeated readings from which a quantum can be told
 MULTIPLES = 1e-3  # how near readings must lie to multiples of a quantum, as a share of it
 
@@ -25,7 +28,7 @@ MULTIPLES = 1e-3  # how near readings must lie to multiples of a quantum, as a s
 def noise_floor(evidence: "Evidence", most: np.ndarray | None = None) -> np.ndarray:
     """Estimate the standard deviation of the position readings' error [rad], shape (n,).
 
-    A quantum Δ gives Δ/√12. Noise beyond it shows in third differences, in which smooth motion hardly does; rounding
+    A quantum Δ gives Δ/√12. Noise beyond it shows in high differences, in which smooth motion hardly does; rounding
     noise in a still joint does not show at all, hence the larger of both counts. What looks like much more noise than
     rounding may be fast motion: it is noise only as far as higher differences show it too, and the error of a model's
     single steps, in which all noise of the reading that follows is.
@@ -55,17 +58,48 @@ def step_errors(dataset: Dataset, simulator: Simulator) -> np.ndarray:
 def joint_floor(evidence: "Evidence", joint: int, most: float) -> float:
     """Return the floor of one joint [rad], given what it is at most beyond a few roundings."""
     readings = [row[seen, joint] for row, seen in zip(evidence.measured, evidence.counts, strict=True)]
-    rounding = quantum(repeated(readings)) / np.sqrt(12.0)
-    noise = spread(readings, ORDER)
+    step = quantum(repeated(readings))
+    rounding = step / np.sqrt(12.0)
+    noise = min(spread(readings, order, step) for order in ODD)
     if noise > COARSE * rounding:
-        noise = max(COARSE * rounding, min(noise, most, *(spread(readings, order) for order in ORDERS)))
+        noise = max(COARSE * rounding, min(noise, most, *(spread(readings, order, step) for order in ORDERS)))
     return max(rounding, noise, SMALLEST)
 
 
-def spread(readings: Sequence[np.ndarray], order: int) -> float:
-    """Return the standard deviation of white noise that explains the differences of an order [rad]."""
-    jumps = np.concatenate([np.diff(row, order) for row in readings])
-    return NORMAL * float(np.median(np.abs(jumps))) / float(np.sqrt(comb(2 * order, order)))
+def spread(readings: Sequence[np.ndarray], order: int, step: float = 0.0) -> float:
+    """Return the standard deviation of white noise that explains the differences of an order [rad].
+
+    Of readings that come in steps only those stretches count that cover two: noise hides in a joint that stands still.
+
+    Args:
+        readings: Episodes, shape (T,) each.
+        order: Of the differences.
+        step: Resolution of the readings [rad]; 0 for exact ones.
+
+    Returns:
+        The deviation; 0 where hardly any stretch counts.
+    """
+    sizes = np.concatenate([np.abs(np.diff(row, order)) for row in readings])
+    if step:
+        stretches = [sliding_window_view(row, order + 1) for row in readings if len(row) > order]
+        sizes = sizes[np.concatenate([np.ptp(rows, axis=1) for rows in stretches]) > 1.5 * step]
+        if len(sizes) < FEWEST:
+            return 0.0
+    return NORMAL * median(sizes, step) / float(np.sqrt(comb(2 * order, order)))
+
+
+def median(sizes: np.ndarray, step: float) -> float:
+    """Return the median of sizes that come in steps, as if each were spread evenly over the step that it stands for.
+
+    The plain one jumps from step to step, and a floor that is a multiple of the resolution may be a third off.
+    """
+    if step == 0.0:
+        return float(np.median(sizes))
+    edges = np.concatenate([[0.0], (np.arange(sizes.max() / step + 1.0) + 0.5) * step])
+    below = np.searchsorted(np.sort(sizes), edges) / len(sizes)
+    place = int(np.searchsorted(below, 0.5))
+    low, high = below[place - 1], below[place]
+    return float(edges[place - 1] + (0.5 - low) / (high - low) * (edges[place] - edges[place - 1]))
 
 
 def repeated(readings: Sequence[np.ndarray]) -> np.ndarray:
