@@ -23,7 +23,6 @@ from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
 from nas_data.envs.base import find_task
-from nas_data.envs.ergo_reacher import START_ANGLE
 from nas_data.envs.ergo_shield import GUARD
 from nas_data.envs.ergo_shield import touches as geometric_touches
 from nas_data.errors import OptionError
@@ -99,7 +98,7 @@ def test_a_policy_fares_on_the_arm_as_in_the_simulation_that_moves_it(capsys):
     assert measured["return"] == pytest.approx(simulated["return"], rel=0.05)  # the virtual arm's supply sags
 
 
-def test_an_arm_begins_where_it_was_sent_not_below(capsys, monkeypatch):
+def test_rollouts_are_kept_as_a_dataset(capsys, monkeypatch):
     reset, sent = RobotStepper.reset, []
 
     def remembering(stepper, states, rows=None):
@@ -107,14 +106,6 @@ def test_an_arm_begins_where_it_was_sent_not_below(capsys, monkeypatch):
         reset(stepper, states, rows)
 
     monkeypatch.setattr(RobotStepper, "reset", remembering)
-    reacher = policy("ErgoReacher", (0.3, -0.2, 0.2, 0.1))
-    dataset = read(Path(evaluate(capsys, reacher, "--episodes", "3", *LOCKSTEP, "--record", "rolled")["dataset"]))
-    begun = np.stack([dataset.states[rows][0, :6] for rows in dataset.episodes()])
-    assert len(sent) >= 3
-    assert np.abs(begun - sent[:3]).max() < np.radians(6)  # friction; hanging it would be up to 12° lower
-
-
-def test_rollouts_are_kept_as_a_dataset(capsys):
     reacher = policy("ErgoReacher", (0.3, -0.2, 0.2, 0.1))
     answer = evaluate(capsys, reacher, "--episodes", "3", *LOCKSTEP, "--record", "rolled")
     root = Path(answer["dataset"])
@@ -125,7 +116,8 @@ def test_rollouts_are_kept_as_a_dataset(capsys):
     assert dataset.commands / TICK == pytest.approx(np.rint(dataset.commands / TICK), abs=1e-3)
     for rows in dataset.episodes():
         assert np.array_equal(dataset.columns[STATE][rows][1:], dataset.columns[NEXT_STATE][rows][:-1])
-        assert np.abs(dataset.states[rows][0, :6]).max() < START_ANGLE + 0.1
+        below = dataset.states[rows][0, :6] - sent.pop(0)
+        assert np.abs(below).max() < np.radians(6)  # friction; an arm that hangs below its command is up to 14° off
     assert provenance.signal["environment"] == "ErgoReacher"
     assert provenance.target["configuration"]["speed"] == 1.745
     assert answer["held_back"] == answer["late"] == 0
