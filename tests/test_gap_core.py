@@ -112,6 +112,19 @@ def test_a_floor_grows_smoothly_with_the_noise(noise: float, seed: int):
     assert abs(sizes[1] / sizes[0] - 1) < 0.1
 
 
+@pytest.mark.parametrize("noise", [0.1, 0.3, 0.4, 0.6, 1.0])
+def test_noise_of_a_joint_that_stands_still_is_not_taken_for_more(noise: float):
+    """Rounding hides some of it; stretches that were chosen by their noise would show up to twice as much."""
+    rng = np.random.default_rng(0)
+    poses = rng.uniform(-1, 1, (20, 1)) + noise * rng.standard_normal((20, 300))
+    readings = list(np.round(poses) * QUANTUM)
+    assert 0 <= spread(readings, 3, QUANTUM) < 1.1 * QUANTUM * np.hypot(1 / np.sqrt(12), noise)
+
+
+def test_episodes_too_short_for_differences_say_nothing_of_noise():
+    assert spread([np.arange(4) * QUANTUM] * 3, 5, QUANTUM) == spread([np.arange(4) * 0.1] * 3, 5) == np.inf
+
+
 @pytest.mark.parametrize(
     ("sizes", "step", "expected"),
     [

@@ -20,7 +20,8 @@ ODD, ORDERS = (3, 5), (4, 5, 6, 8)
 COARSE = 2.0  # [roundings] up to which noise is what odd differences say; beyond, it might be motion
 STEPS = 4000  # transitions of which a model's errors after one step are taken at most
 NORMAL = 1.4826  # standard deviation over median absolute deviation of a normal distribution
-FEWEST = 50  # differences from which noise can be told
+STRETCH, END, FAR = 16, 4, 4.0  # readings in which a joint moves, at either end of them, and how many steps it moves
+FEWEST = 50  # such stretches from which noise can be told
 ENOUGH = 10  # different repeated readings from which a quantum can be told
 MULTIPLES = 1e-3  # how near readings must lie to multiples of a quantum, as a share of it
 
@@ -69,7 +70,8 @@ def joint_floor(evidence: "Evidence", joint: int, most: float) -> float:
 def spread(readings: Sequence[np.ndarray], order: int, step: float = 0.0) -> float:
     """Return the standard deviation of white noise that explains the differences of an order [rad].
 
-    Of readings that come in steps only those stretches count that cover two: noise hides in a joint that stands still.
+    Of readings that come in steps only those count that lie within motion, where there are any: noise hides in a joint
+    that stands still. Motion is told over a longer stretch, so that it is not the noise that chooses.
 
     Args:
         readings: Episodes, shape (T,) each.
@@ -77,14 +79,18 @@ def spread(readings: Sequence[np.ndarray], order: int, step: float = 0.0) -> flo
         step: Resolution of the readings [rad]; 0 for exact ones.
 
     Returns:
-        The deviation; 0 where hardly any stretch counts.
+        The deviation; infinite where no episode is long enough to tell.
     """
-    sizes = np.concatenate([np.abs(np.diff(row, order)) for row in readings])
+    sizes = np.abs(np.concatenate([np.diff(row, order) for row in readings]))
     if step:
-        stretches = [sliding_window_view(row, order + 1) for row in readings if len(row) > order]
-        sizes = sizes[np.concatenate([np.ptp(rows, axis=1) for rows in stretches]) > 1.5 * step]
-        if len(sizes) < FEWEST:
-            return 0.0
+        long = [sliding_window_view(row, STRETCH) for row in readings if len(row) >= STRETCH]
+        stretches = np.concatenate([np.empty((0, STRETCH)), *long])
+        moved = np.abs(stretches[:, -END:].mean(axis=1) - stretches[:, :END].mean(axis=1)) > FAR * step
+        if moved.sum() >= FEWEST:
+            first = (STRETCH - order) // 2
+            sizes = np.abs(np.diff(stretches[moved, first : first + order + 1], order, axis=1)[:, 0])
+    if not len(sizes):
+        return float(np.inf)
     return NORMAL * median(sizes, step) / float(np.sqrt(comb(2 * order, order)))
 
 
