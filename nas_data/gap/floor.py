@@ -59,7 +59,7 @@ def step_errors(dataset: Dataset, simulator: Simulator) -> np.ndarray:
 def joint_floor(evidence: "Evidence", joint: int, most: float) -> float:
     """Return the floor of one joint [rad], given what it is at most beyond a few roundings."""
     readings = [row[seen, joint] for row, seen in zip(evidence.measured, evidence.counts, strict=True)]
-    step = quantum(repeated(readings))
+    step = resolution(readings)
     rounding = step / np.sqrt(12.0)
     noise = min(spread(readings, order, step) for order in ODD)
     if noise > COARSE * rounding:
@@ -108,13 +108,15 @@ def median(sizes: np.ndarray, step: float) -> float:
     return float(edges[place - 1] + (0.5 - low) / (high - low) * (edges[place] - edges[place - 1]))
 
 
-def repeated(readings: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the readings that repeat the one before, or all where hardly any does.
+def resolution(readings: Sequence[np.ndarray]) -> float:
+    """Return the step in which readings come [rad], 0 for exact ones.
 
-    Resampled logs hold values between the sensor's; where the joint was still they are the sensor's own.
+    Resampled logs hold values between the sensor's; those that repeat the one before are the sensor's own. A handful of
+    these may lie so far apart that no step shows in them, where it does in all readings.
     """
     plateaus = np.concatenate([row[1:][np.diff(row) == 0] for row in readings])
-    return plateaus if len(np.unique(plateaus)) >= ENOUGH else np.concatenate(readings)
+    step = quantum(plateaus) if len(np.unique(plateaus)) >= ENOUGH else 0.0
+    return step or quantum(np.concatenate(readings))
 
 
 def quantum(readings: np.ndarray) -> float:

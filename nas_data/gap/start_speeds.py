@@ -6,7 +6,7 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.transitions import estimate_velocities
-from nas_data.gap.floor import ODD, ORDERS, quantum, repeated, spread
+from nas_data.gap.floor import ODD, ORDERS, resolution, spread
 
 CLEAR = 5.0  # standard deviations beyond which a reading is no noise: once in two million readings
 SAME = 1e-4  # share of a joint's greatest speed by which single precision changes differences of positions
@@ -42,7 +42,7 @@ def velocity_noise(velocities: Sequence[np.ndarray], effort: bool) -> float:
         velocities: Readings of each episode, shape (T,).
         effort: Whether torques are commanded: then velocities jump, and of noise only rounding can be told from motion.
     """
-    step = quantum(repeated(velocities))
+    step = resolution(velocities)
     rounding = step / float(np.sqrt(12.0))
     return rounding if effort else max(rounding, min(spread(velocities, order, step) for order in (*ODD, *ORDERS)))
 
