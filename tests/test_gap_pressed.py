@@ -3,11 +3,13 @@
 import json
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
 from nas_data.cli import main
 from nas_data.effects.base import parse
+from nas_data.gap import added as added_file
 from nas_data.gap.added import Outcome, added
 from nas_data.gap.problem import Problem
 from nas_data.gap.search.final import Final
@@ -60,3 +62,24 @@ def test_beside_play_the_file_has_the_nearest_effect(tmp_path: Path):
     assert not found.whole
     assert flags(tmp_path / "report") == {"load_friction": False, "backlash": True}
     assert error(given, found.after) < 0.5 * error(given, found.written) < 0.5 * error(given, found.before)
+
+
+def test_pads_made_for_a_wrong_size_are_made_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    given = problem(tmp_path, LOAD)
+    wrong = ((0.05, 20.0),)
+    monkeypatch.setattr(added_file, "SIZES", wrong)
+    assert not outcome(given, tmp_path / "wrong", LOAD).whole
+    monkeypatch.setattr(added_file, "SIZES", (*wrong, (1.0, 1.0)))
+    found = outcome(given, tmp_path / "anew", LOAD)
+    assert found.whole
+    assert error(given, found.written) < 1.4 * float(np.degrees(np.sqrt((given.held.floor**2).mean())))
+
+
+def test_a_file_that_does_not_do_quite_the_same_is_still_the_nearest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    given = problem(tmp_path, LOAD)
+    monkeypatch.setattr(added_file, "AS_GOOD", 0.5)
+    found = outcome(given, tmp_path / "report", LOAD)
+    assert not found.whole
+    assert flags(tmp_path / "report") == {"load_friction": False}
+    assert mujoco.MjModel.from_xml_path(str(found.model)).joint("m2_pressed_pad")
+    assert error(given, found.after) <= error(given, found.written) < 0.3 * error(given, found.before)
