@@ -176,7 +176,7 @@ def test_values_stand_in_friendly_units_beside_si(tmp_path):
     assert "delay 31.4 ms (0.0314 s)" in text
     assert "Confidence in this name: 64 % (a guess, not more)" in text
     assert "These data cannot tell it from rotor inertia in m1." in text
-    assert "A model file cannot hold it here: effects.json does" in text
+    assert "A model file cannot quite hold it here: effects.json does" in text
     assert "still 6.3 times the noise; it goes with position" in text
     assert "−6.6 %" in text
     assert "play and friction look alike" in text

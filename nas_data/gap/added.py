@@ -19,8 +19,9 @@ from nas_data.simulators.settled import Hold
 
 AS_GOOD = 1.5  # error of a joint on training episodes, floor included, up to which a file does what the names do
 
-# Of the large torque and speed, for which a form in a file is made: where the first does not do, others are tried
-SIZES = ((1.0, 1.0), (2.0, 1.0), (1.0, 0.6), (2.0, 0.6))
+# Of the large torque and speed, for which a form in a file is made. Where the first does not do, pads that are heavier
+# are tried: bouncing less, they take less from a saturated servo with velocity feedback, and follow its torque later.
+SIZES = ((1.0, 1.0), (2.0, 1.0), (4.0, 1.0), (8.0, 1.5))
 
 
 @dataclass(frozen=True)

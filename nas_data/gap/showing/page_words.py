@@ -99,7 +99,7 @@ def finding(effect: Effect) -> list[str]:
     ]
     if not effect["in_model_xml"]:
         sentences.append(
-            "A model file cannot hold it here: effects.json does, and model.xml has the nearest effect in its place."
+            "A model file cannot quite hold it here: effects.json does, and model.xml has what comes nearest to it."
         )
     return sentences
 
