@@ -9,7 +9,7 @@ from nas_data.gap.side_by_side import side_by_side
 
 RIVALS = 3  # that are fitted beside the other effects, for each effect
 BETTER = 4.0  # nats by which a rival must be ahead of what is kept
-FACED = 2  # effects that one beyond a model file must face, of those that it is easily confused with
+FACED = 2  # effects that one must face, of those that it is easily confused with and that a hook tells apart from it
 SPARE = 2.0  # nats that a rival's every further parameter must bring besides
 
 
@@ -31,19 +31,24 @@ def outdone(search: Search, kept: Hypothesis, rounds: int = 3) -> Hypothesis:
 
 
 def confronted(search: Search, kept: Hypothesis) -> None:
-    """Let each effect that only a hook can express face those of a model file that it is easily confused with.
+    """Let effects of a model file face those that only a hook can express, where they are easily confused.
 
-    It may have been added at a time when they could not show what they do, and then they were no rivals.
+    Which of them is tried first depends on what else had been named by then, and later they may be no rivals any more.
     """
     for number, effect in enumerate(kept.effects):
-        if effect.in_model or effect.joint is None:
+        if effect.joint is None:
             continue
         without = search.without(kept, number) or search.null
         found, _ = search.screened(without.fit, kept, {effect.joint})
         known = search.rivals.setdefault(place(effect), [])
         met = {place(rival) for rival in known}
-        alike = [c.effect for c in found if c.effect.joint and c.effect.name() in effect.confused_with]
-        known[:0] = [rival for rival in alike if rival.in_model and place(rival) not in met][:FACED]
+        others = [c.effect for c in found if c.effect.joint and c.effect.in_model != effect.in_model]
+        known[:0] = [other for other in others if confusable(effect, other) and place(other) not in met][:FACED]
+
+
+def confusable(effect: Effect, other: Effect) -> bool:
+    """Return whether either of two effects is said to be easily confused with the other."""
+    return other.name() in effect.confused_with or effect.name() in other.confused_with
 
 
 def lead(effect: Effect, rival: Effect) -> float:
