@@ -16,7 +16,7 @@ from nas_data.gap.search.detail import detailed
 from nas_data.gap.search.fit import Task, fit
 from nas_data.gap.search.hypothesis import Hypothesis, labels, lent_slopes, place, relieves, strained
 from nas_data.gap.search.prune import doubted_again
-from nas_data.gap.search.rivals import contenders, lead, outdone
+from nas_data.gap.search.rivals import confronted, contenders, lead, outdone
 from nas_data.gap.search.state import Search
 from nas_data.gap.search.steps import stepped
 from nas_data.gap.search.unknowns import Unknowns, free_base
@@ -116,6 +116,22 @@ def test_what_came_second_takes_the_place_of_what_it_beats():
     assert better.effects[0].coefficient == pytest.approx(0.05, rel=0.1)
     assert contenders(search, better.effects[0], ())[0].name() == "coulomb_friction"
     assert outdone(search, better) is better
+
+
+@pytest.mark.parametrize(
+    ("wrong", "hidden"),
+    [("torque_limit:joint=m2,torque=0.15", "load_friction"), ("load_friction:joint=m2,ratio=0.3", "torque_limit")],
+)
+def test_what_a_hook_expresses_and_what_a_file_does_meet_where_they_are_confused(wrong: str, hidden: str):
+    """Neither was a rival of the other when the wrong one was added."""
+    effects = {"load_friction": "load_friction:joint=m2,ratio=0.2", "torque_limit": "torque_limit:joint=m2,torque=0.1"}
+    nominal, evidence = measured(effects[hidden])
+    search = Search(Task(nominal, evidence, FLOOR), Task(nominal, evidence, FLOOR))
+    kept = search.fitted((parse(wrong),), {})
+    assert outdone(search, kept) is kept
+    confronted(search, kept)
+    assert hidden in {rival.name() for rival in contenders(search, kept.effects[0], ())}
+    assert [effect.name() for effect in outdone(search, kept).effects] == [hidden]
 
 
 def test_servos_that_all_lack_the_same_are_named_together(tmp_path: Path):
