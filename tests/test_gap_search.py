@@ -126,7 +126,8 @@ def test_what_a_hook_expresses_and_what_a_file_does_meet_where_they_are_confused
     """Neither was a rival of the other when the wrong one was added."""
     effects = {"load_friction": "load_friction:joint=m2,ratio=0.2", "torque_limit": "torque_limit:joint=m2,torque=0.1"}
     nominal, evidence = measured(effects[hidden])
-    search = Search(Task(nominal, evidence, FLOOR), Task(nominal, evidence, FLOOR))
+    task = Task(nominal, evidence, FLOOR).select([0, 1])
+    search = Search(task, task)
     kept = search.fitted((parse(wrong),), {})
     assert outdone(search, kept) is kept
     confronted(search, kept)
