@@ -1,4 +1,4 @@
-"""Endurance: ten thousand faults of all kinds, a hundred kills; minutes each, and so run apart from the other tests."""
+"""Endurance and speed: ten thousand faults, a hundred kills, minutes each; cycles, which want an idle machine."""
 
 import os
 
@@ -28,11 +28,13 @@ from nas_data.virtual_bus import ports
 from nas_data.virtual_bus.options import Options
 from nas_data.virtual_bus.process import VirtualBus
 from nas_data.xl320.arm import Arm
+from nas_data.xl320.configuration import Configuration
 from nas_data.xl320.ergojr import ergojr_joints
 
 JOINTS = ergojr_joints()
 FAULTS = 10_000
 KILLS = 100
+CYCLES, PER_SECOND = 3000, 300
 UNDER_WAY = Path("datasets/rec/recording")
 DISTURBED = ("lost_packet:share=0.03", "corrupted_packet:share=0.03", "latency:share=0.01")
 SENTENCES = (errors.BadReply, errors.ServoSilent, errors.NobodyAnswers)
@@ -192,3 +194,20 @@ def test_a_hundred_kills_lose_nothing_that_was_called_saved(tmp_path, monkeypatc
     (place,) = Path("datasets/rec").glob("v1-*")
     assert check_kept(kept, place).n_episodes == promised
     assert verify(place) == []
+
+
+@pytest.mark.slow
+def test_a_cycle_of_command_and_reading_leaves_room_for_300_hz():
+    """At the bus's own speed: 1 Mbps, and the servos' return delay."""
+    with ports.port_of("virtual") as port, Arm(port, JOINTS) as arm:
+        arm.check()
+        arm.configure(Configuration())
+        arm.torque_on()
+        pose, moments = arm.read().positions, [time.perf_counter()]
+        for _ in range(CYCLES):
+            arm.command(pose)
+            arm.read()
+            moments.append(time.perf_counter())
+    cycles = np.diff(moments)
+    print(f"{1 / cycles.mean():.0f} cycles a second, median {1e3 * np.median(cycles):.2f} ms")
+    assert cycles.mean() < 1 / PER_SECOND
