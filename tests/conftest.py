@@ -17,6 +17,12 @@ settings.register_profile("repeatable", derandomize=True)
 settings.load_profile("repeatable")
 
 
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip what needs PyBullet where it is not installed: for Python 3.12 it is an extra."""
+    if item.get_closest_marker("bullet"):
+        pytest.importorskip("pybullet", reason="PyBullet is not installed")
+
+
 @pytest.fixture(autouse=True)
 def patient_guard(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let guards of recorders in this process wait: a machine that stalls for a second must not end the tests."""

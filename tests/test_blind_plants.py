@@ -3,7 +3,6 @@
 import ast
 import subprocess
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 
 import mujoco
@@ -25,8 +24,7 @@ NATIVE = "mujoco_plant.py"
 NOMINAL = Truth(Base.nominal(6))
 FINE = 1e-4  # [s] timestep of the reference
 CLOSE = np.radians(0.1)
-WITHOUT_BULLET = pytest.mark.skipif(find_spec("pybullet") is None, reason="PyBullet is not installed")
-INDEPENDENT = ("numpy", pytest.param("bullet", marks=WITHOUT_BULLET))
+INDEPENDENT = ("numpy", pytest.param("bullet", marks=pytest.mark.bullet))
 
 
 def imported(path: Path) -> set[str]:
@@ -114,7 +112,7 @@ def test_each_effect_moves_the_joint_it_sits_in(plant, effect):
     assert np.sqrt(np.square(whole - without).mean(axis=(0, 1)))[1] > np.radians(0.02)
 
 
-@WITHOUT_BULLET
+@pytest.mark.bullet
 def test_both_independent_plants_agree_on_hidden_effects():
     arm, rng = arms()[0], np.random.default_rng(6)
     commands, poses = steps(1, 0.8, hold=40)

@@ -6,7 +6,6 @@ import json
 import numpy as np
 import pytest
 from blind_samples import drawn, entry_of, know_everything, report_of, shorten
-from test_blind_plants import INDEPENDENT, WITHOUT_BULLET
 
 from nas_data import registry
 from nas_data.blind.benchmark import Plan, run
@@ -28,7 +27,7 @@ BEFORE = [
     (("two", "numpy", 2, 11), "2922a59b9ea72931"),
     (("three", "numpy", 0, 11), "3bfcaa65c35fd586"),
     (("outside", "numpy", 3, 11), "0698bd6e65eb2201"),
-    pytest.param(("one", "bullet", 0, 11), "7140c84926ada8b3", marks=WITHOUT_BULLET),
+    pytest.param(("one", "bullet", 0, 11), "7140c84926ada8b3", marks=pytest.mark.bullet),
 ]
 
 
@@ -109,7 +108,14 @@ def test_measured_speeds_are_handed_over_and_others_differenced(tmp_path):
     assert len(sorts) == 2
 
 
-@pytest.mark.parametrize("plant", [*INDEPENDENT, pytest.param("mujoco", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "plant",
+    [
+        pytest.param("bullet", marks=pytest.mark.bullet),
+        pytest.param("numpy", marks=pytest.mark.slow),
+        pytest.param("mujoco", marks=pytest.mark.slow),
+    ],
+)
 def test_who_knows_everything_is_right_about_other_arms_too(plant, tmp_path):
     plan = Plan(("one",), (plant,), 1, 4, setting="any")
     said: list[str] = []

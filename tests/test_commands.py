@@ -268,7 +268,6 @@ def test_a_source_given_to_training_is_kept_with_the_checkpoint(place, here):
 
 @pytest.mark.bullet
 def test_the_engine_of_a_source_is_remembered(place, here):
-    pytest.importorskip("pybullet")
     raw = write(read(place.raw).select([0, 1]), here / "raw", SIMULATED)
     done("pair", raw, "--model", "pendulum", "--engine", "bullet", "--out", "paired")
     done("train", "delta", "paired", "--out", "phi", *FAST)

@@ -245,8 +245,8 @@ def test_the_authors_motors_weigh_what_they_say():
         assert model.actuator_forcerange == pytest.approx(np.tile([-1, 1], (6, 1)))
 
 
+@pytest.mark.bullet
 def test_a_constraint_is_refused_where_the_engine_cannot_keep_it():
-    pytest.importorskip("pybullet")
     with pytest.raises(ModelFileError, match="equality constraints"):
         Plant("Pusher", "paper", engine="bullet").simulator()
 
