@@ -24,13 +24,8 @@ from nas_data.simulators.urdf import roll_pitch_yaw, to_urdf
 PERIOD = 0.01
 
 
-def needs_pybullet() -> None:
-    pytest.importorskip("pybullet", reason="PyBullet is not installed")
-
-
 @pytest.fixture(scope="module")
 def bullet():
-    needs_pybullet()
     return load_simulator("ergojr", PERIOD, engine="bullet")
 
 
@@ -159,7 +154,6 @@ def test_less_servo_damping_acts_in_both_engines_alike():
 
 def acts_alike(text: str, model: str) -> None:
     """An effect moves the arm, and by the same in both engines."""
-    needs_pybullet()
     effect = parse(text)
     commands, start = random_holds(holds=3), np.zeros((1, 12))
     plain = MujocoSimulator.load(model, PERIOD, threads=1).rollout(start, commands)
@@ -182,7 +176,6 @@ def test_the_arm_comes_to_rest_where_servo_and_gravity_balance():
     robot = Robot(name="smooth", mjcf=base.mjcf, joints=base.joints, edit=frictionless)
     from nas_data.simulators.bullet import BulletSimulator
 
-    needs_pybullet()
     arm = BulletSimulator(robot, PERIOD)
     commands = np.repeat(np.array([[[0.2, 0.4, -0.3, 0.5, 0.2, -0.4]]]), 400, axis=1)
     reached = arm.rollout(np.zeros((1, 12)), commands)[0, -1]
@@ -255,7 +248,6 @@ def test_the_floor_carries_the_arm(bullet):
 
 @pytest.mark.bullet
 def test_neighbours_never_touch_and_distant_links_may():
-    needs_pybullet()
     from nas_data.simulators.bullet_world import may_collide
 
     model = find_robot("ergojr").spec().compile()
@@ -272,7 +264,6 @@ def test_neighbours_never_touch_and_distant_links_may():
 
 @pytest.mark.bullet
 def test_worlds_are_closed_with_their_simulator():
-    needs_pybullet()
     from nas_data.simulators.bullet import BulletSimulator
 
     arm = BulletSimulator.load("pendulum", PERIOD)
@@ -303,7 +294,6 @@ def test_what_does_not_fit_is_refused(bullet, tmp_path):
 
 @pytest.mark.bullet
 def test_the_program_s_json_stays_clean_of_the_engine_s_chatter(tmp_path):
-    needs_pybullet()
     words = "record sim --engine bullet --robot pendulum --episodes 1 --seconds 0.5 --out recorded --json"
     done = subprocess.run(
         [sys.executable, "-m", "nas_data", *words.split()], cwd=tmp_path, capture_output=True, text=True, check=True

@@ -106,9 +106,10 @@ def write_nearest(problem: Problem, final: Final, folder: Path, fitted: Evidence
         tried.append((excess(forms, factors), forms, factors))
         if tried[-1][0] <= 1:
             return True
-    native = stand_ins(problem, final)
-    tried.append((excess(native.effects, dict(native.factors)), native.effects, dict(native.factors)))
-    _, effects, factors = min(reversed(tried), key=lambda entry: entry[0])
+    constant = stand_ins(problem, final)
+    near = constant.effects, dict(constant.factors)
+    tried.insert(0, (excess(*near), *near))  # first: it is taken where nothing compiles
+    _, effects, factors = min(tried, key=lambda entry: entry[0])
     write(effects, factors)
     return False
 
