@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import signal
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from hypothesis.extra.numpy import arrays
 from nas_data import cli
 from nas_data.envs.ergo_reacher import TASK
 from nas_data.envs.loop.plant import Plant
-from nas_data.errors import CheckpointError, OutputExists
+from nas_data.errors import CheckpointError, OutputExists, WorkerLost
 from nas_data.policies import evaluate
 from nas_data.policies.compare import Study, compare, read_result
 from nas_data.policies.folder import STATE, save_policy
@@ -288,6 +289,11 @@ def test_jobs_side_by_side_give_what_one_after_the_other_gives():
     )
     with pytest.raises(ValueError, match="invalid literal"):
         list(run_jobs(int, ["1", "one"], workers=2))
+
+
+def test_a_worker_that_the_system_ends_is_told_in_a_sentence():
+    with pytest.raises(WorkerLost, match="run the same command again"):
+        list(run_jobs(signal.raise_signal, [signal.SIGKILL] * 2, workers=2))
 
 
 def test_the_commands_train_and_judge(tmp_path, capsys):

@@ -6,10 +6,11 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from typing import TypeVar
 
-from nas_data.errors import JobsFailed, NasError
+from nas_data.errors import JobsFailed, NasError, WorkerLost
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -25,12 +26,18 @@ def run_jobs(function: Callable[[Job], Result], jobs: Sequence[Job], workers: in
 
     Raises:
         JobsFailed: several could not be done; says which, when all others are.
+        WorkerLost: the system ended a worker, mostly for want of memory.
         Exception: the same of a single one, as it was raised there.
     """
     failed: dict[int, Exception] = {}
     for number, outcome in run_all(function, jobs, min(workers, len(jobs))):
         try:
             result = outcome()
+        except BrokenProcessPool:
+            raise WorkerLost(
+                "A worker process was ended from outside, perhaps for want of memory; what was finished is kept: "
+                "run the same command again, with --workers 1 if it happens again."
+            ) from None
         except Exception as error:  # told below, when all that can be done is done
             failed[number] = error
         else:
