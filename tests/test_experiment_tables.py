@@ -14,7 +14,7 @@ from nas_data.envs.pusher import TORQUE
 from nas_data.errors import JobsFailed, OptionError, UnknownName
 from nas_data.experiments import figure6
 from nas_data.experiments.pipeline import comparing, conducting, stages
-from nas_data.experiments.pipeline.authors import RETURNS
+from nas_data.experiments.pipeline.authors import RETURNS, remarks
 from nas_data.experiments.pipeline.comparing import hyperparameters
 from nas_data.experiments.pipeline.conducting import conduct
 from nas_data.experiments.pipeline.dynamics import describe_dynamics
@@ -116,6 +116,15 @@ def test_without_a_method_that_needs_material_none_is_made(tmp_path):
     found = conduct("figure5", tiny(tmp_path, "Pusher", methods=ENDS, seeds=(0,)))
     assert not (tmp_path / "tiny/Pusher-backlash/material/datasets").exists()
     assert found.data["environments"]["Pusher"]["dataset"] is None
+
+
+def test_the_authors_numbers_are_said_to_be_of_what_they_are_of():
+    assert remarks(["Striker"]) == []  # never published in numbers
+    (simulated,) = remarks(["Pusher", "Striker", "ErgoReacher"])
+    (real,) = remarks(["ErgoShield"])
+    assert "'paper'" in simulated
+    assert "real arm" in real
+    assert "paper" not in find_task("ErgoShield").dynamics
 
 
 def test_workers_of_figure6_simulate_on_one_thread(tmp_path, monkeypatch):

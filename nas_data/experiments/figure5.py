@@ -2,16 +2,11 @@
 
 from nas_data.envs.base import environment_name, find_task_file
 from nas_data.experiments.base import Experiment, Request, Result
-from nas_data.experiments.pipeline.authors import RETURNS
+from nas_data.experiments.pipeline.authors import RETURNS, remarks
 from nas_data.experiments.pipeline.comparing import compare_methods, describe, table
 from nas_data.policies.intervals import median_interval
 from nas_data.reports.experiment_figures import Panel, returns_by_method
 from nas_data.reports.style import to_png
-
-AUTHORS = (
-    "The authors' numbers (diamonds) are of their target, which is the dynamics 'paper' here, and of their training; "
-    "beside other dynamics they stand for scale alone."
-)
 
 
 def run(request: Request) -> Result:
@@ -35,7 +30,7 @@ def run(request: Request) -> Result:
         )
         data[name] = describe(material, comparison)
     picture = to_png(returns_by_method(panels, "mean return on the target", request.sizes.quick))
-    return Result(tables, [AUTHORS], {"environments": data}, {"": picture})
+    return Result(tables, remarks(request.environments), {"environments": data}, {"": picture})
 
 
 EXPERIMENT = Experiment(

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from nas_data.envs.base import environment_name, find_task_file
 from nas_data.experiments.base import Experiment, Request, Result
-from nas_data.experiments.pipeline.authors import RETURNS
+from nas_data.experiments.pipeline.authors import RETURNS, remarks
 from nas_data.experiments.pipeline.comparing import compare_methods, describe, table
 from nas_data.experiments.pipeline.material import NAMES
 from nas_data.experiments.pipeline.methods import METHODS
@@ -13,18 +13,13 @@ from nas_data.policies.intervals import median_interval
 from nas_data.reports.experiment_figures import Panel, returns_by_method
 from nas_data.reports.style import to_png
 
-AUTHORS = (
-    "The authors' hits are of the real arm: of 2, 4, 1 and 2 policies of expert, source, forward and nas, the sources "
-    "trained with slower servos than the others, forward with a reward that was always zero."
-)
-
-
 SKIPPED = "What `nas gap` names is left out: naming six joints takes longer than all the rest; --methods asks for it."
 
 
 def run(request: Request) -> Result:
     """Draw one joint's response, then compare the methods' hits."""
-    tables, panels, notes, data, pictures = [], [], [AUTHORS], {}, {}
+    notes = remarks(request.environments)
+    tables, panels, data, pictures = [], [], {}, {}
     if request.sizes.quick and not request.methods:
         request = replace(request, methods=tuple(name for name, one in METHODS.items() if NAMES not in one.needs))
         notes.append(SKIPPED)

@@ -3,9 +3,11 @@
 Their repository is aalitaiga/sim-to-real at commit d97cce7; what they simulated as backlash is `dynamics="paper"` here.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from statistics import mean, median
+
+from nas_data.envs.base import find_task_file
 
 PLOT = "aalitaiga/sim-to-real, scripts/Plot.ipynb: figure 5a, 5 seeds of 100 episodes"
 REACHER = "aalitaiga/sim-to-real, test/results.md: figure 5c, 5 seeds"
@@ -62,6 +64,22 @@ RETURNS: Mapping[str, Mapping[str, Numbers]] = {
         "nas": Numbers((20.17, 11.95), HITS),  # the first over 6 episodes, the others over 20 to 25
     },
 }
+
+SIMULATED = (
+    "The authors' numbers (diamonds) are of their target, which is the dynamics 'paper' here, and of their training; "
+    "beside other dynamics they stand for scale alone."
+)
+ON_THE_ARM = (
+    "The authors' hits (diamonds) are of the real arm: of 2, 4, 1 and 2 policies of expert, source, forward and nas, "
+    "the sources trained with slower servos than the others, forward with a reward that was always zero."
+)
+
+
+def remarks(environments: Iterable[str]) -> list[str]:
+    """Return what is to be said of the numbers beside these environments; nothing where there are none."""
+    known = [name for name in map(find_task_file, environments) if name in RETURNS]
+    return list(dict.fromkeys(ON_THE_ARM if name == "ergo_shield" else SIMULATED for name in known))
+
 
 # Return of NAS on Pusher by number of trajectories: mean, then standard deviation over seeds
 RETURN_BY_COUNT: Mapping[int, tuple[float, float]] = {
