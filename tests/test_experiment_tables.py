@@ -200,7 +200,7 @@ def named_ends():
 @pytest.mark.parametrize(
     ("environment", "dynamics", "words"),
     [
-        ("pusher", "backlash", ("backlash (half_width 0.15 rad) in j3", "coulomb_friction (torque 1.5 N·m) in j3")),
+        ("pusher", "backlash", ("backlash (half_width 0.15 rad) in j1", "coulomb_friction (torque 1 N·m) in j1")),
         ("pusher", "paper", ("pull_joint (joint=", "width=")),
         ("pusher", "source", ("nothing added",)),
         ("ergo_reacher", "backlash", ("speed_limit",)),

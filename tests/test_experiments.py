@@ -103,7 +103,7 @@ def plan_of(folder):
 def test_less_than_the_experiment_says_so_wherever_it_is_shown(folder):
     for stem in (PART, "figure4-Pusher-backlash-tiny", "table1-Pusher-backlash-tiny"):
         assert "not a result" in text_of(folder, stem)
-        assert "coulomb_friction (torque 1.5 N·m) in j3" in text_of(folder, stem)
+        assert "coulomb_friction (torque 1 N·m) in j1" in text_of(folder, stem)
         assert "seed 0" in text_of(folder, stem)
         assert json_of(folder, stem)["warning"]
     assert not FULL.sentence()

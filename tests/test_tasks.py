@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from nas_data import registry
 from nas_data.effects.base import add_effects
 from nas_data.envs import ergo_shield, pusher, striker
-from nas_data.envs.base import find_task
+from nas_data.envs.base import find_task, in_turn
 from nas_data.envs.loop.arena import Arena
 from nas_data.envs.loop.arm_env import ArmEnv
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
@@ -146,7 +146,19 @@ def test_the_bigger_gap_is_that_of_the_appendix(task, arm, thing):
 
 
 def test_the_paper_s_pusher_hangs_where_the_authors_did():
-    """Theirs: 50 episodes of random actions, mean angles −0.54, 1.55 and −0.12 rad, speeds −0.11, 0.41 and −0.01."""
+    """The statistics by which their models were normalised: of random actions on their target, in MuJoCo 1.31."""
+    states = random_states("pusher", "paper", 100, 100).reshape(-1, 6)
+    assert states.mean(axis=0) == pytest.approx([-0.442, 1.508, -0.026, -0.056, 0.392, 0.038], abs=0.2)
+
+
+def test_with_heavier_links_it_hangs_where_their_later_code_lets_it(monkeypatch):
+    """Theirs with links of density 1000 in MuJoCo 4: mean angles −0.54, 1.55, −0.12 rad, speeds −0.11, 0.41, −0.01."""
+
+    def weigh(spec):
+        for name in ("link1", "link2", "link3"):
+            spec.geom(name).density = 1000
+
+    monkeypatch.setitem(pusher.TASK.edits, "paper", in_turn(weigh, pusher.TASK.edits["paper"]))
     states = random_states("pusher", "paper", 100, 100).reshape(-1, 6)
     assert states[:, :3].mean(axis=0) == pytest.approx([-0.54, 1.55, -0.12], abs=0.12)
     assert states[:, 3:].mean(axis=0) == pytest.approx([-0.11, 0.41, -0.01], abs=0.06)

@@ -24,10 +24,10 @@ REACHED = 0.17  # [m] radius of the authors' goal disc
 
 EFFORT_COST, REACH_COST = 0.1, 0.5  # per N²m² and per m, the authors' reward
 
-# A worn, dry gearbox at the fork: free play, and Coulomb friction on the motor's side of it. Free play alone, in any
-# joint, costs a policy of the source nothing that an expert regains (1.0 to 2.3 of a return of −69 at ±0.2 rad): the
-# links are heavy, the motors slow. With this much friction it does worse than an arm left alone (−102 against −90).
-BACKLASH = ("backlash:joint=j3,half_width=0.15", "coulomb_friction:joint=j3,torque=1.5")
+# A worn, dry gearbox at the shoulder: free play, and Coulomb friction on the motor's side of it. Free play alone, in
+# any joint, costs a policy of the source next to nothing (0 to 3 of a return of −57 at ±0.2 rad): the links are heavy,
+# the motors slow. With the friction it brings hardly any puck to its goal, an expert (one seed) every second one.
+BACKLASH = ("backlash:joint=j1,half_width=0.15", "coulomb_friction:joint=j1,torque=1.0")
 
 
 @dataclass(frozen=True, kw_only=True)
