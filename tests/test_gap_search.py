@@ -11,7 +11,8 @@ from test_gap_workflow import ARM, recorded
 
 from nas_data.cli import main
 from nas_data.effects.base import parse
-from nas_data.gap.search.choose import lost
+from nas_data.gap.search import choose as choose_module
+from nas_data.gap.search.choose import lost, persisted
 from nas_data.gap.search.detail import detailed
 from nas_data.gap.search.fit import Task, fit
 from nas_data.gap.search.hypothesis import Hypothesis, labels, lent_slopes, place, relieves, strained
@@ -180,6 +181,34 @@ def test_a_search_that_is_lost_ends(rest, losses, expected):
     train = SimpleNamespace(nominal=SimpleNamespace(joints=("still" if rest[0] < 5 else "pan", "lift")))
     search = SimpleNamespace(null=null, train=train, lively={"pan", "lift"}, ratio=lambda h: np.array(rest))
     assert lost(search, before, kept) == expected
+
+
+@pytest.mark.parametrize(
+    ("rest", "losses", "rounds"),
+    [
+        ([50.0, 1.0], [-200, -400, -410], 2),  # the second brought little
+        ([50.0, 1.0], [-200, -205], 1),
+        ([4.0, 1.0], [-200], 0),  # near enough
+    ],
+)
+def test_a_fit_far_from_what_was_recorded_goes_on_while_that_brings_much(monkeypatch, rest, losses, rounds):
+    """Losses begin with that of what is kept; with nothing added it is 0."""
+    left = [SimpleNamespace(effects=("play",), loss=loss) for loss in losses]
+    said = []
+    search = SimpleNamespace(
+        train=SimpleNamespace(nominal=SimpleNamespace(joints=("m1", "m2"))),
+        lively={"m1", "m2"},
+        null=SimpleNamespace(loss=0),
+        ratio=lambda h: np.array(rest),
+        refined=lambda h: left[left.index(h) + 1],
+        continued=lambda h: h,
+        report=lambda word, h: said.append(h),
+    )
+    monkeypatch.setattr(choose_module, "needed", lambda search, h: h)
+    asked = persisted(search, left[0])
+    better = max(rounds - 1, 0)
+    assert asked is left[better]
+    assert said == left[1 : better + 1]
 
 
 @pytest.mark.parametrize(
