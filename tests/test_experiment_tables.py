@@ -221,7 +221,7 @@ def test_the_table_says_what_it_rests_on(tmp_path):
     found = conduct("figure5", tiny(tmp_path, "Pusher", methods=(*ENDS, "nas"), seeds=(0, 1)))
     (page,) = (path.read_text() for path in tmp_path.glob("*.md"))
     for sentence in (
-        "coulomb_friction (torque 1.5 N·m)",
+        "coulomb_friction (torque 1 N·m)",
         "serve all seeds",
         "[range of 2 seeds]",
         "in 50% of cases",
