@@ -73,12 +73,13 @@ ON_THE_ARM = (
     "The authors' hits (diamonds) are of the real arm: of 2, 4, 1 and 2 policies of expert, source, forward and nas, "
     "the sources trained with slower servos than the others, forward with a reward that was always zero."
 )
+REMARKS = {PLOT: SIMULATED, REACHER: SIMULATED, HITS: ON_THE_ARM}
 
 
 def remarks(environments: Iterable[str]) -> list[str]:
     """Return what is to be said of the numbers beside these environments; nothing where there are none."""
-    known = [name for name in map(find_task_file, environments) if name in RETURNS]
-    return list(dict.fromkeys(ON_THE_ARM if name == "ergo_shield" else SIMULATED for name in known))
+    beside = [RETURNS.get(name, {}) for name in map(find_task_file, environments)]
+    return list(dict.fromkeys(REMARKS[numbers.source] for methods in beside for numbers in methods.values()))
 
 
 # Return of NAS on Pusher by number of trajectories: mean, then standard deviation over seeds
