@@ -186,7 +186,7 @@ def test_a_search_that_is_lost_ends(rest, losses, expected):
 @pytest.mark.parametrize(
     ("rest", "losses", "rounds"),
     [
-        ([50.0, 1.0], [-200, -400, -410], 2),  # the second brought little
+        ([50.0, 1.0], [-200, -400, -410], 2),  # the second brought little: it is kept, but nothing is dropped after it
         ([50.0, 1.0], [-200, -205], 1),
         ([4.0, 1.0], [-200], 0),  # near enough
     ],
@@ -194,7 +194,7 @@ def test_a_search_that_is_lost_ends(rest, losses, expected):
 def test_a_fit_far_from_what_was_recorded_goes_on_while_that_brings_much(monkeypatch, rest, losses, rounds):
     """Losses begin with that of what is kept; with nothing added it is 0."""
     left = [SimpleNamespace(effects=("play",), loss=loss) for loss in losses]
-    said = []
+    said, doubted = [], []
     search = SimpleNamespace(
         train=SimpleNamespace(nominal=SimpleNamespace(joints=("m1", "m2"))),
         lively={"m1", "m2"},
@@ -204,11 +204,9 @@ def test_a_fit_far_from_what_was_recorded_goes_on_while_that_brings_much(monkeyp
         continued=lambda h: h,
         report=lambda word, h: said.append(h),
     )
-    monkeypatch.setattr(choose_module, "needed", lambda search, h: h)
-    asked = persisted(search, left[0])
-    better = max(rounds - 1, 0)
-    assert asked is left[better]
-    assert said == left[1 : better + 1]
+    monkeypatch.setattr(choose_module, "needed", lambda search, h: doubted.append(h) or h)
+    assert persisted(search, left[0]) is left[rounds]
+    assert said == doubted == left[1:rounds]
 
 
 @pytest.mark.parametrize(

@@ -46,10 +46,10 @@ def persisted(search: Search, kept: Hypothesis) -> Hypothesis:
     of those that compared names were given, and stand-ins that helped half-way fall off at its end.
     """
     while kept.effects and any(far(search, kept)):
-        better = search.continued(search.refined(kept))
-        if not much(search, kept, better):
+        before, kept = kept, search.continued(search.refined(kept))
+        if not much(search, before, kept):
             break
-        kept = needed(search, better)
+        kept = needed(search, kept)
         search.report("fitted on", kept)
     return kept
 
