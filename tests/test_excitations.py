@@ -99,6 +99,16 @@ def test_babbling_changes_every_few_steps():
     assert changes.tolist() == list(range(7, 71, 7))
 
 
+def test_ramps_join_random_targets_by_straight_lines():
+    commands = draw(parse("ramps:every=7"), steps=71)
+    bends = np.flatnonzero(np.abs(np.diff(commands[0, :, 0], n=2)) > 1e-9) + 1
+    assert bends.tolist() == list(range(7, 70, 7))
+    targets = (draw(parse("ramps:every=100"), episodes=2000)[:, ::100] - LOW) / (HIGH - LOW)
+    assert targets.mean() == pytest.approx(0.5, abs=0.01)
+    assert targets.std() == pytest.approx(1 / np.sqrt(12), abs=0.01)
+    assert np.corrcoef(targets[:, 0].T)[0, 1] == pytest.approx(0, abs=0.1)
+
+
 def test_triangles_move_at_constant_speed_with_sharp_turns():
     commands = draw(parse("triangle:speed=0.5"))
     speeds = np.abs(np.diff(commands, axis=1)) / PERIOD

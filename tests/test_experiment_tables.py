@@ -26,7 +26,7 @@ from nas_data.experiments.pipeline.telling import describe_paired, on_intervals,
 from nas_data.policies.compare import Comparison, Study
 from nas_data.policies.intervals import median_interval
 from nas_data.policies.share import stake
-from nas_data.recorders.recipe import Recipe
+from nas_data.recorders.recipe import Kind, Recipe
 from nas_data.reports.prediction_figures import growth, quartiles
 
 ENDS = ("expert", "source")
@@ -145,23 +145,35 @@ def test_workers_of_figure6_simulate_on_one_thread(tmp_path, monkeypatch):
 # --- what is recorded
 
 
-def test_torques_are_weak_in_some_episodes_and_never_under_the_paper_s_protocol():
-    recipe = replace(FULL.recipe("Pusher", "backlash"), episodes=80)
-    actions = np.abs(recipe.session().commands) / TORQUE
-    strengths = np.array([strength for _, strength in recipe.kinds()])
-    assert set(strengths) == {0.3, 1.0} and strengths[::4].min() == 1.0
-    assert np.all(actions.max(axis=(1, 2)) <= strengths + 1e-6)
-    assert np.all(actions.max(axis=(1, 2)) > 0.7 * strengths)
+def test_actions_are_brief_long_weak_or_smooth_but_for_the_paper_s_protocol():
+    recipe = replace(FULL.recipe("Pusher", "backlash"), episodes=400)
+    kinds, actions = recipe.kinds(), np.array(recipe.session().commands) / TORQUE
+    assert set(kinds[::4]) == {Kind(1)}
+    others = [kind for number, kind in enumerate(kinds) if number % 4]
+    assert {kind.smooth for kind in others} == {True, False}
+    for drawn, low, high in (("every", 2, 50), ("strength", 0.2, 1.0)):
+        found = np.array([getattr(kind, drawn) for kind in others])
+        assert low <= found.min() < 1.2 * low and 0.9 * high < found.max() <= high
+        assert abs(np.median(found) - (10 if drawn == "every" else 0.6)) < (2 if drawn == "every" else 0.05)
+    strengths = np.array([kind.strength for kind in kinds])
+    assert np.all(np.abs(actions).max(axis=(1, 2)) <= strengths + 1e-6)
+    for kind, rows in zip(kinds, actions, strict=True):
+        changes = np.abs(np.diff(rows, axis=0)).max(axis=1)
+        assert (np.count_nonzero(changes) == (100 - 1) // kind.every) or kind.smooth
+        assert not kind.smooth or changes.max() <= 2 * kind.strength / kind.every + 1e-6
     plan = MaterialPlan(recipe, 100, FULL.delta, FULL.forward)
     assert Material(plan, Path()).paper_protocol() == list(range(0, 100, 4))
 
 
-def test_a_recipe_without_strengths_draws_what_it_always_drew():
-    recipe = Recipe(environment="Pusher", dynamics="source", episodes=3, steps=20, holds=(1, 5))
-    whole = replace(recipe, strengths=(1.0, 1.0))
-    np.testing.assert_array_equal(recipe.session().commands, whole.session().commands)
-    weak = replace(recipe, strengths=(0.5,)).session().commands
-    np.testing.assert_allclose(weak, 0.5 * np.array(whole.session().commands), rtol=1e-6)
+def test_more_episodes_of_a_recipe_begin_with_the_fewer():
+    few, many = (replace(FULL.recipe("ErgoShield", "backlash"), episodes=count) for count in (5, 9))
+    assert many.kinds()[:5] == few.kinds() != replace(few, seed=1).kinds()
+    np.testing.assert_array_equal(many.session().commands[:5], few.session().commands)
+
+
+def test_a_recipe_that_is_not_varied_holds_its_actions_in_turn():
+    recipe = Recipe(environment="Pusher", dynamics="source", episodes=5, steps=20, holds=(1, 5))
+    assert recipe.kinds() == [Kind(1), Kind(5), Kind(1), Kind(5), Kind(1)]
 
 
 # --- PPO as the authors ran it

@@ -119,7 +119,8 @@ def test_the_recordings_are_whole_and_hold_the_objects(folder):
         assert "observation.environment_state" in dataset.features
     commands = read(material.train).commands.reshape(TINY.trajectories, 100, 3)
     changes = (np.diff(commands, axis=1) != 0).any(axis=2).sum(axis=1)
-    assert changes[:4].tolist() == [99, 49, 19, 4]  # the paper's protocol, then longer and longer holds
+    assert (changes[::4] == 99).all()  # the paper's protocol; in the others actions last longer
+    assert (np.delete(changes, np.s_[::4]) < 99).any()
 
 
 def test_a_second_call_trains_nothing_and_finds_the_same(folder):

@@ -43,7 +43,7 @@ class RecordSim(Command):
     effects: Path | None = None
     """A file of effects, such as the effects.json of a gap report."""
     excitation: str = "steps"
-    """Command signal, NAME or NAME:PARAMETER=NUMBER,…: steps, babbling, sine, multisine, triangle or chirp."""
+    """Command signal, NAME or NAME:PARAMETER=NUMBER,…: steps, babbling, ramps, sine, multisine, triangle or chirp."""
     commands: Path | None = None
     """Play a CSV file instead: columns <joint>.pos [rad], one row a control step, optional column 'episode'."""
     episodes: int = 200

@@ -1,4 +1,4 @@
-"""A recording recipe: random actions on an environment's target, held for a longer or shorter time by episode."""
+"""A recording recipe: random actions on an environment's target, brief, long, weak or smooth by episode."""
 
 from dataclasses import dataclass, replace
 from itertools import cycle, islice
@@ -9,11 +9,42 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.provenance import Provenance
 from nas_data.envs.base import environment_id, find_task, find_task_file
 from nas_data.excitations.babbling import Babbling
+from nas_data.excitations.base import Excitation
+from nas_data.excitations.ramps import Ramps
 from nas_data.recorders.environment import draw_environment_starts
 from nas_data.recorders.readings import Readings
 from nas_data.recorders.session import Protocol, Session, Target, as_stored
 from nas_data.recorders.simulated import record, to_dataset
 from nas_data.simulators.engines import load_simulator
+
+EVERY = 4  # of how many episodes of a varied recipe one follows its holds
+BRIEFEST, WEAKEST = 2, 0.2  # control steps that a drawn action lasts at least, and least share of the range
+KINDS = 1  # stream of the kinds, beside those of actions, starts and noise
+
+
+@dataclass(frozen=True)
+class Kind:
+    """How actions come in an episode.
+
+    Attributes:
+        every: Control steps that each lasts.
+        strength: Share of the actions' range that they are drawn from.
+        smooth: Whether they are joined by ramps, not held.
+    """
+
+    every: int
+    strength: float = 1.0
+    smooth: bool = False
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, longest: int) -> "Kind":
+        """Draw how long (log-uniform), how strong and how smooth."""
+        every = round(float(np.exp(rng.uniform(np.log(BRIEFEST), np.log(longest)))))
+        return cls(every, float(rng.uniform(WEAKEST, 1.0)), bool(rng.integers(2)))
+
+    def signal(self) -> Excitation:
+        """Return what draws the actions."""
+        return Ramps(every=self.every) if self.smooth else Babbling(every=self.every)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,8 +59,10 @@ class Recipe:
         holds: Control steps that an action is held, one number after the other episode by episode. Actions that are
             held long move the arm far, as policies do; actions that are held briefly are what exploring policies try.
         seed: Of actions, starts and noise.
-        strengths: Shares of the actions' range that actions are drawn from, in turn like the holds. Policies that pay
-            for effort push weakly and for long, where friction and play do what they never do under full torque.
+        varied: Control steps that an action lasts at most where it is drawn how long, how strong and how smooth: in
+            three of four episodes, which then do not follow `holds`; none where 0. Policies act in all these ways.
+            Those that pay for effort push weakly and for long, where friction and play do what they never do under
+            full torque, and a step of the command hides what a slow one meets.
     """
 
     environment: str
@@ -38,7 +71,7 @@ class Recipe:
     steps: int
     holds: tuple[int, ...]
     seed: int = 0
-    strengths: tuple[float, ...] = (1.0,)
+    varied: int = 0
 
     def target(self) -> Target:
         """Return the environment's target with the sensors of its robot."""
@@ -47,9 +80,14 @@ class Recipe:
         readings = Readings(quantum=robot.position_quantum, velocity_quantum=robot.velocity_quantum)
         return Target(robot, load_simulator(robot, task.period, task.joints, effects), readings, rate=1 / task.period)
 
-    def kinds(self) -> list[tuple[int, float]]:
-        """Return how long each episode's actions are held, and the share of their range that they are drawn from."""
-        return list(islice(zip(cycle(self.holds), cycle(self.strengths), strict=False), self.episodes))
+    def kinds(self) -> list[Kind]:
+        """Return how actions come in each episode; the same, however many episodes follow."""
+        kinds = [Kind(hold) for hold in islice(cycle(self.holds), self.episodes)]
+        if not self.varied:
+            return kinds
+        rng = np.random.default_rng([self.seed, KINDS])
+        drawn = [Kind.draw(rng, self.varied) for _ in kinds]
+        return [kinds[k // EVERY] if k % EVERY == 0 else drawn[k] for k in range(self.episodes)]
 
     def session(self) -> Session:
         """Draw actions and starts, from streams of their own."""
@@ -57,8 +95,8 @@ class Recipe:
         command_rng, pose_rng, noise_rng = np.random.default_rng(self.seed).spawn(3)
         span = np.ones(task.action_space.shape[0])
         actions = [
-            strength * Babbling(every=hold).shape(command_rng, 1, self.steps, task.period, span)[0]
-            for hold, strength in self.kinds()
+            kind.strength * kind.signal().shape(command_rng, 1, self.steps, task.period, span)[0]
+            for kind in self.kinds()
         ]
         protocol = Protocol(
             excitation=Babbling(every=self.holds[0]),
@@ -76,7 +114,9 @@ class Recipe:
         session = self.session()
         held = ", ".join(str(hold) for hold in self.holds)
         notes = f"Random actions of {self.environment}, held for {held} control steps in turn, episode by episode."
-        if any(strength != 1 for strength in self.strengths):
-            shares = ", ".join(f"{strength:g}" for strength in self.strengths)
-            notes += f" Drawn from {shares} of their range, likewise."
+        if self.varied:
+            notes += (
+                f" Three of four episodes do otherwise: actions last up to {self.varied} control steps, from a drawn "
+                f"share of their range ({WEAKEST:g} to 1), and are held or, in every other one, joined by ramps."
+            )
         return to_dataset(session, record(session)), replace(session.provenance(), notes=notes)

@@ -17,25 +17,23 @@ class Recording:
         trajectories: Number of episodes, the paper's (sections 4.3 and 4.4); of Pusher what the authors' published
             returns are of, the paper says 250.
         steps: Control steps of each.
-        holds: Control steps that an action is held, in turn; the first is the paper's protocol, the others are what
-            policies do beyond it, which a recording of the first alone does not cover.
-        strengths: Shares of the actions' range that they are drawn from, in turn; in the paper's protocol all of it.
+        hold: Control steps that an action is held in the paper's protocol, which every fourth episode follows.
+        longest: Control steps that an action lasts at most in the others, which a drawn part of its range, held or
+            ramped, make more like what policies do (see `Recipe.varied`).
     """
 
     trajectories: int
     steps: int
-    holds: tuple[int, ...]
-    strengths: tuple[float, ...] = (1.0,)
+    hold: int
+    longest: int
 
 
-# Every fourth episode, that of the paper's protocol, has all of the range, every other one of the others little of it
-TORQUES = (1.0, 1.0, 1.0, 1.0, 1.0, 0.3, 0.3, 0.3)
 # The paper draws a new action every step in simulation, and a new target every second on the arm
 RECORDINGS: Mapping[str, Recording] = {
-    "pusher": Recording(1000, 100, (1, 2, 5, 20), TORQUES),
-    "striker": Recording(5000, 100, (1, 2, 5, 20), TORQUES),
-    "ergo_reacher": Recording(1000, 100, (1, 5, 20, 100)),
-    "ergo_shield": Recording(500, 300, (100, 20, 5, 1)),
+    "pusher": Recording(1000, 100, 1, 50),
+    "striker": Recording(5000, 100, 1, 50),
+    "ergo_reacher": Recording(1000, 100, 1, 100),
+    "ergo_shield": Recording(500, 300, 100, 100),
 }
 # Ours is that of the paper's robot experiments, 16 arms side by side in place of 4 processes; in simulation the authors
 # had one process of 2048 steps, 32 minibatches of 64 and 10 epochs (paper, appendix C; facts in reference/paper.md, 5)
@@ -44,7 +42,6 @@ PPO: Mapping[str, Mapping[str, int]] = {
     OURS: {},
     "authors": {"arms": 1, "rollout": 2048, "minibatches": 32, "epochs": 10},
 }
-OTHERS = (1, 2, 5, 20)  # of environments that the paper does not have, as long as their episodes
 
 
 @dataclass(frozen=True)
@@ -107,15 +104,15 @@ class Sizes:
 
     def recipe(self, environment: str, dynamics: str) -> Recipe:
         """Return how an environment's target is recorded."""
-        known = RECORDINGS.get(find_task_file(environment)) or Recording(250, find_task(environment).horizon, OTHERS)
+        known = RECORDINGS.get(find_task_file(environment)) or Recording(250, find_task(environment).horizon, 1, 20)
         count = self.trajectories or known.trajectories
         return Recipe(
             environment=environment,
             dynamics=dynamics,
             episodes=count,
             steps=known.steps,
-            holds=known.holds,
-            strengths=known.strengths,
+            holds=(known.hold,),
+            varied=known.longest,
         )
 
     def sentence(self) -> str:
@@ -129,11 +126,14 @@ class Sizes:
         )
 
 
+# Twice the windows of the preset an update, and six times its updates: what a trained policy asks of φ is precise
+LEARNING = preset("fast", updates=2400, horizon=100, frames=6400, weight_decay=0.1)
+
 FULL = Sizes(
     name="full",
     heldout=100,
-    delta=preset("fast", updates=1200, horizon=100),
-    forward=preset("fast", updates=1200, horizon=100),
+    delta=LEARNING,
+    forward=LEARNING,
     frames=2_000_000,
     seeds=(0, 1, 2, 3, 4),
     judged=100,
