@@ -12,7 +12,7 @@ from test_gap_workflow import ARM, recorded
 from nas_data.cli import main
 from nas_data.effects.base import parse
 from nas_data.gap.search import choose as choose_module
-from nas_data.gap.search.choose import lost, persisted
+from nas_data.gap.search.choose import begun_anew, lost, persisted
 from nas_data.gap.search.detail import detailed
 from nas_data.gap.search.fit import Task, fit
 from nas_data.gap.search.hypothesis import Hypothesis, labels, lent_slopes, place, relieves, strained
@@ -184,29 +184,49 @@ def test_a_search_that_is_lost_ends(rest, losses, expected):
 
 
 @pytest.mark.parametrize(
-    ("rest", "losses", "rounds"),
+    ("rest", "losses", "anew", "rounds"),
     [
-        ([50.0, 1.0], [-200, -400, -410], 2),  # the second brought little: it is kept, but nothing is dropped after it
-        ([50.0, 1.0], [-200, -205], 1),
-        ([4.0, 1.0], [-200], 0),  # near enough
+        ([50.0, 1.0], [-200, -400, -410], None, 2),  # the second brought little: it is kept, but nothing dropped after
+        ([50.0, 1.0], [-200, -205], None, 1),
+        ([50.0, 1.0], [-200, -205], -210, 1),  # nor does it bring much to begin anew
+        ([50.0, 1.0], [-200, -205, -310], -300, 2),  # it does, and what it found is fitted on
+        ([4.0, 1.0], [-200], None, 0),  # near enough
     ],
 )
-def test_a_fit_far_from_what_was_recorded_goes_on_while_that_brings_much(monkeypatch, rest, losses, rounds):
+def test_a_fit_far_from_what_was_recorded_goes_on_while_that_brings_much(monkeypatch, rest, losses, anew, rounds):
     """Losses begin with that of what is kept; with nothing added it is 0."""
     left = [SimpleNamespace(effects=("play",), loss=loss) for loss in losses]
+    other = None if anew is None else SimpleNamespace(effects=("play",), loss=anew)
+    following = dict(zip(map(id, left), left[1:], strict=False)) | {id(other): left[-1]}
     said, doubted = [], []
     search = SimpleNamespace(
         train=SimpleNamespace(nominal=SimpleNamespace(joints=("m1", "m2"))),
         lively={"m1", "m2"},
         null=SimpleNamespace(loss=0),
         ratio=lambda h: np.array(rest),
-        refined=lambda h: left[left.index(h) + 1],
+        refined=lambda h: following[id(h)],
         continued=lambda h: h,
         report=lambda word, h: said.append(h),
     )
     monkeypatch.setattr(choose_module, "needed", lambda search, h: doubted.append(h) or h)
+    monkeypatch.setattr(choose_module, "begun_anew", lambda search, h: other)
     assert persisted(search, left[0]) is left[rounds]
-    assert said == doubted == left[1:rounds]
+    assert said == doubted == ([other] if anew == -300 else left[1:rounds])
+
+
+def test_what_is_begun_anew_may_lose_one_effect_and_keeps_none_that_is_not_worth_it():
+    losses = {("play", "friction", "payload"): -900.0, ("play", "friction"): -899.0, ("friction", "payload"): -500.0}
+    asked = []
+
+    def fitted(effects, factors, near=None, steps=6, renewals=0):
+        asked.append((effects, factors, near))
+        return SimpleNamespace(effects=effects, loss=losses[effects]) if effects in losses else None
+
+    search = SimpleNamespace(fitted=fitted)
+    found = begun_anew(search, SimpleNamespace(effects=("play", "friction", "payload")))
+    assert found.effects == ("play", "friction")
+    assert len(asked) == 4 and all(factors == {} and near is None for _, factors, near in asked)
+    assert begun_anew(search, SimpleNamespace(effects=("tilt",))) is None  # it diverges
 
 
 @pytest.mark.parametrize(

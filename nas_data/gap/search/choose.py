@@ -3,11 +3,12 @@
 from nas_data.gap.search.detail import detailed
 from nas_data.gap.search.exchange import exchanged
 from nas_data.gap.search.grow import AT_FLOOR, extensions, grown, is_full, overlooked
-from nas_data.gap.search.hypothesis import Hypothesis, strained
+from nas_data.gap.search.hypothesis import Hypothesis, strained, worth
 from nas_data.gap.search.join import joined
 from nas_data.gap.search.opening import opened
 from nas_data.gap.search.prune import adequate, pruned, simplified
 from nas_data.gap.search.state import Search
+from nas_data.gap.side_by_side import side_by_side
 
 FAR = 5.0  # noise floors of rest in every joint from which a model is far from what was recorded
 LITTLE = 0.05  # of all that was gained, which then is too little to go on
@@ -48,10 +49,23 @@ def persisted(search: Search, kept: Hypothesis) -> Hypothesis:
     while kept.effects and any(far(search, kept)):
         before, kept = kept, search.continued(search.refined(kept))
         if not much(search, before, kept):
-            break
+            anew = begun_anew(search, kept)
+            if anew is None or not much(search, kept, anew):
+                break
+            kept = anew
         kept = needed(search, kept)
         search.report("fitted on", kept)
     return kept
+
+
+def begun_anew(search: Search, kept: Hypothesis) -> Hypothesis | None:
+    """Return the best of the effects, all or without one, fitted from the model's own base; None where they diverge.
+
+    The base bends to a stand-in taken on the way, and then neither lets go of the other.
+    """
+    rests = [kept.effects[:number] + kept.effects[number + 1 :] for number in range(len(kept.effects))]
+    fitted = side_by_side(lambda effects: search.fitted(effects, {}, renewals=1), [kept.effects, *filter(None, rests)])
+    return min(filter(None, fitted), key=worth, default=None)
 
 
 def lost(search: Search, before: Hypothesis, kept: Hypothesis) -> bool:
