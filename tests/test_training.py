@@ -241,6 +241,8 @@ def test_options_out_of_range_are_refused():
         {"epochs": -1},
         {"updates": -5},
         {"seed": -1},
+        {"average": 1.0},
+        {"average": -0.1},
     ):
         with pytest.raises(OptionError):
             preset("fast", **changes)

@@ -11,6 +11,7 @@ from training_samples import TINY, history, same, train
 from nas_data.errors import OutputExists
 from nas_data.models.bounds import predict_bounded
 from nas_data.models.checkpoint import load_frozen
+from nas_data.models.descent import Descent
 from nas_data.models.phases import FreeRunning, TeacherForcing
 from nas_data.models.run import TrainingRun
 from nas_data.models.training import Training
@@ -50,8 +51,12 @@ def interrupt_at(line: int):
 
 @pytest.mark.parametrize(
     ("kind", "options"),
-    [("delta", replace(TINY, epochs=4)), ("forward", replace(TINY, updates=12))],
-    ids=["forced", "free"],
+    [
+        ("delta", replace(TINY, epochs=4)),
+        ("forward", replace(TINY, updates=12)),
+        ("forward", replace(TINY, updates=12, average=0.9)),
+    ],
+    ids=["forced", "free", "averaged"],
 )
 @pytest.mark.parametrize("line", [1, 2, 4])
 def test_an_interrupted_training_ends_in_the_same_bits(tmp_path, swings, monkeypatch, kind, options, line):
@@ -108,6 +113,26 @@ def test_early_stopping_keeps_the_best(tmp_path, swings):
     training = Training("delta", swings, options, device="cpu")
     training.model.load_state_dict(model.state_dict())
     assert training.validation_error() == pytest.approx(min(errors), rel=1e-6)
+
+
+def test_the_mean_of_the_weights_is_judged_and_kept(tmp_path, swings):
+    options = replace(TINY, average=0.5)
+    kept, last = (train(swings, tmp_path / name, options=o) for name, o in (("mean", options), ("last", TINY)))
+    assert not same(kept, last)
+    training = Training("delta", swings, options, device="cpu")
+    descent, means, judged = Descent(training), [], [training.validation_error()]
+    for update in range(training.phase.updates):
+        descent.update(update)
+        weights = [weight.detach().clone() for weight in training.model.parameters()]
+        share = 1.0 if update == 0 else 1 - min(0.5, (1 + update) / (10 + update))
+        means = [torch.lerp(mean, weight, share) for mean, weight in zip(means or weights, weights, strict=True)]
+        if (update + 1) % training.phase.per_validation == 0:
+            judged.append(training.validation_error(descent.model))
+    for mean, weight in zip(means, descent.model.parameters(), strict=True):
+        torch.testing.assert_close(mean, weight.detach())
+    assert [row["validation"] for row in history(tmp_path / "mean")] == pytest.approx(judged)
+    training.model.load_state_dict(kept.state_dict())
+    assert training.validation_error() == pytest.approx(min(judged))
 
 
 def test_patience_ends_a_training_that_gets_no_better(tmp_path, swings):

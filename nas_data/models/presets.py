@@ -28,6 +28,8 @@ class TrainingOptions:
         cosine: Learning rate falls along half a cosine; else it stays.
         clip: Largest norm of a gradient; 0 for none.
         weight_decay: AdamW's decoupled weight decay.
+        average: Decay of a running mean of the weights, which is then judged and kept in their place (Polyak and
+            Juditsky, 1992); 0 for none.
         bf16: Teacher forcing in bfloat16 where the processor has it.
         validation: Share held out for early stopping: of the episodes, or of each where they are few.
         patience: Validations without improvement that are borne; one more ends the training.
@@ -50,6 +52,7 @@ class TrainingOptions:
     cosine: bool = True
     clip: float = 0.5
     weight_decay: float = 1e-3
+    average: float = 0.0
     bf16: bool = True
     validation: float = 0.1
     patience: int = 1000
@@ -58,6 +61,8 @@ class TrainingOptions:
     def __post_init__(self) -> None:
         if not 0 < self.validation < 1:
             raise OptionError(f"The validation share is {self.validation}; it must lie between 0 and 1.")
+        if not 0 <= self.average < 1:
+            raise OptionError(f"The decay of the weights' mean is {self.average}; it must lie between 0 and 1.")
         if min(self.hidden, self.layers, self.batch, self.frames) < 1 or self.horizon < 2:
             raise OptionError("Hidden units, layers, batch and frames must be at least 1, the horizon at least 2.")
         if min(self.epochs, self.updates, self.segment, self.patience, self.seed) < 0:

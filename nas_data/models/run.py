@@ -98,14 +98,15 @@ class TrainingRun:
 
     def _validate(self, loss: float) -> None:
         """Measure the validation error, keep the best model, store where the training stands."""
-        error, progress = self.training.validation_error(), self.progress
+        model, progress = self.descent.model, self.progress
+        error = self.training.validation_error(model)
         if not progress.history and not math.isfinite(error):
             error = self._soften()
         progress.stale += 1
         progress.seconds = time.monotonic() - self._clock
         if error < progress.best or not progress.history:
             progress.best, progress.stale = error, 0
-            checkpoint.save(self.training.model, self.folder / CHECKPOINT, self.attachments)
+            checkpoint.save(model, self.folder / CHECKPOINT, self.attachments)
         row = {"update": progress.update, "validation": error, "loss": loss, "seconds": round(progress.seconds, 1)}
         progress.history.append(row)
         step = len(progress.history)
@@ -137,6 +138,7 @@ class TrainingRun:
             "progress": asdict(self.progress),
             "model": self.training.model.state_dict(),
             "optimiser": self.descent.optimiser.state_dict(),
+            "average": self.descent.average.state_dict() if self.descent.average else None,
         }
         partial = self.folder / PARTIAL
         torch.save(content, partial)
@@ -154,6 +156,8 @@ class TrainingRun:
             )
         self.training.model.load_state_dict(content["model"])
         self.descent.optimiser.load_state_dict(content["optimiser"])
+        if self.descent.average is not None:
+            self.descent.average.load_state_dict(content["average"])
         self.progress = Progress(**content["progress"])
         self.report(f"going on at update {self.progress.update} of {self.folder}")
 

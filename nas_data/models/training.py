@@ -98,12 +98,13 @@ class Training:
         """What early stopping looks at, with its unit."""
         return "open-loop position RMSE [rad]" if self.free else "one-step normalised MSE"
 
-    def validation_error(self) -> float:
-        """Return the model's error on the held-out episodes."""
-        self.model.eval()
+    def validation_error(self, model: DynamicsModel | None = None) -> float:
+        """Return the error of the model, or of another state of it, on the held-out episodes."""
+        model = model or self.model
+        model.eval()
         with torch.no_grad():
-            error = self._open_loop_error() if self.free else self._one_step_error()
-        self.model.train()
+            error = self._open_loop_error(model) if self.free else self._one_step_error(model)
+        model.train()
         return error
 
     def soften(self) -> tuple[float, float]:
@@ -112,17 +113,17 @@ class Training:
             return 1.0, self.validation_error()
         return soften(self.model, self.validation_error)
 
-    def _open_loop_error(self) -> float:
-        model = self.model.to("cpu")
+    def _open_loop_error(self, model: DynamicsModel) -> float:
+        model.to("cpu")
         predicted = open_loop_model(self.rollouts, self.simulator, model)
         measured = [self.rollouts.next_states[rows] for rows in self.rollouts.episodes()]
-        self.model.to(self.device)
+        model.to(self.device)
         error = Errors.of(self.rollouts.joints, predicted, measured).overall
         return error if np.isfinite(error) else float("inf")
 
-    def _one_step_error(self) -> float:
+    def _one_step_error(self, model: DynamicsModel) -> float:
         batch, mask = pad(cut(read_episodes(self.split.held), self.options.segment))
-        return float(one_step_loss(self.model, batch, mask, self.device))
+        return float(one_step_loss(model, batch, mask, self.device))
 
 
 def find_device(name: str | None) -> torch.device:
