@@ -91,7 +91,7 @@ def test_a_training_interrupted_twice_within_an_update_goes_on(tmp_path, swings,
 
 
 def test_a_training_interrupted_before_its_first_validation_goes_on(tmp_path, swings, monkeypatch):
-    def stop(_self) -> float:
+    def stop(_self, _model) -> float:
         raise Interrupted
 
     with monkeypatch.context() as patch:
