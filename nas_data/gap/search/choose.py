@@ -44,7 +44,8 @@ def persisted(search: Search, kept: Hypothesis) -> Hypothesis:
     """Fit on, and drop anew, as long as that brings much and a joint that moved is far from explained.
 
     Wide play and strong friction bend each other's best value: a fit goes along a narrow valley in more steps than any
-    of those that compared names were given, and stand-ins that helped half-way fall off at its end.
+    of those that compared names were given, and stand-ins that helped half-way fall off at its end. Where going on
+    brings little, it begins anew.
     """
     while kept.effects and any(far(search, kept)):
         before, kept = kept, search.continued(search.refined(kept))
