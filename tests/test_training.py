@@ -179,6 +179,23 @@ def test_gradients_run_through_the_whole_rollout_and_the_source(kind):
         assert float(parameter.grad[place]) == pytest.approx((losses[0] - losses[1]) / 0.02, rel=0.02)
 
 
+@pytest.mark.parametrize("kind", ["delta", "forward"])
+def test_a_discount_shares_out_what_passes_back_through_a_step_and_leaves_the_rollout_alone(kind):
+    losses, gradients = [], []
+    for discount in (0.0, 0.25, 1.0):
+        training = linear_training(kind, horizon=2, discount=discount)  # one step to pass back through
+        with torch.no_grad():
+            training.model.shortcut.bias += 0.2
+        loss = training.phase.loss(3)
+        loss.backward()
+        losses.append(float(loss.detach()))
+        gradients.append(training.model.shortcut.weight.grad)
+    none, quarter, whole = gradients
+    assert len(set(losses)) == 1
+    assert not torch.allclose(none, whole, rtol=0.01)
+    torch.testing.assert_close(quarter, 0.75 * none + 0.25 * whole)
+
+
 # presets
 
 
@@ -241,6 +258,8 @@ def test_options_out_of_range_are_refused():
         {"epochs": -1},
         {"updates": -5},
         {"seed": -1},
+        {"discount": 1.1},
+        {"discount": -0.1},
         {"average": 1.0},
         {"average": -0.1},
     ):

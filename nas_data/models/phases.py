@@ -87,9 +87,10 @@ class FreeRunning:
     """Errors of rollouts on the model's own states, with the source in the loop; what a policy will live in.
 
     A window begins where an episode does, the memory empty, or later, after the model has read what was measured
-    before. The gradient runs through the whole window: through the network exactly, through the source by its
-    Jacobian at the measured transition of the same time. A rollout that diverges, or that the source cannot
-    follow, goes on along what was measured: from there on its error stays as it was, without a gradient.
+    before. The gradient runs through the whole window, less at each step by the options' discount: through the
+    network exactly, through the source by its Jacobian at the measured transition of the same time. A rollout that
+    diverges, or that the source cannot follow, goes on along what was measured: from there on its error stays as it
+    was, without a gradient.
     """
 
     name = "free running"
@@ -163,6 +164,7 @@ class FreeRunning:
             )
             states, target = corrected[:, 0], batch.targets[:, step].to(self.device)
             error = states - target
+            states = discounted(states, self.options.discount)
             lost = lost | refused.to(self.device) | self._far(error.detach())
             if lost.any():
                 states = torch.where(lost[:, None], target, states)
@@ -251,6 +253,11 @@ class FreeRunning:
             return None
         rows = [self.jacobians[p.episode][(p.start + torch.arange(p.length)) // self.stride] for p in places]
         return torch.stack(rows).to(self.device)
+
+
+def discounted(values: Tensor, factor: float) -> Tensor:
+    """Return the same values, through which a share of their gradient passes back."""
+    return torch.lerp(values.detach(), values, factor)
 
 
 def jacobians(simulator: Simulator, states: np.ndarray, commands: np.ndarray, predicted: np.ndarray) -> np.ndarray:

@@ -24,6 +24,8 @@ class TrainingOptions:
             teacher forcing: with it first, open-loop errors on new motions came out larger.
         frames: Frames per free-running update.
         horizon: Longest free-running window [frames]; windows start at 20 and grow to it.
+        discount: Factor on the gradient that passes back through each free-running step's states; 1 for none. Along
+            a long window what passes through many steps grows until it drowns the rest.
         free_rate: Learning rate of free running.
         cosine: Learning rate falls along half a cosine; else it stays.
         clip: Largest norm of a gradient; 0 for none.
@@ -48,6 +50,7 @@ class TrainingOptions:
     updates: int = 400
     frames: int = 3200
     horizon: int = 150
+    discount: float = 1.0
     free_rate: float = 2e-3
     cosine: bool = True
     clip: float = 0.5
@@ -61,6 +64,8 @@ class TrainingOptions:
     def __post_init__(self) -> None:
         if not 0 < self.validation < 1:
             raise OptionError(f"The validation share is {self.validation}; it must lie between 0 and 1.")
+        if not 0 <= self.discount <= 1:
+            raise OptionError(f"The discount of gradients is {self.discount}; it must lie between 0 and 1.")
         if not 0 <= self.average < 1:
             raise OptionError(f"The decay of the weights' mean is {self.average}; it must lie between 0 and 1.")
         if min(self.hidden, self.layers, self.batch, self.frames) < 1 or self.horizon < 2:
