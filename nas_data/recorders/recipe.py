@@ -1,4 +1,4 @@
-"""A recording recipe: random actions on an environment's target, brief, long, weak, smooth or ending by episode."""
+"""A recording recipe: random actions on an environment's target, brief, long, weak or smooth by episode."""
 
 from dataclasses import dataclass, replace
 from itertools import cycle, islice
@@ -19,7 +19,6 @@ from nas_data.simulators.engines import load_simulator
 
 EVERY = 4  # of how many episodes of a varied recipe one follows its holds
 BRIEFEST, WEAKEST = 2, 0.2  # control steps that a drawn action lasts at least, and least share of the range
-REST = 0.1  # of the actions that remains where the arm comes to rest
 KINDS = 1  # stream of the kinds, beside those of actions, starts and noise
 
 
@@ -31,27 +30,21 @@ class Kind:
         every: Control steps that each lasts.
         strength: Share of the actions' range that they are drawn from.
         smooth: Whether they are joined by ramps, not held.
-        ends: Share of the episode after which next to nothing of them remains, so that the arm comes to rest.
     """
 
     every: int
     strength: float = 1.0
     smooth: bool = False
-    ends: float = 1.0
 
     @classmethod
     def draw(cls, rng: np.random.Generator, longest: int) -> "Kind":
-        """Draw how long (log-uniform), how strong, how smooth, and in every other one when they end."""
+        """Draw how long (log-uniform), how strong and how smooth."""
         every = round(float(np.exp(rng.uniform(np.log(BRIEFEST), np.log(longest)))))
-        strength, smooth = float(rng.uniform(WEAKEST, 1.0)), bool(rng.integers(2))
-        return cls(every, strength, smooth, float(rng.uniform()) if rng.integers(2) else 1.0)
+        return cls(every, float(rng.uniform(WEAKEST, 1.0)), bool(rng.integers(2)))
 
-    def actions(self, rng: np.random.Generator, steps: int, period: float, span: np.ndarray) -> np.ndarray:
-        """Draw an episode's actions within ± span, shape (T, n)."""
-        signal: Excitation = Ramps(every=self.every) if self.smooth else Babbling(every=self.every)
-        actions = self.strength * signal.shape(rng, 1, steps, period, span)[0]
-        actions[round(self.ends * steps) :] *= REST
-        return actions
+    def signal(self) -> Excitation:
+        """Return what draws the actions."""
+        return Ramps(every=self.every) if self.smooth else Babbling(every=self.every)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,10 +59,10 @@ class Recipe:
         holds: Control steps that an action is held, one number after the other episode by episode. Actions that are
             held long move the arm far, as policies do; actions that are held briefly are what exploring policies try.
         seed: Of actions, starts and noise.
-        varied: Control steps that an action lasts at most where it is drawn how long, how strong, how smooth and until
-            when: in three of four episodes, which then do not follow `holds`; none where 0. Policies act in all these
-            ways. Those that pay for effort push weakly and for long, where friction and play do what they never do
-            under full torque, and rest once they are done; a step of the command hides what a slow one meets.
+        varied: Control steps that an action lasts at most where it is drawn how long, how strong and how smooth: in
+            three of four episodes, which then do not follow `holds`; none where 0. Policies act in all these ways.
+            Those that pay for effort push weakly and for long, where friction and play do what they never do under
+            full torque, and a step of the command hides what a slow one meets.
     """
 
     environment: str
@@ -101,7 +94,10 @@ class Recipe:
         task = find_task(self.environment)
         command_rng, pose_rng, noise_rng = np.random.default_rng(self.seed).spawn(3)
         span = np.ones(task.action_space.shape[0])
-        actions = [kind.actions(command_rng, self.steps, task.period, span) for kind in self.kinds()]
+        actions = [
+            kind.strength * kind.signal().shape(command_rng, 1, self.steps, task.period, span)[0]
+            for kind in self.kinds()
+        ]
         protocol = Protocol(
             excitation=Babbling(every=self.holds[0]),
             episodes=self.episodes,
@@ -121,7 +117,6 @@ class Recipe:
         if self.varied:
             notes += (
                 f" Three of four episodes do otherwise: actions last up to {self.varied} control steps, from a drawn "
-                f"share of their range ({WEAKEST:g} to 1), and are held or, in every other one, joined by ramps; in "
-                f"every other one {REST:g} of them remains from a drawn moment on."
+                f"share of their range ({WEAKEST:g} to 1), and are held or, in every other one, joined by ramps."
             )
         return to_dataset(session, record(session)), replace(session.provenance(), notes=notes)

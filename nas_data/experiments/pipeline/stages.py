@@ -104,8 +104,8 @@ STAGES = {
         Stage(
             "record",
             "Record and pair",
-            "The environment's target is driven by random actions, brief, long, weak, smooth or ending by episode, "
-            "from the environment's own starts with its objects; the source is asked where each command leads.",
+            "The environment's target is driven by random actions, brief, long, weak or smooth by episode, from the "
+            "environment's own starts with its objects; the source is asked where each command leads.",
             record,
             (DATASETS,),
             (),
