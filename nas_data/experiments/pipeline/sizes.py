@@ -126,9 +126,12 @@ class Sizes:
         )
 
 
-# Twice the windows of the preset an update, six times its updates, no gradient that drowns the others along a window,
-# and the mean of the weights: policies ask much of φ
-LEARNING = preset("fast", updates=2400, horizon=100, frames=6400, weight_decay=0.1, average=0.99, discount=0.95)
+# Twice the windows of the preset an update, six times its updates at twice its rate, no gradient that drowns the others
+# along a window, and the mean of the weights: policies ask much of φ
+LEARNING = preset(
+    "fast", updates=2400, horizon=100, frames=6400, free_rate=4e-3, weight_decay=0.1, average=0.99, discount=0.95
+)
+
 
 FULL = Sizes(
     name="full",
