@@ -71,6 +71,15 @@ def answers(folder: Path) -> dict[str, dict]:
 # trials
 
 
+def test_seeds_come_one_after_the_other_and_in_each_long_trials_first(place, tmp_path):
+    configs = [trial.config for trial in planned(place, tmp_path, seeds=(3, 1))]
+    assert [config.seed for config in configs] == [3] * 6 + [1] * 6
+    for half in (configs[:6], configs[6:]):
+        amounts = [config.amount for config in half]
+        assert amounts == sorted(amounts, reverse=True)
+        assert len({(config.kind, config.amount) for config in half}) == 6
+
+
 def test_the_same_question_has_the_same_answer_to_the_last_bit(place, tmp_path):
     for name in ("one", "other"):
         for trial in planned(place, tmp_path / name):

@@ -41,11 +41,14 @@ class Plan:
     material: Material
 
     def trials(self, content: Content, folder: Path) -> list[Trial]:
-        """Return every trial, one seed after the other, so that the shape is seen early."""
+        """Return every trial: one seed after the other, so that the shape is seen early; long trials first in each.
+
+        Else the last worker's long trial would be waited for by all others.
+        """
         return [
             Trial(Config(kind, amount, seed, self.options, self.held_out), content, self.material, folder)
             for seed in self.seeds
-            for amount in self.amounts
+            for amount in reversed(self.amounts)
             for kind in self.kinds
         ]
 
