@@ -23,6 +23,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.errors import OptionError
 from nas_data.models.holding_out import rows_of
 from nas_data.reports.ablation_figure import Curve, error_over_amount
+from nas_data.reports.style import to_png
 
 RATE = 5.0  # [Hz] a low rate: stretches of ten seconds in short columns
 MANY = settings(max_examples=60, deadline=None)
@@ -259,6 +260,17 @@ def test_one_seed_that_went_astray_does_not_squash_the_others():
     (axes,) = error_over_amount({"open_loop": {"ψ": curve}}, {"open_loop": {"hold": math.inf}}, "minutes").axes
     assert axes.get_ylim()[1] == pytest.approx(8.0)
     assert len(axes.lines) == 1, "a baseline that diverged has no line"
+
+
+@pytest.mark.parametrize("amounts", [[1.0], [1.0, 2.0]])
+def test_a_figure_is_made_where_every_training_diverged(amounts):
+    astray = np.full(len(amounts), math.inf)
+    curve = Curve(np.array(amounts), astray, astray, astray)
+    figure = error_over_amount({"open_loop": {"φ": curve}}, {"open_loop": {"hold": 0.1, "source": 0.01}}, "minutes")
+    assert to_png(figure).startswith(b"\x89PNG")
+    (low, high), (axes,) = figure.axes[0].get_xlim(), figure.axes
+    assert low < amounts[0] <= amounts[-1] < high
+    assert [line.get_label() for line in axes.lines] == ["φ", "hold", "source"]
 
 
 def test_a_worker_that_costs_nothing_doubles_the_work():

@@ -1,4 +1,4 @@
-"""What a second worker costs: the processor time of one trial alone, and beside another of its kind."""
+"""What a second worker costs: the processor time of a short training alone, and beside another of its kind."""
 
 import json
 import shutil
@@ -9,11 +9,13 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from nas_data.ablation.executors.base import Executor
 from nas_data.ablation.kinds.base import find_kind
-from nas_data.ablation.trial import UNFINISHED, Trial, learn_and_judge
+from nas_data.ablation.trial import UNFINISHED, Trial, prepare
 from nas_data.dataset.layout import read_json
+from nas_data.models.threads import one_thread
 from nas_data.reports.file import write_whole
 
 FILE = "inflation.json"
@@ -23,7 +25,7 @@ PROBE_EPOCHS = 1  # the same for one that is trained by teacher forcing
 
 @dataclass(frozen=True)
 class Inflation:
-    """The same trial with one worker and with several, measured in one run.
+    """The same short training with one worker and with several, measured in one run.
 
     Attributes:
         workers: How many were beside each other.
@@ -41,7 +43,7 @@ class Inflation:
 
     @property
     def factor(self) -> float:
-        """How much more processor time a trial takes beside others."""
+        """How much more processor time a training takes beside others."""
         return self.cpu_beside / self.cpu_alone
 
     @property
@@ -52,8 +54,8 @@ class Inflation:
     def sentence(self) -> str:
         """Say it."""
         return (
-            f"With {self.workers} workers a trial takes {self.factor:.2f} times the processor time that it takes with "
-            f"one, and {self.work:.2f} times as much is done in the same time."
+            f"With {self.workers} workers a short training takes {self.factor:.2f} times the processor time that it "
+            f"takes with one, and {self.work:.2f} times as much is done in the same time."
         )
 
     def to_json(self) -> dict[str, object]:
@@ -86,7 +88,7 @@ def of_sweep(
 
 
 def measure(trials: Sequence[Trial], executor: Executor, workers: int, say: Callable[[str], None]) -> Inflation | None:
-    """Do a short trial alone, side by side, and alone again; nothing is recorded.
+    """Train for a moment alone, side by side, and alone again; nothing is recorded.
 
     Args:
         trials: Those to be done, of which the smallest that trains a network is shortened.
@@ -100,7 +102,7 @@ def measure(trials: Sequence[Trial], executor: Executor, workers: int, say: Call
     training = [trial for trial in trials if find_kind(trial.config.kind).trains and not must_name(trial)]
     if workers < 2 or not training:
         return None
-    say(f"measuring a short trial with one worker and with {workers}")
+    say(f"measuring a short training with one worker and with {workers}")
     probe = shortened(min(training, key=lambda trial: trial.config.amount))
     before = dict(executor(cost, [probe], 1))[0]
     beside = [pair for _, pair in executor(cost, [probe] * workers, workers)]
@@ -122,13 +124,15 @@ def shortened(trial: Trial) -> Trial:
 
 
 def cost(trial: Trial) -> tuple[float, float]:
-    """Do a trial twice and return processor and wall time [s] of the second, when everything is loaded."""
+    """Learn as a trial does, twice, and return processor and wall time [s] of the second, when everything is loaded."""
     wall = cpu = 0.0
     for _ in range(2):
         trial.folder.joinpath(UNFINISHED).mkdir(parents=True, exist_ok=True)
         folder = Path(tempfile.mkdtemp(prefix="probe-", dir=trial.folder / UNFINISHED))
+        lesson, _, _ = prepare(trial, folder)
         wall, cpu = time.perf_counter(), time.process_time()
-        learn_and_judge(trial, folder)
+        with one_thread(), threadpool_limits(1):
+            find_kind(trial.config.kind).learn(lesson)
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
         shutil.rmtree(folder)
     return cpu, wall

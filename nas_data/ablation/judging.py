@@ -26,7 +26,7 @@ def judge(kind: str, learned: Learned, plain: Source | None, held: Dataset) -> d
     """
     with_model = evaluation(learned.source, learned, held)
     own = SOURCE if learned.model is None else MODEL[learned.model.kind]
-    without = evaluation(plain, Learned(None, plain), held)
+    without = with_model if learned.source is plain else evaluation(plain, Learned(None, plain), held)
     return {
         "unit": "rad",
         "one_step": described(kind, with_model.one_step[own], without.one_step),

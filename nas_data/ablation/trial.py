@@ -16,7 +16,8 @@ from nas_data.ablation.amount import Amount
 from nas_data.ablation.judging import judge
 from nas_data.ablation.kinds.base import Lesson, find_kind
 from nas_data.ablation.material import Content, Material
-from nas_data.ablation.subsets import draw
+from nas_data.ablation.subsets import Run, draw
+from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.provenance import package_versions
 from nas_data.errors import NasError
 from nas_data.models.holding_out import rows_of
@@ -137,13 +138,35 @@ def learn_and_judge(trial: Trial, folder: Path) -> Record:
         trial: What to do.
         folder: Empty folder for working files.
     """
+    lesson, held, runs = prepare(trial, folder)
+    with one_thread(), threadpool_limits(1):
+        learned = find_kind(trial.config.kind).learn(lesson)
+        errors = judge(trial.config.kind, learned, lesson.source, held)
+    return {
+        "training_data": {
+            "episodes": len(runs),
+            "frames": lesson.data.n_frames,
+            "minutes": lesson.data.n_frames / lesson.data.fps / 60,
+            "runs": runs,
+        },
+        **errors,
+        **(learned.named.to_json() if learned.named else {}),
+    }
+
+
+def prepare(trial: Trial, folder: Path) -> tuple[Lesson, Dataset, list[Run]]:
+    """Return what a trial learns from, the transitions that judge, and the subset's runs of rows.
+
+    Args:
+        trial: What to do.
+        folder: Empty folder for working files.
+    """
     config, material = trial.config, trial.material
     dataset = material.read()
     train, held = material.divide(dataset, config.held_out, config.seed)
     runs = draw(dataset, train, config.amount, config.seed)
-    subset = rows_of(dataset, runs)
     lesson = Lesson(
-        data=subset,
+        data=rows_of(dataset, runs),
         cut=config.amount.unit == "minutes",
         root=material.root,
         source=material.source(),
@@ -151,16 +174,4 @@ def learn_and_judge(trial: Trial, folder: Path) -> Record:
         options=replace(config.options, seed=config.seed),
         folder=folder,
     )
-    with one_thread(), threadpool_limits(1):
-        learned = find_kind(config.kind).learn(lesson)
-        errors = judge(config.kind, learned, lesson.source, held)
-    return {
-        "training_data": {
-            "episodes": len(runs),
-            "frames": subset.n_frames,
-            "minutes": subset.n_frames / subset.fps / 60,
-            "runs": runs,
-        },
-        **errors,
-        **(learned.named.to_json() if learned.named else {}),
-    }
+    return lesson, held, runs

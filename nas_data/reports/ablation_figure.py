@@ -99,6 +99,8 @@ def label(axes: Axes, amounts: Sequence[float]) -> None:
     """Give both axes logarithmic scales; the horizontal one is marked at the amounts that were tried."""
     axes.set_xscale("log")
     axes.set_yscale("log")
+    margin = 1.05 * (amounts[-1] / amounts[0]) ** 0.05
+    axes.set_xlim(amounts[0] / margin, amounts[-1] * margin)  # not from the curves, which may all have diverged
     axes.set_xticks(amounts, [f"{amount:.3g}" for amount in amounts])
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
