@@ -40,12 +40,14 @@ class Work(Generic[Plan]):
         folder: Where everything lies.
         report: Told of progress, in lines for people.
         name: What people call it.
+        threads: Threads that simulate; all cores where None.
     """
 
     plan: Plan
     folder: Path
     report: Report
     name: str = "demo"
+    threads: int | None = None
 
 
 @dataclass(frozen=True)
@@ -122,25 +124,46 @@ def run_stages(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> dict[str, Don
     Raises:
         OutputExists: the folder holds something else, or the same work with another plan or by other code.
     """
-    claim(work)
-    check_code(stages, work)
+    missing = begin(stages, work)
     results: dict[str, Done] = {}
-    fresh: set[str] = set()  # a stage that was done anew leaves those that build on it behind
     for number, stage in enumerate(stages, start=1):
         head = f"[{number}/{len(stages)}] {stage.title}"
-        behind = fresh if stage.builds_on is None else fresh & set(stage.builds_on)
-        done = None if behind else read_done(stage, work.folder)
-        if done is None:
-            fresh.add(stage.name)
-            work.report(head)
-            work.report(textwrap.fill(stage.does, WIDTH, initial_indent=INDENT, subsequent_indent=INDENT))
+        if stage.name in missing:
+            work.report(introduction(head, stage))
             done = do(stage, work)
             for line in (*done.said, f"took {done.seconds:.0f} s"):
                 work.report(f"{INDENT}{line}".rstrip())
         else:
-            work.report(f"{head}: done before, in {done.seconds:.0f} s; kept")
+            done = read_stage(stage.name, work.folder)
+            work.report(f"{head}: {kept(done)}")
         results[stage.name] = done
     return results
+
+
+def begin(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> set[str]:
+    """Take hold of the folder, and return the names of the stages that are to be done.
+
+    Raises:
+        OutputExists: the folder holds something else, or the same work with another plan or by other code.
+    """
+    claim(work)
+    check_code(stages, work)
+    missing: set[str] = set()  # a stage that is done anew leaves those that build on it behind
+    for stage in stages:
+        behind = missing if stage.builds_on is None else missing & set(stage.builds_on)
+        if behind or read_done(stage, work.folder) is None:
+            missing.add(stage.name)
+    return missing
+
+
+def introduction(head: str, stage: Stage[Plan]) -> str:
+    """Return what is said of a stage when it begins."""
+    return "\n".join([head, textwrap.fill(stage.does, WIDTH, initial_indent=INDENT, subsequent_indent=INDENT)])
+
+
+def kept(done: Done) -> str:
+    """Return what is said of a stage that an earlier run did."""
+    return f"done before, in {done.seconds:.0f} s; kept"
 
 
 def claim(work: Work[Plan]) -> None:

@@ -51,7 +51,7 @@ class Request:
         recipe = sizes.recipe(environment, self.dynamics)
         plan = MaterialPlan(recipe, sizes.heldout, sizes.delta, sizes.forward, sizes.named)
         self.report(f"{environment}, dynamics '{self.dynamics}' → {self.home(environment)}")
-        return make_material(plan, self.home(environment) / self.purpose, needs, self.report)
+        return make_material(plan, self.home(environment) / self.purpose, needs, self.report, self.workers)
 
 
 @dataclass(frozen=True)

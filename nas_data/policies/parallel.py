@@ -1,13 +1,12 @@
-"""Independent jobs side by side: each a plain function of one value, in processes of one thread."""
+"""Jobs side by side: each a plain function of one value, in processes of one thread."""
 
 import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from functools import partial
 from typing import TypeVar
 
 from nas_data.errors import JobsFailed, NasError, WorkerLost
@@ -16,13 +15,19 @@ Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 
-def run_jobs(function: Callable[[Job], Result], jobs: Sequence[Job], workers: int) -> Iterator[tuple[int, Result]]:
+def run_jobs(
+    function: Callable[[Job], Result],
+    jobs: Sequence[Job],
+    workers: int,
+    after: Mapping[int, Collection[int]] | None = None,
+) -> Iterator[tuple[int, Result]]:
     """Run jobs and yield each result with its job's number, as it comes; where one fails, the others go on.
 
     Args:
         function: Importable by its name, as are its argument and result.
-        jobs: Arguments.
+        jobs: Arguments; of those that can be begun, the first is.
         workers: Processes; with one, all is done in this one.
+        after: Numbers of the jobs that a job builds on, all before it in `jobs`; it is left out where one fails.
 
     Raises:
         JobsFailed: several could not be done; says which, when all others are.
@@ -30,18 +35,20 @@ def run_jobs(function: Callable[[Job], Result], jobs: Sequence[Job], workers: in
         Exception: the same of a single one, as it was raised there.
     """
     failed: dict[int, Exception] = {}
-    for number, outcome in run_all(function, jobs, min(workers, len(jobs))):
-        try:
-            result = outcome()
-        except BrokenProcessPool:
-            raise WorkerLost(
-                "A worker process was ended from outside, perhaps for want of memory; what was finished is kept: "
-                "run the same command again, with --workers 1 if it happens again."
-            ) from None
-        except Exception as error:  # told below, when all that can be done is done
-            failed[number] = error
-        else:
-            yield number, result
+    try:
+        for number, future in run_all(function, jobs, min(workers, len(jobs)), after or {}):
+            error = future.exception()
+            if isinstance(error, BrokenProcessPool):
+                raise error
+            if isinstance(error, Exception):
+                failed[number] = error  # told below, when all that can be done is done
+            else:
+                yield number, future.result()
+    except BrokenProcessPool:
+        raise WorkerLost(
+            "A worker process was ended from outside, perhaps for want of memory; what was finished is kept: run the "
+            "same command again, with --workers 1 if it happens again."
+        ) from None
     if failed:
         raise told(failed, len(jobs))
 
@@ -57,21 +64,50 @@ def told(failed: dict[int, Exception], jobs: int) -> Exception:
 
 
 def run_all(
-    function: Callable[[Job], Result], jobs: Sequence[Job], workers: int
-) -> Iterator[tuple[int, Callable[[], Result]]]:
-    """Run jobs and yield for each, as it ends, its number and what returns its result or raises its error."""
+    function: Callable[[Job], Result], jobs: Sequence[Job], workers: int, after: Mapping[int, Collection[int]]
+) -> Iterator[tuple[int, Future[Result]]]:
+    """Run jobs and yield the number of each as it ends, with what holds its result or its error."""
+    done: set[int] = set()
+    waiting = list(range(len(jobs)))
+
+    def next_ready() -> int | None:
+        ready = (number for number in waiting if done.issuperset(after.get(number, ())))
+        return next(ready, None)
+
     if workers <= 1:
-        for number, job in enumerate(jobs):
-            yield number, partial(function, job)
+        while (number := next_ready()) is not None:
+            waiting.remove(number)
+            future = done_here(function, jobs[number])
+            yield number, future
+            done.update([number] if future.exception() is None else [])
         return
     context = multiprocessing.get_context("spawn")  # a fork would inherit the locks of torch's and MuJoCo's threads
     executor = ProcessPoolExecutor(workers, mp_context=context, initializer=prepare_worker)
+    running: dict[Future[Result], int] = {}
     try:
-        numbers = {executor.submit(function, job): number for number, job in enumerate(jobs)}
-        for future in as_completed(numbers):
-            yield numbers[future], future.result
+        while True:
+            while len(running) < workers and (number := next_ready()) is not None:
+                waiting.remove(number)
+                running[executor.submit(function, jobs[number])] = number
+            if not running:
+                return
+            ended, _ = wait(running, return_when=FIRST_COMPLETED)
+            for future in ended:
+                number = running.pop(future)
+                done.update([number] if future.exception() is None else [])
+                yield number, future
     finally:
         executor.shutdown(wait=False, cancel_futures=True)
+
+
+def done_here(function: Callable[[Job], Result], job: Job) -> Future[Result]:
+    """Do a job in this process, and return what holds its result or its error."""
+    future: Future[Result] = Future()
+    try:
+        future.set_result(function(job))
+    except Exception as error:
+        future.set_exception(error)
+    return future
 
 
 def prepare_worker() -> None:

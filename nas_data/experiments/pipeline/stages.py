@@ -27,6 +27,7 @@ from nas_data.gap.named import Named
 from nas_data.models.lstm import Kind
 from nas_data.policies.ppo import Calm
 from nas_data.stages import INDENT, Found, Report, Stage, Work, read_done, run_stages
+from nas_data.stages_side_by_side import Part, do_part, run_side_by_side
 
 Job = Work[MaterialPlan]
 
@@ -52,7 +53,8 @@ def learner(kind: Kind, name: str, folder: str) -> Callable[[Job], Found]:
 
     def learn(job: Job) -> Found:
         options = job.plan.delta if kind == "delta" else job.plan.forward
-        return learned(ModelJob(kind, Material(job.plan, job.folder).train, options, job.folder / folder), name, job)
+        pairs = Material(job.plan, job.folder).train
+        return learned(ModelJob(kind, pairs, options, job.folder / folder, job.threads), name, job)
 
     return learn
 
@@ -94,11 +96,11 @@ def learn_on_names(job: Job) -> Found:
     named, body = Named.read(material.named), Body.of(plan.recipe.environment, plan.source)
     source = Body(named.robot(body.robot, plan.task.joints), (*body.effects, *named.effects))
     pairs = pair_again(material.train, source, NAMED, job.folder, DATASETS)
-    model = ModelJob("delta", job.folder / pairs.path, plan.delta, job.folder / PHI_NAMED)
+    model = ModelJob("delta", job.folder / pairs.path, plan.delta, job.folder / PHI_NAMED, job.threads)
     return learned(model, "φ on the names", job)
 
 
-STAGES = {
+STAGES = {  # side by side those first that others wait for, and of the rest the longest
     stage.name: stage
     for stage in (
         Stage(
@@ -112,6 +114,15 @@ STAGES = {
             recording_code,
         ),
         Stage(
+            NAMES,
+            "Name what is missing",
+            "`nas gap` compares source and recordings and names the effects that the source lacks.",
+            name_effects,
+            (NAMES,),
+            ("record",),
+            naming_code,
+        ),
+        Stage(
             PHI,
             "Learn φ",
             "φ corrects each step of the source; 'validation' is the error of its own rollouts [rad], * the best so "
@@ -122,24 +133,6 @@ STAGES = {
             learning_code,
         ),
         Stage(
-            PSI,
-            "Learn ψ",
-            "ψ predicts each step without a simulator.",
-            learner("forward", "ψ", PSI),
-            (PSI,),
-            ("record",),
-            learning_code,
-        ),
-        Stage(
-            NAMES,
-            "Name what is missing",
-            "`nas gap` compares source and recordings and names the effects that the source lacks.",
-            name_effects,
-            (NAMES,),
-            ("record",),
-            naming_code,
-        ),
-        Stage(
             PHI_NAMED,
             "Learn φ on the names",
             "Another φ corrects the source that has the named effects.",
@@ -147,6 +140,15 @@ STAGES = {
             (PHI_NAMED,),
             ("record", NAMES),
             learning_on_names_code,
+        ),
+        Stage(
+            PSI,
+            "Learn ψ",
+            "ψ predicts each step without a simulator.",
+            learner("forward", "ψ", PSI),
+            (PSI,),
+            ("record",),
+            learning_code,
         ),
     )
 }
@@ -159,7 +161,9 @@ def describe_stages(material: Material) -> dict[str, object]:
     return {name: {key: getattr(done, key) for key in told} for name, done in found.items() if done is not None}
 
 
-def make_material(plan: MaterialPlan, folder: Path, needs: Collection[str], report: Report) -> Material:
+def make_material(
+    plan: MaterialPlan, folder: Path, needs: Collection[str], report: Report, workers: int = 1
+) -> Material:
     """Make what is needed of an environment's material; a stage that is done is not done again.
 
     Args:
@@ -167,11 +171,22 @@ def make_material(plan: MaterialPlan, folder: Path, needs: Collection[str], repo
         folder: Where it lies.
         needs: Names of stages; those that they build on are done as well.
         report: Told of progress.
+        workers: Stages at a time, each in a process of its own where there are several.
 
     Raises:
         OutputExists: the folder holds something else, or material of another plan or by other code.
+        JobsFailed: several stages could not be done; all others are but those that build on them.
     """
     wanted = {*needs}.union(*(STAGES[name].builds_on or () for name in needs))
     stages = [stage for name, stage in STAGES.items() if name in wanted]
-    run_stages(stages, Work(plan, folder, report, name="folder of recordings and models"))
+    work = Work(plan, folder, report, name="folder of recordings and models")
+    if workers > 1:
+        run_side_by_side(stages, work, workers, make_part)
+    else:
+        run_stages(stages, work)
     return Material(plan, folder)
+
+
+def make_part(part: Part[MaterialPlan]) -> None:
+    """Do a stage in a process of its own."""
+    do_part(STAGES[part.stage], part)
