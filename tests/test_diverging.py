@@ -160,6 +160,16 @@ def test_other_jobs_go_on_where_some_fail_and_the_failures_are_told_at_the_end(w
 
 
 @pytest.mark.parametrize("workers", [1, 2])
+def test_jobs_that_build_on_failed_ones_are_left_out_and_that_is_said(workers):
+    done = []
+    with pytest.raises(JobsFailed, match=r"2 of 6 jobs failed; 2 that build on them were left out; all others are"):
+        for number, _ in run_jobs(half, range(6), workers, {2: [1], 4: [0], 5: [2, 0]}):
+            done.append(number)
+    assert sorted(done) == [0, 4]
+    assert done.index(0) < done.index(4)
+
+
+@pytest.mark.parametrize("workers", [1, 2])
 def test_a_single_failure_stays_what_it_is(workers):
     with pytest.raises(SimulationDiverged, match="number 1"):
         list(run_jobs(half, range(3), workers))

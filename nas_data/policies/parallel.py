@@ -35,6 +35,7 @@ def run_jobs(
         Exception: the same of a single one, as it was raised there.
     """
     failed: dict[int, Exception] = {}
+    done = 0
     try:
         for number, future in run_all(function, jobs, min(workers, len(jobs)), after or {}):
             error = future.exception()
@@ -43,6 +44,7 @@ def run_jobs(
             if isinstance(error, Exception):
                 failed[number] = error  # told below, when all that can be done is done
             else:
+                done += 1
                 yield number, future.result()
     except BrokenProcessPool:
         raise WorkerLost(
@@ -50,17 +52,18 @@ def run_jobs(
             "same command again, with --workers 1 if it happens again."
         ) from None
     if failed:
-        raise told(failed, len(jobs))
+        raise told(failed, len(jobs), len(jobs) - done - len(failed))
 
 
-def told(failed: dict[int, Exception], jobs: int) -> Exception:
+def told(failed: dict[int, Exception], jobs: int, left_out: int = 0) -> Exception:
     """Return one error for all jobs that failed; what is no user's mistake stays what it is."""
     errors = [failed[number] for number in sorted(failed)]
     strange = [error for error in errors if not isinstance(error, NasError)]
     if strange or len(errors) == 1:
         return (strange or errors)[0]
     different = list(dict.fromkeys(str(error) for error in errors))
-    return JobsFailed(f"{len(errors)} of {jobs} jobs failed; all others are done. {' '.join(different)}")
+    others = f"{left_out} that build on them were left out; all others are done" if left_out else "all others are done"
+    return JobsFailed(f"{len(errors)} of {jobs} jobs failed; {others}. {' '.join(different)}")
 
 
 def run_all(
