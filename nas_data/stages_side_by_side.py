@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic
 
-from nas_data.policies.parallel import run_jobs
+from nas_data.parallel import run_jobs
 from nas_data.stages import INDENT, Plan, Stage, Work, begin, do, introduction, kept, read_stage, run_stages
 
 

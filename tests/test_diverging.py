@@ -12,11 +12,11 @@ from nas_data.envs.loop.arm_env import ArmEnv
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
 from nas_data.envs.loop.plant import Plant
 from nas_data.errors import JobsFailed, SimulationDiverged
+from nas_data.parallel import run_jobs
 from nas_data.policies import compare as comparing
 from nas_data.policies import evaluate
 from nas_data.policies.compare import Study, compare
 from nas_data.policies.learner import Hyperparameters, Training
-from nas_data.policies.parallel import run_jobs
 from nas_data.policies.policy import read_progress
 from nas_data.policies.ppo import train
 

@@ -16,11 +16,11 @@ from nas_data import cli
 from nas_data.envs.ergo_reacher import TASK
 from nas_data.envs.loop.plant import Plant
 from nas_data.errors import CheckpointError, OutputExists, WorkerLost
+from nas_data.parallel import run_jobs
 from nas_data.policies import evaluate
 from nas_data.policies.compare import Study, compare, read_result
 from nas_data.policies.folder import STATE, save_policy
 from nas_data.policies.learner import Hyperparameters, Learner, Training
-from nas_data.policies.parallel import run_jobs
 from nas_data.policies.policy import CONFIG, WEIGHTS, find_policies, load_policy, read_progress
 from nas_data.policies.ppo import train
 from nas_data.policies.share import share

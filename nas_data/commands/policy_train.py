@@ -45,7 +45,7 @@ class PolicyTrain(Command):
     def run(self) -> Outcome:
         """Train every seed."""
         trainings = self._trainings()
-        from nas_data.policies.parallel import run_jobs
+        from nas_data.parallel import run_jobs
         from nas_data.policies.policy import load_policy, read_progress
         from nas_data.policies.ppo import train_job
         from nas_data.policies.tables import aligned

@@ -19,7 +19,7 @@ from nas_data.metrics import Errors
 from nas_data.models.evaluation import MODEL, Evaluation
 from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions
-from nas_data.policies.parallel import run_jobs
+from nas_data.parallel import run_jobs
 from nas_data.reports.file import write_whole
 from nas_data.sources import find_source
 from nas_data.stages import INDENT, Found, Report

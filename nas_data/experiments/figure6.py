@@ -17,10 +17,10 @@ from nas_data.experiments.pipeline.material import Material
 from nas_data.experiments.pipeline.methods import on_source, target
 from nas_data.experiments.pipeline.stages import describe_stages
 from nas_data.experiments.pipeline.telling import on_intervals
+from nas_data.parallel import run_jobs
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Comparison, number
 from nas_data.policies.evaluate import spread
 from nas_data.policies.intervals import kind_of, median_text
-from nas_data.policies.parallel import run_jobs
 from nas_data.policies.watching import spoken
 from nas_data.reports.experiment_figures import Counted, return_over_count
 from nas_data.reports.style import to_png

@@ -11,10 +11,10 @@ import numpy as np
 from nas_data.code_hash import code_hash
 from nas_data.envs.loop.plant import Plant
 from nas_data.errors import OptionError, SimulationDiverged
+from nas_data.parallel import run_jobs
 from nas_data.policies.evaluate import score_policy, spread
 from nas_data.policies.folder import write
 from nas_data.policies.learner import Hyperparameters, Training
-from nas_data.policies.parallel import run_jobs
 from nas_data.policies.policy import load_policy, read_progress
 from nas_data.policies.ppo import Report, check_folder, to_stderr, train
 from nas_data.policies.share import Share, Stake, share, share_heading, stake

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 
 from nas_data.ablation.executors.base import Job, Result
-from nas_data.policies.parallel import run_jobs
+from nas_data.parallel import run_jobs
 
 
 def run(function: Callable[[Job], Result], jobs: Sequence[Job], workers: int) -> Iterator[tuple[int, Result]]:

@@ -13,7 +13,7 @@ from nas_data.errors import OptionError, UnknownName
 from nas_data.experiments.base import Experiment, Request, Result, find_experiment
 from nas_data.experiments.pipeline.methods import check_methods
 from nas_data.experiments.pipeline.naming import stem_of
-from nas_data.policies.parallel import told
+from nas_data.parallel import told
 from nas_data.reports.file import write_whole
 
 
