@@ -69,7 +69,7 @@ def name_effects(job: Job) -> Found:
     """Let `nas gap` name what the source lacks, from the same recordings and nothing else."""
     material = Material(job.plan, job.folder)
     root = recordings_to_name(job)
-    say = Calm(lambda line: job.report(f"{INDENT}{line.strip()}"), PAUSE)
+    say = Calm(lambda line: job.report(f"{INDENT}names  {line.strip()}"), PAUSE)
     report = workflow.investigate(root, material.train / "meta/source.xml", job.folder / NAMES, say)
     named = Named.read(job.folder / NAMES)
     listed = ", ".join(f"{effect.name()} in {effect.joint or 'the arm'}" for effect in named.effects) or "nothing"
