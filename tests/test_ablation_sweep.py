@@ -19,7 +19,8 @@ from training_samples import same
 
 from nas_data.ablation import trial as trials
 from nas_data.ablation.amount import Amount
-from nas_data.ablation.inflation import Inflation, measure
+from nas_data.ablation.inflation import Inflation, Probe, cost, inflation_of, keep, order, probes
+from nas_data.ablation.inflation import read as read_inflation
 from nas_data.ablation.kinds.base import Lesson, find_kind
 from nas_data.ablation.material import Material
 from nas_data.ablation.subsets import divide, draw
@@ -52,7 +53,7 @@ def planned(place: Place, folder: Path, **changes) -> list[trials.Trial]:
     return swept.trials(swept.material.content(), folder)
 
 
-def here_and_now(function, jobs, workers):
+def here_and_now(function, jobs, workers, after=None):
     """Run jobs in this process."""
     for number, job in enumerate(jobs):
         yield number, function(job)
@@ -168,7 +169,7 @@ def test_data_that_change_while_a_sweep_runs_are_noticed(place, tmp_path):
 def test_no_trial_is_done_twice_and_a_sweep_can_grow(place, tmp_path):
     asked = []
 
-    def counting(function, jobs, workers):
+    def counting(function, jobs, workers, after=None):
         asked.append([job.key for job in jobs])
         return here_and_now(function, jobs, workers)
 
@@ -283,18 +284,31 @@ def test_a_fault_of_ours_ends_one_trial_and_keeps_its_traceback(place, tmp_path,
 
 
 def test_only_what_trains_is_measured_for_the_cost_of_a_second_worker(place, tmp_path):
-    jobs = []
-
-    def priced(function, probes, workers):
-        jobs.append((len(probes), probes[0].config.amount.value, probes[0].config.options.updates))
-        return ((number, (2.0, 3.0 * workers)) for number in range(len(probes)))
-
     waiting = planned(place, tmp_path, options=replace(TINY, updates=400))
-    found = measure(waiting, priced, 2, silent)
-    assert jobs == [(1, 2, 10), (2, 2, 10), (1, 2, 10)], "one, two, one, each the smallest amount, shortened"
-    assert (found.factor, found.work) == (1.0, 1.0)
-    assert measure(waiting, priced, 1, silent) is None
-    assert measure(planned(place, tmp_path, kinds=("named",)), priced, 2, silent) is None
+    first, *others = probes(waiting, 2, tmp_path)
+    assert len(others) == 2 and others == [first, first], "two beside each other, and one alone"
+    assert (first.trial.config.amount.value, first.trial.config.options.updates) == (2, 10), "the smallest, shortened"
+    assert probes(waiting, 1, tmp_path) == probes(planned(place, tmp_path, kinds=("named",)), 2, tmp_path) == []
+    keep(tmp_path, inflation_of([(2.0, 6.0), (4.0, 6.0), (2.0, 3.0)]))
+    found = read_inflation(tmp_path)
+    assert (found.workers, found.factor, found.work) == (2, 1.5, 1.0)
+    assert probes(waiting, 2, tmp_path) == [], "it was measured before"
+
+
+def test_probes_come_first_the_last_of_them_alone_and_then_the_trials():
+    assert order(3, 6) == {2: [0, 1], 3: [2], 4: [2], 5: [2]}
+    assert order(0, 6) == {}
+
+
+def test_a_probe_that_fails_measures_nothing_and_takes_no_trial_along(place, tmp_path):
+    (trial,) = planned(place, tmp_path, kinds=("forward",), amounts=(Amount(2, "episodes"),))
+    probe = Probe(replace(trial, material=replace(trial.material, root=tmp_path / "nowhere")))
+    assert cost(probe) is None
+    keep(tmp_path, inflation_of([cost(probe), (1.0, 1.0), (1.0, 1.0)]))
+    assert read_inflation(tmp_path) is None
+    processor, wall = cost(Probe(trial))
+    assert processor > 0 < wall
+    assert not list((tmp_path / UNFINISHED).glob("*"))
 
 
 # what is asked for

@@ -4,14 +4,13 @@ import json
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from nas_data.ablation.executors.base import Executor
 from nas_data.ablation.kinds.base import find_kind
 from nas_data.ablation.trial import UNFINISHED, Trial, prepare
 from nas_data.dataset.layout import read_json
@@ -66,49 +65,70 @@ class Inflation:
 NUMBERS = tuple(field.name for field in fields(Inflation))
 
 
-def of_sweep(
-    folder: Path, trials: Sequence[Trial], executor: Executor, workers: int, say: Callable[[str], None]
-) -> Inflation | None:
-    """Return what was measured when the sweep began, or measure it where there is work left.
+@dataclass(frozen=True)
+class Probe:
+    """A short training that only measures.
 
-    Args:
-        folder: The sweep's.
-        trials: Those still to be done.
-        executor: Where they run.
-        workers: How many run at a time.
-        say: Told of the measurement.
+    Attributes:
+        trial: What is learned from.
     """
+
+    trial: Trial
+
+
+Cost = tuple[float, float]
+"""Processor and wall time [s]."""
+
+
+def read(folder: Path) -> Inflation | None:
+    """Return what was measured when a sweep began; None where nothing was."""
     path = folder / FILE
-    if path.is_file():
-        return Inflation(**{key: value for key, value in read_json(path).items() if key in NUMBERS})  # type: ignore[arg-type]
-    found = measure(trials, executor, workers, say)
-    if found:
-        write_whole(path, (json.dumps(found.to_json(), indent=1) + "\n").encode())
-    return found
+    if not path.is_file():
+        return None
+    return Inflation(**{key: value for key, value in read_json(path).items() if key in NUMBERS})  # type: ignore[arg-type]
 
 
-def measure(trials: Sequence[Trial], executor: Executor, workers: int, say: Callable[[str], None]) -> Inflation | None:
-    """Train for a moment alone, side by side, and alone again; nothing is recorded.
+def keep(folder: Path, found: Inflation | None) -> None:
+    """Write what was measured into a sweep's folder, where it could be."""
+    if found is not None:
+        write_whole(folder / FILE, (json.dumps(found.to_json(), indent=1) + "\n").encode())
+
+
+def probes(trials: Sequence[Trial], workers: int, folder: Path) -> list[Probe]:
+    """Return what measures: as many probes as there are workers, side by side, and then one alone.
 
     Args:
         trials: Those to be done, of which the smallest that trains a network is shortened.
-        executor: Where they run.
         workers: How many run at a time.
-        say: Told of it.
+        folder: The sweep's.
 
     Returns:
-        None where no network is trained, or one worker has nothing beside it.
+        Nothing where no network is trained, one worker has nothing beside it, or it was measured before.
     """
     training = [trial for trial in trials if find_kind(trial.config.kind).trains and not must_name(trial)]
-    if workers < 2 or not training:
+    if workers < 2 or not training or read(folder) is not None:
+        return []
+    return [Probe(shortened(min(training, key=lambda trial: trial.config.amount)))] * (workers + 1)
+
+
+def order(probes: int, jobs: int) -> dict[int, list[int]]:
+    """Return what each of some jobs waits for, the first of which are probes.
+
+    The last probe, which is alone, waits for the others; all that is no probe waits for it.
+    """
+    if not probes:
+        return {}
+    last = probes - 1
+    return {last: list(range(last)), **{number: [last] for number in range(probes, jobs)}}
+
+
+def inflation_of(costs: Sequence[Cost | None]) -> Inflation | None:
+    """Return what the probes found, the last of which was alone; None where one of them failed."""
+    known = [cost for cost in costs if cost is not None]
+    if not known or len(known) < len(costs):
         return None
-    say(f"measuring a short training with one worker and with {workers}")
-    probe = shortened(min(training, key=lambda trial: trial.config.amount))
-    before = dict(executor(cost, [probe], 1))[0]
-    beside = [pair for _, pair in executor(cost, [probe] * workers, workers)]
-    after = dict(executor(cost, [probe], 1))[0]
-    alone, others = np.median([before, after], axis=0), np.median(beside, axis=0)
-    return Inflation(workers, float(alone[0]), float(others[0]), float(alone[1]), float(others[1]))
+    others, alone = np.median(known[:-1], axis=0), known[-1]
+    return Inflation(len(known) - 1, alone[0], float(others[0]), alone[1], float(others[1]))
 
 
 def must_name(trial: Trial) -> bool:
@@ -123,16 +143,24 @@ def shortened(trial: Trial) -> Trial:
     return replace(trial, config=replace(trial.config, options=short))
 
 
-def cost(trial: Trial) -> tuple[float, float]:
-    """Learn as a trial does, twice, and return processor and wall time [s] of the second, when everything is loaded."""
-    wall = cpu = 0.0
-    for _ in range(2):
-        trial.folder.joinpath(UNFINISHED).mkdir(parents=True, exist_ok=True)
-        folder = Path(tempfile.mkdtemp(prefix="probe-", dir=trial.folder / UNFINISHED))
+def cost(probe: Probe) -> Cost | None:
+    """Learn as a trial does, twice, and return what the second took, when all is loaded; None where it cannot."""
+    try:
+        learn(probe.trial)
+        return learn(probe.trial)
+    except Exception:  # its trial says why, when it is its turn
+        return None
+
+
+def learn(trial: Trial) -> Cost:
+    """Learn as a trial does, and return what that took."""
+    trial.folder.joinpath(UNFINISHED).mkdir(parents=True, exist_ok=True)
+    folder = Path(tempfile.mkdtemp(prefix="probe-", dir=trial.folder / UNFINISHED))
+    try:
         lesson, _, _ = prepare(trial, folder)
         wall, cpu = time.perf_counter(), time.process_time()
         with one_thread(), threadpool_limits(1):
             find_kind(trial.config.kind).learn(lesson)
-        wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-        shutil.rmtree(folder)
-    return cpu, wall
+        return time.process_time() - cpu, time.perf_counter() - wall
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)

@@ -7,9 +7,11 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from nas_data.ablation.amount import Amount
 from nas_data.ablation.executors.base import Executor
+from nas_data.ablation.inflation import Cost, Probe, cost, inflation_of, keep, order, probes
 from nas_data.ablation.material import Content, Material
 from nas_data.ablation.progress import Clock
 from nas_data.ablation.trial import UNFINISHED, Config, Record, Trial, do_trial
@@ -67,6 +69,8 @@ def run_sweep(
 ) -> list[Record]:
     """Do the trials that are not done yet, and return the results of all in their order.
 
+    With several workers it is measured first what another costs, once a sweep, by the same workers.
+
     Args:
         trials: See `Plan.trials`.
         executor: Where they run.
@@ -76,18 +80,28 @@ def run_sweep(
     """
     records = {number: record for number, trial in enumerate(trials) if (record := done(trial, retry)) is not None}
     waiting = [number for number in range(len(trials)) if number not in records]
+    measuring = probes([trials[number] for number in waiting], workers, trials[0].folder) if waiting else []
+    jobs: list[Trial | Probe] = [*measuring, *(trials[number] for number in waiting)]
+    costs: dict[int, Cost | None] = {}
     clock = Clock([trials[number].config for number in waiting], workers, len(trials))
     say(clock.begin(sum("failed" in record for record in records.values())))
-    for place, record in executor(do_trial, [trials[number] for number in waiting], workers):
-        number = waiting[place]
-        records[number] = record
-        say(clock.tell(trials[number].config, record))
+    if measuring:
+        say(f"first a short training with {workers} workers and with one, to see what another costs")
+    for place, found in executor(do_job, jobs, workers, order(len(measuring), len(jobs))):
+        if place < len(measuring):
+            costs[place] = found
+            if len(costs) == len(measuring):
+                keep(trials[0].folder, inflation_of([costs[probe] for probe in range(len(measuring))]))
+        else:
+            number = waiting[place - len(measuring)]
+            records[number] = found
+            say(clock.tell(trials[number].config, found))
     return [records[number] for number in range(len(trials))]
 
 
-def undone(trials: Sequence[Trial], retry: bool) -> list[Trial]:
-    """Return the trials that are still to do."""
-    return [trial for trial in trials if done(trial, retry) is None]
+def do_job(job: Trial | Probe) -> Any:
+    """Do a trial, or measure; returns a record or a cost."""
+    return cost(job) if isinstance(job, Probe) else do_trial(job)
 
 
 def done(trial: Trial, retry: bool) -> Record | None:

@@ -74,7 +74,7 @@ class Ablate(Command):
         from nas_data.ablation import inflation, summary, table, write
         from nas_data.ablation.checks import check
         from nas_data.ablation.executors.base import find_executor
-        from nas_data.ablation.sweep import opened, run_sweep, undone
+        from nas_data.ablation.sweep import opened, run_sweep
 
         if self.workers < 1:
             raise OptionError(f"--workers is {self.workers}; at least one is needed.")
@@ -83,8 +83,8 @@ class Ablate(Command):
         content = plan.material.content()
         trials = plan.trials(content, self.out)
         with opened(self.out, plan.identity(content)), saying("trials are running", HEARTBEAT):
-            cost = inflation.of_sweep(self.out, undone(trials, self.retry), executor, self.workers, report)
             records = run_sweep(trials, executor, self.workers, self.retry, report)
+        cost = inflation.read(self.out)
         found = summary.Summary.of(records)
         notes = [cost.sentence()] if cost else []
         more: dict[str, object] = {

@@ -1,6 +1,6 @@
 """What an executor is: a function that runs jobs somewhere and yields each result as it comes."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Protocol, TypeVar
 
 from nas_data import registry
@@ -19,7 +19,11 @@ class Executor(Protocol):
     """
 
     def __call__(
-        self, function: Callable[[Job], Result], jobs: Sequence[Job], workers: int
+        self,
+        function: Callable[[Job], Result],
+        jobs: Sequence[Job],
+        workers: int,
+        after: Mapping[int, Collection[int]] | None = None,
     ) -> Iterator[tuple[int, Result]]:
         """Run jobs and yield each result with its job's number, as it comes.
 
@@ -27,6 +31,7 @@ class Executor(Protocol):
             function: Importable by its name, as are its argument and result.
             jobs: Arguments.
             workers: Jobs that run at a time.
+            after: Numbers of the jobs that a job waits for, all before it.
         """
         ...
 
