@@ -36,7 +36,7 @@ demo: $(STAMP)
 	@$(BIN)/nas demo
 
 test: check
-	@$(BIN)/python -m pytest -n 2
+	@$(BIN)/python -m pytest -n 2 --dist worksteal
 
 test-slow: $(STAMP)
 	@$(BIN)/python -m pytest -m slow

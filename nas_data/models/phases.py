@@ -17,7 +17,7 @@ from nas_data.models.remembering import begun, follow
 from nas_data.simulators.base import Simulator, Stepper
 
 SHORTEST = 20  # frames of the first free-running windows
-MOST_JACOBIANS = 60_000  # along the data; beyond, neighbours share one
+MOST_JACOBIANS = 600_000  # along the data, half a gigabyte of a 7-joint arm; beyond, neighbours share one
 BURN_IN = 100  # frames read before a window, so that it starts with a memory
 POSITION_STEP = 0.03  # [rad] large enough to average over friction and saturation
 VELOCITY_STEP = 0.3  # [rad/s]

@@ -8,9 +8,9 @@ from nas_data.gap.search.join import joined
 from nas_data.gap.search.opening import opened
 from nas_data.gap.search.prune import adequate, pruned, simplified
 from nas_data.gap.search.state import Search
+from nas_data.gap.search.sweep import far, swept
 from nas_data.gap.side_by_side import side_by_side
 
-FAR = 5.0  # noise floors of rest in every joint from which a model is far from what was recorded
 LITTLE = 0.05  # of all that was gained, which then is too little to go on
 
 
@@ -27,7 +27,7 @@ def choose(search: Search) -> Hypothesis:
         larger = larger or grown(search, kept, overlooked(search, kept))
         if larger is None:
             break
-        before, kept = kept, detailed(search, joined(search, exchanged(search, search.refined(larger))))
+        before, kept = kept, detailed(search, joined(search, exchanged(search, search.refined(swept(search, larger)))))
         search.report("added", kept)
         if lost(search, before, kept):
             break
@@ -47,7 +47,7 @@ def persisted(search: Search, kept: Hypothesis) -> Hypothesis:
     of those that compared names were given, and stand-ins that helped half-way fall off at its end. Where going on
     brings little, it begins anew.
     """
-    while kept.effects and any(far(search, kept)):
+    while kept.effects and far(search, kept):
         before, kept = kept, search.continued(search.refined(kept))
         if not much(search, before, kept):
             anew = begun_anew(search, kept)
@@ -75,13 +75,7 @@ def lost(search: Search, before: Hypothesis, kept: Hypothesis) -> bool:
     What is missing then is not in the catalogue, or a description that names it was passed by; either way further names
     would only be bent to these motions.
     """
-    return all(far(search, kept)) and not much(search, before, kept)
-
-
-def far(search: Search, kept: Hypothesis) -> list[bool]:
-    """Return for each joint that moved whether it is far from explained."""
-    rest = zip(search.train.nominal.joints, search.ratio(kept), strict=True)
-    return [left > FAR for joint, left in rest if joint in search.lively]
+    return set(far(search, kept)) == search.lively and not much(search, before, kept)
 
 
 def much(search: Search, before: Hypothesis, after: Hypothesis) -> bool:

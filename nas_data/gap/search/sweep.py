@@ -1,0 +1,91 @@
+"""Look along the effects' parameters from end to end: a fit goes down into the nearest dip, and stops make many."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from nas_data.gap.search.fit import Fit, Task, penalty
+from nas_data.gap.search.hypothesis import GAIN, Hypothesis
+from nas_data.gap.search.state import Search
+from nas_data.gap.search.unknowns import Unknowns
+from nas_data.gap.side_by_side import side_by_side
+from nas_data.simulators.settled import Hold
+
+FAR = 5.0  # noise floors of rest from which a joint is far from explained
+FINENESS = 0.14  # between neighbouring values, in a logarithm: about as wide as the dips of a play's width are
+REACH = 2.4  # how far a look goes either way, in a logarithm: a tenth to ten times
+ROUNDS = 3  # over all parameters, at most
+
+
+def far(search: Search, kept: Hypothesis) -> list[str]:
+    """Return the joints that moved and are far from explained."""
+    rest = zip(search.train.nominal.joints, search.ratio(kept), strict=True)
+    return [joint for joint, left in rest if left > FAR and joint in search.lively]
+
+
+def swept(search: Search, h: Hypothesis) -> Hypothesis:
+    """Return a hypothesis with the best numbers that a look along the parameters finds, to be fitted on from there.
+
+    An arm that play throws to and fro is predicted no better with three quarters of its width than with a half, so that
+    no slope leads to the right one. And play that lies at one side until the load first reverses looks like play twice
+    as wide that lies in its middle. So one look is from where the fit ended, with what seemed to hold the joints
+    before, another from the model's own base, with its weight to hold it.
+
+    Args:
+        search: Search.
+        h: Hypothesis; as it is where all joints are near, or where no look leads much further.
+    """
+    columns = concerned(search, h)
+    if not columns:
+        return h
+    unknowns, numbers = h.fit.unknowns, h.fit.numbers
+    own = np.where(np.arange(unknowns.size) < len(unknowns.sought), numbers, 0.0)
+    task = replace(search.halved(h.fit)[0], correction=0.0)
+    settled = replace(task, evidence=task.evidence.begun(Hold.WEIGHT))
+    before = loss(task, unknowns, numbers)
+    ends = [look(task, unknowns, numbers, columns), look(settled, unknowns, own, columns)]
+    best, reached = min(ends, key=lambda end: end[1])
+    if reached > before - GAIN:
+        return h
+    predicted = search.sub.predict(unknowns, best)
+    if predicted is None:
+        return h
+    found = search.judged(Fit(unknowns, best, predicted, search.sub.misfit(predicted), h.fit.slopes))
+    search.report("  looked along", found)
+    return found
+
+
+def concerned(search: Search, h: Hypothesis) -> list[int]:
+    """Return the numbers that are looked along: those of effects in joints that are far from explained."""
+    joints = far(search, h)
+    places = [h.fit.unknowns.effects[unknown.place].joint for unknown in h.fit.unknowns.sought]
+    return [number for number, joint in enumerate(places) if joint in joints or (joints and joint is None)]
+
+
+def look(task: Task, unknowns: Unknowns, numbers: np.ndarray, columns: list[int]) -> tuple[np.ndarray, float]:
+    """Return the best numbers along one parameter after the other, again until that brings little, and their loss."""
+    best, reached = numbers, loss(task, unknowns, numbers)
+    for _ in range(ROUNDS):
+        before = reached
+        for column in columns:
+            places = along(unknowns, best, column)
+            losses = side_by_side(partial(loss, task, unknowns), places)
+            if min(losses) < reached:
+                best, reached = places[int(np.argmin(losses))], min(losses)
+        if reached > before - GAIN:
+            break
+    return best, reached
+
+
+def along(unknowns: Unknowns, numbers: np.ndarray, column: int) -> list[np.ndarray]:
+    """Return numbers of which one takes values over its range."""
+    low, high = (float(ends[column]) for ends in unknowns.bounds())
+    reach = np.arange(-REACH, REACH + FINENESS, FINENESS) + numbers[column]
+    values = reach[(reach >= low) & (reach <= high)]
+    return [np.where(np.arange(unknowns.size) == column, value, numbers) for value in values]
+
+
+def loss(task: Task, unknowns: Unknowns, numbers: np.ndarray) -> float:
+    """Return misfit and prior at some numbers; infinite where the model diverges."""
+    return task.misfit(task.predict(unknowns, numbers)) + penalty(unknowns, numbers)
