@@ -11,6 +11,8 @@ from test_gap_workflow import ARM, recorded
 
 from nas_data.cli import main
 from nas_data.effects.base import parse
+from nas_data.gap.evidence import Evidence
+from nas_data.gap.nominal import Nominal
 from nas_data.gap.search import choose as choose_module
 from nas_data.gap.search.choose import begun_anew, lost, persisted
 from nas_data.gap.search.detail import detailed
@@ -20,7 +22,9 @@ from nas_data.gap.search.prune import doubted_again
 from nas_data.gap.search.rivals import confronted, contenders, lead, outdone
 from nas_data.gap.search.state import Search
 from nas_data.gap.search.steps import stepped
+from nas_data.gap.search.sweep import concerned, look, swept
 from nas_data.gap.search.unknowns import Unknowns, free_base
+from nas_data.recorders.recipe import Recipe
 
 FLOOR = np.full(6, QUANTUM / np.sqrt(12))
 FRICTION = "viscous_friction:joint=m2,coefficient=0.02"
@@ -178,8 +182,9 @@ def test_the_place_of_a_payload_is_sought_where_the_data_tell_it(hidden: str, ap
 )
 def test_a_search_that_is_lost_ends(rest, losses, expected):
     null, before, kept = (SimpleNamespace(loss=loss) for loss in losses)
-    train = SimpleNamespace(nominal=SimpleNamespace(joints=("still" if rest[0] < 5 else "pan", "lift")))
-    search = SimpleNamespace(null=null, train=train, lively={"pan", "lift"}, ratio=lambda h: np.array(rest))
+    joints = ("still" if rest[0] < 5 and rest[1] > 5 else "pan", "lift")
+    train = SimpleNamespace(nominal=SimpleNamespace(joints=joints))
+    search = SimpleNamespace(null=null, train=train, lively={*joints} - {"still"}, ratio=lambda h: np.array(rest))
     assert lost(search, before, kept) == expected
 
 
@@ -208,6 +213,7 @@ def test_a_fit_far_from_what_was_recorded_goes_on_while_that_brings_much(monkeyp
         continued=lambda h: h,
         report=lambda word, h: said.append(h),
     )
+    monkeypatch.setattr(choose_module, "swept", lambda search, h: h)
     monkeypatch.setattr(choose_module, "needed", lambda search, h: doubted.append(h) or h)
     monkeypatch.setattr(choose_module, "begun_anew", lambda search, h: other)
     assert persisted(search, left[0]) is left[rounds]
@@ -242,3 +248,40 @@ def test_what_is_begun_anew_may_lose_one_effect_and_keeps_none_that_is_not_worth
 def test_many_effects_are_not_all_doubted_again(joints, gone, spare, expected):
     effects = [SimpleNamespace(joint=None if joint == "-" else joint) for joint in joints]
     assert doubted_again(effects, gone, spare) == expected
+
+
+def test_a_look_along_the_parameters_finds_wide_play_that_no_slope_leads_to():
+    recorded, _ = Recipe(environment="nas/Striker-v0", dynamics="backlash", episodes=12, steps=50, holds=(1,)).record()
+    evidence = Evidence.of(recorded)
+    nominal = Nominal.load("striker", evidence)
+    evidence = evidence.with_objects(recorded, nominal.simulator())
+    task = Task(nominal, evidence, np.full(7, 1e-3), fine=False)
+    guesses = tuple(
+        parse(f"backlash:joint={joint},half_width={width}")
+        for joint, width in (("pan", 0.07), ("elbow_flex", 0.07), ("wrist_flex", 0.025))
+    )
+    unknowns = Unknowns(guesses, free_base(nominal.base, guesses))
+
+    def widths(numbers: np.ndarray) -> list[float]:
+        return [effect.half_width for effect in unknowns.effects_at(numbers)]
+
+    gone_down = fit(task, unknowns, unknowns.start())
+    assert gone_down is not None and max(widths(gone_down.numbers)) < 0.12
+    found, reached = look(task, unknowns, unknowns.start(), [0, 1, 2])
+    assert reached < gone_down.loss
+    assert widths(found) == pytest.approx([0.15] * 3, rel=0.02)
+
+
+@pytest.mark.parametrize(("rest", "numbers"), [((4.0, 4.9), []), ((4.0, 6.0), [1, 2]), ((6.0, 4.0), [0, 2])])
+def test_parameters_are_looked_along_in_joints_that_are_far_from_explained(rest, numbers):
+    texts = ("backlash:joint=m1,half_width=0.02", "backlash:joint=m2,half_width=0.02", "base_tilt:roll=0.02,pitch=0")
+    h = SimpleNamespace(fit=SimpleNamespace(unknowns=Unknowns(tuple(map(parse, texts)), ())))
+    search = SimpleNamespace(
+        train=SimpleNamespace(nominal=SimpleNamespace(joints=("m1", "m2"))),
+        lively={"m1", "m2"},
+        ratio=lambda h: np.array(rest),
+    )
+    found = concerned(search, h)
+    assert [place for place in found if place < 2] == [place for place in numbers if place < 2]
+    assert any(place >= 2 for place in found) == bool(numbers)
+    assert found or swept(search, h) is h

@@ -48,7 +48,7 @@ def persisted(search: Search, kept: Hypothesis) -> Hypothesis:
     brings little, it begins anew.
     """
     while kept.effects and far(search, kept):
-        before, kept = kept, search.continued(search.refined(kept))
+        before, kept = kept, search.continued(search.refined(swept(search, kept)))
         if not much(search, before, kept):
             anew = begun_anew(search, kept)
             if anew is None or not much(search, kept, anew):

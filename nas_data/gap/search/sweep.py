@@ -13,8 +13,9 @@ from nas_data.gap.side_by_side import side_by_side
 from nas_data.simulators.settled import Hold
 
 FAR = 5.0  # noise floors of rest from which a joint is far from explained
-FINENESS = 0.14  # between neighbouring values, in a logarithm: about as wide as the dips of a play's width are
-REACH = 2.4  # how far a look goes either way, in a logarithm: a tenth to ten times
+# Between neighbouring values and how far either way, in logarithms: first as wide apart as the dips of a play's width
+# are, from a tenth to ten times; then about the best, and closer yet
+LOOKS = ((0.14, 2.4), (0.02, 0.16), (0.004, 0.024))
 ROUNDS = 3  # over all parameters, at most
 
 
@@ -66,23 +67,24 @@ def concerned(search: Search, h: Hypothesis) -> list[int]:
 def look(task: Task, unknowns: Unknowns, numbers: np.ndarray, columns: list[int]) -> tuple[np.ndarray, float]:
     """Return the best numbers along one parameter after the other, again until that brings little, and their loss."""
     best, reached = numbers, loss(task, unknowns, numbers)
-    for _ in range(ROUNDS):
-        before = reached
-        for column in columns:
-            places = along(unknowns, best, column)
-            losses = side_by_side(partial(loss, task, unknowns), places)
-            if min(losses) < reached:
-                best, reached = places[int(np.argmin(losses))], min(losses)
-        if reached > before - GAIN:
-            break
+    for apart, reach in LOOKS:
+        for _ in range(ROUNDS):
+            before = reached
+            for column in columns:
+                places = along(unknowns, best, column, np.arange(-reach, reach + apart, apart))
+                losses = side_by_side(partial(loss, task, unknowns), places)
+                if min(losses) < reached:
+                    best, reached = places[int(np.argmin(losses))], min(losses)
+            if reached > before - GAIN:
+                break
     return best, reached
 
 
-def along(unknowns: Unknowns, numbers: np.ndarray, column: int) -> list[np.ndarray]:
-    """Return numbers of which one takes values over its range."""
+def along(unknowns: Unknowns, numbers: np.ndarray, column: int, changes: np.ndarray) -> list[np.ndarray]:
+    """Return numbers of which one is changed, once for each change that its bounds allow."""
     low, high = (float(ends[column]) for ends in unknowns.bounds())
-    reach = np.arange(-REACH, REACH + FINENESS, FINENESS) + numbers[column]
-    values = reach[(reach >= low) & (reach <= high)]
+    values = changes + numbers[column]
+    values = values[(values >= low) & (values <= high)]
     return [np.where(np.arange(unknowns.size) == column, value, numbers) for value in values]
 
 
