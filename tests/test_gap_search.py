@@ -251,7 +251,7 @@ def test_many_effects_are_not_all_doubted_again(joints, gone, spare, expected):
 
 
 def test_a_look_along_the_parameters_finds_wide_play_that_no_slope_leads_to():
-    recorded, _ = Recipe(environment="nas/Striker-v0", dynamics="backlash", episodes=12, steps=50, holds=(1,)).record()
+    recorded, _ = Recipe(environment="nas/Striker-v0", dynamics="backlash", episodes=6, steps=30, holds=(1,)).record()
     evidence = Evidence.of(recorded)
     nominal = Nominal.load("striker", evidence)
     evidence = evidence.with_objects(recorded, nominal.simulator())
