@@ -385,6 +385,9 @@ def test_the_full_experiment_is_the_papers():
         "striker": 5000,
         "ergo_shield": 2000,  # the paper says 500, which φ learns by heart
     }
+    assert FULL.learning("nas/Pusher-v0") == (FULL.delta, FULL.forward)
+    assert {options.updates for options in FULL.learning("Striker")} == {0}  # along a chaotic arm no gradient leads far
+    assert QUICK.learning("Striker") == (QUICK.delta, QUICK.forward)
     assert QUICK.frames < FULL.frames / 10
     assert (min(FULL.counts), max(FULL.counts)) == (10, 2000)
 

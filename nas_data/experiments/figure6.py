@@ -86,7 +86,7 @@ def sweep(request: Request, material: Material, counts: tuple[int, ...]) -> tupl
             seed=seed,
             pairs=material.train,
             content_hash=material.content_hash,
-            options=sizes.delta,
+            options=sizes.learning(request.environments[0])[0],
             source=on_source(material),
             target=target(material),
             frames=sizes.frames,

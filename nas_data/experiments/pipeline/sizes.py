@@ -115,6 +115,12 @@ class Sizes:
             varied=known.longest,
         )
 
+    def learning(self, environment: str) -> tuple[TrainingOptions, TrainingOptions]:
+        """Return how φ and ψ of an environment are trained."""
+        if self.quick or find_task_file(environment) not in CHAOTIC_ENVIRONMENTS:
+            return self.delta, self.forward
+        return CHAOTIC, CHAOTIC
+
     def sentence(self) -> str:
         """Say how small a quick run is, for tables; nothing for a full one."""
         if not self.quick:
@@ -140,6 +146,11 @@ LEARNING = preset(
     discount=0.95,
     patience=20,
 )
+
+# Play throws Striker's arm to and fro: two rollouts whose starts are a millionth of a radian apart are a degree apart
+# after 5 s, so that gradients along windows are noise. Single steps along what was measured teach φ more
+CHAOTIC = replace(LEARNING, updates=0, epochs=24, batch=64, rate=4e-3)
+CHAOTIC_ENVIRONMENTS = ("striker",)
 
 
 FULL = Sizes(
