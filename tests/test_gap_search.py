@@ -22,7 +22,7 @@ from nas_data.gap.search.prune import doubted_again
 from nas_data.gap.search.rivals import confronted, contenders, lead, outdone
 from nas_data.gap.search.state import Search
 from nas_data.gap.search.steps import stepped
-from nas_data.gap.search.sweep import concerned, look, swept
+from nas_data.gap.search.sweep import chaotic, concerned, look, swept
 from nas_data.gap.search.unknowns import Unknowns, free_base
 from nas_data.recorders.recipe import Recipe
 
@@ -250,17 +250,25 @@ def test_many_effects_are_not_all_doubted_again(joints, gone, spare, expected):
     assert doubted_again(effects, gone, spare) == expected
 
 
-def test_a_look_along_the_parameters_finds_wide_play_that_no_slope_leads_to():
-    recorded, _ = Recipe(environment="nas/Striker-v0", dynamics="backlash", episodes=6, steps=30, holds=(1,)).record()
+WIDE_PLAY = tuple(
+    parse(f"backlash:joint={joint},half_width={width}")
+    for joint, width in (("pan", 0.07), ("elbow_flex", 0.07), ("wrist_flex", 0.025))
+)
+
+
+def striking(steps: int) -> Task:
+    """What Striker's arm does whose play is 0.15 rad wide in three joints."""
+    recorded, _ = Recipe(
+        environment="nas/Striker-v0", dynamics="backlash", episodes=6, steps=steps, holds=(1,)
+    ).record()
     evidence = Evidence.of(recorded)
     nominal = Nominal.load("striker", evidence)
-    evidence = evidence.with_objects(recorded, nominal.simulator())
-    task = Task(nominal, evidence, np.full(7, 1e-3), fine=False)
-    guesses = tuple(
-        parse(f"backlash:joint={joint},half_width={width}")
-        for joint, width in (("pan", 0.07), ("elbow_flex", 0.07), ("wrist_flex", 0.025))
-    )
-    unknowns = Unknowns(guesses, free_base(nominal.base, guesses))
+    return Task(nominal, evidence.with_objects(recorded, nominal.simulator()), np.full(7, 1e-3), fine=False)
+
+
+def test_a_look_along_the_parameters_finds_wide_play_that_no_slope_leads_to():
+    task = striking(steps=30)
+    unknowns = Unknowns(WIDE_PLAY, free_base(task.nominal.base, WIDE_PLAY))
 
     def widths(numbers: np.ndarray) -> list[float]:
         return [effect.half_width for effect in unknowns.effects_at(numbers)]
@@ -270,6 +278,14 @@ def test_a_look_along_the_parameters_finds_wide_play_that_no_slope_leads_to():
     found, reached = look(task, unknowns, unknowns.start(), [0, 1, 2])
     assert reached < gone_down.loss
     assert widths(found) == pytest.approx([0.15] * 3, rel=0.02)
+
+
+def test_an_arm_that_play_throws_to_and_fro_is_chaotic_and_a_servoed_one_is_not():
+    task = striking(steps=100)
+    unknowns = Unknowns(WIDE_PLAY, free_base(task.nominal.base, WIDE_PLAY))
+    assert chaotic(task, SimpleNamespace(fit=SimpleNamespace(unknowns=unknowns, numbers=unknowns.start())))
+    servoed, found = fitted("backlash:joint=m2,half_width=0.02", "viscous_friction:joint=m2,coefficient=0.2")
+    assert not chaotic(servoed, SimpleNamespace(fit=found))
 
 
 @pytest.mark.parametrize(("rest", "numbers"), [((4.0, 4.9), []), ((4.0, 6.0), [1, 2]), ((6.0, 4.0), [0, 2])])

@@ -17,6 +17,8 @@ FAR = 5.0  # noise floors of rest from which a joint is far from explained
 # are, from a tenth to ten times; then about the best, and closer yet
 LOOKS = ((0.14, 2.4), (0.02, 0.16), (0.004, 0.024))
 ROUNDS = 3  # over all parameters, at most
+NUDGE = 1e-4  # [rad] by which starts are off, less than encoders tell, to see whether an arm is chaotic
+CHAOTIC = 0.1  # part of the errors that rollouts then change by, from which it is
 
 
 def far(search: Search, kept: Hypothesis) -> list[str]:
@@ -28,17 +30,17 @@ def far(search: Search, kept: Hypothesis) -> list[str]:
 def swept(search: Search, h: Hypothesis) -> Hypothesis:
     """Return a hypothesis with the best numbers that a look along the parameters finds, to be fitted on from there.
 
-    An arm that play throws to and fro is predicted no better with three quarters of its width than with a half, so that
-    no slope leads to the right one. And play that lies at one side until the load first reverses looks like play twice
-    as wide that lies in its middle. So one look is from where the fit ended, with what seemed to hold the joints
-    before, another from the model's own base, with its weight to hold it.
+    An arm that play throws to and fro is chaotic: it is predicted no better with three quarters of the play's width
+    than with a half, so that no slope leads to the right one. And play that lies at one side until the load first
+    reverses looks like play twice as wide that lies in its middle. So one look is from where the fit ended, with what
+    seemed to hold the joints before, another from the model's own base, with its weight to hold it.
 
     Args:
         search: Search.
-        h: Hypothesis; as it is where all joints are near, or where no look leads much further.
+        h: Hypothesis; as it is where all joints are near, the arm is not chaotic, or no look leads much further.
     """
     columns = concerned(search, h)
-    if not columns:
+    if not columns or not chaotic(search.sub, h):
         return h
     unknowns, numbers = h.fit.unknowns, h.fit.numbers
     own = np.where(np.arange(unknowns.size) < len(unknowns.sought), numbers, 0.0)
@@ -62,6 +64,15 @@ def concerned(search: Search, h: Hypothesis) -> list[int]:
     joints = far(search, h)
     places = [h.fit.unknowns.effects[unknown.place].joint for unknown in h.fit.unknowns.sought]
     return [number for number, joint in enumerate(places) if joint in joints or (joints and joint is None)]
+
+
+def chaotic(task: Task, h: Hypothesis) -> bool:
+    """Whether starts off by less than encoders tell change rollouts of a hypothesis as other numbers might."""
+    nudged = replace(task, evidence=replace(task.evidence, starts=task.evidence.starts + NUDGE))
+    one, other = (each.predict(h.fit.unknowns, h.fit.numbers) for each in (task, nudged))
+    if one is None or other is None:
+        return False
+    return float(np.square(other - one).mean()) > CHAOTIC**2 * float(task.evidence.mean_squares(one).mean())
 
 
 def look(task: Task, unknowns: Unknowns, numbers: np.ndarray, columns: list[int]) -> tuple[np.ndarray, float]:
