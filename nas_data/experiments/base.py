@@ -49,7 +49,7 @@ class Request:
 
         sizes = self.sizes
         recipe = sizes.recipe(environment, self.dynamics)
-        plan = MaterialPlan(recipe, sizes.heldout, *sizes.learning(environment), sizes.named)
+        plan = MaterialPlan(recipe, sizes.heldout, sizes.phi(environment), sizes.forward, sizes.named)
         self.report(f"{environment}, dynamics '{self.dynamics}' → {self.home(environment)}")
         return make_material(plan, self.home(environment) / self.purpose, needs, self.report, self.workers)
 

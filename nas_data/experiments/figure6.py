@@ -86,7 +86,7 @@ def sweep(request: Request, material: Material, counts: tuple[int, ...]) -> tupl
             seed=seed,
             pairs=material.train,
             content_hash=material.content_hash,
-            options=sizes.learning(request.environments[0])[0],
+            options=material.plan.delta,
             source=on_source(material),
             target=target(material),
             frames=sizes.frames,

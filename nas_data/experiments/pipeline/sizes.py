@@ -51,7 +51,7 @@ class Sizes:
     Attributes:
         name: `full` or `quick`.
         heldout: Recorded episodes that models are judged on.
-        delta: Training of φ.
+        delta: Training of φ, but for environments that `PHI` lists.
         forward: Training of ψ.
         frames: Control steps of each policy.
         seeds: Seeds of each method.
@@ -115,11 +115,9 @@ class Sizes:
             varied=known.longest,
         )
 
-    def learning(self, environment: str) -> tuple[TrainingOptions, TrainingOptions]:
-        """Return how φ and ψ of an environment are trained."""
-        if self.quick or find_task_file(environment) not in CHAOTIC_ENVIRONMENTS:
-            return self.delta, self.forward
-        return CHAOTIC, self.forward
+    def phi(self, environment: str) -> TrainingOptions:
+        """Return how φ of an environment is trained."""
+        return self.delta if self.quick else PHI.get(find_task_file(environment), self.delta)
 
     def sentence(self) -> str:
         """Say how small a quick run is, for tables; nothing for a full one."""
@@ -149,8 +147,7 @@ LEARNING = preset(
 
 # Play throws Striker's arm to and fro: two rollouts whose starts are a millionth of a radian apart are a degree apart
 # after 5 s, so that gradients along windows are noise. Single steps along what was measured teach φ more, but not ψ
-CHAOTIC = replace(LEARNING, updates=0, epochs=24, batch=64, rate=4e-3)
-CHAOTIC_ENVIRONMENTS = ("striker",)
+PHI: Mapping[str, TrainingOptions] = {"striker": replace(LEARNING, updates=0, epochs=24, batch=64, rate=4e-3)}
 
 
 FULL = Sizes(
