@@ -30,7 +30,8 @@ def tiny(folder: Path, *environments: str, said: list[str] | None = None, **chan
     """Return a request for a tiny experiment; sizes may be changed by name."""
     sizes = {name: changes.pop(name) for name in list(changes) if name in Sizes.__dataclass_fields__}
     report = (lambda _: None) if said is None else said.append
-    return Request(environments, "backlash", replace(TINY, **sizes), folder, report, whole=TINY, **changes)
+    dynamics = changes.pop("dynamics", "backlash")
+    return Request(environments, dynamics, replace(TINY, **sizes), folder, report, whole=TINY, **changes)
 
 
 def times(folder: Path) -> dict[Path, int]:

@@ -9,6 +9,7 @@ from command_samples import nas
 from experiment_samples import TINY, times, tiny
 
 from nas_data import registry
+from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
 from nas_data.effects.base import parse
@@ -147,6 +148,22 @@ def test_the_experiments_share_recordings_and_models(folder):
 
 
 # --- names, which stand in for `nas gap`
+
+
+@pytest.mark.bullet
+def test_the_target_may_be_computed_by_another_engine(tmp_path):
+    request = tiny(tmp_path, "ErgoReacher", dynamics="source", engine="bullet", methods=("source", "nas"), seeds=(0,))
+    found = conduct("figure5", request)
+    assert stem_of("figure5", request).startswith("figure5-ErgoReacher-source-bullet-")
+    assert "'source' in PyBullet" in found.text
+    assert "The target is computed by PyBullet, the source by MuJoCo." in found.text
+    material = request.material("ErgoReacher", ("record",))
+    provenance = read_provenance(material.heldout)
+    assert provenance.target["engine"] == "bullet"
+    assert provenance.source["engine"] == "mujoco"
+    assert found.data["engine"] == "bullet"
+    target = found.data["environments"]["ErgoReacher"]["target"]
+    assert target["simulator"]["engine"] == "bullet"
 
 
 @pytest.mark.parametrize("effects", [("coulomb_friction:joint=j1,torque=0.8",), ()])

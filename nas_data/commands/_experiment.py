@@ -21,6 +21,8 @@ class ExperimentCommand(Command):
     """Environments; the paper's where left out, with --quick the first of them."""
     dynamics: str = "backlash"
     """What the target is: one of the environments' dynamics."""
+    engine: Literal["mujoco", "bullet"] = "mujoco"
+    """What computes the target; MuJoCo computes the source, so that `bullet` adds a gap that nobody designed."""
     workers: int = 1
     """Trainings side by side, each in a process of one thread."""
     quick: bool = False
@@ -44,6 +46,7 @@ class ExperimentCommand(Command):
             methods=self.chosen_methods(),
             workers=self.workers,
             whole=QUICK if self.quick else FULL,
+            engine=self.engine,
         )
         made = conduct(self.experiment, request)
         return Outcome(made.text, made.data)

@@ -8,6 +8,7 @@ from nas_data import registry
 from nas_data.envs.base import environment_name, find_task_file
 from nas_data.experiments.pipeline.material import Material, MaterialPlan
 from nas_data.experiments.pipeline.sizes import Sizes
+from nas_data.simulators.engines import ENGINE_NAMES
 
 FOLDER = "experiments"
 
@@ -26,6 +27,7 @@ class Request:
         workers: Processes side by side.
         purpose: Folder of the material below the environment's; another where it is of other sizes.
         whole: Sizes of the whole experiment, so that files of a part of it are told apart; `sizes` where None.
+        engine: What computes the target; MuJoCo always computes the source.
     """
 
     environments: tuple[str, ...]
@@ -37,10 +39,21 @@ class Request:
     workers: int = 1
     purpose: str = "material"
     whole: Sizes | None = None
+    engine: str = "mujoco"
+
+    @property
+    def target(self) -> str:
+        """What the target is, for names of files."""
+        return self.dynamics if self.engine == "mujoco" else f"{self.dynamics}-{self.engine}"
+
+    @property
+    def target_text(self) -> str:
+        """What the target is, for titles."""
+        return f"'{self.dynamics}'" if self.engine == "mujoco" else f"'{self.dynamics}' in {ENGINE_NAMES[self.engine]}"
 
     def home(self, environment: str) -> Path:
         """Return the folder of an environment's material and policies; quick ones are apart."""
-        name = f"{environment_name(find_task_file(environment))}-{self.dynamics}"
+        name = f"{environment_name(find_task_file(environment))}-{self.target}"
         return (self.folder / self.sizes.name if self.sizes.quick else self.folder) / name
 
     def material(self, environment: str, needs: Sequence[str]) -> Material:
@@ -48,9 +61,9 @@ class Request:
         from nas_data.experiments.pipeline.stages import make_material
 
         sizes = self.sizes
-        recipe = sizes.recipe(environment, self.dynamics)
+        recipe = sizes.recipe(environment, self.dynamics, self.engine)
         plan = MaterialPlan(recipe, sizes.heldout, sizes.phi(environment), sizes.forward, sizes.named)
-        self.report(f"{environment}, dynamics '{self.dynamics}' → {self.home(environment)}")
+        self.report(f"{environment}, dynamics {self.target_text} → {self.home(environment)}")
         return make_material(plan, self.home(environment) / self.purpose, needs, self.report, self.workers)
 
 

@@ -24,7 +24,7 @@ def run(request: Request) -> Result:
         figure = growth(grown, 1 / found.dataset.fps)
         warn(figure, request.sizes.quick)
         pictures[f"{end}-growth"] = to_png(figure)
-        title = f"{environment}, '{request.dynamics}': RMS position error over joints, started once, held-out sequence"
+        title = f"{environment}, {request.target_text}: RMS position error over joints, started once, held-out sequence"
         rows = [row(found, name) for name in DRAWN]
         tables.append(Table(title, HEADERS, rows, notes_on_models(found.material)))
         notes.append(about(found, environment))

@@ -16,7 +16,7 @@ def run(request: Request) -> Result:
         material, comparison = compare_methods(request, environment)
         name = environment_name(find_task_file(environment))
         frames, judged = comparison.study.frames, comparison.study.episodes
-        title = f"{name}, '{request.dynamics}': return on the target, {frames:,} frames, {judged} episodes a policy"
+        title = f"{name}, {request.target_text}: return on the target, {frames:,} frames, {judged} episodes a policy"
         tables.append(table(material, comparison, title))
         authors = RETURNS.get(find_task_file(environment), {})
         returns = {method: comparison.values(method) for method in comparison.study.methods}

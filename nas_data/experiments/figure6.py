@@ -141,7 +141,7 @@ def table(
     ]
     rows += [(f"none: {method}", *cells(ends.values(method)), "") for method in ENDS]
     title = (
-        f"{environment}, '{request.dynamics}': return on the target of policies learned in source + φ, "
+        f"{environment}, {request.target_text}: return on the target of policies learned in source + φ, "
         f"{request.sizes.frames:,} frames, {request.sizes.judged} episodes each"
     )
     stake = ends.at_stake()

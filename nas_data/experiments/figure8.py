@@ -30,9 +30,8 @@ def run(request: Request) -> Result:
         joint, episode = found.dataset.joints[found.joint], found.episode
         notes.append(f"{name}: the response is that of {joint} in held-out episode {episode}, predicted in open loop.")
         material, comparison = compare_methods(request, environment)
-        title = (
-            f"{name}, '{request.dynamics}': mean return of an episode on the target, {comparison.study.frames:,} frames"
-        )
+        frames = comparison.study.frames
+        title = f"{name}, {request.target_text}: mean return of an episode on the target, {frames:,} frames"
         tables.append(table(material, comparison, title))
         returns = {method: comparison.values(method) for method in comparison.study.methods}
         intervals = {method: median_interval(values) for method, values in returns.items()}

@@ -25,7 +25,7 @@ def run(request: Request) -> Result:
         kinds = {"paper_protocol": (protocol, "the paper's protocol"), "all_heldout": (everything, "all held out")}
         for episodes, name in kinds.values():
             title = (
-                f"{environment}, '{request.dynamics}', {name}: mean over a trajectory of squared differences of one "
+                f"{environment}, {request.target_text}, {name}: mean over a trajectory of squared differences of one "
                 f"joint, angles in units of 90°; {len(episodes)} trajectories × {len(found.dataset.joints)} joints"
             )
             comparable = name == "the paper's protocol" and find_task_file(environment) == "ergo_shield"

@@ -63,6 +63,7 @@ class Recipe:
             three of four episodes, which then do not follow `holds`; none where 0. Policies act in all these ways.
             Those that pay for effort push weakly and for long, where friction and play do what they never do under
             full torque, and a step of the command hides what a slow one meets.
+        engine: What computes the target's physics, `mujoco` or `bullet`.
     """
 
     environment: str
@@ -72,13 +73,15 @@ class Recipe:
     holds: tuple[int, ...]
     seed: int = 0
     varied: int = 0
+    engine: str = "mujoco"
 
     def target(self) -> Target:
         """Return the environment's target with the sensors of its robot."""
         task = find_task(self.environment)
         robot, effects = task.body(self.dynamics)
         readings = Readings(quantum=robot.position_quantum, velocity_quantum=robot.velocity_quantum)
-        return Target(robot, load_simulator(robot, task.period, task.joints, effects), readings, rate=1 / task.period)
+        simulator = load_simulator(robot, task.period, task.joints, effects, self.engine)
+        return Target(robot, simulator, readings, rate=1 / task.period)
 
     def kinds(self) -> list[Kind]:
         """Return how actions come in each episode; the same, however many episodes follow."""

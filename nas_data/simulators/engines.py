@@ -8,7 +8,8 @@ from nas_data.errors import UnknownName
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.base import Simulator
 
-ENGINES = ("mujoco", "bullet")
+ENGINE_NAMES = {"mujoco": "MuJoCo", "bullet": "PyBullet"}
+ENGINES = tuple(ENGINE_NAMES)
 
 
 def load_simulator(

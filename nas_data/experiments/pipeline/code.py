@@ -13,7 +13,8 @@ def source_modules(plan: MaterialPlan) -> tuple[str, ...]:
 
 def recording_code(plan: MaterialPlan) -> str:
     """Return the hash of what records the target and pairs it with the source."""
-    target = Plant(plan.recipe.environment, plan.recipe.dynamics).modules()
+    recipe = plan.recipe
+    target = Plant(recipe.environment, recipe.dynamics, engine=recipe.engine).modules()
     return code_hash(*target, *source_modules(plan), "nas_data.experiments.pipeline.pairs")
 
 

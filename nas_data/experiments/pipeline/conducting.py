@@ -91,6 +91,7 @@ def about(name: str, title: str, request: Request) -> dict[str, object]:
         "size": request.sizes.name,
         "warning": next(iter(warnings(request)), None),
         "dynamics": request.dynamics,
+        "engine": request.engine,
         "ppo": request.sizes.ppo,
         "versions": versions(),
         "commit": commit(),

@@ -5,12 +5,16 @@ from functools import partial
 from nas_data.effects.base import Effect
 from nas_data.envs.base import SOURCE, Edit, InTurn, Task
 from nas_data.experiments.pipeline.material import Material
+from nas_data.simulators.engines import ENGINE_NAMES
 
 
 def dynamics_of(material: Material) -> str:
     """Say what the target of a material is."""
     plan = material.plan
-    return describe_dynamics(plan.task, plan.recipe.dynamics, plan.source)
+    said = describe_dynamics(plan.task, plan.recipe.dynamics, plan.source)
+    if plan.recipe.engine == "mujoco":
+        return said
+    return f"{said} The target is computed by {ENGINE_NAMES[plan.recipe.engine]}, the source by MuJoCo."
 
 
 def describe_dynamics(task: Task, dynamics: str, source: str = SOURCE) -> str:

@@ -26,7 +26,8 @@ class Method:
 
 def target(material: Material) -> Plant:
     """Return what every policy is judged on."""
-    return Plant(material.plan.recipe.environment, material.plan.recipe.dynamics)
+    recipe = material.plan.recipe
+    return Plant(recipe.environment, recipe.dynamics, engine=recipe.engine)
 
 
 def on_source(

@@ -9,7 +9,7 @@ def stem_of(name: str, request: Request) -> str:
     names = request.environments
     usual = len(names) > 1 and names == find_experiment(name).environments
     quick = [request.sizes.name] if request.sizes.quick else []
-    return "-".join([name, *(() if usual else names), request.dynamics, *quick, *part_of(request)])
+    return "-".join([name, *(() if usual else names), request.target, *quick, *part_of(request)])
 
 
 def part_of(request: Request) -> list[str]:

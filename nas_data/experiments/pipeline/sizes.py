@@ -102,7 +102,7 @@ class Sizes:
             raise UnknownName("PPO", name, PPO)
         return replace(self, ppo=name, **PPO[name])  # type: ignore[arg-type]  # dataclasses.replace is not generic over fields
 
-    def recipe(self, environment: str, dynamics: str) -> Recipe:
+    def recipe(self, environment: str, dynamics: str, engine: str = "mujoco") -> Recipe:
         """Return how an environment's target is recorded."""
         known = RECORDINGS.get(find_task_file(environment)) or Recording(250, find_task(environment).horizon, 1, 20)
         count = self.trajectories or known.trajectories
@@ -113,6 +113,7 @@ class Sizes:
             steps=known.steps,
             holds=(known.hold,),
             varied=known.longest,
+            engine=engine,
         )
 
     def phi(self, environment: str) -> TrainingOptions:
