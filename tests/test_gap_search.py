@@ -1,6 +1,7 @@
 """The search's own rules: what is lent, what does not matter yet, when a base strays, the same effect everywhere."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,6 +18,7 @@ from nas_data.gap.search import choose as choose_module
 from nas_data.gap.search.choose import begun_anew, lost, persisted
 from nas_data.gap.search.detail import detailed
 from nas_data.gap.search.fit import Task, fit
+from nas_data.gap.search.hop import hopped, hops
 from nas_data.gap.search.hypothesis import Hypothesis, labels, lent_slopes, place, relieves, strained
 from nas_data.gap.search.prune import doubted_again
 from nas_data.gap.search.rivals import confronted, contenders, lead, outdone
@@ -301,3 +303,30 @@ def test_parameters_are_looked_along_in_joints_that_are_far_from_explained(rest,
     assert [place for place in found if place < 2] == [place for place in numbers if place < 2]
     assert any(place >= 2 for place in found) == bool(numbers)
     assert found or swept(search, h) is h
+
+
+def test_a_delay_hops_to_the_physics_step_that_no_slope_leads_to():
+    commands = np.random.default_rng(0).uniform(-0.7, 0.7, (4, 6, 1)).repeat(50, axis=1)
+    driven = np.ones(commands.shape[:2], bool)
+    evidence = Evidence(("pendulum",), 0.01, np.zeros((4, 1)), commands, np.zeros_like(commands), driven, np.arange(4))
+    nominal = Nominal.load("pendulum", evidence)
+    limit, delay = parse("speed_limit:joint=pendulum,speed=1.7"), parse("command_delay:delay=0.0045")
+    truth = nominal.predict(evidence, [limit, parse("command_delay:delay=0.01")])
+    task = Task(nominal, replace(evidence, measured=truth.round(4)), np.full(1, 1e-4))
+    search = Search(task, task)
+    stuck = search.fitted((limit, delay), {}, steps=12, renewals=4)
+    assert stuck.effects[1].delay < 0.007, "slopes lead there, or this test shows nothing"
+    free = hopped(search, stuck)
+    assert free.effects[1].delay == pytest.approx(0.01, abs=2e-5)
+    assert search.ratio(free) < 1 < 10 < search.ratio(stuck)
+    assert not search.sub.fine
+    assert hopped(search, free) is free
+    assert hopped(search, search.null) is search.null
+
+
+def test_hops_are_whole_physics_steps_within_the_parameters_bounds():
+    pair = (parse(FRICTION), parse("command_delay:delay=0.0051"))
+    delays = [effects[1].delay for effects in hops(pair, 0.002)]
+    assert delays == pytest.approx([0.002, 0.004, 0.008, 0.01, 0.012])
+    assert all(effects[0] == pair[0] for effects in hops(pair, 0.002))
+    assert list(hops(pair[:1], 0.002)) == []

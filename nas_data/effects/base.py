@@ -71,6 +71,7 @@ class Effect:
         in_model: Whether the edited model alone expresses it; otherwise only with its hook.
         replaces: Base parameter of its joint that it sets itself, so that both are not sought at once; or nothing.
         strains: Kind of base parameter that strays where this is missing, if none is replaced.
+        stepwise: Its parameters [s] that act in whole physics steps.
         late: Rank of its edit: one that is fitted to what others change (masses, gains, the joints that there are)
             comes after theirs.
     """
@@ -84,6 +85,7 @@ class Effect:
     late: ClassVar[int] = 0
     replaces: ClassVar[str] = ""
     strains: ClassVar[str] = ""
+    stepwise: ClassVar[tuple[str, ...]] = ()
     equation: ClassVar[str] = ""
     source: ClassVar[str] = ""
     signature: ClassVar[str] = ""

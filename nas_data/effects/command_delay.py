@@ -24,6 +24,7 @@ class CommandDelay(Effect):
 
     parameters: ClassVar = (Parameter("delay", "s", 0.0, 0.5, 0.0),)
     whole_arm: ClassVar = True
+    stepwise: ClassVar = ("delay",)
     equation: ClassVar = "torque(t) = servo(command(t − delay) − q(t))"
     source: ClassVar = "MuJoCo documentation, Modeling, Delays"
     signature: ClassVar = "Every move starts late by the same time, whatever its size, speed or load."

@@ -3,6 +3,7 @@
 from nas_data.gap.search.detail import detailed
 from nas_data.gap.search.exchange import exchanged
 from nas_data.gap.search.grow import AT_FLOOR, extensions, grown, is_full, overlooked
+from nas_data.gap.search.hop import hopped
 from nas_data.gap.search.hypothesis import Hypothesis, strained, worth
 from nas_data.gap.search.join import joined
 from nas_data.gap.search.opening import opened
@@ -27,7 +28,8 @@ def choose(search: Search) -> Hypothesis:
         larger = larger or grown(search, kept, overlooked(search, kept))
         if larger is None:
             break
-        before, kept = kept, detailed(search, joined(search, exchanged(search, search.refined(swept(search, larger)))))
+        larger = exchanged(search, search.refined(swept(search, larger)))
+        before, kept = kept, detailed(search, hopped(search, joined(search, larger)))
         search.report("added", kept)
         if lost(search, before, kept):
             break

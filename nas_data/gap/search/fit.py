@@ -183,6 +183,11 @@ def penalty(unknowns: Unknowns, numbers: np.ndarray) -> float:
     return float(0.5 * ((unknowns.prior(numbers) * numbers) ** 2).sum())
 
 
+def loss(task: Task, unknowns: Unknowns, numbers: np.ndarray) -> float:
+    """Return misfit and prior at some numbers; infinite where the model diverges."""
+    return task.misfit(task.predict(unknowns, numbers)) + penalty(unknowns, numbers)
+
+
 def slopes(
     task: Task, unknowns: Unknowns, numbers: np.ndarray, predicted: np.ndarray, columns: Sequence[int]
 ) -> np.ndarray:

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from nas_data.gap.search.fit import Fit, Task, penalty
+from nas_data.gap.search.fit import Fit, Task, loss
 from nas_data.gap.search.hypothesis import GAIN, Hypothesis
 from nas_data.gap.search.state import Search
 from nas_data.gap.search.unknowns import Unknowns
@@ -97,8 +97,3 @@ def along(unknowns: Unknowns, numbers: np.ndarray, column: int, changes: np.ndar
     values = changes + numbers[column]
     values = values[(values >= low) & (values <= high)]
     return [np.where(np.arange(unknowns.size) == column, value, numbers) for value in values]
-
-
-def loss(task: Task, unknowns: Unknowns, numbers: np.ndarray) -> float:
-    """Return misfit and prior at some numbers; infinite where the model diverges."""
-    return task.misfit(task.predict(unknowns, numbers)) + penalty(unknowns, numbers)
