@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from nas_data.policies.intervals import Interval
-from nas_data.reports.style import GREY, WIDTH, house_style, strokes
+from nas_data.reports.style import GREY, WIDTH, house_style, legend_above, strokes
 
 THEIRS = "the authors, on their target"
 BESIDE = 0.28  # of a column's width: the authors' numbers stand right of ours
@@ -131,7 +131,7 @@ def return_over_count(
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set_xlabel("trajectories that φ learned from")
         axes.set_ylabel("mean return on the target")
-        axes.legend(loc="best")
+        legend_above(figure, axes)
         warn(figure, quick)
     return figure
 
