@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from nas_data.envs.loop.plant import Plant
 from nas_data.errors import OptionError, OutputExists, UnknownName
 from nas_data.experiments.base import Experiment, experiments, find_experiment
 from nas_data.experiments.figure6 import smallest
-from nas_data.experiments.pipeline import authors, stages
+from nas_data.experiments.pipeline import authors, counting, stages
 from nas_data.experiments.pipeline.conducting import conduct
 from nas_data.experiments.pipeline.material import Material, MaterialPlan
 from nas_data.experiments.pipeline.methods import METHODS, needs_of
@@ -48,14 +49,14 @@ def folder(tmp_path_factory):
     return place
 
 
-def named_by(*effects):
+def named_by(*effects, episodes=(TINY.named,)):
     """Stands for `nas gap`, which takes minutes: it names these effects."""
 
     def investigate(dataset, model, out, say):
-        assert read(dataset).n_episodes == TINY.named
+        assert read(dataset).n_episodes in episodes
         assert model.is_file()
         say("name: which effect is missing")
-        out.mkdir(parents=True)
+        out.mkdir(parents=True, exist_ok=True)
         write_effects(out, [parse(text) for text in effects], {})
         return {"verdict": "explained", "effects": list(effects), "retuned": [], "gap": {}}
 
@@ -237,15 +238,63 @@ def test_differences_are_in_units_of_right_angles_and_what_diverged_counts_as_in
 def test_figure6_sweeps_nested_subsets_and_says_how_many_are_enough(tmp_path):
     request = tiny(tmp_path, "Pusher", seeds=(0,))
     found = conduct("figure6", request)
-    assert np.shape(found.data["returns"]) == (len(TINY.counts), 1)
-    assert "Smallest number of trajectories" in found.text
+    assert np.shape(found.data["methods"]["nas"]["returns"]) == (len(TINY.counts), 1)
+    assert "source + φ: smallest number of trajectories" in found.text
     assert {(run["count"], run["seed"]) for run in found.data["runs"]} == {(count, 0) for count in TINY.counts}
-    assert all(run["phi_seconds"] > 0 and run["cpu_seconds"] > 0 for run in found.data["runs"])
+    assert all(run["learning_seconds"] > 0 and run["cpu_seconds"] > 0 for run in found.data["runs"])
     before = times(tmp_path / "tiny")
     again = conduct("figure6", request)
     assert times(tmp_path / "tiny") == before
-    assert again.data["returns"] == found.data["returns"]
+    assert again.data["methods"] == found.data["methods"]
     assert again.data["runs"] == found.data["runs"]
+
+
+def test_figure6_names_from_each_subset_and_learns_on_the_names(tmp_path, monkeypatch):
+    asked = []
+
+    def investigate(dataset, *arguments):
+        asked.append(read(dataset).n_episodes)
+        return named_by("backlash:joint=j1,half_width=0.1", episodes=TINY.counts)(dataset, *arguments)
+
+    monkeypatch.setattr(counting.workflow, "investigate", investigate)
+    request = tiny(tmp_path, "Pusher", seeds=(0,), methods=("named_nas", "forward", "named", "nas"))
+    found = conduct("figure6", request)
+    assert asked == list(TINY.counts)  # once a count, for both methods
+    methods = found.data["methods"]
+    assert list(methods) == ["named_nas", "forward", "named", "nas"]
+    assert len({str(values["returns"]) for values in methods.values()}) == 4
+    stem = "figure6-Pusher-backlash-tiny-methods-forward-nas-named-named_nas-seeds-0"
+    assert "| source + named effects | 4 | 1 |" in text_of(tmp_path, stem)
+    sweep = tmp_path / "tiny/Pusher-backlash/counts4/sweep/2/seed0"
+    made_of = {
+        "named": (True, None),
+        "named_nas": (True, "delta"),
+        "forward": (False, "forward"),
+        "nas": (False, "delta"),
+    }
+    for method, (names, kind) in made_of.items():
+        plant = json.loads((sweep / method / "256/result.json").read_text())["question"]["training"]["plant"]
+        assert bool(plant["simulator"]["effects"]) == names
+        assert (plant["model"] or {}).get("kind") == kind
+    before = times(tmp_path / "tiny")
+    assert conduct("figure6", request).data["methods"] == methods
+    assert times(tmp_path / "tiny") == before
+    (sweep / "names.json").write_text("{}")  # as if other code had named
+    assert conduct("figure6", replace(request, methods=("named",))).data["methods"]["named"] == methods["named"]
+    assert asked == [*TINY.counts, 2]
+
+
+def test_figure6_where_nothing_is_named_has_the_source(tmp_path, monkeypatch):
+    monkeypatch.setattr(counting.workflow, "investigate", named_by(episodes=TINY.counts))
+    found = conduct("figure6", tiny(tmp_path, "Pusher", seeds=(0,), counts=(2,), methods=("named", "named_nas", "nas")))
+    methods = found.data["methods"]
+    assert methods["named"]["returns"][0] == found.data["ends"]["methods"]["source"]["returns"]
+    assert methods["named_nas"]["returns"] == methods["nas"]["returns"]
+
+
+def test_figure6_refuses_methods_that_learn_from_no_recording(tmp_path):
+    with pytest.raises(UnknownName, match=r"expert.*forward, named, named_nas, nas"):
+        conduct("figure6", tiny(tmp_path, "Pusher", methods=("nas", "expert")))
 
 
 @pytest.mark.parametrize(

@@ -15,16 +15,16 @@ from nas_data.effects.base import parse
 from nas_data.gap.evidence import Evidence
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.search import choose as choose_module
-from nas_data.gap.search.choose import begun_anew, lost, persisted
+from nas_data.gap.search.choose import begun_anew, looked_along, lost, persisted
 from nas_data.gap.search.detail import detailed
 from nas_data.gap.search.fit import Task, fit
 from nas_data.gap.search.hop import hopped, hops
 from nas_data.gap.search.hypothesis import Hypothesis, labels, lent_slopes, place, relieves, strained
-from nas_data.gap.search.prune import doubted_again
+from nas_data.gap.search.prune import absorbed, doubted_again, simplified
 from nas_data.gap.search.rivals import confronted, contenders, lead, outdone
 from nas_data.gap.search.state import Search
 from nas_data.gap.search.steps import stepped
-from nas_data.gap.search.sweep import chaotic, concerned, look, swept
+from nas_data.gap.search.sweep import LOOKS, chaotic, concerned, look, swept
 from nas_data.gap.search.unknowns import Unknowns, free_base
 from nas_data.recorders.recipe import Recipe
 
@@ -125,6 +125,36 @@ def test_what_came_second_takes_the_place_of_what_it_beats():
     assert outdone(search, better) is better
 
 
+SHARED = (
+    parse("stribeck_friction:joint=m2,torque=0.03,kinetic_ratio=0.99,stribeck_velocity=0.5"),
+    parse("coulomb_friction:joint=m2,torque=0.001"),
+)
+
+
+@pytest.mark.parametrize("named", [SHARED, SHARED[:1]])
+def test_friction_that_does_not_fall_with_speed_is_dry_whether_two_names_share_it_or_not(named):
+    nominal, evidence = measured("coulomb_friction:joint=m2,torque=0.03")
+    task = Task(nominal, evidence, FLOOR).select([0, 1])
+    search = Search(task, task)
+    unknowns = Unknowns(named, free_base(nominal.base, named))
+    kept = search.judged(fit(task, unknowns, unknowns.start(), steps=0))
+    (friction,) = simplified(search, kept).effects
+    assert friction.name() == "coulomb_friction"
+    assert friction.torque == pytest.approx(0.03, rel=0.03)
+
+
+def test_friction_that_falls_with_speed_stays_what_it_is():
+    hidden = "stribeck_friction:joint=m2,torque=0.05,kinetic_ratio=0.3,stribeck_velocity=0.3"
+    nominal, evidence = measured(hidden)
+    task = Task(nominal, evidence, FLOOR).select([0, 1])
+    search = Search(task, task)
+    kept = search.fitted((parse(hidden),), {})
+    (dry,) = absorbed(search, kept, kept.effects[0], {"coulomb_friction"})
+    assert [effect.name() for effect in dry.effects] == ["coulomb_friction"]
+    assert absorbed(search, kept, kept.effects[0], {"load_friction"}) == []  # no special case of it
+    assert simplified(search, kept) is kept
+
+
 @pytest.mark.parametrize(
     ("wrong", "hidden"),
     [("torque_limit:joint=m2,torque=0.15", "load_friction"), ("load_friction:joint=m2,ratio=0.3", "torque_limit")],
@@ -191,20 +221,24 @@ def test_a_search_that_is_lost_ends(rest, losses, expected):
 
 
 @pytest.mark.parametrize(
-    ("rest", "losses", "anew", "rounds"),
+    ("rest", "losses", "anew", "looked", "rounds"),
     [
-        ([50.0, 1.0], [-200, -400, -410], None, 2),  # the second brought little: it is kept, but nothing dropped after
-        ([50.0, 1.0], [-200, -205], None, 1),
-        ([50.0, 1.0], [-200, -205], -210, 1),  # nor does it bring much to begin anew
-        ([50.0, 1.0], [-200, -205, -310], -300, 2),  # it does, and what it found is fitted on
-        ([4.0, 1.0], [-200], None, 0),  # near enough
+        ([50.0, 1.0], [-200, -400, -410], None, None, 2),  # the second brought little: kept, but nothing dropped after
+        ([50.0, 1.0], [-200, -205], None, None, 1),
+        ([50.0, 1.0], [-200, -205], -210, None, 1),  # nor does it bring much to begin anew
+        ([50.0, 1.0], [-200, -205, -310], -300, None, 2),  # it does, and what it found is fitted on
+        ([50.0, 1.0], [-200, -205, -310], -210, -300, 2),  # it does not, but a look along the parameters does
+        ([4.0, 1.0], [-200], None, None, 0),  # near enough
     ],
 )
-def test_a_fit_far_from_what_was_recorded_goes_on_while_that_brings_much(monkeypatch, rest, losses, anew, rounds):
+def test_a_fit_far_from_what_was_recorded_goes_on_while_that_brings_much(
+    monkeypatch, rest, losses, anew, looked, rounds
+):
     """Losses begin with that of what is kept; with nothing added it is 0."""
     left = [SimpleNamespace(effects=("play",), loss=loss) for loss in losses]
     other = None if anew is None else SimpleNamespace(effects=("play",), loss=anew)
-    following = dict(zip(map(id, left), left[1:], strict=False)) | {id(other): left[-1]}
+    along = None if looked is None else SimpleNamespace(effects=("play",), loss=looked)
+    following = dict(zip(map(id, left), left[1:], strict=False)) | {id(other): left[-1], id(along): left[-1]}
     said, doubted = [], []
     search = SimpleNamespace(
         train=SimpleNamespace(nominal=SimpleNamespace(joints=("m1", "m2"))),
@@ -218,8 +252,24 @@ def test_a_fit_far_from_what_was_recorded_goes_on_while_that_brings_much(monkeyp
     monkeypatch.setattr(choose_module, "swept", lambda search, h: h)
     monkeypatch.setattr(choose_module, "needed", lambda search, h: doubted.append(h) or h)
     monkeypatch.setattr(choose_module, "begun_anew", lambda search, h: other)
+    monkeypatch.setattr(choose_module, "looked_along", lambda search, h: along if h.loss > -210 else None)
     assert persisted(search, left[0]) is left[rounds]
-    assert said == doubted == ([other] if anew == -300 else left[1:rounds])
+    assert said == doubted == ([other] if anew == -300 else [along] if looked else left[1:rounds])
+
+
+@pytest.mark.parametrize(("reached", "taken"), [(-300, True), (-205, False)])
+def test_a_look_that_brings_little_leaves_the_search_as_it_was(monkeypatch, reached, taken):
+    kept, seen = (SimpleNamespace(effects=("play",), loss=loss) for loss in (-200, reached))
+    search = SimpleNamespace(null=SimpleNamespace(loss=0), sub="task", held="held", continued=lambda h: h)
+
+    def refined(h):
+        search.sub = search.held = "focused elsewhere"
+        return h
+
+    search.refined = refined
+    monkeypatch.setattr(choose_module, "swept", lambda search, h, anyway: seen if anyway else h)
+    assert looked_along(search, kept) is (seen if taken else None)
+    assert (search.sub, search.held) == (("focused elsewhere",) * 2 if taken else ("task", "held"))
 
 
 def test_what_is_begun_anew_may_lose_one_effect_and_keeps_none_that_is_not_worth_it():
@@ -280,6 +330,22 @@ def test_a_look_along_the_parameters_finds_wide_play_that_no_slope_leads_to():
     found, reached = look(task, unknowns, unknowns.start(), [0, 1, 2])
     assert reached < gone_down.loss
     assert widths(found) == pytest.approx([0.15] * 3, rel=0.02)
+
+
+def test_play_that_seems_to_lie_in_its_middle_is_found_from_half_its_width():
+    """A look that is not close is enough where an arm is not chaotic: slopes lead on from there."""
+    recipe = Recipe(environment="nas/Pusher-v0", dynamics="backlash", episodes=6, steps=100, holds=(1,))
+    recorded, _ = recipe.record()
+    evidence = Evidence.of(recorded)
+    nominal = Nominal.load("pusher", evidence)
+    task = Task(nominal, evidence.with_objects(recorded, nominal.simulator()), np.full(3, 1e-3), fine=False)
+    half = (parse("coulomb_friction:joint=j1,torque=1"), parse("backlash:joint=j1,half_width=0.075"))
+    unknowns = Unknowns(half, free_base(nominal.base, half))
+    stuck = fit(task, unknowns, unknowns.start())
+    assert stuck is not None and stuck.effects[1].half_width < 0.1
+    found, _ = look(task, unknowns, unknowns.start(), [0, 1], LOOKS[:1])
+    on = fit(task, unknowns, found)
+    assert on is not None and on.effects[1].half_width == pytest.approx(0.15, rel=0.02)
 
 
 def test_an_arm_that_play_throws_to_and_fro_is_chaotic_and_a_servoed_one_is_not():

@@ -1,4 +1,4 @@
-"""The paper's figure 6: what a policy learned in source + φ is worth, by how many trajectories φ learned from."""
+"""The paper's figure 6: what policies are worth by how many recorded trajectories were learned from."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
@@ -11,17 +11,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ExperimentFigure6(PolicyExperimentCommand):
-    """Train φ on nested subsets of a recording and a policy in each augmented environment; how much data is enough.
+    """Train φ on nested subsets of a recording, and a policy in each augmented environment; how much data is enough.
 
     Example: nas experiment figure6 --workers 2
 
-    Example: nas experiment figure6 --counts 10 100 1000 --seeds 0 1 2
+    Example: nas experiment figure6 --methods nas named --counts 10 100 1000 --seeds 0 1 2
     """
 
     experiment: ClassVar[str] = "figure6"
 
     counts: tuple[int, ...] = ()
-    """Numbers of trajectories that φ learns from; 10 to 2000 where left out."""
+    """Numbers of trajectories that are learned from; 10 to 2000 where left out."""
+    methods: tuple[str, ...] = ()
+    """What is made of them: nas (source + φ), forward (ψ), named (the source with the effects that `nas gap` names
+    from them), named_nas (and φ on those); nas where left out."""
+
+    def chosen_methods(self) -> tuple[str, ...]:
+        """Return what is made of the trajectories."""
+        return self.methods
 
     def sizes(self) -> "Sizes":
         """Return how large everything is, with what was given."""

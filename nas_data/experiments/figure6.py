@@ -1,68 +1,67 @@
-"""Figure 6: what a policy that learned in source + φ is worth, by how many trajectories φ learned from."""
+"""Figure 6: what policies are worth by how many trajectories φ learned from, or ψ, or effects were named from."""
 
 import time
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 
 import numpy as np
 
 from nas_data.ablation.summary import ENOUGH
 from nas_data.envs.base import find_task_file
-from nas_data.errors import OptionError
+from nas_data.errors import OptionError, UnknownName
 from nas_data.experiments.base import Experiment, Request, Result, Table
 from nas_data.experiments.pipeline.authors import RETURN_BY_COUNT
 from nas_data.experiments.pipeline.comparing import hyperparameters, run_study, study
-from nas_data.experiments.pipeline.counting import CountJob, do_count
+from nas_data.experiments.pipeline.counting import LEARNED, CountJob, do_count
 from nas_data.experiments.pipeline.dynamics import dynamics_of
 from nas_data.experiments.pipeline.material import Material
-from nas_data.experiments.pipeline.methods import on_source, target
+from nas_data.experiments.pipeline.methods import METHODS
 from nas_data.experiments.pipeline.stages import describe_stages
-from nas_data.experiments.pipeline.telling import on_intervals
+from nas_data.experiments.pipeline.telling import NAS, on_intervals
 from nas_data.parallel import run_jobs
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Comparison, number
 from nas_data.policies.evaluate import spread
 from nas_data.policies.intervals import kind_of, median_text
 from nas_data.policies.watching import spoken
-from nas_data.reports.experiment_figures import Counted, return_over_count
+from nas_data.reports.experiment_figures import return_over_count
 from nas_data.reports.style import to_png
 from nas_data.stages import INDENT
 
-ENDS = (EXPERT_METHOD, SOURCE_METHOD)  # what the curve lies between
-ONE_RECORDING = "One recording (of seed 0) serves all seeds; the subset, φ and the policy are each seed's own."
+ENDS = (EXPERT_METHOD, SOURCE_METHOD)  # what the curves lie between
+ONE_RECORDING = (
+    "One recording (of seed 0) serves all seeds; the subset, what is made of it and the policy are each seed's own."
+)
 
 
 def run(request: Request) -> Result:
     """Sweep the number of trajectories on one environment."""
-    counts = tuple(sorted(set(request.sizes.counts)))
-    if min(counts) < 2:
-        raise OptionError(
-            f"--counts has {counts[0]}; φ needs at least 2 trajectories, one of which stops its training."
-        )
+    counts, methods = chosen(request)
     (environment,) = request.environments
     recorded = replace(request.sizes, trajectories=max(counts))
     recording = replace(request, sizes=recorded, purpose=f"counts{max(counts)}")
     ends = run_study(study(request, recording.material(environment, ()), ENDS), request, environment)
     material = recording.material(environment, ("record",))
-    returns, runs = sweep(request, material, counts)
-    authors = RETURN_BY_COUNT if find_task_file(environment) == "pusher" else {}
+    returns, runs = sweep(request, material, counts, methods)
+    authors = RETURN_BY_COUNT if find_task_file(environment) == "pusher" and NAS in methods else {}
     picture = return_over_count(
-        Counted(np.array(counts), returns),
+        counts,
+        returns,
+        {method: METHODS[method].learned_on for method in methods},
         {method: float(np.median(ends.values(method))) for method in ENDS},
         authors,
         request.sizes.quick,
     )
     return Result(
         [table(request, material, counts, returns, ends)],
-        [enough(counts, returns)],
+        [enough(method, counts, values) for method, values in returns.items()],
         {
             "environment": environment,
             "counts": list(counts),
             "seeds": list(request.sizes.seeds),
-            "returns": returns.tolist(),
+            "methods": {method: describe(counts, values) for method, values in returns.items()},
             "runs": runs,
-            "enough": smallest(counts, returns),
             "ends": ends.describe(),
             "authors": {str(count): {"mean": pair[0], "sd": pair[1]} for count, pair in authors.items()},
-            "ours": {str(count): spread(values) for count, values in zip(counts, returns, strict=True)},
             "hyperparameters": asdict(hyperparameters(request.sizes)),
             "dynamics": dynamics_of(material),
             "stages": describe_stages(material),
@@ -73,22 +72,48 @@ def run(request: Request) -> Result:
     )
 
 
-def sweep(request: Request, material: Material, counts: tuple[int, ...]) -> tuple[np.ndarray, list[dict[str, object]]]:
+def chosen(request: Request) -> tuple[tuple[int, ...], tuple[str, ...]]:
+    """Return the numbers of trajectories and the methods.
+
+    Raises:
+        OptionError: there are too few trajectories to learn from.
+        UnknownName: a method learns from no recording.
+    """
+    counts, methods = tuple(sorted(set(request.sizes.counts))), tuple(dict.fromkeys(request.methods or (NAS,)))
+    if min(counts) < 2:
+        raise OptionError(
+            f"--counts has {counts[0]}; φ needs at least 2 trajectories, one of which stops its training."
+        )
+    for method in methods:
+        if method not in LEARNED:
+            raise UnknownName("method that learns from recordings", method, LEARNED)
+    return counts, methods
+
+
+def describe(counts: tuple[int, ...], returns: np.ndarray) -> dict[str, object]:
+    """Return what one method achieved, for JSON; returns have a row a count and a number a seed."""
+    return {
+        "returns": returns.tolist(),
+        "spread": {str(count): spread(values) for count, values in zip(counts, returns, strict=True)},
+        "enough": smallest(counts, returns),
+    }
+
+
+def sweep(
+    request: Request, material: Material, counts: tuple[int, ...], methods: tuple[str, ...]
+) -> tuple[Mapping[str, np.ndarray], list[dict[str, object]]]:
     """Do every count and seed; large counts come last.
 
     Returns:
-        The return of each on the target, shape (counts, seeds), and what each took.
+        The return of each on the target by method, shape (counts, seeds), and what each took.
     """
     sizes = request.sizes
     jobs = [
         CountJob(
+            material=material,
+            methods=methods,
             count=count,
             seed=seed,
-            pairs=material.train,
-            content_hash=material.content_hash,
-            options=material.plan.delta,
-            source=on_source(material),
-            target=target(material),
             frames=sizes.frames,
             episodes=sizes.judged,
             hyperparameters=hyperparameters(sizes),
@@ -99,17 +124,18 @@ def sweep(request: Request, material: Material, counts: tuple[int, ...]) -> tupl
         for seed in sizes.seeds
         for count in counts
     ]
-    returns, began = np.full((len(counts), len(sizes.seeds)), np.nan), time.monotonic()
+    returns = {method: np.full((len(counts), len(sizes.seeds)), np.nan) for method in methods}
     runs: list[dict[str, object]] = []
-    for done, (place, record) in enumerate(run_jobs(do_count, jobs, request.workers), start=1):
+    began = time.monotonic()
+    for done, (place, records) in enumerate(run_jobs(do_count, jobs, request.workers), start=1):
         job = jobs[place]
-        returns[counts.index(job.count), sizes.seeds.index(job.seed)] = number(record, "return")
-        took = {key: record[key] for key in ("phi_seconds", "wall_seconds", "cpu_seconds", "judging")}
-        runs.append({"count": job.count, "seed": job.seed, **took})
+        for method, record in records.items():
+            returns[method][counts.index(job.count), sizes.seeds.index(job.seed)] = number(record, "return")
+            took = {key: record[key] for key in ("learning_seconds", "wall_seconds", "cpu_seconds", "judging")}
+            runs.append({"method": method, "count": job.count, "seed": job.seed, **took})
         left = (time.monotonic() - began) / done * (len(jobs) - done)
-        told = (
-            f"{done} of {len(jobs)}: {job.count} trajectories, seed {job.seed}: return {number(record, 'return'):.2f}"
-        )
+        reached = ", ".join(f"{method} {number(record, 'return'):.2f}" for method, record in records.items())
+        told = f"{done} of {len(jobs)}: {job.count} trajectories, seed {job.seed}: return {reached}"
         request.report(f"{INDENT}{told}, about {spoken(left)} left")
     return returns, runs
 
@@ -121,27 +147,34 @@ def smallest(counts: tuple[int, ...], returns: np.ndarray) -> int:
     return counts[int(np.argmax(enough))]
 
 
-def enough(counts: tuple[int, ...], returns: np.ndarray) -> str:
-    """Say how many trajectories are enough."""
+def enough(method: str, counts: tuple[int, ...], returns: np.ndarray) -> str:
+    """Say how many trajectories are enough for a method."""
     medians = np.median(returns, axis=1)
     best, count = int(np.argmax(medians)), smallest(counts, returns)
-    told = f"Smallest number of trajectories whose median return is within {ENOUGH:.0%} of the best: {count} "
-    told += f"({medians[counts.index(count)]:.2f}; best {medians[best]:.2f} with {counts[best]})"
+    told = f"{METHODS[method].learned_on}: smallest number of trajectories whose median return is within "
+    told += f"{ENOUGH:.0%} of the best: {count} ({medians[counts.index(count)]:.2f}; best {medians[best]:.2f} with "
+    told += f"{counts[best]})"
     last = count == counts[-1] and len(counts) > 1
     return told + (", the most that was tried, so that more may help." if last else ".")
 
 
 def table(
-    request: Request, material: Material, counts: tuple[int, ...], returns: np.ndarray, ends: Comparison
+    request: Request,
+    material: Material,
+    counts: tuple[int, ...],
+    returns: Mapping[str, np.ndarray],
+    ends: Comparison,
 ) -> Table:
-    """Return the table: the counts, then the two ends."""
+    """Return the table: each method's counts, then the two ends."""
     environment, seeds = request.environments[0], len(request.sizes.seeds)
     rows = [
-        (str(count), *cells(values), theirs(environment, count)) for count, values in zip(counts, returns, strict=True)
+        (METHODS[method].learned_on, str(count), *cells(row), theirs(environment, method, count))
+        for method, values in returns.items()
+        for count, row in zip(counts, values, strict=True)
     ]
-    rows += [(f"none: {method}", *cells(ends.values(method)), "") for method in ENDS]
+    rows += [(METHODS[method].learned_on, "none", *cells(ends.values(method)), "") for method in ENDS]
     title = (
-        f"{environment}, {request.target_text}: return on the target of policies learned in source + φ, "
+        f"{environment}, {request.target_text}: return on the target by recorded trajectories, "
         f"{request.sizes.frames:,} frames, {request.sizes.judged} episodes each"
     )
     stake = ends.at_stake()
@@ -153,7 +186,7 @@ def table(
 def headers(seeds: int) -> tuple[str, ...]:
     """Return the heads of the columns, which say what the interval over so many seeds is."""
     median = f"return: median [{kind_of(seeds)}]" if seeds > 1 else "return: median"
-    return ("trajectories", "seeds", median, "min … max", "mean ± sd", "authors: mean ± sd")
+    return ("learned on", "trajectories", "seeds", median, "min … max", "mean ± sd", "authors: mean ± sd")
 
 
 def cells(values: np.ndarray) -> tuple[str, str, str, str]:
@@ -167,12 +200,12 @@ def cells(values: np.ndarray) -> tuple[str, str, str, str]:
     )
 
 
-def theirs(environment: str, count: int) -> str:
+def theirs(environment: str, method: str, count: int) -> str:
     """Return what the authors found, where they did."""
-    if find_task_file(environment) != "pusher" or count not in RETURN_BY_COUNT:
+    if method != NAS or find_task_file(environment) != "pusher" or count not in RETURN_BY_COUNT:
         return ""
     mean, deviation = RETURN_BY_COUNT[count]
     return f"{mean:.2f} ± {deviation:.2f}"
 
 
-EXPERIMENT = Experiment("Return by number of trajectories that φ learned from", ("Pusher",), run, several=False)
+EXPERIMENT = Experiment("Return by number of recorded trajectories", ("Pusher",), run, several=False)

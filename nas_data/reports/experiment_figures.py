@@ -87,37 +87,35 @@ def window(panel: Panel) -> tuple[float, float]:
     return low - margin, high + margin
 
 
-@dataclass(frozen=True)
-class Counted:
-    """Returns over the number of trajectories.
-
-    Attributes:
-        counts: Numbers of trajectories, shape (K,).
-        returns: One number a seed, shape (K, seeds).
-    """
-
-    counts: np.ndarray
-    returns: np.ndarray
-
-
 def return_over_count(
-    ours: Counted, ends: Mapping[str, float], authors: Mapping[int, tuple[float, float]], quick: bool
+    counts: Sequence[int],
+    returns: Mapping[str, np.ndarray],
+    labels: Mapping[str, str],
+    ends: Mapping[str, float],
+    authors: Mapping[int, tuple[float, float]],
+    quick: bool,
 ) -> Figure:
-    """Draw the median return over the number of trajectories, a band between its extremes, and the authors'.
+    """Draw median returns over the number of trajectories, a band between their extremes, and the authors'.
 
     Args:
-        ours: What we found.
+        counts: Numbers of trajectories, K of them.
+        returns: By method, a row a count and a number a seed, shape (K, seeds).
+        labels: What each method is called.
         ends: Median return of methods that need no recording, as lines across.
         authors: Mean and standard deviation by number of trajectories.
         quick: Whether to say that this is no result.
     """
-    looks = strokes(["nas", *ends])
+    looks = strokes([*returns, *ends])
     with house_style():
         figure = Figure(figsize=(WIDTH, 3.6))
         axes = figure.subplots()
-        low, middle, high = (function(ours.returns, axis=1) for function in (np.min, np.median, np.max))
-        axes.fill_between(ours.counts, low, high, color=looks["nas"].colour, alpha=0.18, linewidth=0)
-        axes.plot(ours.counts, middle, color=looks["nas"].colour, marker="o", markersize=4, label="source + φ")
+        for method, values in returns.items():
+            look = looks[method]
+            low, middle, high = (function(values, axis=1) for function in (np.min, np.median, np.max))
+            axes.fill_between(counts, low, high, color=look.colour, alpha=0.18, linewidth=0)
+            axes.plot(
+                counts, middle, color=look.colour, linestyle=look.line, marker="o", markersize=4, label=labels[method]
+            )
         for name, value in ends.items():
             axes.axhline(value, color=looks[name].colour, linestyle=looks[name].line, linewidth=1.2, label=name)
         if authors:
@@ -126,10 +124,10 @@ def return_over_count(
                 list(authors), means, deviations, fmt="d", color=GREY, markersize=4, linewidth=1, label=THEIRS
             )
         axes.set_xscale("log")
-        ticks = sorted({*ours.counts.tolist(), *authors})
+        ticks = sorted({*counts, *authors})
         axes.set_xticks(ticks, [str(count) for count in ticks], fontsize=8)
         axes.xaxis.set_minor_formatter(NullFormatter())
-        axes.set_xlabel("trajectories that φ learned from")
+        axes.set_xlabel("recorded trajectories that were learned from")
         axes.set_ylabel("mean return on the target")
         legend_above(figure, axes)
         warn(figure, quick)

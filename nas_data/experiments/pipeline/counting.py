@@ -1,18 +1,37 @@
-"""One policy for a number of trajectories: φ learns from a nested subset, the policy in the source with that φ."""
+"""Policies for a number of trajectories: a nested subset is learned from or named from, then each policy trained."""
 
+import json
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from nas_data.ablation.amount import Amount
 from nas_data.ablation.subsets import draw
+from nas_data.dataset import versions
+from nas_data.dataset.content import content_hash
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.provenance import read_provenance
+from nas_data.dataset.read import read
 from nas_data.envs.loop.plant import Plant
+from nas_data.experiments.pipeline.code import naming_code
 from nas_data.experiments.pipeline.learning import ModelJob, train_model
-from nas_data.experiments.pipeline.material import PHI
+from nas_data.experiments.pipeline.material import DATASETS, NAMED, NAMES, PHI, PHI_NAMED, PSI, Material
+from nas_data.experiments.pipeline.methods import on_source, target
+from nas_data.experiments.pipeline.pairs import pair_again
+from nas_data.gap import workflow
+from nas_data.gap.add import EFFECTS
+from nas_data.gap.named import Named
 from nas_data.models.holding_out import rows_of
+from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions
 from nas_data.policies.compare import Record, Run, do_run, silence
 from nas_data.policies.learner import Hyperparameters, Training
+from nas_data.reports.file import write_whole
+
+SUBSET = "subset"
+
+Learned = tuple[Plant, float]  # where a policy learns, and the time that it took to make it [s]
 
 
 @dataclass(frozen=True)
@@ -20,28 +39,22 @@ class CountJob:
     """A number of trajectories and a seed.
 
     Attributes:
-        count: Trajectories that φ learns from.
-        seed: Of the subset, of φ and of the policy.
-        pairs: Folder of all pairs; of two counts of one seed, the smaller's subset is part of the larger's.
-        content_hash: Theirs.
-        options: Of φ's training.
-        source: The source.
-        target: What judges.
-        frames: Control steps of the policy.
+        material: Recording of which the trajectories are a part, and how φ and ψ are trained.
+        methods: What is made of them, some of `LEARNED`.
+        count: Trajectories; of two counts of one seed, the smaller's are part of the larger's.
+        seed: Of the subset, of φ and ψ and of the policies.
+        frames: Control steps of each policy.
         episodes: Episodes that it is judged on.
         hyperparameters: PPO's.
         policies: Folder of policies of this length and PPO.
-        folder: Where φ and the policy go.
-        threads: Threads that simulate φ's source; all cores where None.
+        folder: Where models, names and policies go.
+        threads: Threads that simulate the source of φ; all cores where None.
     """
 
+    material: Material
+    methods: tuple[str, ...]
     count: int
     seed: int
-    pairs: Path
-    content_hash: str
-    options: TrainingOptions
-    source: Plant
-    target: Plant
     frames: int
     episodes: int
     hyperparameters: Hyperparameters
@@ -50,27 +63,95 @@ class CountJob:
     threads: int | None = None
 
     def subset(self, dataset: Dataset) -> Dataset:
-        """Return the trajectories that φ learns from."""
+        """Return the trajectories that are learned from."""
         runs = draw(dataset, range(dataset.n_episodes), Amount(self.count, "episodes"), self.seed)
         return rows_of(dataset, runs)
 
+    def recorded(self) -> Path:
+        """Return a dataset of these trajectories alone."""
+        train = self.material.train
+        provenance = read_provenance(train)
+        assert provenance is not None  # the material recorded it
+        return versions.new_version(self.subset(read(train)), SUBSET, provenance, self.folder / DATASETS)
 
-def do_count(job: CountJob) -> Record:
-    """Train φ and then the policy, judge it on the target; what was done before is read.
+    def seeded(self, options: TrainingOptions) -> TrainingOptions:
+        """Return options of a training with this seed."""
+        return replace(options, seed=self.seed)
+
+
+def learn(job: CountJob, kind: Kind, options: TrainingOptions, folder: str) -> Learned:
+    """Train φ or ψ on the subset."""
+    model = ModelJob(kind, job.material.train, job.seeded(options), job.folder / folder, job.threads)
+    history = train_model(model, silence, job.subset)
+    return on_source(job.material, str(model.folder)), history[-1]["seconds"]
+
+
+def name_subset(job: CountJob) -> tuple[Path | None, float]:
+    """Let `nas gap` name what the source lacks, from the subset and nothing else; what it named before is read.
 
     Returns:
-        The policy's record, and `phi_seconds`, the time in which φ was trained [s].
+        Folder of its report, None where it names nothing and retunes nothing, and the time that it took [s].
     """
-    model = ModelJob("delta", job.pairs, replace(job.options, seed=job.seed), job.folder / PHI, job.threads)
-    history = train_model(model, silence, job.subset)
-    plant = replace(job.source, checkpoint=str(model.folder))
-    run = Run(
-        method="nas",
-        training=Training(plant, job.seed, job.frames, job.hyperparameters),
-        target=job.target,
-        episodes=job.episodes,
-        folder=job.folder / "policy" / job.policies,
-        quiet=True,
-        dataset=job.content_hash,
-    )
-    return {**do_run(run), "phi_seconds": history[-1]["seconds"]}
+    folder, root = job.folder / NAMES, job.recorded()
+    record = folder.with_name(f"{NAMES}.json")
+    identity = {"named_from": content_hash(read(root)), "code": naming_code(job.material.plan)}
+    try:
+        held = json.loads(record.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        held = {}
+    if held.get("identity") != identity or not (folder / EFFECTS).is_file():
+        began = time.monotonic()
+        report = workflow.investigate(root, job.material.train / "meta/source.xml", folder, silence)
+        held = {"identity": identity, "seconds": time.monotonic() - began, "verdict": report["verdict"]}
+        write_whole(record, (json.dumps(held, indent=1) + "\n").encode())
+    named = Named.read(folder)
+    return (folder if named.effects or named.retuned else None), held["seconds"]
+
+
+def with_names(job: CountJob) -> Learned:
+    """Add what was named to the source."""
+    folder, seconds = name_subset(job)
+    return on_source(job.material, effects=None if folder is None else str(folder)), seconds
+
+
+def with_names_and_phi(job: CountJob) -> Learned:
+    """Pair the subset with the source that has the names, and train φ on what they leave."""
+    material = job.material
+    folder, seconds = name_subset(job)
+    if folder is None:
+        return learn(job, "delta", material.plan.delta, PHI)
+    pairs = pair_again(job.recorded(), material.plan.source_with(folder), NAMED, job.folder, DATASETS)
+    options = job.seeded(material.plan.delta)
+    model = ModelJob("delta", job.folder / pairs.path, options, job.folder / PHI_NAMED, job.threads)
+    history = train_model(model, silence)
+    return on_source(material, str(model.folder), str(folder)), seconds + history[-1]["seconds"]
+
+
+LEARNED: Mapping[str, Callable[[CountJob], Learned]] = {
+    "nas": lambda job: learn(job, "delta", job.material.plan.delta, PHI),
+    "forward": lambda job: learn(job, "forward", job.material.plan.forward, PSI),
+    "named": with_names,
+    "named_nas": with_names_and_phi,
+}
+
+
+def do_count(job: CountJob) -> dict[str, Record]:
+    """Make of the trajectories what each method needs and then its policy, judge it; what was done before is read.
+
+    Returns:
+        By method the policy's record, and `learning_seconds`: how long training φ or ψ and naming took [s].
+    """
+    records = {}
+    for method in job.methods:
+        plant, seconds = LEARNED[method](job)
+        run = Run(
+            method=method,
+            training=Training(plant, job.seed, job.frames, job.hyperparameters),
+            target=target(job.material),
+            episodes=job.episodes,
+            folder=job.folder / method / job.policies,
+            quiet=True,
+            dataset=job.material.content_hash,
+        )
+        records[method] = {**do_run(run), "learning_seconds": seconds}
+    return records

@@ -8,6 +8,7 @@ from nas_data import __version__
 from nas_data.dataset import versions
 from nas_data.dataset.provenance import read_provenance
 from nas_data.envs.base import SOURCE, Task, find_task, find_task_file
+from nas_data.experiments.pipeline.pairs import Body
 from nas_data.gap.named import Named
 from nas_data.models.presets import TrainingOptions
 from nas_data.recorders.recipe import Recipe
@@ -45,6 +46,11 @@ class MaterialPlan:
         """The dynamics that the gap begins at: `source`, or where a dynamics has a source of its own, that."""
         own = f"{self.recipe.dynamics}-{SOURCE}"
         return own if own in self.task.dynamics else SOURCE
+
+    def source_with(self, names: str | Path) -> Body:
+        """Return the source with what a gap report named."""
+        named, body = Named.read(names), Body.of(self.recipe.environment, self.source)
+        return Body(named.robot(body.robot, self.task.joints), (*body.effects, *named.effects))
 
     def describe(self) -> dict[str, object]:
         """Return what the material depends on, for JSON."""

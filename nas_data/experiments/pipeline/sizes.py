@@ -56,7 +56,7 @@ class Sizes:
         frames: Control steps of each policy.
         seeds: Seeds of each method.
         judged: Episodes that each policy is judged on.
-        counts: Trajectories that φ learns from in figure 6.
+        counts: Trajectories that are learned from in figure 6.
         trajectories: Recorded episodes; the paper's number where None.
         named: Of those, how many `nas gap` is given; all where None.
         rollout: Control steps between two updates of a policy.

@@ -93,9 +93,7 @@ def learn_on_names(job: Job) -> Found:
     if material.named is None:
         (job.folder / PHI_NAMED).mkdir(exist_ok=True)
         return Found(["nothing was named: φ on the names is φ"], {})
-    named, body = Named.read(material.named), Body.of(plan.recipe.environment, plan.source)
-    source = Body(named.robot(body.robot, plan.task.joints), (*body.effects, *named.effects))
-    pairs = pair_again(material.train, source, NAMED, job.folder, DATASETS)
+    pairs = pair_again(material.train, plan.source_with(material.named), NAMED, job.folder, DATASETS)
     model = ModelJob("delta", job.folder / pairs.path, plan.delta, job.folder / PHI_NAMED, job.threads)
     return learned(model, "φ on the names", job)
 

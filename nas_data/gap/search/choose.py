@@ -53,9 +53,10 @@ def persisted(search: Search, kept: Hypothesis) -> Hypothesis:
         before, kept = kept, search.continued(search.refined(swept(search, kept)))
         if not much(search, before, kept):
             anew = begun_anew(search, kept)
-            if anew is None or not much(search, kept, anew):
+            better = anew if anew is not None and much(search, kept, anew) else looked_along(search, kept)
+            if better is None:
                 break
-            kept = anew
+            kept = better
         kept = needed(search, kept)
         search.report("fitted on", kept)
     return kept
@@ -69,6 +70,20 @@ def begun_anew(search: Search, kept: Hypothesis) -> Hypothesis | None:
     rests = [kept.effects[:number] + kept.effects[number + 1 :] for number in range(len(kept.effects))]
     fitted = side_by_side(lambda effects: search.fitted(effects, {}, renewals=1), [kept.effects, *filter(None, rests)])
     return min(filter(None, fitted), key=worth, default=None)
+
+
+def looked_along(search: Search, kept: Hypothesis) -> Hypothesis | None:
+    """Return what is reached from where a look along the parameters leads; None where that brings little.
+
+    Play that seems to lie in its middle looks half as wide as it is, and no slope leads from there to its whole.
+    """
+    task, held = search.sub, search.held
+    found = swept(search, kept, anyway=True)
+    found = kept if found is kept else search.continued(search.refined(found))
+    if much(search, kept, found):
+        return found
+    search.sub, search.held = task, held
+    return None
 
 
 def lost(search: Search, before: Hypothesis, kept: Hypothesis) -> bool:

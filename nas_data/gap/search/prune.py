@@ -5,9 +5,9 @@ from functools import partial
 
 import numpy as np
 
-from nas_data.effects.base import Effect, find_effect
+from nas_data.effects.base import Effect, find_effect, make_effect
 from nas_data.gap.search.grow import NOTICEABLE
-from nas_data.gap.search.hypothesis import MANY, Hypothesis, place, relieves
+from nas_data.gap.search.hypothesis import MANY, Hypothesis, place, relieves, worth
 from nas_data.gap.search.state import Search
 from nas_data.gap.side_by_side import side_by_side
 
@@ -72,18 +72,43 @@ def simplified(search: Search, kept: Hypothesis) -> Hypothesis:
     for number, effect in enumerate(kept.effects):
         simpler = [find_effect(name) for name in effect.confused_with]
         names = {kind.name() for kind in simpler if len(kind.parameters) < len(effect.parameters)}
-        rest = search.without(kept, number) if names and effect.joint else None
-        if rest is None or effect.joint is None:
+        if not names or effect.joint is None:
             continue
-        found, _ = search.screened(rest.fit, rest, {effect.joint})
-        chosen = [c for c in found if c.effect.name() in names and c.effect.joint == effect.joint][:SIMPLER]
-        fitted = [search.fitted((*rest.effects, c.effect), c.factors, rest.fit, renewals=1) for c in chosen]
-        for other in sorted((h for h in fitted if h), key=lambda h: h.loss):
+        fitted = [*absorbed(search, kept, effect, names), *replaced(search, kept, number, names)]
+        for other in sorted(fitted, key=worth):
             if np.exp(search.logs(other, kept).mean(0).min()) > NOTICEABLE:
                 search.rivals.setdefault(place(other.effects[-1]), []).append(effect)
                 search.report(f"{effect.name()} simplified", other)
                 return simplified(search, other)
     return kept
+
+
+def absorbed(search: Search, kept: Hypothesis, effect: Effect, names: Container[str]) -> list[Hypothesis]:
+    """Return what is left of a hypothesis when a special case of an effect takes its size over, and its own besides.
+
+    Two kinds of friction share one torque in any way, and left alone with its part the simpler one never gets to the
+    whole. All else begins where it was: what an effect hides is rarely found from where nothing hides it.
+    """
+    fitted = []
+    for kind in (find_effect(name) for name in effect.confused_with if name in names):
+        if all(parameter in effect.parameters for parameter in kind.parameters):
+            both = (place(effect), (kind.name(), effect.joint))
+            sizes = {p.name: sum(getattr(e, p.name) for e in kept.effects if place(e) in both) for p in kind.parameters}
+            others = [e for e in kept.effects if place(e) not in both]
+            whole = make_effect(kind.name(), effect.joint, sizes)
+            fitted.append(search.fitted((*others, whole), kept.fit.factors, renewals=1))
+    return [h for h in fitted if h]
+
+
+def replaced(search: Search, kept: Hypothesis, number: int, names: Container[str]) -> list[Hypothesis]:
+    """Return the hypotheses with one of some simpler effects in the place of an effect, those that promise most."""
+    joint, rest = kept.effects[number].joint, search.without(kept, number)
+    if rest is None or joint is None:
+        return []
+    found, _ = search.screened(rest.fit, rest, {joint})
+    chosen = [c for c in found if c.effect.name() in names and c.effect.joint == joint][:SIMPLER]
+    fitted = [search.fitted((*rest.effects, c.effect), c.factors, rest.fit, renewals=1) for c in chosen]
+    return [h for h in fitted if h]
 
 
 def adequate(search: Search, kept: Hypothesis) -> Hypothesis:

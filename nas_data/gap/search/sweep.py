@@ -1,5 +1,6 @@
 """Look along the effects' parameters from end to end: a fit goes down into the nearest dip, and stops make many."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -27,7 +28,7 @@ def far(search: Search, kept: Hypothesis) -> list[str]:
     return [joint for joint, left in rest if left > FAR and joint in search.lively]
 
 
-def swept(search: Search, h: Hypothesis) -> Hypothesis:
+def swept(search: Search, h: Hypothesis, anyway: bool = False) -> Hypothesis:
     """Return a hypothesis with the best numbers that a look along the parameters finds, to be fitted on from there.
 
     An arm that play throws to and fro is chaotic: it is predicted no better with three quarters of the play's width
@@ -38,16 +39,18 @@ def swept(search: Search, h: Hypothesis) -> Hypothesis:
     Args:
         search: Search.
         h: Hypothesis; as it is where all joints are near, the arm is not chaotic, or no look leads much further.
+        anyway: Look even where the arm is not chaotic, though not closely: slopes lead on from there.
     """
     columns = concerned(search, h)
-    if not columns or not chaotic(search.sub, h):
+    looks = LOOKS if columns and chaotic(search.sub, h) else LOOKS[:1] if anyway else ()
+    if not columns or not looks:
         return h
     unknowns, numbers = h.fit.unknowns, h.fit.numbers
     own = np.where(np.arange(unknowns.size) < len(unknowns.sought), numbers, 0.0)
     task = replace(search.halved(h.fit)[0], correction=0.0)
     settled = replace(task, evidence=task.evidence.begun(Hold.WEIGHT))
     before = loss(task, unknowns, numbers)
-    ends = [look(task, unknowns, numbers, columns), look(settled, unknowns, own, columns)]
+    ends = [look(task, unknowns, numbers, columns, looks), look(settled, unknowns, own, columns, looks)]
     best, reached = min(ends, key=lambda end: end[1])
     if reached > before - GAIN:
         return h
@@ -75,10 +78,16 @@ def chaotic(task: Task, h: Hypothesis) -> bool:
     return float(np.square(other - one).mean()) > CHAOTIC**2 * float(task.evidence.mean_squares(one).mean())
 
 
-def look(task: Task, unknowns: Unknowns, numbers: np.ndarray, columns: list[int]) -> tuple[np.ndarray, float]:
+def look(
+    task: Task,
+    unknowns: Unknowns,
+    numbers: np.ndarray,
+    columns: Sequence[int],
+    looks: Sequence[tuple[float, float]] = LOOKS,
+) -> tuple[np.ndarray, float]:
     """Return the best numbers along one parameter after the other, again until that brings little, and their loss."""
     best, reached = numbers, loss(task, unknowns, numbers)
-    for apart, reach in LOOKS:
+    for apart, reach in looks:
         for _ in range(ROUNDS):
             before = reached
             for column in columns:
