@@ -129,7 +129,7 @@ def return_over_count(
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set_xlabel("recorded trajectories that were learned from")
         axes.set_ylabel("mean return on the target")
-        legend_above(figure, axes)
+        legend_above(figure, axes, columns=4 if len(returns) == 1 else 3)
         warn(figure, quick)
     return figure
 

@@ -65,10 +65,10 @@ def strokes(names: Sequence[str]) -> dict[str, Stroke]:
     return {name: STROKES.get(name) or spare[name] for name in names}
 
 
-def legend_above(figure: Figure, axes: Axes) -> None:
-    """Put the legend of some axes above the figure, where it hides nothing."""
+def legend_above(figure: Figure, axes: Axes, columns: int = 6) -> None:
+    """Put the legend of some axes above the figure, where it hides nothing, in so many columns at most."""
     handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper left", ncols=min(6, len(labels)), handlelength=2.4)
+    figure.legend(handles, labels, loc="outside upper left", ncols=min(columns, len(labels)), handlelength=2.4)
 
 
 def to_png(figure: Figure) -> bytes:
