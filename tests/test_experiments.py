@@ -16,6 +16,7 @@ from nas_data.dataset.verify import verify
 from nas_data.effects.base import parse
 from nas_data.envs.loop.plant import Plant
 from nas_data.errors import OptionError, OutputExists, UnknownName
+from nas_data.experiments import figure6
 from nas_data.experiments.base import Experiment, experiments, find_experiment
 from nas_data.experiments.figure6 import smallest
 from nas_data.experiments.pipeline import authors, counting, stages
@@ -26,6 +27,7 @@ from nas_data.experiments.pipeline.naming import stem_of
 from nas_data.experiments.pipeline.sizes import FULL, QUICK, RECORDINGS
 from nas_data.experiments.table1 import PREDICTORS, differences, statistics
 from nas_data.gap.add import write_effects
+from nas_data.gap.side_by_side import shares_cores
 
 CHEAP = ("expert", "source", "nas", "randomised")  # without `nas gap`, which takes minutes
 PART = "figure5-Pusher-backlash-tiny-methods-expert-source-nas-randomised"
@@ -250,13 +252,15 @@ def test_figure6_sweeps_nested_subsets_and_says_how_many_are_enough(tmp_path):
 
 
 def test_figure6_names_from_each_subset_and_learns_on_the_names(tmp_path, monkeypatch):
-    asked = []
+    asked, alone, jobs = [], [], []
 
     def investigate(dataset, *arguments):
         asked.append(read(dataset).n_episodes)
+        alone.append(not shares_cores())
         return named_by("backlash:joint=j1,half_width=0.1", episodes=TINY.counts)(dataset, *arguments)
 
     monkeypatch.setattr(counting.workflow, "investigate", investigate)
+    monkeypatch.setattr(figure6, "do_count", lambda job: jobs.append(job) or counting.do_count(job))
     request = tiny(tmp_path, "Pusher", seeds=(0,), methods=("named_nas", "forward", "named", "nas"))
     found = conduct("figure6", request)
     assert asked == list(TINY.counts)  # once a count, for both methods
@@ -282,6 +286,9 @@ def test_figure6_names_from_each_subset_and_learns_on_the_names(tmp_path, monkey
     (sweep / "names.json").write_text("{}")  # as if other code had named
     assert conduct("figure6", replace(request, methods=("named",))).data["methods"]["named"] == methods["named"]
     assert asked == [*TINY.counts, 2]
+    (sweep / "names.json").write_text("{}")
+    counting.name_subset(replace(jobs[0], threads=1))  # as beside another worker
+    assert alone == [True, True, True, False]
 
 
 def test_figure6_where_nothing_is_named_has_the_source(tmp_path, monkeypatch):

@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from nas_data.experiments.pipeline.pairs import pair_again
 from nas_data.gap import workflow
 from nas_data.gap.add import EFFECTS
 from nas_data.gap.named import Named
+from nas_data.gap.side_by_side import on_one_core
 from nas_data.models.holding_out import rows_of
 from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions
@@ -48,7 +50,7 @@ class CountJob:
         hyperparameters: PPO's.
         policies: Folder of policies of this length and PPO.
         folder: Where models, names and policies go.
-        threads: Threads that simulate the source of φ; all cores where None.
+        threads: Threads that simulate the source of φ, and that names are sought with; all cores where None.
     """
 
     material: Material
@@ -101,7 +103,8 @@ def name_subset(job: CountJob) -> tuple[Path | None, float]:
         held = {}
     if held.get("identity") != identity or not (folder / EFFECTS).is_file():
         began = time.monotonic()
-        report = workflow.investigate(root, job.material.train / "meta/source.xml", folder, silence)
+        with on_one_core() if job.threads == 1 else nullcontext():
+            report = workflow.investigate(root, job.material.train / "meta/source.xml", folder, silence)
         held = {"identity": identity, "seconds": time.monotonic() - began, "verdict": report["verdict"]}
         write_whole(record, (json.dumps(held, indent=1) + "\n").encode())
     named = Named.read(folder)
