@@ -82,7 +82,7 @@ def chosen(request: Request) -> tuple[tuple[int, ...], tuple[str, ...]]:
     counts, methods = tuple(sorted(set(request.sizes.counts))), tuple(dict.fromkeys(request.methods or (NAS,)))
     if min(counts) < 2:
         raise OptionError(
-            f"--counts has {counts[0]}; φ needs at least 2 trajectories, one of which stops its training."
+            f"--counts has {counts[0]}; give at least 2 trajectories, one of which judges what the others teach."
         )
     for method in methods:
         if method not in LEARNED:
@@ -102,7 +102,7 @@ def describe(counts: tuple[int, ...], returns: np.ndarray) -> dict[str, object]:
 def sweep(
     request: Request, material: Material, counts: tuple[int, ...], methods: tuple[str, ...]
 ) -> tuple[Mapping[str, np.ndarray], list[dict[str, object]]]:
-    """Do every count and seed; large counts come last.
+    """Do every count and seed; of each seed, large counts come last.
 
     Returns:
         The return of each on the target by method, shape (counts, seeds), and what each took.

@@ -16,7 +16,7 @@ from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.envs.loop.plant import Plant
 from nas_data.experiments.pipeline.code import naming_code
-from nas_data.experiments.pipeline.learning import ModelJob, train_model
+from nas_data.experiments.pipeline.learning import ModelJob, read_record, train_model
 from nas_data.experiments.pipeline.material import DATASETS, NAMED, NAMES, PHI, PHI_NAMED, PSI, Material
 from nas_data.experiments.pipeline.methods import on_source, target
 from nas_data.experiments.pipeline.pairs import pair_again
@@ -97,10 +97,7 @@ def name_subset(job: CountJob) -> tuple[Path | None, float]:
     folder, root = job.folder / NAMES, job.recorded()
     record = folder.with_name(f"{NAMES}.json")
     identity = {"named_from": content_hash(read(root)), "code": naming_code(job.material.plan)}
-    try:
-        held = json.loads(record.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        held = {}
+    held = read_record(record)
     if held.get("identity") != identity or not (folder / EFFECTS).is_file():
         began = time.monotonic()
         with on_one_core() if job.threads == 1 else nullcontext():

@@ -5,6 +5,7 @@ import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from nas_data.code_hash import code_hash
 from nas_data.dataset import versions
@@ -84,10 +85,7 @@ def train_model(
 
 def claim(job: ModelJob, identity: Mapping[str, object], report: Callable[[str], None]) -> None:
     """Make the folder this training's own; a model of ours that learned otherwise makes room for it."""
-    try:
-        held = json.loads(job.record.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        held = {}
+    held = read_record(job.record)
     if held == identity:
         return
     if any((job.folder / name).exists() for name in (HISTORY, STATE, CHECKPOINT)):
@@ -95,3 +93,12 @@ def claim(job: ModelJob, identity: Mapping[str, object], report: Callable[[str],
         report(f"{job.folder} holds a model that differs in {different}: it is trained anew")
         shutil.rmtree(job.folder)
     write_whole(job.record, (json.dumps(identity, indent=1) + "\n").encode())
+
+
+def read_record(path: Path) -> dict[str, Any]:
+    """Return what the file beside a model or names says that they are of; nothing where there is none to trust."""
+    try:
+        held = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return held if isinstance(held, dict) else {}
