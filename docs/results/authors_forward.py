@@ -12,13 +12,13 @@ starts, that they have not seen; both targets are those of `--dynamics paper`.
 
 import json
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import torch
+import tyro
 from torch import nn
 
 from nas_data.circumstances import commit, versions
@@ -217,8 +217,18 @@ def weigh(density: float) -> None:
     pusher.TASK = replace(pusher.TASK, edits=edits)
 
 
-def main(out: Path, density: float, seeds: Sequence[int]) -> None:
-    """Record, learn ψ and policies, judge both, and write what came out."""
+def main(
+    out: tyro.conf.Positional[Path],
+    density: tyro.conf.Positional[float],
+    seeds: tyro.conf.Positional[tuple[int, ...]] = (0,),
+) -> None:
+    """Record, learn ψ and policies, judge both, and write what came out.
+
+    Args:
+        out: Folder of ψ, the policies and result.json; goes on where it stopped.
+        density: Density of the links [kg/m³]: 300 as in the authors' model file, 1000 as in later code of theirs.
+        seeds: Seeds of the policies.
+    """
     weigh(density)
     source = find_task("Pusher").simulator("source")
     seen, actions = {}, {}
@@ -251,4 +261,4 @@ def main(out: Path, density: float, seeds: Sequence[int]) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), float(sys.argv[2]), [int(seed) for seed in sys.argv[3:]] or [0])
+    tyro.cli(main)

@@ -1,11 +1,11 @@
 """Gather finished blind cases into one file beside the tables of blind.md, and print those tables from it."""
 
 import json
-import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import tyro
 
 FAMILIES = {
     "one": "one effect",
@@ -131,15 +131,24 @@ def words(name: Sequence[str | None]) -> str:
     return " ".join(part for part in name if part)
 
 
-def main(arguments: Sequence[str]) -> None:
-    """`blind.py FILE.json` prints; `blind.py FILE.json COMMIT SEED OUT…` adds the cases of folders first."""
-    path = Path(arguments[0])
-    if len(arguments) > 1:
-        before = path if path.exists() else None
-        whole = gathered([Path(name) for name in arguments[3:]], arguments[1], int(arguments[2]), before)
-        write(path, whole)
-    print(told(json.loads(path.read_text("utf-8"))["cases"]))
+def main(
+    file: tyro.conf.Positional[Path],
+    folders: tyro.conf.Positional[tuple[Path, ...]] = (),
+    commit: str = "",
+    seed: int = 0,
+) -> None:
+    """Print the tables of a file of blind cases, after the cases of some folders have been added to it.
+
+    Args:
+        file: JSON beside blind.md.
+        folders: `--out` folders of `nas benchmark gap`, whose finished cases are added first.
+        commit: What the added cases were run with.
+        seed: Seed that they were drawn with.
+    """
+    if folders:
+        write(file, gathered(folders, commit, seed, file if file.exists() else None))
+    print(told(json.loads(file.read_text("utf-8"))["cases"]))
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    tyro.cli(main)

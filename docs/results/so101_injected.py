@@ -1,10 +1,10 @@
 """Write the SO-101 recordings anew with a known change in them: late commands, or a joint that reads wrong."""
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import tyro
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.provenance import read_provenance
@@ -36,8 +36,12 @@ def off(dataset: Dataset) -> Dataset:
     return replace(dataset, columns=columns)
 
 
-def main(datasets: Path) -> None:
-    """Write both beside the recordings."""
+def main(datasets: tyro.conf.Positional[Path]) -> None:
+    """Write both beside the recordings.
+
+    Args:
+        datasets: Folder of the dataset `so101`.
+    """
     root = resolve(datasets / "so101")
     dataset, provenance = read(root), read_provenance(root)
     assert provenance, "nas import writes it"
@@ -46,4 +50,4 @@ def main(datasets: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    tyro.cli(main)

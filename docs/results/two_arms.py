@@ -12,11 +12,13 @@ import io
 import json
 import sys
 from collections.abc import Iterator
+from typing import Literal
 from unittest.mock import patch
 
 import numpy as np
+import tyro
 
-from nas_data.cli import main
+from nas_data.cli import main as nas
 from nas_data.recorders.ergojr_ways import Ways
 from nas_data.robots.ergo_shield import DEFENDER
 from nas_data.rollouts.approach import Approach
@@ -77,7 +79,7 @@ def measure(policy: str, episodes: str, kind: str) -> None:
     said = io.StringIO()
     care = unchecked() if kind == "unchecked" else contextlib.nullcontext()
     with care, watched() as (steps, slow), contextlib.redirect_stdout(said):
-        code = main(["policy", "evaluate", *options])
+        code = nas(["policy", "evaluate", *options])
     if code:
         sys.exit(said.getvalue())
     answer, bodies, edges = json.loads(said.getvalue()), ways_of_two(), ways_of_two(edges=True)
@@ -86,6 +88,21 @@ def measure(policy: str, episodes: str, kind: str) -> None:
     print(f"  bodies, sword and shield: {told(edges, steps)} in episodes, {told(edges, slow)} on slow ways", flush=True)
 
 
+def main(
+    policy: tyro.conf.Positional[str],
+    episodes: tyro.conf.Positional[str],
+    kinds: tyro.conf.Positional[tuple[Literal["unchecked", "bodies", "all"], ...]],
+) -> None:
+    """Roll the policy out in each of the ways, and print what touched.
+
+    Args:
+        policy: Folder of a policy for ErgoShield.
+        episodes: How many episodes to roll out in each way.
+        kinds: Ways of keeping the arms apart, one after the other.
+    """
+    for kind in kinds:
+        measure(policy, episodes, kind)
+
+
 if __name__ == "__main__":
-    for name in sys.argv[3:]:
-        measure(sys.argv[1], sys.argv[2], name)
+    tyro.cli(main)

@@ -1,11 +1,11 @@
 """Score models of the XL330 pendulum on logs that none of them was fitted to; the commands are in xl330.md."""
 
 import json
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import tyro
 
 from nas_data.dataset.read import read
 from nas_data.dataset.transitions import as_transitions
@@ -72,8 +72,13 @@ def effects(runs: Path, trajectory: str) -> list[dict[str, object]]:
     return [{key: entry[key] for key in kept} for entry in report["effects"]]
 
 
-def main(datasets: Path, runs: Path) -> None:
-    """Print the table and write it beside this file."""
+def main(datasets: tyro.conf.Positional[Path], runs: tyro.conf.Positional[Path]) -> None:
+    """Print the table and write it beside this file.
+
+    Args:
+        datasets: Folder of the logs, as xl330.md imports them.
+        runs: Folder of the gap reports that xl330.md's commands wrote.
+    """
     rows = [row for trajectory in TRAJECTORIES for row in held_out(trajectory, datasets, runs)]
     medians = {"log": "median", **{name: float(np.median([row[name] for row in rows])) for name in MODELS}}
     print("held-out log [°]".ljust(22), *(name.rjust(12) for name in MODELS))
@@ -90,4 +95,4 @@ def main(datasets: Path, runs: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(*(Path(argument) for argument in sys.argv[1:3]))
+    tyro.cli(main)
