@@ -15,7 +15,7 @@ from nas_data.effects.base import parse
 from nas_data.gap.evidence import Evidence
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.search import choose as choose_module
-from nas_data.gap.search.choose import begun_anew, looked_along, lost, persisted
+from nas_data.gap.search.choose import begun_anew, choose, looked_along, lost, persisted
 from nas_data.gap.search.detail import detailed
 from nas_data.gap.search.fit import Task, fit
 from nas_data.gap.search.hop import hopped, hops
@@ -371,7 +371,9 @@ def test_parameters_are_looked_along_in_joints_that_are_far_from_explained(rest,
     assert found or swept(search, h) is h
 
 
-def test_a_delay_hops_to_the_physics_step_that_no_slope_leads_to():
+@pytest.fixture(scope="module")
+def stuck():
+    """A search for a speed limit and a delay of 10 ms, and the fit in which it stays with half the delay."""
     commands = np.random.default_rng(0).uniform(-0.7, 0.7, (4, 6, 1)).repeat(50, axis=1)
     driven = np.ones(commands.shape[:2], bool)
     evidence = Evidence(("pendulum",), 0.01, np.zeros((4, 1)), commands, np.zeros_like(commands), driven, np.arange(4))
@@ -380,14 +382,26 @@ def test_a_delay_hops_to_the_physics_step_that_no_slope_leads_to():
     truth = nominal.predict(evidence, [limit, parse("command_delay:delay=0.01")])
     task = Task(nominal, replace(evidence, measured=truth.round(4)), np.full(1, 1e-4))
     search = Search(task, task)
-    stuck = search.fitted((limit, delay), {}, steps=12, renewals=4)
-    assert stuck.effects[1].delay < 0.007, "slopes lead there, or this test shows nothing"
-    free = hopped(search, stuck)
+    there = search.fitted((limit, delay), {}, steps=12, renewals=4)
+    assert there.effects[1].delay < 0.007, "slopes lead there, or these tests show nothing"
+    return search, there
+
+
+def test_a_delay_hops_to_the_physics_step_that_no_slope_leads_to(stuck):
+    search, there = replace(stuck[0]), stuck[1]
+    free = hopped(search, there)
     assert free.effects[1].delay == pytest.approx(0.01, abs=2e-5)
-    assert search.ratio(free) < 1 < 10 < search.ratio(stuck)
+    assert search.ratio(free) < 1 < 10 < search.ratio(there)
     assert not search.sub.fine
     assert hopped(search, free) is free
     assert hopped(search, search.null) is search.null
+
+
+def test_a_delay_hops_also_from_where_the_last_fit_ends(stuck, monkeypatch):
+    search, there = replace(stuck[0]), stuck[1]
+    monkeypatch.setattr(choose_module, "is_full", lambda search, kept: True)
+    monkeypatch.setattr(choose_module, "persisted", lambda search, kept: there)
+    assert choose(search).effects[1].delay == pytest.approx(0.01, abs=2e-5)
 
 
 def test_hops_are_whole_physics_steps_within_the_parameters_bounds():

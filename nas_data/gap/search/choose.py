@@ -34,7 +34,9 @@ def choose(search: Search) -> Hypothesis:
         if lost(search, before, kept):
             break
         around = kept.fit
-    return persisted(search, needed(search, pruned(search, kept)))
+    kept = persisted(search, needed(search, pruned(search, kept)))
+    there = hopped(search, kept)  # what bent to the first delay has been fitted since
+    return kept if there is kept else needed(search, there)
 
 
 def needed(search: Search, kept: Hypothesis) -> Hypothesis:
