@@ -135,12 +135,23 @@ def test_the_mean_of_the_weights_is_judged_and_kept(tmp_path, swings):
     assert training.validation_error() == pytest.approx(min(judged))
 
 
-def test_patience_ends_a_training_that_gets_no_better(tmp_path, swings):
+def test_patience_ends_a_training_that_never_gets_better(tmp_path, swings):
     options = replace(TINY, epochs=60, rate=0.5, cosine=False, clip=0.0, patience=3)
     train(swings, tmp_path / "run", options=options)
     errors = [row["validation"] for row in history(tmp_path / "run")]
     assert len(errors) < 61
     assert len(errors) - 1 - int(np.argmin(errors)) == 4, "three are borne, one more ends it"
+
+
+def test_a_training_that_has_learned_goes_on_through_what_gets_no_better(tmp_path, swings):
+    options = replace(TINY, epochs=30, patience=0)
+    train(swings, tmp_path / "run", options=options)
+    errors = [row["validation"] for row in history(tmp_path / "run")]
+    best = np.minimum.accumulate(errors)
+    learned = int(np.argmax(best < 0.9 * errors[0]))
+    assert 0 < learned < len(errors) - 2
+    assert np.any(errors[learned + 1 :] > best[learned:-1]), "there was something to be borne"
+    assert len(errors) == 31
 
 
 def test_every_validation_is_told_and_kept(tmp_path, swings):

@@ -34,7 +34,8 @@ class TrainingOptions:
             Juditsky, 1992); 0 for none.
         bf16: Teacher forcing in bfloat16 where the processor has it.
         validation: Share held out for early stopping: of the episodes, or of each where they are few.
-        patience: Validations without improvement that are borne; one more ends the training.
+        patience: Validations without improvement that are borne of a training that has hardly got better than its
+            start; one more ends it. Others go on: where windows grow and the rate falls, the best often comes last.
         seed: Seed of weights, order and windows.
     """
 

@@ -21,6 +21,7 @@ CHECKPOINT = "checkpoint"
 HISTORY = "history.json"
 STATE = "training_state.pt"
 PARTIAL = f".{STATE}"
+LEARNED = 0.1  # of the first validation error: who brought it down by more is worth going on with
 
 
 @dataclass
@@ -89,12 +90,18 @@ class TrainingRun:
     def _train(self) -> None:
         phase, progress = self.training.phase, self.progress
         losses: list[float] = []
-        while progress.update < phase.updates and progress.stale <= self.training.options.patience:
+        while progress.update < phase.updates and not self._is_in_vain():
             losses.append(self.descent.update(progress.update))
             progress.update += 1
             if progress.update % phase.per_validation == 0 or progress.update == phase.updates:
                 self._validate(sum(losses) / len(losses))
                 losses.clear()
+
+    def _is_in_vain(self) -> bool:
+        """Return whether the training has hardly got better than its start, and not of late."""
+        progress = self.progress
+        hardly = progress.best > (1 - LEARNED) * progress.history[0]["validation"]
+        return hardly and progress.stale > self.training.options.patience
 
     def _validate(self, loss: float) -> None:
         """Measure the validation error, keep the best model, store where the training stands."""

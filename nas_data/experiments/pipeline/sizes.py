@@ -132,8 +132,8 @@ class Sizes:
 
 
 # Twice the windows of the preset an update, six times its updates at twice its rate, no gradient that drowns the others
-# along a window, and the mean of the weights: policies ask much of φ. In twelve trainings of φ and ψ the
-# best was at most 14 validations behind the one before it; a φ on good names has nothing left to learn after a few.
+# along a window, and the mean of the weights: policies ask much of φ. Patience is for a φ on good names, which has
+# nothing left to learn.
 LEARNING = preset(
     "fast",
     updates=2400,
