@@ -50,6 +50,8 @@ def walked(task: Task, near: Fit, timestep: float) -> Fit | None:
             return None
         tried = side_by_side(partial(fitted_on, task, best), list(hops(best.effects, timestep)))
         found = min(filter(None, tried), key=lambda one: one.loss, default=best)
+        if found.loss < best.loss:  # what bent to the other delay takes more than a short fit to straighten
+            found = fit(task, found.unknowns, found.numbers, steps=5, renewals=1) or found
         if found.loss > best.loss - GAIN:
             break
         best = found
