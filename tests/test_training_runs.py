@@ -154,6 +154,13 @@ def test_a_training_that_has_learned_goes_on_through_what_gets_no_better(tmp_pat
     assert len(errors) == 31
 
 
+@pytest.mark.parametrize("error", [float("inf"), float("nan")])
+def test_a_training_that_never_gets_a_finite_error_ends_with_its_patience(tmp_path, swings, monkeypatch, error):
+    monkeypatch.setattr(Training, "validation_error", lambda *_: error)
+    train(swings, tmp_path / "run", options=replace(TINY, epochs=20, patience=2))
+    assert len(history(tmp_path / "run")) == 4, "the start, two that are borne, and one more"
+
+
 def test_every_validation_is_told_and_kept(tmp_path, swings):
     told: list[str] = []
     train(swings, tmp_path / "run", report=told.append)

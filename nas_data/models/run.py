@@ -100,7 +100,7 @@ class TrainingRun:
     def _is_in_vain(self) -> bool:
         """Return whether the training has hardly got better than its start, and not of late."""
         progress = self.progress
-        hardly = progress.best > (1 - LEARNED) * progress.history[0]["validation"]
+        hardly = not progress.best < (1 - LEARNED) * progress.history[0]["validation"]  # nor where both diverge
         return hardly and progress.stale > self.training.options.patience
 
     def _validate(self, loss: float) -> None:
