@@ -15,6 +15,7 @@ from nas_data.effects.base import parse
 from nas_data.gap.evidence import Evidence
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.search import choose as choose_module
+from nas_data.gap.search import hop as hop_module
 from nas_data.gap.search.choose import begun_anew, choose, looked_along, lost, persisted
 from nas_data.gap.search.detail import detailed
 from nas_data.gap.search.fit import Task, fit
@@ -402,6 +403,19 @@ def test_a_delay_hops_also_from_where_the_last_fit_ends(stuck, monkeypatch):
     monkeypatch.setattr(choose_module, "is_full", lambda search, kept: True)
     monkeypatch.setattr(choose_module, "persisted", lambda search, kept: there)
     assert choose(search).effects[1].delay == pytest.approx(0.01, abs=2e-5)
+
+
+def test_a_hop_is_judged_after_a_full_fit(stuck, monkeypatch):
+    search, there = replace(stuck[0]), stuck[1]
+    first = []
+
+    def short_fits_gain_little(*given, steps, renewals):
+        found = fit(*given, steps=steps, renewals=renewals)
+        first.append(found.misfit)
+        return replace(found, misfit=first[0] + 1e-6 * (found.misfit - first[0])) if steps == 3 else found
+
+    monkeypatch.setattr(hop_module, "fit", short_fits_gain_little)
+    assert hopped(search, there).effects[1].delay == pytest.approx(0.01, abs=2e-5)
 
 
 def test_hops_are_whole_physics_steps_within_the_parameters_bounds():
