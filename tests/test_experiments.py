@@ -251,6 +251,18 @@ def test_figure6_sweeps_nested_subsets_and_says_how_many_are_enough(tmp_path):
     assert again.data["runs"] == found.data["runs"]
 
 
+def test_counts_added_to_figure6_are_subsets_of_the_same_recording(tmp_path):
+    few = conduct("figure6", tiny(tmp_path, "Pusher", seeds=(0,), counts=(2,)))
+    learned = tmp_path / "tiny/Pusher-backlash" / f"counts{max(TINY.counts)}/sweep/2/seed0"
+    before = times(learned)
+    more = conduct("figure6", tiny(tmp_path, "Pusher", seeds=(0,), counts=(2, 3)))
+    assert more.data["dataset"] == few.data["dataset"]
+    assert times(learned) == before
+    assert more.data["methods"]["nas"]["returns"][0] == few.data["methods"]["nas"]["returns"][0]
+    beyond = conduct("figure6", tiny(tmp_path, "Pusher", seeds=(0,), counts=(max(TINY.counts) + 1,)))
+    assert beyond.data["dataset"] != few.data["dataset"]  # more than the whole experiment has needs a larger one
+
+
 def test_figure6_names_from_each_subset_and_learns_on_the_names(tmp_path, monkeypatch):
     asked, alone, jobs = [], [], []
 

@@ -21,7 +21,8 @@ class ExperimentFigure6(PolicyExperimentCommand):
     experiment: ClassVar[str] = "figure6"
 
     counts: tuple[int, ...] = ()
-    """Numbers of trajectories that are learned from; 10 to 2000 where left out."""
+    """Numbers of trajectories that are learned from; 10 to 2000 where left out. They are part of one recording, which
+    is as large whatever is given: what was done for some numbers is kept when others are added."""
     methods: tuple[str, ...] = ()
     """What is made of them: nas (source + φ), forward (ψ), named (the source with the effects that `nas gap` names
     from them), named_nas (and φ on those); nas where left out."""
@@ -36,4 +37,5 @@ class ExperimentFigure6(PolicyExperimentCommand):
 
         sizes = super().sizes()
         counts = self.counts or sizes.counts
-        return replace(sizes, counts=counts, trajectories=max(counts) if sizes.quick else sizes.trajectories)
+        recorded = max(*counts, *sizes.counts) if sizes.quick else sizes.trajectories
+        return replace(sizes, counts=counts, trajectories=recorded)
