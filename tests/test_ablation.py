@@ -196,6 +196,13 @@ def test_the_best_may_lie_before_the_last_and_a_kind_may_diverge_everywhere():
     assert told.endswith("source + φ 2 episodes (1°); ψ diverges with every amount.")
 
 
+def test_the_sentence_says_where_nothing_learned_is_as_good():
+    values = [result(kind, 2, 0, error, baseline=1.0) for kind, error in (("delta", 1.0), ("forward", 0.9))]
+    told = Summary.of(values).sentence()
+    assert "(1°), which is no better than 'source', which learned nothing (1°); ψ" in told
+    assert told.endswith("ψ 2 episodes (0.9°).")
+
+
 def test_the_table_holds_medians_ends_and_baselines():
     table = {(row[0], row[1]): row[2:] for row in rows(Summary.of(swept()))}
     assert table["source + φ", "10 episodes"] == ("3", "4.000", "3.000 … 9.000", "0.4000", "0.3000 … 0.9000")

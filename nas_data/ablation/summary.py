@@ -119,9 +119,16 @@ class Summary:
         top = best(cells)
         error, least = (np.degrees(one.errors["open_loop"].median) for one in (cell, top))
         told = f"{label} {cell.text} ({error:.3g}°" + (")" if cell is top else f"; {least:.3g}° with {top.text})")
-        return told + (
-            ", the most that was tried, so that more may help" if cell is cells[-1] and len(cells) > 1 else ""
-        )
+        told += ", the most that was tried, so that more may help" if cell is cells[-1] and len(cells) > 1 else ""
+        return told + self._beaten_by(top)
+
+    def _beaten_by(self, cell: Cell) -> str:
+        """Say which predictor that learned nothing is no worse than the best of a kind; nothing where there is none."""
+        found = {name: spreads["open_loop"].median for name, spreads in self.baselines.items()}
+        if not found or min(found.values()) > cell.errors["open_loop"].median:
+            return ""
+        name = min(found, key=lambda name: found[name])
+        return f", which is no better than '{name}', which learned nothing ({np.degrees(found[name]):.3g}°)"
 
     def to_json(self) -> dict[str, object]:
         """Return everything in radians."""
