@@ -31,7 +31,8 @@ def tiny(folder: Path, *environments: str, said: list[str] | None = None, **chan
     sizes = {name: changes.pop(name) for name in list(changes) if name in Sizes.__dataclass_fields__}
     report = (lambda _: None) if said is None else said.append
     dynamics = changes.pop("dynamics", "backlash")
-    return Request(environments, dynamics, replace(TINY, **sizes), folder, report, whole=TINY, **changes)
+    sized = TINY.with_counts(sizes.pop("counts")) if "counts" in sizes else TINY
+    return Request(environments, dynamics, replace(sized, **sizes), folder, report, whole=TINY, **changes)
 
 
 def times(folder: Path) -> dict[Path, int]:

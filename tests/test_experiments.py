@@ -281,7 +281,7 @@ def test_figure6_names_from_each_subset_and_learns_on_the_names(tmp_path, monkey
     assert len({str(values["returns"]) for values in methods.values()}) == 4
     stem = "figure6-Pusher-backlash-tiny-methods-forward-nas-named-named_nas-seeds-0"
     assert "| source + named effects | 4 | 1 |" in text_of(tmp_path, stem)
-    sweep = tmp_path / "tiny/Pusher-backlash/counts4/sweep/2/seed0"
+    sweep = tmp_path / "tiny/Pusher-backlash" / f"counts{TINY.trajectories}/sweep/2/seed0"
     made_of = {
         "named": (True, None),
         "named_nas": (True, "delta"),

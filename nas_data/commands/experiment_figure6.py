@@ -21,8 +21,9 @@ class ExperimentFigure6(PolicyExperimentCommand):
     experiment: ClassVar[str] = "figure6"
 
     counts: tuple[int, ...] = ()
-    """Numbers of trajectories that are learned from; 10 to 2000 where left out. They are part of one recording, which
-    is as large whatever is given: what was done for some numbers is kept when others are added."""
+    """Numbers of trajectories that are learned from; 10 to 2000 where left out. They are parts of one recording of
+    2000, with --quick 40, so that others can be added later and nothing is done twice; a larger number needs a larger
+    recording, and everything anew."""
     methods: tuple[str, ...] = ()
     """What is made of them: nas (source + φ), forward (ψ), named (the source with the effects that `nas gap` names
     from them), named_nas (and φ on those); nas where left out."""
@@ -33,9 +34,4 @@ class ExperimentFigure6(PolicyExperimentCommand):
 
     def sizes(self) -> "Sizes":
         """Return how large everything is, with what was given."""
-        from dataclasses import replace
-
-        sizes = super().sizes()
-        counts = self.counts or sizes.counts
-        recorded = max(*counts, *sizes.counts) if sizes.quick else sizes.trajectories
-        return replace(sizes, counts=counts, trajectories=recorded)
+        return super().sizes().with_counts(self.counts)

@@ -37,7 +37,7 @@ def run(request: Request) -> Result:
     """Sweep the number of trajectories on one environment."""
     counts, methods = chosen(request)
     (environment,) = request.environments
-    recorded = most(request, counts)
+    recorded = request.sizes.trajectories or max(counts)
     recording = replace(request, sizes=replace(request.sizes, trajectories=recorded), purpose=f"counts{recorded}")
     ends = run_study(study(request, recording.material(environment, ()), ENDS), request, environment)
     material = recording.material(environment, ("record",))
@@ -88,11 +88,6 @@ def chosen(request: Request) -> tuple[tuple[int, ...], tuple[str, ...]]:
         if method not in LEARNED:
             raise UnknownName("method that learns from recordings", method, LEARNED)
     return counts, methods
-
-
-def most(request: Request, counts: tuple[int, ...]) -> int:
-    """Return how many trajectories are recorded: those of the whole experiment, so that counts can be added later."""
-    return max(*counts, *(request.whole or request.sizes).counts)
 
 
 def describe(counts: tuple[int, ...], returns: np.ndarray) -> dict[str, object]:

@@ -102,6 +102,14 @@ class Sizes:
             raise UnknownName("PPO", name, PPO)
         return replace(self, ppo=name, **PPO[name])  # type: ignore[arg-type]  # dataclasses.replace is not generic over fields
 
+    def with_counts(self, counts: tuple[int, ...]) -> "Sizes":
+        """Return these sizes with other numbers of trajectories, all drawn from one recording.
+
+        It is as large as the largest of their own numbers, and larger only where more is asked for: whoever adds a
+        number later draws from the same.
+        """
+        return replace(self, counts=counts or self.counts, trajectories=max((*counts, *self.counts)))
+
     def recipe(self, environment: str, dynamics: str, engine: str = "mujoco") -> Recipe:
         """Return how an environment's target is recorded."""
         known = RECORDINGS.get(find_task_file(environment)) or Recording(250, find_task(environment).horizon, 1, 20)
