@@ -14,6 +14,7 @@ TINY = replace(
     heldout=4,
     delta=NETWORK,
     forward=NETWORK,
+    few=NETWORK,
     frames=256,
     seeds=(0, 1),
     judged=2,

@@ -303,6 +303,21 @@ def test_figure6_names_from_each_subset_and_learns_on_the_names(tmp_path, monkey
     assert alone == [True, True, True, False]
 
 
+def test_figure6_trains_a_committee_on_each_subset(tmp_path):
+    found = conduct("figure6", tiny(tmp_path, "Pusher", seeds=(1,), counts=(2,), methods=("committee",)))
+    sweep = tmp_path / "tiny/Pusher-backlash" / f"counts{max(TINY.counts)}/sweep/2/seed1"
+    records = [json.loads((sweep / f"phi{member}.json").read_text()) for member in range(counting.MEMBERS)]
+    assert [record["options"]["seed"] for record in records] == [3, 4, 5]
+    assert len({record["learned_from"] for record in records}) == 1
+    plant = json.loads((sweep / "committee/256/result.json").read_text())["question"]["training"]["plant"]
+    models = [plant["model"], *plant["others"]]
+    assert len({model["sha256"] for model in models}) == counting.MEMBERS
+    (run,) = found.data["runs"]
+    seconds = [json.loads((sweep / f"phi{member}/history.json").read_text())[-1]["seconds"] for member in range(3)]
+    assert run["learning_seconds"] == pytest.approx(sum(seconds))
+    assert "source + one of 3 φ for few data: smallest number of trajectories" in found.text
+
+
 def test_figure6_where_nothing_is_named_has_the_source(tmp_path, monkeypatch):
     monkeypatch.setattr(counting.workflow, "investigate", named_by(episodes=TINY.counts))
     found = conduct("figure6", tiny(tmp_path, "Pusher", seeds=(0,), counts=(2,), methods=("named", "named_nas", "nas")))

@@ -121,12 +121,14 @@ class Experiment:
         environments: Those of the paper.
         run: Makes it.
         several: Whether it can be about several environments at a time.
+        methods: Those that it can be asked for; where empty, those that figure 5 compares.
     """
 
     title: str
     environments: tuple[str, ...]
     run: Callable[[Request], Result]
     several: bool = True
+    methods: tuple[str, ...] = ()
 
 
 def experiments() -> tuple[str, ...]:

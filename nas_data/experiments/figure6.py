@@ -8,14 +8,13 @@ import numpy as np
 
 from nas_data.ablation.summary import ENOUGH
 from nas_data.envs.base import find_task_file
-from nas_data.errors import OptionError, UnknownName
+from nas_data.errors import OptionError
 from nas_data.experiments.base import Experiment, Request, Result, Table
 from nas_data.experiments.pipeline.authors import RETURN_BY_COUNT
 from nas_data.experiments.pipeline.comparing import hyperparameters, run_study, study
-from nas_data.experiments.pipeline.counting import LEARNED, CountJob, do_count
+from nas_data.experiments.pipeline.counting import LEARNED, LEARNED_ON, CountJob, do_count
 from nas_data.experiments.pipeline.dynamics import dynamics_of
 from nas_data.experiments.pipeline.material import Material
-from nas_data.experiments.pipeline.methods import METHODS
 from nas_data.experiments.pipeline.stages import describe_stages
 from nas_data.experiments.pipeline.telling import NAS, on_intervals
 from nas_data.parallel import run_jobs
@@ -46,7 +45,7 @@ def run(request: Request) -> Result:
     picture = return_over_count(
         counts,
         returns,
-        {method: METHODS[method].learned_on for method in methods},
+        {method: LEARNED_ON[method] for method in methods},
         {method: float(np.median(ends.values(method))) for method in ENDS},
         authors,
         request.sizes.quick,
@@ -77,16 +76,12 @@ def chosen(request: Request) -> tuple[tuple[int, ...], tuple[str, ...]]:
 
     Raises:
         OptionError: there are too few trajectories to learn from.
-        UnknownName: a method learns from no recording.
     """
     counts, methods = tuple(sorted(set(request.sizes.counts))), tuple(dict.fromkeys(request.methods or (NAS,)))
     if min(counts) < 2:
         raise OptionError(
             f"--counts has {counts[0]}; give at least 2 trajectories, one of which judges what the others teach."
         )
-    for method in methods:
-        if method not in LEARNED:
-            raise UnknownName("method that learns from recordings", method, LEARNED)
     return counts, methods
 
 
@@ -119,6 +114,7 @@ def sweep(
             hyperparameters=hyperparameters(sizes),
             policies=sizes.policies,
             folder=material.folder / "sweep" / str(count) / f"seed{seed}",
+            few=sizes.few,
             threads=1 if request.workers > 1 else None,
         )
         for seed in sizes.seeds
@@ -151,7 +147,7 @@ def enough(method: str, counts: tuple[int, ...], returns: np.ndarray) -> str:
     """Say how many trajectories are enough for a method."""
     medians = np.median(returns, axis=1)
     best, count = int(np.argmax(medians)), smallest(counts, returns)
-    told = f"{METHODS[method].learned_on}: smallest number of trajectories whose median return is within "
+    told = f"{LEARNED_ON[method]}: smallest number of trajectories whose median return is within "
     told += f"{ENOUGH:.0%} of the best: {count} ({medians[counts.index(count)]:.2f}; best {medians[best]:.2f} with "
     told += f"{counts[best]})"
     last = count == counts[-1] and len(counts) > 1
@@ -168,11 +164,11 @@ def table(
     """Return the table: each method's counts, then the two ends."""
     environment, seeds = request.environments[0], len(request.sizes.seeds)
     rows = [
-        (METHODS[method].learned_on, str(count), *cells(row), theirs(environment, method, count))
+        (LEARNED_ON[method], str(count), *cells(row), theirs(environment, method, count))
         for method, values in returns.items()
         for count, row in zip(counts, values, strict=True)
     ]
-    rows += [(METHODS[method].learned_on, "none", *cells(ends.values(method)), "") for method in ENDS]
+    rows += [(LEARNED_ON[method], "none", *cells(ends.values(method)), "") for method in ENDS]
     title = (
         f"{environment}, {request.target_text}: return on the target by recorded trajectories, "
         f"{request.sizes.frames:,} frames, {request.sizes.judged} episodes each"
@@ -208,4 +204,6 @@ def theirs(environment: str, method: str, count: int) -> str:
     return f"{mean:.2f} ± {deviation:.2f}"
 
 
-EXPERIMENT = Experiment("Return by number of recorded trajectories", ("Pusher",), run, several=False)
+EXPERIMENT = Experiment(
+    "Return by number of recorded trajectories", ("Pusher",), run, several=False, methods=tuple(LEARNED)
+)

@@ -77,6 +77,20 @@ class TrainingOptions:
 
 PRESETS = {
     "fast": TrainingOptions(),
+    # For recordings of a few minutes, which a larger network learns by heart; in windows longer than these the training
+    # diverges on some of them. Chosen on four hundreds of Pusher's trajectories (docs/results/experiments.md).
+    "few": TrainingOptions(
+        preset="few",
+        layers=1,
+        updates=480,
+        frames=6400,
+        horizon=30,
+        discount=0.95,
+        free_rate=4e-3,
+        weight_decay=1.0,
+        average=0.99,
+        patience=20,
+    ),
     # Appendix A.1: Adam, 250 epochs, batch size 1, learning rate 0.01; teacher forcing on whole trajectories.
     "paper": TrainingOptions(
         preset="paper",

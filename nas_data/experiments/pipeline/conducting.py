@@ -126,7 +126,7 @@ def check(experiment: Experiment, request: Request) -> None:
         task = find_task(environment)
         if request.dynamics not in task.dynamics:
             raise UnknownName("dynamics", request.dynamics, task.dynamics)
-    check_methods(request.methods)
+    check_methods(request.methods, experiment.methods)
     if not sizes.seeds or min(sizes.seeds) < 0 or len(set(sizes.seeds)) < len(sizes.seeds):
         raise OptionError(f"--seeds {' '.join(map(str, sizes.seeds))}: give different numbers, 0 or more.")
     for option, value in (("--frames", sizes.frames), ("--workers", request.workers)):

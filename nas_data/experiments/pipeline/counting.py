@@ -18,7 +18,7 @@ from nas_data.envs.loop.plant import Plant
 from nas_data.experiments.pipeline.code import naming_code
 from nas_data.experiments.pipeline.learning import ModelJob, read_record, train_model
 from nas_data.experiments.pipeline.material import DATASETS, NAMED, NAMES, PHI, PHI_NAMED, PSI, Material
-from nas_data.experiments.pipeline.methods import on_source, target
+from nas_data.experiments.pipeline.methods import METHODS, on_source, target
 from nas_data.experiments.pipeline.pairs import pair_again
 from nas_data.gap import workflow
 from nas_data.gap.add import EFFECTS
@@ -32,6 +32,7 @@ from nas_data.policies.learner import Hyperparameters, Training
 from nas_data.reports.file import write_whole
 
 SUBSET = "subset"
+MEMBERS = 3  # of a committee
 
 Learned = tuple[Plant, float]  # where a policy learns, and the time that it took to make it [s]
 
@@ -50,6 +51,7 @@ class CountJob:
         hyperparameters: PPO's.
         policies: Folder of policies of this length and PPO.
         folder: Where models, names and policies go.
+        few: How the members of a committee are trained.
         threads: Threads that simulate the source of φ, and that names are sought with; all cores where None.
     """
 
@@ -62,6 +64,7 @@ class CountJob:
     hyperparameters: Hyperparameters
     policies: str
     folder: Path
+    few: TrainingOptions
     threads: int | None = None
 
     def subset(self, dataset: Dataset) -> Dataset:
@@ -86,6 +89,17 @@ def learn(job: CountJob, kind: Kind, options: TrainingOptions, folder: str) -> L
     model = ModelJob(kind, job.material.train, job.seeded(options), job.folder / folder, job.threads)
     history = train_model(model, silence, job.subset)
     return on_source(job.material, str(model.folder)), history[-1]["seconds"]
+
+
+def learn_committee(job: CountJob) -> Learned:
+    """Train several φ on the subset; each has weights, order and episodes held out to stop it of its own."""
+    folders, seconds = [], 0.0
+    for member in range(MEMBERS):
+        options = replace(job.few, seed=MEMBERS * job.seed + member)
+        model = ModelJob("delta", job.material.train, options, job.folder / f"{PHI}{member}", job.threads)
+        seconds += train_model(model, silence, job.subset)[-1]["seconds"]
+        folders.append(str(model.folder))
+    return replace(on_source(job.material, folders[0]), others=tuple(folders[1:])), seconds
 
 
 def name_subset(job: CountJob) -> tuple[Path | None, float]:
@@ -132,6 +146,10 @@ LEARNED: Mapping[str, Callable[[CountJob], Learned]] = {
     "forward": lambda job: learn(job, "forward", job.material.plan.forward, PSI),
     "named": with_names,
     "named_nas": with_names_and_phi,
+    "committee": learn_committee,
+}
+LEARNED_ON = {name: method.learned_on for name, method in METHODS.items()} | {
+    "committee": f"source + one of {MEMBERS} φ for few data"
 }
 
 

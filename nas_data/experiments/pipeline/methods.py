@@ -54,11 +54,11 @@ METHODS: Mapping[str, Method] = {
 }
 
 
-def check_methods(names: Sequence[str]) -> None:
-    """Raise UnknownName where one is no method."""
+def check_methods(names: Sequence[str], known: Sequence[str]) -> None:
+    """Raise UnknownName where one is no method, or none of an experiment that knows others."""
     for name in names:
-        if name not in METHODS:
-            raise UnknownName("method", name, METHODS)
+        if name not in (known or METHODS):
+            raise UnknownName("method", name, known or METHODS)
 
 
 def needs_of(names: Sequence[str]) -> set[str]:

@@ -17,7 +17,8 @@ def part_of(request: Request) -> list[str]:
     ours, whole = request.sizes, request.whole or request.sizes
     words = []
     if request.methods and set(request.methods) != set(METHODS):
-        words += ["methods", *(method for method in METHODS if method in request.methods)]
+        order = dict.fromkeys([*METHODS, *sorted(request.methods)])
+        words += ["methods", *(method for method in order if method in request.methods)]
     for option in ("seeds", "counts"):
         values = getattr(ours, option)
         words += [option, *map(str, values)] if values != getattr(whole, option) else []

@@ -53,6 +53,7 @@ class Sizes:
         heldout: Recorded episodes that models are judged on.
         delta: Training of φ, but for environments that `PHI` lists.
         forward: Training of ψ.
+        few: Training of each member of figure 6's committees.
         frames: Control steps of each policy.
         seeds: Seeds of each method.
         judged: Episodes that each policy is judged on.
@@ -70,6 +71,7 @@ class Sizes:
     heldout: int
     delta: TrainingOptions
     forward: TrainingOptions
+    few: TrainingOptions
     frames: int
     seeds: tuple[int, ...]
     judged: int
@@ -164,6 +166,7 @@ FULL = Sizes(
     heldout=100,
     delta=LEARNING,
     forward=LEARNING,
+    few=preset("few"),
     frames=2_000_000,
     seeds=(0, 1, 2, 3, 4),
     judged=100,
@@ -176,6 +179,7 @@ QUICK = Sizes(
     heldout=12,
     delta=preset("fast", hidden=32, layers=1, updates=60, horizon=50, frames=1600),
     forward=preset("fast", hidden=32, layers=1, updates=60, horizon=50, frames=1600),
+    few=preset("few", hidden=32, updates=60, frames=1600),
     frames=40_000,
     seeds=(0, 1),
     judged=20,
