@@ -333,6 +333,7 @@ def test_a_probe_that_fails_measures_nothing_and_takes_no_trial_along(place, tmp
         (("--model", "ergojr"), "pendulum"),
         (("--kinds", "named", "--effects", "nowhere"), "nowhere"),
         (("--updates", "-1"), "must not be negative"),
+        (("--preset", "slow"), "There is no preset 'slow'; choose one of: fast, few, paper."),
     ],
 )
 def test_bad_input_is_one_sentence_and_writes_nothing(place, here, options, sentence):
@@ -366,6 +367,13 @@ def test_a_folder_of_another_sweep_or_of_anything_else_is_refused(place, here):
     answer = nas(*command[:-1], "notes")
     assert answer.code == 2 and "notes exists and holds no sweep" in answer.err
     assert [path.name for path in Path("notes").iterdir()] == ["mine.txt"]
+
+
+def test_the_trainings_follow_a_preset_and_what_is_given_beside_it(place, here):
+    brief = ("--kinds", "forward", "--counts", "2", "--seeds", "0", "--updates", "2", "--hidden", "8")
+    sweep = done("ablate", place.paired, *brief, "--preset", "few", "--json").json["sweep"]
+    wanted = {"preset": "few", "layers": 1, "horizon": 30, "weight_decay": 1.0, "updates": 2, "hidden": 8}
+    assert {name: sweep[f"option {name}"] for name in wanted} == wanted
 
 
 def test_what_judges_must_not_train(place, here):

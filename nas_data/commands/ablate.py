@@ -52,6 +52,8 @@ class Ablate(Command):
     """Source, a model file or robot; needed only where the dataset keeps none."""
     engine: str | None = None
     """Engine of the source: mujoco or bullet; the one it was paired in where it is kept, else mujoco."""
+    preset: str = "fast"
+    """How trainings go: fast, few (for recordings of a few minutes), or paper; see `nas train delta --help`."""
     hidden: int | None = None
     """Units of each LSTM layer; the preset's where left out."""
     updates: int | None = None
@@ -143,7 +145,7 @@ class Ablate(Command):
 
         given = {"hidden": self.hidden, "updates": self.updates, "horizon": self.horizon}
         quick = QUICK if self.quick else {}
-        return preset("fast", **{**quick, **{name: value for name, value in given.items() if value is not None}})
+        return preset(self.preset, **{**quick, **{name: value for name, value in given.items() if value is not None}})
 
 
 def report(line: str) -> None:
