@@ -303,19 +303,20 @@ def test_figure6_names_from_each_subset_and_learns_on_the_names(tmp_path, monkey
     assert alone == [True, True, True, False]
 
 
-def test_figure6_trains_a_committee_on_each_subset(tmp_path):
-    found = conduct("figure6", tiny(tmp_path, "Pusher", seeds=(1,), counts=(2,), methods=("committee",)))
+def test_figure6_trains_phi_for_few_trajectories_beside_that_for_many(tmp_path):
+    few = replace(TINY.few, hidden=4)
+    request = tiny(tmp_path, "Pusher", seeds=(1,), counts=(2,), few=few, methods=("nas_few", "nas"))
+    found = conduct("figure6", request)
     sweep = tmp_path / "tiny/Pusher-backlash" / f"counts{max(TINY.counts)}/sweep/2/seed1"
-    records = [json.loads((sweep / f"phi{member}.json").read_text()) for member in range(counting.MEMBERS)]
-    assert [record["options"]["seed"] for record in records] == [3, 4, 5]
-    assert len({record["learned_from"] for record in records}) == 1
-    plant = json.loads((sweep / "committee/256/result.json").read_text())["question"]["training"]["plant"]
-    models = [plant["model"], *plant["others"]]
-    assert len({model["sha256"] for model in models}) == counting.MEMBERS
-    (run,) = found.data["runs"]
-    seconds = [json.loads((sweep / f"phi{member}/history.json").read_text())[-1]["seconds"] for member in range(3)]
-    assert run["learning_seconds"] == pytest.approx(sum(seconds))
-    assert "source + one of 3 φ for few data: smallest number of trajectories" in found.text
+    records = {name: json.loads((sweep / f"{name}.json").read_text()) for name in ("phi_few", "phi")}
+    assert {name: record["options"]["hidden"] for name, record in records.items()} == {"phi_few": 4, "phi": 8}
+    assert records["phi"]["learned_from"] == records["phi_few"]["learned_from"]
+    assert [record["options"]["seed"] for record in records.values()] == [1, 1]
+    assert found.data["methods"]["nas"]["returns"] != found.data["methods"]["nas_few"]["returns"]
+    assert "source + φ, preset few: smallest number of trajectories" in found.text
+    assert (tmp_path / "figure6-Pusher-backlash-tiny-methods-nas-nas_few-seeds-1-counts-2.json").is_file()
+    with pytest.raises(UnknownName, match="forward, named, named_nas, nas, nas_few"):
+        conduct("figure6", replace(request, methods=("expert",)))
 
 
 def test_figure6_where_nothing_is_named_has_the_source(tmp_path, monkeypatch):

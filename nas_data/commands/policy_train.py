@@ -17,8 +17,6 @@ class PolicyTrain(Command):
 
     Example: nas policy train --env ErgoReacher --on augmented --checkpoint runs/delta --frames 400000 --seed 0 1 2
 
-    Example: nas policy train --env ErgoReacher --on augmented --checkpoint runs/delta0 runs/delta1 runs/delta2
-
     Example: nas policy train --env ErgoReacher --on named --effects runs/gap --frames 400000 --seed 0 1 2
     """
 
@@ -27,9 +25,8 @@ class PolicyTrain(Command):
     on: Literal["source", "named", "target", "augmented", "forward"] = "source"
     """Where to learn: the plain model, the model with named effects, the target itself (the expert), the model
     corrected by φ (with named effects where --effects is given), or ψ alone."""
-    checkpoint: tuple[Path, ...] = ()
-    """Folder of the learned model φ or ψ, for `augmented` and `forward`. Several, trained with different seeds, make a
-    committee, which helps where recordings are few: each simulated arm follows one of them for an episode."""
+    checkpoint: Path | None = None
+    """Folder of the learned model φ or ψ, for `augmented` and `forward`."""
     effects: Path | None = None
     """A gap report's folder, or its effects.json, for `named` and, under a φ trained on what is left, `augmented`."""
     dynamics: str = "backlash"
@@ -81,7 +78,7 @@ class PolicyTrain(Command):
     def _trainings(self) -> "list[Training]":
         """Check the options and return what to train."""
         learned = self.on in {"augmented", "forward"}
-        if learned != bool(self.checkpoint):
+        if learned != (self.checkpoint is not None):
             needed = "needs --checkpoint FOLDER" if learned else "takes no --checkpoint"
             raise OptionError(f"Training on '{self.on}' {needed}; see: nas policy train --help.")
         if (self.on == "named" and self.effects is None) or (self.effects and self.on not in {"named", "augmented"}):
@@ -99,15 +96,14 @@ class PolicyTrain(Command):
         plant = Plant(
             environment=self.env,
             dynamics=self.dynamics if self.on == "target" else SOURCE,
-            checkpoint=str(self.checkpoint[0]) if self.checkpoint else None,
+            checkpoint=None if self.checkpoint is None else str(self.checkpoint),
             effects=None if self.effects is None else str(self.effects),
             engine=self.engine,
-            others=tuple(str(folder) for folder in self.checkpoint[1:]),
         )
         plant.check()  # says what is wrong before anything is written
-        if self.checkpoint:
+        if self.checkpoint is not None:
             from nas_data.models.augmented import require_kind
             from nas_data.models.checkpoint import find, load_frozen
 
-            require_kind(load_frozen(find(self.checkpoint[0])), "delta" if self.on == "augmented" else "forward")
+            require_kind(load_frozen(find(self.checkpoint)), "delta" if self.on == "augmented" else "forward")
         return [Training(plant=plant, seed=seed, frames=self.frames) for seed in self.seed]

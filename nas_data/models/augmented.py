@@ -1,12 +1,9 @@
 """Closed loops with a learned model: the source corrected by φ, and ψ alone."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from nas_data.errors import CheckpointError, JointMismatch
 from nas_data.models.bounds import out_of_bounds
-from nas_data.models.frozen.committee import Committee
 from nas_data.models.frozen.freeze import freeze
 from nas_data.models.lstm import DynamicsModel
 from nas_data.simulators.base import Stepper
@@ -24,33 +21,28 @@ class LearnedStepper:
     moved by its contacts with the arm as it would move by itself, and with ψ it is stepped for them alone.
     """
 
-    def __init__(self, source: Stepper, model: DynamicsModel, others: Sequence[DynamicsModel] = ()) -> None:
+    def __init__(self, source: Stepper, model: DynamicsModel) -> None:
         """Wrap a source.
 
         Args:
             source: Batch of B simulations with the model's joints.
             model: φ or ψ as it is now; what it learns later has no effect.
-            others: Further models of the same kind; each simulation follows one of all for an episode.
 
         Raises:
-            JointMismatch: a model was trained for other joints.
-            CheckpointError: the models are not of one kind.
+            JointMismatch: the model was trained for other joints.
         """
-        for one in (model, *others):
-            require_kind(one, model.kind)
-            if source.joints != one.joints:
-                raise JointMismatch(
-                    f"The model was trained for the joints {', '.join(one.joints)}; "
-                    f"the source has {', '.join(source.joints)}."
-                )
+        if source.joints != model.joints:
+            raise JointMismatch(
+                f"The model was trained for the joints {', '.join(model.joints)}; "
+                f"the source has {', '.join(source.joints)}."
+            )
         self.source = source
         self.model = model
         self.joints = source.joints
         self.size = source.size
         self._states = source.states
         self._steps = model.kind == "delta" or source.objects.shape[1] > 0
-        networks = [freeze(one, self.size) for one in (model, *others)]
-        self._network = Committee(networks) if others else networks[0]
+        self._network = freeze(model, self.size)
         self._lost = np.zeros(self.size, bool)
 
     @property

@@ -89,7 +89,6 @@ class Training:
         """Return what `config.json` records beside the identity."""
         return {
             "checkpoint": self.plant.checkpoint,
-            **({"others": list(self.plant.others)} if self.plant.others else {}),
             "effects": self.plant.effects,
             "versions": versions(),
             "commit": commit(),

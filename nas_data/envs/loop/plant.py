@@ -24,8 +24,6 @@ class Plant:
         engine: What computes the physics, `mujoco` or `bullet`; a gap that nobody designed lies between them.
         missed: Share of the touches that ErgoShield does not notice.
         randomised: Whether the physics' parameters are drawn anew for every episode (domain randomisation).
-        others: Further learned models of the checkpoint's kind; each simulation follows one of all for an episode and
-            the next one in the next (a committee), so that no policy can rely on what only one of them says.
     """
 
     environment: str
@@ -35,7 +33,6 @@ class Plant:
     engine: str = "mujoco"
     missed: float = 0.0
     randomised: bool = False
-    others: tuple[str, ...] = ()
 
     @property
     def task(self) -> Task:
@@ -81,8 +78,7 @@ class Plant:
         from nas_data.envs.loop.learned import load_model
         from nas_data.models.augmented import LearnedStepper
 
-        model, *others = (load_model(Path(folder), simulator) for folder in (self.checkpoint, *self.others))
-        return LearnedStepper(simulator.stepper(size), model, others)
+        return LearnedStepper(simulator.stepper(size), load_model(Path(self.checkpoint), simulator))
 
     def describe(self) -> dict[str, object]:
         """Return what provenance records: equal for plants that behave alike, wherever their files lie.
@@ -97,9 +93,8 @@ class Plant:
             "environment": environment_id(find_task_file(self.environment)),
             "dynamics": self.dynamics,
             "simulator": self.simulator().describe(),  # the effects' content is in here
-            "model": None if self.checkpoint is None else describe_model(self.checkpoint),
+            "model": self._describe_model(),
         }
-        described |= {"others": [describe_model(folder) for folder in self.others]} if self.others else {}
         described |= {"missed": self.missed} if self.missed else {}
         if self.randomised:
             from nas_data.envs.loop.ranges import RANGES
@@ -146,15 +141,11 @@ class Plant:
             raise OptionError(f"{named.path} names no effect and retunes nothing: that is the plain source.")
         return named
 
+    def _describe_model(self) -> dict[str, object] | None:
+        if self.checkpoint is None:
+            return None
+        from nas_data.envs.loop.learned import checkpoint_sha256
+        from nas_data.models.checkpoint import find, load_frozen
 
-def describe_model(checkpoint: str) -> dict[str, object]:
-    """Return what provenance records of a learned model.
-
-    Raises:
-        CheckpointError: there is no such checkpoint.
-    """
-    from nas_data.envs.loop.learned import checkpoint_sha256
-    from nas_data.models.checkpoint import find, load_frozen
-
-    folder = Path(checkpoint)
-    return {"kind": load_frozen(find(folder)).kind, "sha256": checkpoint_sha256(folder)}
+        folder = Path(self.checkpoint)
+        return {"kind": load_frozen(find(folder)).kind, "sha256": checkpoint_sha256(folder)}

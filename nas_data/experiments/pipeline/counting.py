@@ -32,7 +32,8 @@ from nas_data.policies.learner import Hyperparameters, Training
 from nas_data.reports.file import write_whole
 
 SUBSET = "subset"
-MEMBERS = 3  # of a committee
+NAS_FEW = "nas_few"  # φ, trained as few trajectories need it
+PHI_FEW = "phi_few"
 
 Learned = tuple[Plant, float]  # where a policy learns, and the time that it took to make it [s]
 
@@ -51,7 +52,7 @@ class CountJob:
         hyperparameters: PPO's.
         policies: Folder of policies of this length and PPO.
         folder: Where models, names and policies go.
-        few: How the members of a committee are trained.
+        few: How φ is trained for few trajectories, beside how it is for many.
         threads: Threads that simulate the source of φ, and that names are sought with; all cores where None.
     """
 
@@ -89,17 +90,6 @@ def learn(job: CountJob, kind: Kind, options: TrainingOptions, folder: str) -> L
     model = ModelJob(kind, job.material.train, job.seeded(options), job.folder / folder, job.threads)
     history = train_model(model, silence, job.subset)
     return on_source(job.material, str(model.folder)), history[-1]["seconds"]
-
-
-def learn_committee(job: CountJob) -> Learned:
-    """Train several φ on the subset; each has weights, order and episodes held out to stop it of its own."""
-    folders, seconds = [], 0.0
-    for member in range(MEMBERS):
-        options = replace(job.few, seed=MEMBERS * job.seed + member)
-        model = ModelJob("delta", job.material.train, options, job.folder / f"{PHI}{member}", job.threads)
-        seconds += train_model(model, silence, job.subset)[-1]["seconds"]
-        folders.append(str(model.folder))
-    return replace(on_source(job.material, folders[0]), others=tuple(folders[1:])), seconds
 
 
 def name_subset(job: CountJob) -> tuple[Path | None, float]:
@@ -146,11 +136,9 @@ LEARNED: Mapping[str, Callable[[CountJob], Learned]] = {
     "forward": lambda job: learn(job, "forward", job.material.plan.forward, PSI),
     "named": with_names,
     "named_nas": with_names_and_phi,
-    "committee": learn_committee,
+    NAS_FEW: lambda job: learn(job, "delta", job.few, PHI_FEW),
 }
-LEARNED_ON = {name: method.learned_on for name, method in METHODS.items()} | {
-    "committee": f"source + one of {MEMBERS} φ for few data"
-}
+LEARNED_ON = {name: method.learned_on for name, method in METHODS.items()} | {NAS_FEW: "source + φ, preset few"}
 
 
 def do_count(job: CountJob) -> dict[str, Record]:

@@ -53,7 +53,7 @@ class Sizes:
         heldout: Recorded episodes that models are judged on.
         delta: Training of φ, but for environments that `PHI` lists.
         forward: Training of ψ.
-        few: Training of each member of figure 6's committees.
+        few: Training of φ for few trajectories, in figure 6.
         frames: Control steps of each policy.
         seeds: Seeds of each method.
         judged: Episodes that each policy is judged on.
