@@ -18,10 +18,12 @@ from nas_data.envs.loop.arm_env import ArmEnv
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
 from nas_data.envs.loop.plant import Plant
 from nas_data.errors import ModelFileError, OptionError
+from nas_data.experiments.pipeline.authors import DIFFERENCES
 from nas_data.models.checkpoint import save
 from nas_data.models.lstm import DynamicsModel
 from nas_data.recorders.recipe import Recipe
 from nas_data.robots.base import find_robot
+from nas_data.robots.ergo_shield import DEFENDERS_JOINTS
 
 GENTLE = 0.3  # actions that throw no joint against its stop, which multiplies the last bits of a network's output
 CLOSE = {"atol": 1e-6, "rtol": 1e-5}  # rad and m; fast joints differ by more than 1e-6 rad/s in single precision
@@ -255,6 +257,51 @@ def test_the_authors_motors_weigh_what_they_say():
         model = model_of("ergo_reacher", dynamics)
         assert [model.body(f"link{i}").mass[0] for i in range(2, 7)] == pytest.approx([mass] * 5, abs=0.005)
         assert model.actuator_forcerange == pytest.approx(np.tile([-1, 1], (6, 1)))
+
+
+# ErgoShield as the authors had it
+
+
+@pytest.fixture(scope="module")
+def protocol():
+    """Commands of 40 episodes of three targets [rad], each held for a second, shape (40, 300, 6)."""
+    return np.random.default_rng(0).uniform(-np.pi / 2, np.pi / 2, (40, 3, 6)).repeat(100, axis=1)
+
+
+def angles_of(dynamics: str, commands: np.ndarray) -> np.ndarray:
+    simulator = find_task("ergo_shield").simulator(dynamics)
+    return simulator.rollout(np.zeros((len(commands), 24)), commands)[:, :, :6]
+
+
+def test_the_arm_of_the_authors_moves_as_their_recordings_show(protocol):
+    angles = angles_of("paper", protocol)
+    speeds = np.degrees(np.abs(np.diff(angles, axis=1))) * 100
+    assert 95 < np.median(speeds[speeds > 50]) < 125  # [°/s]
+    far = np.abs(protocol[:, 0]) > 0.5
+    moved = np.abs(angles[:, :100] - angles[:, :1]) > np.radians(0.29)  # [rad] a unit of the servo's
+    first = 0.01 * (moved.argmax(axis=1) + 1)[far]
+    assert 0.07 < np.median(first) < 0.115  # [s]
+    rest = np.abs(angles[:, 99] - protocol[:, 99])[np.abs(protocol[:, 0]) < 1.2]
+    assert 0.8 < np.degrees(np.median(rest)) < 1.3
+
+
+def test_the_authors_source_is_as_wrong_of_their_arm_as_it_was(protocol):
+    """Their table 1: mean of the squared differences, in units of 90°, and its quartiles."""
+    apart = np.square((angles_of("paper", protocol) - angles_of("paper-source", protocol)) / (np.pi / 2))
+    differences = apart.mean(axis=1).ravel()
+    quartile, mean, third = DIFFERENCES["source"].values
+    assert differences.mean() == pytest.approx(mean, rel=0.15)
+    assert np.quantile(differences, 0.25) == pytest.approx(quartile, rel=0.3)
+    assert np.quantile(differences, 0.75) == pytest.approx(third, rel=0.15)
+
+
+@pytest.mark.parametrize("dynamics", ["paper", "paper-source"])
+def test_the_opponent_is_the_same_whatever_the_authors_arm_is(dynamics):
+    ours, theirs = model_of("ergo_shield", "source"), model_of("ergo_shield", dynamics)
+    for joint in DEFENDERS_JOINTS:
+        assert theirs.actuator(joint).gainprm == pytest.approx(ours.actuator(joint).gainprm)
+        assert theirs.joint(joint).damping == pytest.approx(ours.joint(joint).damping)
+    assert theirs.actuator("m2").gainprm[0] != ours.actuator("m2").gainprm[0]
 
 
 @pytest.mark.bullet

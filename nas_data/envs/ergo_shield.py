@@ -8,6 +8,7 @@ import numpy as np
 from gymnasium import spaces
 
 from nas_data.envs.base import Start, Task, Verdict
+from nas_data.envs.edits.authors_ergojr import authors_arm, authors_source
 from nas_data.envs.edits.bigger_gap import widen_gap
 from nas_data.robots import ergo_shield as scene
 from nas_data.robots.ergojr import JOINTS
@@ -30,6 +31,14 @@ BACKLASH = (
     *(f"backlash:joint={joint},half_width=0.05" for joint in JOINTS),
     *(f"speed_limit:joint={joint},speed=1.745" for joint in JOINTS),
     *(f"command_delay:joint={joint},delay=0.01" for joint in JOINTS),
+)
+
+# The authors' target was their arm. This is what their recordings show of it: servos that cruise at 95 to 125°/s, move
+# first 70 to 115 ms after their command, and rest 0.8 to 1.3° from it.
+ARM = (
+    *(f"speed_limit:joint={joint},speed=1.92" for joint in JOINTS),
+    *(f"command_delay:joint={joint},delay=0.07" for joint in JOINTS),
+    *(f"deadband:joint={joint},half_width=0.018" for joint in JOINTS),
 )
 
 
@@ -134,6 +143,10 @@ TASK = ErgoShield(
     horizon=1000,
     observation_space=spaces.Box(-OBSERVATION_BOUND, OBSERVATION_BOUND, dtype=np.float32),
     action_space=spaces.Box(-1.0, 1.0, shape=(len(JOINTS),), dtype=np.float32),
-    dynamics={"source": (), "backlash": BACKLASH, "bigger-gap": BACKLASH},
-    edits={"bigger-gap": partial(widen_gap, joint="m1")},
+    dynamics={"source": (), "backlash": BACKLASH, "paper": ARM, "paper-source": (), "bigger-gap": BACKLASH},
+    edits={
+        "paper": authors_arm,
+        "paper-source": authors_source,  # the authors' gap lies between this and their arm
+        "bigger-gap": partial(widen_gap, joint="m1"),
+    },
 )

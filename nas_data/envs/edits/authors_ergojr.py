@@ -1,29 +1,37 @@
 """The ErgoJr of the paper's simulations: heavy motors behind stiff velocity control, and the target's drag.
 
+Only the arm that is commanded is changed; an opponent in the scene stays as it is.
+
 Masses, gains and drags are those of the authors' PyBullet code. Approximated: their motor reaches a velocity of a tenth
 of the error a control step in one solver pass with at most 1 N·m; here a position servo of that time constant, high
 damping and the same limit does. Their drag is a fixed joint of bounded force whose pivot is 0.1 m off; here it is
 Coulomb friction of that force on that lever. The brackets keep this project's masses, a few grams.
+
+On ErgoShield their target was the arm itself, of which their recordings show how it moves; see `authors_arm`.
 """
 
 import mujoco
 import numpy as np
+
+from nas_data.robots.ergojr import JOINTS
 
 RATE = 10.0  # [1/s] of approach: position gain 0.1 a step of 10 ms, velocity gain 1
 DAMPING = 1.0  # [N·m·s/rad] high enough for the approach to be of first order
 TORQUE = 1.0  # [N·m] limit of every motor
 MOTOR, HEAVY_MOTOR = 0.1, 0.2  # [kg] in source and target
 TARGET_DAMPING = {"m1": 0.1, "m2": 0.1, "m3": 0.1}  # [N·m·s/rad]
+STIFFNESS, VISCOSITY = 10.0, 0.2  # [N·m/rad], [N·m·s/rad] of servos that integrate what gravity leaves
+STALL_TORQUE = 0.39  # [N·m] at 7.4 V, XL-320 e-manual
 TARGET_DRAG = {"m3": 0.08, "m6": 0.06}  # [N·m] forces of 0.8 and 0.6 N on a lever of 0.1 m
 
 
 def authors_source(spec: mujoco.MjSpec) -> None:
     """Turn our ErgoJr into the authors' source."""
     set_motors(spec, MOTOR)
-    for actuator in spec.actuators:
+    for name in JOINTS:
+        actuator, joint = spec.actuator(name), spec.joint(name)
         actuator.set_to_position(kp=DAMPING * RATE, kv=DAMPING)
         actuator.forcerange = [-TORQUE, TORQUE]
-    for joint in spec.joints:
         joint.damping, joint.frictionloss = np.zeros_like(joint.damping), 0.0
 
 
@@ -37,6 +45,18 @@ def authors_target(spec: mujoco.MjSpec) -> None:
         spec.joint(joint).damping = values
     for joint, torque in TARGET_DRAG.items():
         spec.joint(joint).frictionloss = torque
+
+
+def authors_arm(spec: mujoco.MjSpec) -> None:
+    """Make our ErgoJr hold as their real arm did, within a degree of the command in every posture.
+
+    Their servos had integral gain (Poppy's configuration, 4 of P, 2 of I), ours has none and sags; here stiffness does
+    what the integral did. How fast and how late it moves are effects (see `envs/ergo_shield.py`).
+    """
+    for name in JOINTS:
+        actuator = spec.actuator(name)
+        actuator.set_to_position(kp=STIFFNESS, kv=VISCOSITY)
+        actuator.forcerange = [-STALL_TORQUE, STALL_TORQUE]
 
 
 def set_motors(spec: mujoco.MjSpec, mass: float) -> None:
