@@ -118,13 +118,21 @@ def test_without_a_method_that_needs_material_none_is_made(tmp_path):
     assert found.data["environments"]["Pusher"]["dataset"] is None
 
 
+def test_a_method_without_the_ends_is_told_what_they_would_tell(tmp_path):
+    alone = conduct("figure5", tiny(tmp_path, "Pusher", methods=("randomised",), seeds=(0,)))
+    assert "both expert and source among --methods" in alone.text
+    beside = conduct("figure5", tiny(tmp_path, "Pusher", methods=("randomised", *ENDS), seeds=(0,)))
+    assert "both expert and source among --methods" not in beside.text
+    ends = conduct("figure5", tiny(tmp_path, "Pusher", methods=ENDS[:1], seeds=(0,)))
+    assert "both expert and source among --methods" not in ends.text
+
+
 def test_the_authors_numbers_are_said_to_be_of_what_they_are_of():
     assert remarks(["Striker"]) == []  # never published in numbers
     (simulated,) = remarks(["Pusher", "Striker", "ErgoReacher"])
     (real,) = remarks(["ErgoShield"])
     assert "'paper'" in simulated
-    assert "real arm" in real
-    assert "paper" not in find_task("ErgoShield").dynamics
+    assert "real arm" in real and "'paper'" in real
 
 
 def test_workers_of_figure6_simulate_on_one_thread(tmp_path, monkeypatch):

@@ -313,7 +313,8 @@ def test_figure6_trains_phi_for_few_trajectories_beside_that_for_many(tmp_path):
     assert records["phi"]["learned_from"] == records["phi_few"]["learned_from"]
     assert [record["options"]["seed"] for record in records.values()] == [1, 1]
     assert found.data["methods"]["nas"]["returns"] != found.data["methods"]["nas_few"]["returns"]
-    assert "source + φ, preset few: smallest number of trajectories" in found.text
+    assert "source + φ, preset few: median return" in found.text  # one number of trajectories says nothing of enough
+    assert "smallest number" not in found.text and found.data["methods"]["nas_few"]["enough"] is None
     assert (tmp_path / "figure6-Pusher-backlash-tiny-methods-nas-nas_few-seeds-1-counts-2.json").is_file()
     with pytest.raises(UnknownName, match="forward, named, named_nas, nas, nas_few"):
         conduct("figure6", replace(request, methods=("expert",)))
@@ -441,7 +442,7 @@ def test_the_experiments_of_the_paper_are_there():
     [
         (("--env", "Pusher", "--methods", "nass"), r"no method 'nass'; choose one of: expert, forward"),
         (("--env", "Pushr"), r"no environment 'Pushr'; choose one of: ErgoReacher"),
-        (("--env", "ErgoShield", "--dynamics", "paper"), r"no dynamics 'paper'; choose one of: backlash"),
+        (("--env", "ErgoShield", "--dynamics", "papr"), r"no dynamics 'papr'; choose one of: backlash"),
         (("--env", "Pusher", "Pusher"), r"none twice"),
         (("--env", "Pusher", "nas/Pusher-v0"), r"none twice"),
         (("--workers", "0"), r"--workers is 0; it must be 1 or more"),

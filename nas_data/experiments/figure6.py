@@ -90,7 +90,7 @@ def describe(counts: tuple[int, ...], returns: np.ndarray) -> dict[str, object]:
     return {
         "returns": returns.tolist(),
         "spread": {str(count): spread(values) for count, values in zip(counts, returns, strict=True)},
-        "enough": smallest(counts, returns),
+        "enough": smallest(counts, returns) if len(counts) > 1 else None,
     }
 
 
@@ -144,14 +144,18 @@ def smallest(counts: tuple[int, ...], returns: np.ndarray) -> int:
 
 
 def enough(method: str, counts: tuple[int, ...], returns: np.ndarray) -> str:
-    """Say how many trajectories are enough for a method."""
+    """Say how many trajectories are enough for a method; a single number cannot tell."""
     medians = np.median(returns, axis=1)
+    if len(counts) == 1:
+        return (
+            f"{LEARNED_ON[method]}: median return {medians[0]:.2f} with {counts[0]} trajectories; how many are enough "
+            "takes several --counts."
+        )
     best, count = int(np.argmax(medians)), smallest(counts, returns)
     told = f"{LEARNED_ON[method]}: smallest number of trajectories whose median return is within "
     told += f"{ENOUGH:.0%} of the best: {count} ({medians[counts.index(count)]:.2f}; best {medians[best]:.2f} with "
     told += f"{counts[best]})"
-    last = count == counts[-1] and len(counts) > 1
-    return told + (", the most that was tried, so that more may help." if last else ".")
+    return told + (", the most that was tried, so that more may help." if count == counts[-1] else ".")
 
 
 def table(

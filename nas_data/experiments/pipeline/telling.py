@@ -7,7 +7,7 @@ import numpy as np
 from nas_data.experiments.pipeline.dynamics import dynamics_of
 from nas_data.experiments.pipeline.material import Material
 from nas_data.experiments.pipeline.methods import METHODS
-from nas_data.policies.compare import Comparison
+from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Comparison
 from nas_data.policies.intervals import FEW
 
 NAS, NAMED_NAS = "nas", "named_nas"
@@ -17,6 +17,11 @@ ONE_MATERIAL = (
 )
 
 ONE_MODEL = "φ and ψ are one each, of seed 0 and from one recording: the numbers have no spread over trainings."
+
+WITHOUT_ENDS = (
+    "With both expert and source among --methods the table says what share of the distance between them each other "
+    "method closes; what is done is not done again."
+)
 
 
 def notes_on_models(material: Material) -> list[str]:
@@ -30,6 +35,7 @@ def notes(material: Material, comparison: Comparison) -> list[str]:
     nothing = None if stake is None else stake.sentence()
     said = [dynamics_of(material)]
     said += [nothing] if nothing else []
+    said += [WITHOUT_ENDS] if stake is None and {*comparison.study.methods} - {EXPERT_METHOD, SOURCE_METHOD} else []
     said += [ONE_MATERIAL] if any(METHODS[method].needs for method in comparison.study.methods) else []
     said += [on_intervals(len(comparison.study.seeds)), *paired_text(comparison), *comparison.lost()]
     return [sentence for sentence in said if sentence]
