@@ -77,6 +77,10 @@ class UnknownName(NasError, LookupError):
     def __init__(self, kind: str, name: str, choices: Iterable[str]) -> None:
         super().__init__(f"There is no {kind} '{name}'; choose one of: {', '.join(sorted(choices))}.")
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """Return how it crosses to another process: as its sentence, which is made."""
+        return UnknownName.__new__, (UnknownName, *self.args)
+
 
 class ArmError(NasError, RuntimeError):
     """Base of what goes wrong with servos, their line or their supply."""

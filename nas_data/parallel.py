@@ -5,7 +5,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
@@ -13,6 +13,8 @@ from nas_data.errors import JobsFailed, NasError, WorkerLost
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
+Pool = Callable[[int], Executor]
+"""Makes what runs a number of jobs at a time."""
 
 
 def run_jobs(
@@ -20,14 +22,16 @@ def run_jobs(
     jobs: Sequence[Job],
     workers: int,
     after: Mapping[int, Collection[int]] | None = None,
+    pool: Pool | None = None,
 ) -> Iterator[tuple[int, Result]]:
     """Run jobs and yield each result with its job's number, as it comes; where one fails, the others go on.
 
     Args:
         function: Importable by its name, as are its argument and result.
         jobs: Arguments; of those that can be begun, the first is.
-        workers: Processes; with one, all is done in this one.
+        workers: Jobs at a time.
         after: Numbers of the jobs that a job builds on, all before it in `jobs`; it is left out where one fails.
+        pool: What runs them; where None, processes of this machine, and with one worker this process.
 
     Raises:
         JobsFailed: several could not be done; says which, when all others are.
@@ -37,7 +41,7 @@ def run_jobs(
     failed: dict[int, Exception] = {}
     done = 0
     try:
-        for number, future in run_all(function, jobs, min(workers, len(jobs)), after or {}):
+        for number, future in run_all(function, jobs, min(workers, len(jobs)), after or {}, pool):
             error = future.exception()
             if isinstance(error, BrokenProcessPool):
                 raise error
@@ -67,7 +71,11 @@ def told(failed: dict[int, Exception], jobs: int, left_out: int = 0) -> Exceptio
 
 
 def run_all(
-    function: Callable[[Job], Result], jobs: Sequence[Job], workers: int, after: Mapping[int, Collection[int]]
+    function: Callable[[Job], Result],
+    jobs: Sequence[Job],
+    workers: int,
+    after: Mapping[int, Collection[int]],
+    pool: Pool | None,
 ) -> Iterator[tuple[int, Future[Result]]]:
     """Run jobs and yield the number of each as it ends, with what holds its result or its error."""
     done: set[int] = set()
@@ -77,15 +85,14 @@ def run_all(
         ready = (number for number in waiting if done.issuperset(after.get(number, ())))
         return next(ready, None)
 
-    if workers <= 1:
+    if pool is None and workers <= 1:
         while (number := next_ready()) is not None:
             waiting.remove(number)
             future = done_here(function, jobs[number])
             yield number, future
             done.update([number] if future.exception() is None else [])
         return
-    context = multiprocessing.get_context("spawn")  # a fork would inherit the locks of torch's and MuJoCo's threads
-    executor = ProcessPoolExecutor(workers, mp_context=context, initializer=prepare_worker)
+    executor = (pool or processes)(workers)
     running: dict[Future[Result], int] = {}
     try:
         while True:
@@ -101,6 +108,12 @@ def run_all(
                 yield number, future
     finally:
         executor.shutdown(wait=False, cancel_futures=True)
+
+
+def processes(workers: int) -> Executor:
+    """Return a pool of processes of one thread each."""
+    context = multiprocessing.get_context("spawn")  # a fork would inherit the locks of torch's and MuJoCo's threads
+    return ProcessPoolExecutor(workers, mp_context=context, initializer=prepare_worker)
 
 
 def done_here(function: Callable[[Job], Result], job: Job) -> Future[Result]:

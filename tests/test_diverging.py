@@ -11,7 +11,7 @@ from nas_data.envs.loop.arena import Arena
 from nas_data.envs.loop.arm_env import ArmEnv
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
 from nas_data.envs.loop.plant import Plant
-from nas_data.errors import JobsFailed, SimulationDiverged
+from nas_data.errors import JobsFailed, SimulationDiverged, UnknownName
 from nas_data.parallel import run_jobs
 from nas_data.policies import compare as comparing
 from nas_data.policies import evaluate
@@ -173,6 +173,15 @@ def test_jobs_that_build_on_failed_ones_are_left_out_and_that_is_said(workers):
 def test_a_single_failure_stays_what_it_is(workers):
     with pytest.raises(SimulationDiverged, match="number 1"):
         list(run_jobs(half, range(3), workers))
+
+
+def named(number):
+    raise UnknownName("number", str(number), ["one"])
+
+
+def test_a_name_that_a_worker_does_not_know_is_told_as_here():
+    with pytest.raises(JobsFailed, match=r"no number '0'; choose one of: one\. There is no number '1'"):
+        list(run_jobs(named, range(2), 2))
 
 
 def test_a_study_does_its_other_runs_where_one_cannot_be_done(tmp_path, monkeypatch):

@@ -65,7 +65,8 @@ class Ablate(Command):
     workers: int = 1
     """Trials side by side, each in a process of one thread."""
     executor: str = "local"
-    """Where trials run."""
+    """Where trials run: local, on this machine, or ray, on the cluster that RAY_ADDRESS names (pip install
+    'nas_data[ray]'), whose machines share the working directory."""
     retry: bool = False
     """Do those trials again that failed."""
     out: Path = Path("runs/ablation")
