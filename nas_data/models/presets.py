@@ -78,7 +78,7 @@ class TrainingOptions:
 PRESETS = {
     "fast": TrainingOptions(),
     # For recordings of a few minutes, which a larger network learns by heart; in windows longer than these the training
-    # diverges on some of them. Chosen on four hundreds of Pusher's trajectories (docs/results/experiments.md).
+    # diverges on some of them. Chosen on four hundreds of Pusher's trajectories (docs/results/tried.md).
     "few": TrainingOptions(
         preset="few",
         layers=1,
