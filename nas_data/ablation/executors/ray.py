@@ -13,8 +13,6 @@ from nas_data.parallel import run_jobs
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
-NO_REPORTS = {"RAY_USAGE_STATS_ENABLED": "0"}  # Ray's makers need not hear of it
-
 
 def run(
     function: Callable[[Job], Result],
@@ -49,7 +47,7 @@ class RayPool(Executor):
             raise MissingPackage("The executor ray needs Ray: pip install 'nas_data[ray]'") from None
         self._began = not ray.is_initialized()
         if self._began:
-            os.environ.update(NO_REPORTS | os.environ)
+            os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # Ray's makers need not hear of it
             cores = None if os.environ.get("RAY_ADDRESS") else workers  # a cluster knows how many it has
             ray.init(num_cpus=cores, include_dashboard=False, log_to_driver=False, logging_level=logging.ERROR)
         self._ray = ray
@@ -57,8 +55,8 @@ class RayPool(Executor):
     def submit(self, function: Callable[[Job], Result], job: Job) -> "Future[Result]":  # type: ignore[override]
         """Begin a job, and return what will hold its result or its error."""
         future: Future[Result] = Future()
-        task = self._ray.remote(num_cpus=1)(attempt)  # type: ignore[var-annotated]  # Ray's types lose the function's
-        ended = cast("Future[Result | Exception]", task.remote(function, job, str(Path.cwd())).future())
+        task = self._ray.remote(num_cpus=1)(run_in)  # type: ignore[var-annotated]  # Ray's types lose the function's
+        ended = cast("Future[Result]", task.remote(function, job, str(Path.cwd())).future())
         ended.add_done_callback(lambda done: settle(future, done))
         return future
 
@@ -68,30 +66,30 @@ class RayPool(Executor):
             self._ray.shutdown()
 
 
-def attempt(function: Callable[[Job], Result], job: Job, folder: str) -> Result | Exception:
-    """Do a job in the folder where the sweep was started; return its result, or its error as a value."""
+def run_in(function: Callable[[Job], Result], job: Job, folder: str) -> Result:
+    """Do a job in the folder where the sweep was started.
+
+    Raises:
+        WorkerLost: this machine has no such folder.
+    """
     try:
         os.chdir(folder)
     except OSError:
-        return WorkerLost(
+        raise WorkerLost(
             f"A machine of the cluster has no folder {folder}; start the sweep in one that all machines share."
-        )
-    try:
-        return function(job)
-    except Exception as error:
-        return error
+        ) from None
+    return function(job)
 
 
-def settle(future: "Future[Result]", ended: "Future[Result | Exception]") -> None:
-    """Hand on what a task came to."""
-    lost = ended.exception()
-    if lost is not None:
-        cause = getattr(lost, "cause", None) or lost  # Ray's own text is a traceback with the cause at its end
-        reason = str(cause).strip().splitlines()[0].rstrip(".")
-        future.set_exception(WorkerLost(f"Ray lost a trial ({reason}); what was finished is kept: run it again."))
-        return
-    found = ended.result()
-    if isinstance(found, Exception):
-        future.set_exception(found)
+def settle(future: "Future[Result]", ended: "Future[Result]") -> None:
+    """Hand on what a task came to: its result, the error that was raised in it, or that it was lost."""
+    from ray.exceptions import RayTaskError
+
+    error = ended.exception()
+    if error is None:
+        future.set_result(ended.result())
+    elif isinstance(error, RayTaskError):
+        future.set_exception(error.cause)
     else:
-        future.set_result(found)
+        reason = str(error).strip().splitlines()[0].rstrip(".")
+        future.set_exception(WorkerLost(f"Ray lost a trial ({reason}); what was finished is kept: run it again."))

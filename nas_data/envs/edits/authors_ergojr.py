@@ -28,10 +28,8 @@ TARGET_DRAG = {"m3": 0.08, "m6": 0.06}  # [N·m] forces of 0.8 and 0.6 N on a le
 def authors_source(spec: mujoco.MjSpec) -> None:
     """Turn our ErgoJr into the authors' source."""
     set_motors(spec, MOTOR)
-    for name in JOINTS:
-        actuator, joint = spec.actuator(name), spec.joint(name)
-        actuator.set_to_position(kp=DAMPING * RATE, kv=DAMPING)
-        actuator.forcerange = [-TORQUE, TORQUE]
+    set_servos(spec, DAMPING * RATE, DAMPING, TORQUE)
+    for joint in map(spec.joint, JOINTS):
         joint.damping, joint.frictionloss = np.zeros_like(joint.damping), 0.0
 
 
@@ -53,10 +51,14 @@ def authors_arm(spec: mujoco.MjSpec) -> None:
     Their servos had integral gain (Poppy's configuration, 4 of P, 2 of I), ours has none and sags; here stiffness does
     what the integral did. How fast and how late it moves are effects (see `envs/ergo_shield.py`).
     """
-    for name in JOINTS:
-        actuator = spec.actuator(name)
-        actuator.set_to_position(kp=STIFFNESS, kv=VISCOSITY)
-        actuator.forcerange = [-STALL_TORQUE, STALL_TORQUE]
+    set_servos(spec, STIFFNESS, VISCOSITY, STALL_TORQUE)
+
+
+def set_servos(spec: mujoco.MjSpec, stiffness: float, damping: float, torque: float) -> None:
+    """Give every servo a stiffness [N·m/rad], a damping [N·m·s/rad] and a limit [N·m]."""
+    for actuator in map(spec.actuator, JOINTS):
+        actuator.set_to_position(kp=stiffness, kv=damping)
+        actuator.forcerange = [-torque, torque]
 
 
 def set_motors(spec: mujoco.MjSpec, mass: float) -> None:
