@@ -51,8 +51,8 @@ def folder(tmp_path_factory):
     return place
 
 
-def named_by(*effects, episodes=(TINY.named,)):
-    """Stands for `nas gap`, which takes minutes: it names these effects."""
+def named_by(*effects, episodes=(TINY.named,), verdict="partly_explained"):
+    """Stands for `nas gap`, which takes minutes: it names these effects, and says this of what they leave."""
 
     def investigate(dataset, model, out, say):
         assert read(dataset).n_episodes in episodes
@@ -60,7 +60,7 @@ def named_by(*effects, episodes=(TINY.named,)):
         say("name: which effect is missing")
         out.mkdir(parents=True, exist_ok=True)
         write_effects(out, [parse(text) for text in effects], {})
-        return {"verdict": "explained", "effects": list(effects), "retuned": [], "gap": {}}
+        return {"verdict": verdict if effects else "none", "effects": list(effects), "retuned": [], "gap": {}}
 
     return investigate
 
@@ -174,15 +174,42 @@ def test_named_methods_learn_in_what_was_named(tmp_path, monkeypatch, effects):
     monkeypatch.setattr(stages.workflow, "investigate", named_by(*effects))
     found = conduct("figure5", tiny(tmp_path, "Pusher", methods=("source", "named", "named_nas"), seeds=(0,)))
     place = tmp_path / "tiny/Pusher-backlash/policies/256"
+    results = {run["method"]: place / run["result"] for run in found.data["environments"]["Pusher"]["runs"]}
     plants = {
-        method: json.loads((place / method / "seed0/result.json").read_text())["question"]["training"]["plant"]
-        for method in ("source", "named", "named_nas")
+        method: json.loads(result.read_text())["question"]["training"]["plant"] for method, result in results.items()
     }
+    assert list(results) == ["named", "named_nas", "source"]
     for method in ("named", "named_nas"):
         assert len(plants[method]["simulator"]["effects"]) == len(effects)
     assert plants["named_nas"]["model"]["kind"] == "delta"
     same = found.data["environments"]["Pusher"]["methods"]
     assert (same["named"]["returns"] == same["source"]["returns"]) == (not effects)  # nothing named is the source
+    assert ("named learns where source does: they have the same policies." in found.text) == (not effects)
+    assert "has nothing to learn" not in found.text
+
+
+@pytest.mark.parametrize("verdict", ["explained", "retuned"])
+def test_where_the_names_explain_all_phi_is_left_out_and_no_policy_trained_twice(tmp_path, monkeypatch, verdict):
+    effect = "coulomb_friction:joint=j1,torque=0.8"
+    named = named_by(effect, episodes=(TINY.named, 2), verdict=verdict)
+    monkeypatch.setattr(stages.workflow, "investigate", named)
+    request = tiny(tmp_path, "Pusher", methods=("named", "nas", "named_nas"), seeds=(0,))
+    found = conduct("figure5", request)
+    place = tmp_path / "tiny/Pusher-backlash"
+    assert "has nothing to learn there" in json.loads((place / "material/stages/phi_named.json").read_text())["said"][0]
+    assert not list((place / "material/phi_named").iterdir())
+    methods = found.data["environments"]["Pusher"]["methods"]
+    assert methods["named_nas"]["returns"] == methods["named"]["returns"] != methods["nas"]["returns"]
+    assert sorted(path.name for path in (place / "policies/256").iterdir()) == ["named", "nas"]
+    assert "named_nas learns where named does" in found.text
+    assert "named_nas is the source with the names" in found.text
+    before = times(tmp_path)
+    assert conduct("figure5", request).data["environments"]["Pusher"]["methods"] == methods
+    assert {path: when for path, when in times(tmp_path).items() if "/tiny/" in str(path)} == {
+        path: when for path, when in before.items() if "/tiny/" in str(path)
+    }
+    sweep = conduct("figure6", tiny(tmp_path, "Pusher", seeds=(0,), counts=(2,), methods=("named", "named_nas")))
+    assert sweep.data["methods"]["named_nas"]["returns"] == sweep.data["methods"]["named"]["returns"]
 
 
 @pytest.mark.slow

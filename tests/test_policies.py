@@ -15,9 +15,9 @@ from hypothesis.extra.numpy import arrays
 from nas_data import cli
 from nas_data.envs.ergo_reacher import TASK
 from nas_data.envs.loop.plant import Plant
-from nas_data.errors import CheckpointError, OutputExists, WorkerLost
+from nas_data.errors import CheckpointError, OutputExists, SimulationDiverged, WorkerLost
 from nas_data.parallel import run_jobs
-from nas_data.policies import evaluate
+from nas_data.policies import evaluate, learner
 from nas_data.policies.compare import Study, compare, read_result
 from nas_data.policies.folder import STATE, save_policy
 from nas_data.policies.learner import Hyperparameters, Learner, Training
@@ -123,6 +123,48 @@ def test_a_folder_of_another_training_is_refused_and_left_alone(tmp_path):
     with pytest.raises(OutputExists, match="holds no policy"):
         learn(tmp_path / "other", 512)
     assert_same_bits(before, weights(tmp_path / "p"))
+
+
+@pytest.mark.parametrize("hidden", [(64, 64), (16,)])
+def test_the_actor_and_critic_learn_what_those_of_stable_baselines3_do(monkeypatch, hidden):
+    task = training(2048, seed=3, hyperparameters=dataclasses.replace(SMALL, hidden=hidden))
+    learners = []
+    for policy in (learner.ActorCritic, "MlpPolicy"):
+        monkeypatch.setattr(learner, "ActorCritic", policy)
+        learners.append(Learner(task, FirstOrderArm(SMALL.arms)))
+        for _ in range(4):
+            learners[-1].advance()
+    ours, theirs = (one.ppo.policy for one in learners)
+    assert type(ours) is not type(theirs)
+    assert_same_bits(ours.state_dict(), theirs.state_dict())
+    observations = torch.randn(7, *task.plant.task.observation_space.shape)
+    for asked in (True, False):
+        torch.manual_seed(1)
+        answer = ours(observations, deterministic=asked)
+        torch.manual_seed(1)
+        for one, other in zip(answer, theirs(observations, deterministic=asked), strict=True):
+            assert torch.equal(one, other)
+    actions = torch.randn(7, *task.plant.task.action_space.shape)
+    for one, other in zip(*(p.evaluate_actions(observations, actions) for p in (ours, theirs)), strict=True):
+        torch.testing.assert_close(one, other)
+    assert torch.equal(ours.predict_values(observations), theirs.predict_values(observations))
+
+
+def test_an_entropy_with_a_weight_is_learned_from():
+    deviations = []
+    for weight in (0.0, 0.5):
+        task = training(2048, hyperparameters=dataclasses.replace(SMALL, entropy_weight=weight))
+        one = Learner(task, FirstOrderArm(SMALL.arms))
+        deviations.append([one.advance() for _ in range(4)][-1].action_std)
+    assert deviations[1] > deviations[0]
+
+
+def test_networks_that_are_no_longer_finite_are_told_in_a_sentence():
+    one = Learner(training(2048), FirstOrderArm(SMALL.arms))
+    with torch.no_grad():
+        one.ppo.policy.value_net.bias[0] = torch.nan
+    with pytest.raises(SimulationDiverged, match="no longer finite after 512 frames"):
+        one.advance()
 
 
 @pytest.mark.parametrize("hidden", [(64, 64), (16,), (8, 16, 24)])

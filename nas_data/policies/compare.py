@@ -48,6 +48,15 @@ class Study:
     hyperparameters: Hyperparameters = field(default_factory=Hyperparameters)
     dataset: str | None = None
 
+    def trained_as(self, method: str) -> str:
+        """Return the first method that learns on the same plant: its policies are this method's as well."""
+        return next(name for name, plant in self.methods.items() if plant == self.methods[method])
+
+    @property
+    def trained(self) -> tuple[str, ...]:
+        """The methods whose policies are trained, one for each plant."""
+        return tuple(method for method in self.methods if self.trained_as(method) == method)
+
 
 @dataclass(frozen=True)
 class Run:
@@ -143,7 +152,8 @@ def compare(
 
     Args:
         study: What is compared.
-        folder: Results: `<method>/seed<seed>/` hold policy, learning curve and `result.json`.
+        folder: Results: `<method>/seed<seed>/` hold policy, learning curve and `result.json`; of methods that learn on
+            the same plant, those of the first.
         workers: Processes side by side.
         report: Told of each finished run in a sentence.
         quiet: Whether trainings say nothing themselves; with several workers they never do.
@@ -163,7 +173,7 @@ def compare(
     runs = [
         Run(
             method=method,
-            training=Training(plant, seed, study.frames, study.hyperparameters),
+            training=Training(study.methods[method], seed, study.frames, study.hyperparameters),
             target=study.target,
             episodes=study.episodes,
             folder=folder / method / f"seed{seed}",
@@ -171,7 +181,7 @@ def compare(
             dataset=study.dataset,
         )
         for seed in study.seeds
-        for method, plant in study.methods.items()
+        for method in study.trained
     ]
     for run in runs:
         check_run(run)
@@ -180,6 +190,8 @@ def compare(
         run = runs[number]
         records[run.method, run.training.seed] = record
         report(f"{len(records)} of {len(runs)}: {run.method}, seed {run.training.seed}: {tell(record)}")
+    for method in study.methods:
+        records |= {(method, seed): records[study.trained_as(method), seed] for seed in study.seeds}
     return Comparison(study=study, folder=folder, records=records)
 
 
@@ -230,9 +242,17 @@ class Comparison:
                 )
         return said
 
+    def shared(self) -> list[str]:
+        """Say of each method that has the policies of another that it does."""
+        return [
+            f"{method} learns where {self.study.trained_as(method)} does: they have the same policies."
+            for method in self.study.methods
+            if method not in self.study.trained
+        ]
+
     def policy_folder(self, method: str, seed: int) -> Path:
         """Return where a policy lies."""
-        return self.folder / method / f"seed{seed}"
+        return self.folder / self.study.trained_as(method) / f"seed{seed}"
 
     def share_closed(self, method: str) -> Share | None:
         """Return how much of the distance from source to expert a method closes; None for these two."""
@@ -276,7 +296,7 @@ class Comparison:
         headers = ("method", "seeds", "return: median", "min … max", "success: median", closed)
         at_stake = self.at_stake()
         nothing = None if at_stake is None else at_stake.sentence()
-        told = [*([nothing] if nothing else []), *self.lost()]
+        told = [*([nothing] if nothing else []), *self.shared(), *self.lost()]
         return "\n".join([aligned(headers, [self._row(method) for method in self.study.methods]), *told])
 
     def _row(self, method: str) -> tuple[str, ...]:

@@ -16,7 +16,9 @@ from nas_data.circumstances import commit, versions
 from nas_data.code_hash import code_hash
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
 from nas_data.envs.loop.plant import Plant
+from nas_data.errors import SimulationDiverged
 from nas_data.policies import folder as files
+from nas_data.policies.actor_critic import ActorCritic
 from nas_data.simulators.base import Stepper
 
 
@@ -125,7 +127,11 @@ class Learner:
         return len(self.progress)
 
     def advance(self) -> files.Row:
-        """Collect one rollout and learn from it."""
+        """Collect one rollout and learn from it.
+
+        Raises:
+            SimulationDiverged: what was learned is not finite.
+        """
         if self.done % self.SEGMENT == 0:
             self._begin_segment()
         last = self.progress[-1] if self.progress else None
@@ -133,6 +139,11 @@ class Learner:
         self.ppo.learn(self.training.hyperparameters.rollout, log_interval=sys.maxsize, reset_num_timesteps=False)
         episodes = self.arms.take_episodes()
         values = self.ppo.logger.name_to_value
+        if not all(bool(weight.isfinite().all()) for weight in self.ppo.policy.parameters()):
+            raise SimulationDiverged(
+                f"PPO's networks are no longer finite after {self.ppo.num_timesteps:,} frames; rewards or observations "
+                f"of {self.training.plant.environment} are too large to learn from."
+            )
         row = files.Row(
             frames=self.ppo.num_timesteps,
             seconds=time.perf_counter() - wall + (last.seconds if last else 0.0),
@@ -162,7 +173,7 @@ def new_ppo(environment: VecEnv, p: Hyperparameters, seed: int) -> PPO:
     """Return PPO that has learned nothing yet, silent and on one thread."""
     torch.set_num_threads(1)  # the networks are too small to share, and the other cores have other seeds to train
     ppo = PPO(
-        "MlpPolicy",
+        ActorCritic,
         environment,
         learning_rate=p.learning_rate,
         n_steps=p.rollout // p.arms,

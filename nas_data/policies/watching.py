@@ -23,7 +23,7 @@ def watching(study: Study, folder: Path, report: Callable[[str], None], pause: f
         report: Told a line at a time.
         pause: Between two lines [s].
     """
-    folders = [folder / method / f"seed{seed}" for method in study.methods for seed in study.seeds]
+    folders = [folder / method / f"seed{seed}" for method in study.trained for seed in study.seeds]
     over, total, first = threading.Event(), study.frames * len(folders), learned(folders)
     began = time.monotonic()
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from nas_data.ablation.amount import Amount
 from nas_data.ablation.subsets import draw
@@ -17,7 +18,7 @@ from nas_data.dataset.read import read
 from nas_data.envs.loop.plant import Plant
 from nas_data.experiments.pipeline.code import naming_code
 from nas_data.experiments.pipeline.learning import ModelJob, read_record, train_model
-from nas_data.experiments.pipeline.material import DATASETS, NAMED, NAMES, PHI, PHI_NAMED, PSI, Material
+from nas_data.experiments.pipeline.material import DATASETS, EXPLAINED, NAMED, NAMES, PHI, PHI_NAMED, PSI, Material
 from nas_data.experiments.pipeline.methods import METHODS, on_source, target
 from nas_data.experiments.pipeline.pairs import pair_again
 from nas_data.gap import workflow
@@ -34,6 +35,21 @@ from nas_data.reports.file import write_whole
 SUBSET = "subset"
 NAS_FEW = "nas_few"  # φ, trained as few trajectories need it
 PHI_FEW = "phi_few"
+
+
+class Names(NamedTuple):
+    """What was named from a subset.
+
+    Attributes:
+        folder: The gap report; None where it names nothing and retunes nothing.
+        seconds: Time that it took [s].
+        explained: Whether what the names leave is at the recording's noise floor.
+    """
+
+    folder: Path | None
+    seconds: float
+    explained: bool
+
 
 Learned = tuple[Plant, float]  # where a policy learns, and the time that it took to make it [s]
 
@@ -92,12 +108,8 @@ def learn(job: CountJob, kind: Kind, options: TrainingOptions, folder: str) -> L
     return on_source(job.material, str(model.folder)), history[-1]["seconds"]
 
 
-def name_subset(job: CountJob) -> tuple[Path | None, float]:
-    """Let `nas gap` name what the source lacks, from the subset and nothing else; what it named before is read.
-
-    Returns:
-        Folder of its report, None where it names nothing and retunes nothing, and the time that it took [s].
-    """
+def name_subset(job: CountJob) -> Names:
+    """Let `nas gap` name what the source lacks, from the subset and nothing else; what it named before is read."""
     folder, root = job.folder / NAMES, job.recorded()
     record = folder.with_name(f"{NAMES}.json")
     identity = {"named_from": content_hash(read(root)), "code": naming_code(job.material.plan)}
@@ -109,21 +121,24 @@ def name_subset(job: CountJob) -> tuple[Path | None, float]:
         held = {"identity": identity, "seconds": time.monotonic() - began, "verdict": report["verdict"]}
         write_whole(record, (json.dumps(held, indent=1) + "\n").encode())
     named = Named.read(folder)
-    return (folder if named.effects or named.retuned else None), held["seconds"]
+    found = folder if named.effects or named.retuned else None
+    return Names(found, held["seconds"], held["verdict"] in EXPLAINED)
 
 
 def with_names(job: CountJob) -> Learned:
     """Add what was named to the source."""
-    folder, seconds = name_subset(job)
-    return on_source(job.material, effects=None if folder is None else str(folder)), seconds
+    names = name_subset(job)
+    return on_source(job.material, effects=None if names.folder is None else str(names.folder)), names.seconds
 
 
 def with_names_and_phi(job: CountJob) -> Learned:
-    """Pair the subset with the source that has the names, and train φ on what they leave."""
+    """Pair the subset with the source that has the names, and train φ on what they leave, if anything."""
     material = job.material
-    folder, seconds = name_subset(job)
+    folder, seconds, explained = name_subset(job)
     if folder is None:
         return learn(job, "delta", material.plan.delta, PHI)
+    if explained:
+        return with_names(job)
     pairs = pair_again(job.recorded(), material.plan.source_with(folder), NAMED, job.folder, DATASETS)
     options = job.seeded(material.plan.delta)
     model = ModelJob("delta", job.folder / pairs.path, options, job.folder / PHI_NAMED, job.threads)

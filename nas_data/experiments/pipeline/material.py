@@ -13,9 +13,11 @@ from nas_data.gap.named import Named
 from nas_data.models.presets import TrainingOptions
 from nas_data.recorders.recipe import Recipe
 from nas_data.simulators.base import Simulator
+from nas_data.stages import read_stage
 
 DATASETS, PHI, PSI, NAMES, PHI_NAMED = "datasets", "phi", "psi", "names", "phi_named"
 TRAIN, HELDOUT, NAMED = "train", "heldout", "train_named"
+EXPLAINED = ("explained", "retuned")  # verdicts of `nas gap`: what was named or retuned leaves next to nothing
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,11 @@ class Material:
         """Folder of the gap report; None where it names nothing and retunes nothing: that is the source."""
         named = Named.read(self.folder / NAMES)
         return str(self.folder / NAMES) if named.effects or named.retuned else None
+
+    @property
+    def explained(self) -> bool:
+        """Whether what the names leave is at the recordings' noise floor, so that φ has nothing to learn there."""
+        return read_stage(NAMES, self.folder).data.get("verdict") in EXPLAINED
 
     @property
     def phi_named(self) -> str:

@@ -39,8 +39,10 @@ def on_source(
 
 
 def named_nas(material: Material) -> Plant:
-    """Return the source with names and φ; with φ alone where nothing was named."""
-    return on_source(material, material.phi_named if material.named else material.phi, material.named)
+    """Return the source with names and φ; φ alone where nothing was named, names alone where they explain all."""
+    if material.named is None:
+        return on_source(material, material.phi)
+    return on_source(material, None if material.explained else material.phi_named, material.named)
 
 
 METHODS: Mapping[str, Method] = {

@@ -93,6 +93,9 @@ def learn_on_names(job: Job) -> Found:
     if material.named is None:
         (job.folder / PHI_NAMED).mkdir(exist_ok=True)
         return Found(["nothing was named: φ on the names is φ"], {})
+    if material.explained:
+        (job.folder / PHI_NAMED).mkdir(exist_ok=True)
+        return Found(["what the names leave is at the noise floor: φ has nothing to learn there and is left out"], {})
     pairs = pair_again(material.train, plan.source_with(material.named), NAMED, job.folder, DATASETS)
     model = ModelJob("delta", job.folder / pairs.path, plan.delta, job.folder / PHI_NAMED, job.threads)
     return learned(model, "φ on the names", job)
@@ -133,7 +136,7 @@ STAGES = {  # side by side those first that others wait for, and of the rest the
         Stage(
             PHI_NAMED,
             "Learn φ on the names",
-            "Another φ corrects the source that has the named effects.",
+            "Another φ corrects the source that has the named effects, where these leave something to learn.",
             learn_on_names,
             (PHI_NAMED,),
             ("record", NAMES),

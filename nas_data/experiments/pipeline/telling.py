@@ -37,8 +37,19 @@ def notes(material: Material, comparison: Comparison) -> list[str]:
     said += [nothing] if nothing else []
     said += [WITHOUT_ENDS] if stake is None and {*comparison.study.methods} - {EXPERT_METHOD, SOURCE_METHOD} else []
     said += [ONE_MATERIAL] if any(METHODS[method].needs for method in comparison.study.methods) else []
+    said += [*comparison.shared(), *explained_text(material, comparison)]
     said += [on_intervals(len(comparison.study.seeds)), *paired_text(comparison), *comparison.lost()]
     return [sentence for sentence in said if sentence]
+
+
+def explained_text(material: Material, comparison: Comparison) -> Sequence[str]:
+    """Say why named + φ is the names alone, where it is."""
+    if NAMED_NAS not in comparison.study.methods or not material.explained:
+        return ()
+    return (
+        "What the names leave of the recording is at its noise floor, so that φ has nothing to learn there: "
+        f"{NAMED_NAS} is the source with the names.",
+    )
 
 
 def on_intervals(seeds: int) -> str:
