@@ -7,6 +7,7 @@ import numpy as np
 from nas_data.gap.name import ADEQUATE
 
 NOTHING = 1.25  # noise floors up to which a model as handed over has no gap
+EXPLAINED = ("explained", "retuned")  # verdicts that say that what was named or retuned leaves the noise floor
 
 
 def verdict(before: np.ndarray, after: np.ndarray, effects: int) -> str:

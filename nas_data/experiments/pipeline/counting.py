@@ -18,13 +18,14 @@ from nas_data.dataset.read import read
 from nas_data.envs.loop.plant import Plant
 from nas_data.experiments.pipeline.code import naming_code
 from nas_data.experiments.pipeline.learning import ModelJob, read_record, train_model
-from nas_data.experiments.pipeline.material import DATASETS, EXPLAINED, NAMED, NAMES, PHI, PHI_NAMED, PSI, Material
+from nas_data.experiments.pipeline.material import DATASETS, NAMED, NAMES, PHI, PHI_NAMED, PSI, Material
 from nas_data.experiments.pipeline.methods import METHODS, on_source, target
 from nas_data.experiments.pipeline.pairs import pair_again
 from nas_data.gap import workflow
 from nas_data.gap.add import EFFECTS
 from nas_data.gap.named import Named
 from nas_data.gap.side_by_side import on_one_core
+from nas_data.gap.verdict import EXPLAINED
 from nas_data.models.holding_out import rows_of
 from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions
@@ -138,7 +139,7 @@ def with_names_and_phi(job: CountJob) -> Learned:
     if folder is None:
         return learn(job, "delta", material.plan.delta, PHI)
     if explained:
-        return with_names(job)
+        return on_source(material, effects=str(folder)), seconds
     pairs = pair_again(job.recorded(), material.plan.source_with(folder), NAMED, job.folder, DATASETS)
     options = job.seeded(material.plan.delta)
     model = ModelJob("delta", job.folder / pairs.path, options, job.folder / PHI_NAMED, job.threads)

@@ -10,6 +10,7 @@ from nas_data.dataset.provenance import read_provenance
 from nas_data.envs.base import SOURCE, Task, find_task, find_task_file
 from nas_data.experiments.pipeline.pairs import Body
 from nas_data.gap.named import Named
+from nas_data.gap.verdict import EXPLAINED
 from nas_data.models.presets import TrainingOptions
 from nas_data.recorders.recipe import Recipe
 from nas_data.simulators.base import Simulator
@@ -17,7 +18,6 @@ from nas_data.stages import read_stage
 
 DATASETS, PHI, PSI, NAMES, PHI_NAMED = "datasets", "phi", "psi", "names", "phi_named"
 TRAIN, HELDOUT, NAMED = "train", "heldout", "train_named"
-EXPLAINED = ("explained", "retuned")  # verdicts of `nas gap`: what was named or retuned leaves next to nothing
 
 
 @dataclass(frozen=True)

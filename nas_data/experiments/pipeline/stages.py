@@ -90,12 +90,11 @@ def recordings_to_name(job: Job) -> Path:
 def learn_on_names(job: Job) -> Found:
     """Pair the recordings with the source that has the names, and train φ on what they leave."""
     material, plan = Material(job.plan, job.folder), job.plan
-    if material.named is None:
+    if material.named is None or material.explained:
         (job.folder / PHI_NAMED).mkdir(exist_ok=True)
-        return Found(["nothing was named: φ on the names is φ"], {})
-    if material.explained:
-        (job.folder / PHI_NAMED).mkdir(exist_ok=True)
-        return Found(["what the names leave is at the noise floor: φ has nothing to learn there and is left out"], {})
+        nothing = "nothing was named: φ on the names is φ"
+        explained = "what the names leave is at the noise floor: φ has nothing to learn there and is left out"
+        return Found([nothing if material.named is None else explained], {})
     pairs = pair_again(material.train, plan.source_with(material.named), NAMED, job.folder, DATASETS)
     model = ModelJob("delta", job.folder / pairs.path, plan.delta, job.folder / PHI_NAMED, job.threads)
     return learned(model, "φ on the names", job)
