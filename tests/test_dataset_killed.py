@@ -1,11 +1,9 @@
 """What killed writers leave, LeRobot's own and ours, is rescued to the last saved episode."""
 
 import json
-import os
+import multiprocessing
 import shutil
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -22,7 +20,6 @@ from nas_data.dataset.versions import resolve
 from nas_data.errors import DatasetInvalid, NasError, OptionError
 
 SIMULATED = Provenance(how="simulated", robot="ergojr", seeds=(3,), contiguous=True)
-TESTS = Path(__file__).parent
 EPISODES = recorded(lengths=(20,) * 12)
 
 
@@ -33,15 +30,10 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-SESSION = """
-import os, signal, sys
-sys.path.insert(0, sys.argv[2])
-from pathlib import Path
-from lerobot.datasets import lerobot_dataset
-from test_dataset_lerobot import create, record, resume
-from test_dataset_killed import EPISODES, make_durable
-root = Path(sys.argv[1])
-"""
+# Processes to be killed are forked from one that has imported all they need: LeRobot alone takes seconds.
+FORKING = multiprocessing.get_context("forkserver")
+FORKING.set_forkserver_preload(["lerobot.datasets.lerobot_dataset", "test_dataset_lerobot", "test_dataset_killed"])
+
 BEGIN = "target = create(lerobot_dataset, EPISODES, root)\n"
 AGAIN = "target = resume(lerobot_dataset, root)\n"
 FINALIZE = "target.finalize()\n"
@@ -75,13 +67,28 @@ def episodes(first, stop):
     return f"record(target, EPISODES, range({first}, {stop}))\n"
 
 
+def end_of(code, **names):
+    """Return how a process ends that runs lines of Python."""
+    process = FORKING.Process(target=exec, args=(code, names))
+    process.start()
+    process.join(240)
+    return process.exitcode
+
+
+SESSION = """
+import os, signal
+import datasets.config
+from lerobot.datasets import lerobot_dataset
+from test_dataset_lerobot import create, record, resume
+from test_dataset_killed import EPISODES, make_durable
+datasets.config.HF_DATASETS_CACHE = root.parent / "cache"
+"""
+
+
 def killed(root, *steps):
     """Record with LeRobot in a process that dies."""
     pytest.importorskip("lerobot")
-    environment = {**os.environ, "OMP_NUM_THREADS": "1", "HF_DATASETS_CACHE": str(root.parent / "cache")}
-    command = [sys.executable, "-c", SESSION + "".join(steps), str(root), str(TESTS)]
-    run = subprocess.run(command, capture_output=True, check=False, env=environment, timeout=240)
-    assert run.returncode in (-signal.SIGKILL, 9), run.stderr.decode()
+    assert end_of(SESSION + "".join(steps), root=root) in (-signal.SIGKILL, 9)
     return root
 
 
@@ -162,7 +169,8 @@ def test_a_recording_whose_pages_never_reached_the_disk_is_said_to_be_lost(folde
 def killed_while_writing(folder, part, dataset="recorded()"):
     """Kill our own writer when it is about to write a file."""
     script = (
-        "import os, signal, sys; sys.path.insert(0, sys.argv[1])\n"
+        "import os, signal\n"
+        "os.chdir(folder)\n"
         "from dataset_samples import recorded\n"
         "from nas_data.dataset import write as writing, versions\n"
         "from nas_data.dataset.provenance import Provenance\n"
@@ -174,8 +182,7 @@ def killed_while_writing(folder, part, dataset="recorded()"):
         "provenance = Provenance(how='simulated', robot='ergojr')\n"
         f"versions.new_version({dataset}, 'arm', provenance, attachments={{'meta/source.xml': b'x'}})\n"
     )
-    run = subprocess.run([sys.executable, "-c", script, str(TESTS)], check=False, cwd=folder)
-    assert run.returncode == -signal.SIGKILL
+    assert end_of(script, folder=folder) == -signal.SIGKILL
     (left,) = leftovers(folder / "datasets/arm")
     return left
 

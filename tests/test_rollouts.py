@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -52,9 +53,13 @@ UNDER_WAY = Path("datasets/rolled/recording")
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path / "calibration"))
-    return tmp_path
+    return work_in(tmp_path, monkeypatch)
+
+
+def work_in(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(folder / "calibration"))
+    return folder
 
 
 def policy(environment: str, actions: tuple[float, ...]) -> str:
@@ -353,11 +358,12 @@ def returns_of(dataset) -> list[float]:
     return [float(judgement.score().returns[0]) for judgement in judgements(dataset)]
 
 
-@pytest.fixture
-def begun(capsys) -> tuple[str, ...]:
-    """Save some of three rollouts; return the options."""
-    options = (policy("ErgoReacher", (0.3, -0.2, 0.2, 0.1)), *LOCKSTEP, "--episodes", "3", "--record", "rolled")
+@pytest.fixture(scope="module")
+def begun_elsewhere(tmp_path_factory) -> tuple[Path, tuple[str, ...]]:
+    """Save some of three rollouts; return the folder they are in, and the options."""
     with pytest.MonkeyPatch.context() as patch:
+        folder = work_in(tmp_path_factory.mktemp("begun"), patch)
+        options = (policy("ErgoReacher", (0.3, -0.2, 0.2, 0.1)), *LOCKSTEP, "--episodes", "3", "--record", "rolled")
         append, done = Growing.append, []
 
         def once(growing: Growing, *arguments) -> None:
@@ -367,7 +373,14 @@ def begun(capsys) -> tuple[str, ...]:
 
         patch.setattr(Growing, "append", once)
         assert main(["policy", "evaluate", *options]) == 130
-    capsys.readouterr()
+    return folder, options
+
+
+@pytest.fixture
+def begun(begun_elsewhere, folder) -> tuple[str, ...]:
+    """Have the folder of saved rollouts to work in; return the options."""
+    elsewhere, options = begun_elsewhere
+    shutil.copytree(elsewhere, folder, symlinks=True, dirs_exist_ok=True)
     return options
 
 
