@@ -23,10 +23,12 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         pytest.importorskip("pybullet", reason="PyBullet is not installed")
 
 
-@pytest.fixture(autouse=True)
-def patient_guard(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(scope="session", autouse=True)
+def patient_guard() -> Iterator[None]:
     """Let guards of recorders in this process wait: a machine that stalls for a second must not end the tests."""
-    monkeypatch.setattr(watchdog, "HANG", 60.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(watchdog, "HANG", 60.0)
+        yield
 
 
 @pytest.fixture
