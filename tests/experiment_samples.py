@@ -15,6 +15,7 @@ TINY = replace(
     delta=NETWORK,
     forward=NETWORK,
     few=NETWORK,
+    symmetric=preset("symmetric", hidden=8, updates=4, frames=200),
     frames=256,
     seeds=(0, 1),
     judged=2,

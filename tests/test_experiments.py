@@ -331,19 +331,21 @@ def test_figure6_names_from_each_subset_and_learns_on_the_names(tmp_path, monkey
 
 
 def test_figure6_trains_phi_for_few_trajectories_beside_that_for_many(tmp_path):
-    few = replace(TINY.few, hidden=4)
-    request = tiny(tmp_path, "Pusher", seeds=(1,), counts=(2,), few=few, methods=("nas_few", "nas"))
+    few, methods = replace(TINY.few, hidden=4), ("nas_few", "nas", "nas_symmetric")
+    request = tiny(tmp_path, "Pusher", seeds=(1,), counts=(2,), few=few, methods=methods)
     found = conduct("figure6", request)
     sweep = tmp_path / "tiny/Pusher-backlash" / f"counts{max(TINY.counts)}/sweep/2/seed1"
-    records = {name: json.loads((sweep / f"{name}.json").read_text()) for name in ("phi_few", "phi")}
-    assert {name: record["options"]["hidden"] for name, record in records.items()} == {"phi_few": 4, "phi": 8}
-    assert records["phi"]["learned_from"] == records["phi_few"]["learned_from"]
-    assert [record["options"]["seed"] for record in records.values()] == [1, 1]
-    assert found.data["methods"]["nas"]["returns"] != found.data["methods"]["nas_few"]["returns"]
+    names = ("phi_few", "phi", "phi_symmetric")
+    options = {name: json.loads((sweep / f"{name}.json").read_text())["options"] for name in names}
+    assert [options[name]["hidden"] for name in names] == [4, 8, 8]
+    assert [options[name]["corrects"] for name in names] == ["state", "state", "command"]
+    assert [options[name]["seed"] for name in names] == [1, 1, 1]
+    assert len({json.loads((sweep / f"{name}.json").read_text())["learned_from"] for name in names}) == 1
+    assert len({str(found.data["methods"][method]["returns"]) for method in methods}) == 3
     assert "source + φ, preset few: median return" in found.text  # one number of trajectories says nothing of enough
     assert "smallest number" not in found.text and found.data["methods"]["nas_few"]["enough"] is None
-    assert (tmp_path / "figure6-Pusher-backlash-tiny-methods-nas-nas_few-seeds-1-counts-2.json").is_file()
-    with pytest.raises(UnknownName, match="forward, named, named_nas, nas, nas_few"):
+    assert (tmp_path / "figure6-Pusher-backlash-tiny-methods-nas-nas_few-nas_symmetric-seeds-1-counts-2.json").is_file()
+    with pytest.raises(UnknownName, match="forward, named, named_nas, nas, nas_few, nas_symmetric"):
         conduct("figure6", replace(request, methods=("expert",)))
 
 

@@ -32,7 +32,8 @@ class Train(Command):
     engine: str | None = None
     """Engine of the source: mujoco or bullet; the one it was paired in where it is kept, else mujoco."""
     preset: str = "fast"
-    """fast; few, for recordings of a few minutes (one layer, short windows, strong weight decay); or paper (its
+    """fast; few, for recordings of a few minutes (one layer, short windows, strong weight decay); symmetric, for as
+    little of an arm that takes torques and whose model says how it is symmetric (φ corrects the torques); or paper (its
     published recipe: teacher forcing, batch 1, learning rate 0.01, 250 epochs)."""
     hidden: int | None = None
     """Units of each LSTM layer (128, 256 or 100 in the paper)."""

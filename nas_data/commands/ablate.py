@@ -53,7 +53,7 @@ class Ablate(Command):
     engine: str | None = None
     """Engine of the source: mujoco or bullet; the one it was paired in where it is kept, else mujoco."""
     preset: str = "fast"
-    """How trainings go: fast, few (for recordings of a few minutes), or paper; see `nas train delta --help`."""
+    """How trainings go: fast, few, symmetric, or paper; see `nas train delta --help`."""
     hidden: int | None = None
     """Units of each LSTM layer; the preset's where left out."""
     updates: int | None = None

@@ -26,8 +26,8 @@ class ExperimentFigure6(PolicyExperimentCommand):
     recording, and everything anew."""
     methods: tuple[str, ...] = ()
     """What is made of them: nas (source + φ), forward (ψ), named (the source with the effects that `nas gap` names
-    from them), named_nas (and φ on those), nas_few (source + φ, trained by the preset `few`); nas where left
-    out."""
+    from them), named_nas (and φ on those), nas_few (source + φ, trained by the preset `few`), nas_symmetric
+    (source + φ, by the preset `symmetric`); nas where left out."""
 
     def chosen_methods(self) -> tuple[str, ...]:
         """Return what is made of the trajectories."""

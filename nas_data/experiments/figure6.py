@@ -115,6 +115,7 @@ def sweep(
             policies=sizes.policies,
             folder=material.folder / "sweep" / str(count) / f"seed{seed}",
             few=sizes.few,
+            symmetric=sizes.symmetric,
             threads=1 if request.workers > 1 else None,
         )
         for seed in sizes.seeds

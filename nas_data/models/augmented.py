@@ -17,6 +17,8 @@ class LearnedStepper:
     not stepped, only set, and serves for the places of bodies and sites. Where the model leaves all bounds the states
     are NaN until the next reset, and the source is left where it was: it could not be simulated there.
 
+    φ that corrects torques instead drives the source with the corrected ones, and leaves its states to it.
+
     Only the joints are corrected or predicted. Objects (a puck, an opponent) are the source's throughout: they are
     moved by its contacts with the arm as it would move by itself, and with ψ it is stepped for them alone.
     """
@@ -69,6 +71,8 @@ class LearnedStepper:
 
     def step(self, commands: np.ndarray) -> np.ndarray:
         """Hold the commands for one control period; see `Stepper.step`."""
+        if self.model.corrects == "command":
+            return self._step_driven(commands)
         stepped = self.source.step(commands) if self._steps else self._states
         base = stepped if self.model.kind == "delta" else self._states
         # added in float64: a model that changes nothing leaves the source as it is, to the last bit
@@ -79,6 +83,11 @@ class LearnedStepper:
             self._states[self._lost] = np.nan
         else:
             self.source.set_states(self._states)
+        return self._states
+
+    def _step_driven(self, commands: np.ndarray) -> np.ndarray:
+        """Let the source make the next state of corrected torques."""
+        self._states = self.source.step(commands + self._network.changes(self._states, commands, self._states))
         return self._states
 
     def set_states(self, states: np.ndarray) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import ACTION
 from nas_data.errors import JointMismatch
 from nas_data.metrics import Errors, table
 from nas_data.models.augmented import LearnedStepper
@@ -106,7 +107,7 @@ def evaluate(
     one_step, rollouts = baselines(dataset, simulator)
     if model is not None:
         name = MODEL[model.kind]
-        one_step = {name: one_step_model(dataset, model)} | one_step
+        one_step = {name: one_step_model(dataset, model, simulator)} | one_step
         rollouts = {name: open_loop_model(dataset, simulator, model, progress)} | rollouts
     joints = dataset.joints
     return Evaluation(
@@ -152,15 +153,27 @@ def open_loop_source(dataset: Dataset, simulator: Simulator) -> list[np.ndarray]
     return result
 
 
-def one_step_model(dataset: Dataset, model: DynamicsModel) -> list[np.ndarray]:
+def one_step_model(dataset: Dataset, model: DynamicsModel, simulator: Simulator | None) -> list[np.ndarray]:
     """Predict each next state from the measured one, the memory running through the episode; a list of (T, 2n)."""
+    changes = changes_along(dataset, model)
+    if model.corrects == "command":
+        assert simulator is not None
+        driven = dataset.with_column(ACTION, dataset.features[ACTION], dataset.commands + np.concatenate(changes))
+        dataset = pair(driven, simulator)
+        return [dataset.sim_states[rows] for rows in dataset.episodes()]
+    base = dataset.sim_states if model.kind == "delta" else dataset.states
+    return [base[rows] + change for rows, change in zip(dataset.episodes(), changes, strict=True)]
+
+
+def changes_along(dataset: Dataset, model: DynamicsModel) -> list[np.ndarray]:
+    """Return what a model adds at each measured transition; a list of (T, 2n), or (T, n) where it corrects commands."""
     result: list[np.ndarray] = []
     for batch in batches(dataset.lengths, ordered=False):
         episodes = read_episodes(dataset, batch)
         padded, _ = pad(episodes)
         with torch.no_grad():
-            states, _ = model.next_states(padded.states, padded.commands, padded.predicted)
-        result += [states[row, : len(episode)].numpy() for row, episode in enumerate(episodes)]
+            changes, _ = model.changes(padded.states, padded.commands, padded.predicted)
+        result += [changes[row, : len(episode)].numpy() for row, episode in enumerate(episodes)]
     return result
 
 

@@ -3,27 +3,38 @@
 import math
 from collections.abc import Callable
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from nas_data.models.episodes import Episode
 from nas_data.models.lstm import DynamicsModel
+from nas_data.models.slopes import command_slopes
+from nas_data.simulators.base import Simulator
 
 CONSTANT = 1e-6  # standard deviations below this are rounding
 RIDGE = 1e-3  # relative to unit variance; keeps joints that never moved from growing large weights
+LIMIT = 4 / 3  # of the largest command recorded: what a correction of commands may come to
 HALVINGS = 8  # of a shortcut that diverges in closed loop, before it is given up
 
 
-def prepare(model: DynamicsModel, transitions: Episode) -> None:
+def prepare(model: DynamicsModel, transitions: Episode, simulator: Simulator | None = None) -> None:
     """Set the normalisation, and the shortcut where the model has one, from training transitions.
 
     Args:
         model: Untrained model; changed in place.
         transitions: All transitions of the training episodes, shape (N, …).
+        simulator: Source; needed where commands are corrected.
     """
     inputs = model.raw_inputs(transitions.states, transitions.commands, transitions.predicted)
-    base = transitions.predicted if model.kind == "delta" else transitions.states
-    outputs = transitions.targets - base
+    if model.corrects == "command":
+        assert simulator is not None
+        largest = transitions.commands.abs().amax(0).clamp_min(CONSTANT)
+        model.get_buffer("limit").copy_(LIMIT * largest)
+        outputs = missing_commands(simulator, transitions).clamp(-largest, largest)
+    else:
+        outputs = transitions.targets - (transitions.predicted if model.kind == "delta" else transitions.states)
+    inputs, outputs = model.with_images(inputs, outputs)
     # An output that never changed is predicted as constant; an input that never changed passes as it is.
     for name, values, constant in (("input", inputs, 1.0), ("output", outputs, CONSTANT)):
         model.get_buffer(f"{name}_mean").copy_(values.mean(0))
@@ -35,6 +46,23 @@ def prepare(model: DynamicsModel, transitions: Episode) -> None:
             model.shortcut.bias.copy_(bias)
             model.outer.weight.mul_(0.1)  # start near the linear solution, and let the LSTM grow from there
             model.outer.bias.zero_()
+
+
+def missing_commands(simulator: Simulator, transitions: Episode) -> Tensor:
+    """Return by how much commands would have to differ for the source to move as was measured, shape (N, n).
+
+    It is the least squares of each transition for itself, states in their spreads, by the source's slope.
+    """
+    states, commands, predicted, targets, objects = (
+        getattr(transitions, name).double().numpy()
+        for name in ("states", "commands", "predicted", "targets", "objects")
+    )
+    scenes = np.concatenate([states, objects], axis=1)
+    fresh = simulator.predict(scenes, commands)[:, : predicted.shape[1]] if simulator.remembers else predicted
+    slopes = command_slopes(simulator, scenes, commands, fresh)
+    scale = 1 / np.maximum(states.std(axis=0), CONSTANT)
+    missing = np.linalg.pinv(slopes * scale[:, None]) @ ((targets - predicted) * scale)[:, :, None]
+    return torch.from_numpy(missing[:, :, 0]).float()
 
 
 def soften(model: DynamicsModel, error: Callable[[], float]) -> tuple[float, float]:

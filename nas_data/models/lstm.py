@@ -7,7 +7,10 @@ import torch
 from huggingface_hub import PyTorchModelHubMixin
 from torch import Tensor, nn
 
+from nas_data.models.symmetry import Symmetry
+
 Kind = Literal["delta", "forward"]
+Corrected = Literal["state", "command"]
 Memory = tuple[Tensor, Tensor]
 
 
@@ -37,6 +40,11 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
     information in better condition. `shortcut` adds a linear map from inputs to outputs, so that the LSTM learns
     only what is not linear; it lets a correction cancel a wrong simulator exactly.
 
+    φ may also correct commands where these are torques (`corrects`): it says by which torque the target's joints are
+    driven beside the commanded one, of which the source then makes the next state; measured next − simulated next is
+    what that changes. It reads state and command alone, and may be bound to the source's symmetry: then it does not see
+    the angles of cyclic joints, and what it says of a mirror image is the mirror image of what it says.
+
     States are joint positions [rad] then velocities [rad/s], shape (…, 2n); commands (…, n).
     """
 
@@ -51,6 +59,9 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
         commands_effort: bool = False,
         fps: float = 50.0,
         provenance: Mapping[str, object] | None = None,
+        corrects: Corrected = "state",
+        cyclic: Sequence[str] = (),
+        mirror: Mapping[str, float] | None = None,
     ) -> None:
         """Build the network with random weights and neutral normalisation.
 
@@ -64,26 +75,41 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
             commands_effort: Commands are torques [N·m]; then they are fed as they are.
             fps: Control rate [Hz] of the data.
             provenance: Dataset (name, content hash), source and training options.
+            corrects: What φ corrects: the simulated next state, or the command.
+            cyclic: Joints whose angle makes no difference; for commands only.
+            mirror: Angles [rad] about which joints turn in the mirror image, which moves alike; for commands only.
 
         Raises:
-            ValueError: there is no such kind.
+            ValueError: there is no such kind, or it cannot correct that.
         """
         super().__init__()
         if kind not in get_args(Kind):
             raise ValueError(f"kind is '{kind}', not delta or forward")
+        if corrects not in get_args(Corrected):
+            raise ValueError(f"corrects is '{corrects}', not state or command")
+        if corrects == "command" and not (kind == "delta" and commands_effort):
+            raise ValueError("only a delta model of a robot that takes torques corrects commands")
+        if (cyclic or mirror) and corrects == "state":
+            raise ValueError("only a model that corrects commands is bound to a symmetry")
         self.kind: Kind = kind
         self.joints = tuple(joints)
         self.relative = relative
         self.commands_effort = commands_effort
         self.fps = fps
         self.provenance = dict(provenance or {})
+        self.corrects: Corrected = corrects
+        self.symmetry = Symmetry.named(joints, cyclic, mirror or {}) if cyclic or mirror else None
         n = len(self.joints)
-        width = 5 * n if kind == "delta" else 3 * n
+        width = 5 * n if kind == "delta" and corrects == "state" else 3 * n
+        width = self.symmetry.width if self.symmetry else width
+        outputs = 2 * n if corrects == "state" else n
         self.inner = nn.Linear(width, hidden)
         self.lstm = nn.LSTM(hidden, hidden, layers, batch_first=True)
-        self.outer = nn.Linear(hidden, 2 * n)
-        self.shortcut = nn.Linear(width, 2 * n) if shortcut else None
-        for name, size in (("input", width), ("output", 2 * n)):
+        self.outer = nn.Linear(hidden, outputs)
+        self.shortcut = nn.Linear(width, outputs) if shortcut else None
+        if corrects == "command":
+            self.register_buffer("limit", torch.ones(n))
+        for name, size in (("input", width), ("output", outputs)):
             self.register_buffer(f"{name}_mean", torch.zeros(size))
             self.register_buffer(f"{name}_std", torch.ones(size))
 
@@ -98,7 +124,15 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
         return Scale(self.get_buffer("output_mean"), self.get_buffer("output_std"))
 
     def raw_inputs(self, states: Tensor, commands: Tensor, predicted: Tensor) -> Tensor:
-        """Return what the network reads before normalisation, shape (…, 5n) for φ and (…, 3n) for ψ."""
+        """Return what the network reads before normalisation.
+
+        Its shape is (…, 5n) for φ of states, (…, 3n) for ψ and φ of commands, (…, `Symmetry.width`) for one that is
+        bound to a symmetry.
+        """
+        if self.symmetry:
+            return self.symmetry.read(states, commands)
+        if self.corrects == "command":
+            return torch.cat([states, commands], dim=-1)
         n = len(self.joints)
         if self.relative:
             predicted = predicted - states
@@ -106,8 +140,25 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
         parts = [states, commands] + ([predicted] if self.kind == "delta" else [])
         return torch.cat(parts, dim=-1)
 
+    def with_images(self, inputs: Tensor, outputs: Tensor) -> tuple[Tensor, Tensor]:
+        """Return raw inputs (N, width) and outputs (N, …), and below them those of mirror images if there are any."""
+        if self.symmetry is None:
+            return inputs, outputs
+        read, put = inputs.new_tensor(self.symmetry.input_signs()), outputs.new_tensor(self.symmetry.signs)
+        return torch.cat([inputs, read * inputs]), torch.cat([outputs, put * outputs])
+
     def forward(self, inputs: Tensor, memory: Memory | None = None) -> tuple[Tensor, Memory]:
-        """Return normalised outputs (B, T, 2n) and the memory after them, for normalised inputs (B, T, width)."""
+        """Return normalised outputs (B, T, 2n or n) and the memory after them, for normalised inputs (B, T, width)."""
+        if self.symmetry is None:
+            return self._read(inputs, memory)
+        # what a mirror image turns has the mean 0, so that its sign may be turned after normalisation
+        both = torch.cat([inputs, inputs * inputs.new_tensor(self.symmetry.input_signs())])
+        outputs, memory = self._read(both, memory and (stacked(memory[0]), stacked(memory[1])))
+        here, there = outputs.chunk(2)
+        mean = (here + there * there.new_tensor(self.symmetry.signs)) / 2
+        return mean, (side_by_side(memory[0]), side_by_side(memory[1]))
+
+    def _read(self, inputs: Tensor, memory: Memory | None) -> tuple[Tensor, Memory]:
         hidden, memory = self.lstm(torch.relu(self.inner(inputs)), memory)
         outputs = self.outer(hidden)
         if self.shortcut is not None:
@@ -117,22 +168,43 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
     def changes(
         self, states: Tensor, commands: Tensor, predicted: Tensor, memory: Memory | None = None
     ) -> tuple[Tensor, Memory]:
-        """Return what φ adds to the simulated next state, and ψ to the state, in physical units (B, T, 2n)."""
+        """Return what is added, in physical units.
+
+        φ adds to the simulated next state, shape (B, T, 2n), or to the command (B, T, n); ψ to the state (B, T, 2n).
+        """
         outputs, memory = self(self.inputs.normalise(self.raw_inputs(states, commands, predicted)), memory)
-        return self.outputs.restore(outputs), memory
+        changes = self.outputs.restore(outputs)
+        if self.corrects == "command":
+            limit = self.get_buffer("limit")
+            changes = limit * torch.tanh(changes / limit)
+        return changes, memory
 
     def next_states(
         self, states: Tensor, commands: Tensor, predicted: Tensor, memory: Memory | None = None
     ) -> tuple[Tensor, Memory]:
         """Return corrected next states (B, T, 2n) for states, commands and simulated next states (B, T, …).
 
-        ψ ignores `predicted`; pass the states.
+        ψ ignores `predicted`; pass the states. What corrects commands knows no next state: the source makes it.
         """
+        assert self.corrects == "state"
         change, memory = self.changes(states, commands, predicted, memory)
         return (predicted if self.kind == "delta" else states) + change, memory
 
     def no_memory(self, size: int) -> Memory:
-        """Return the memory at an episode's start for a batch: zeros, each of shape (layers, B, hidden)."""
-        weight = self.inner.weight
-        zeros = weight.new_zeros(self.lstm.num_layers, size, self.lstm.hidden_size)
+        """Return the memory at an episode's start for a batch: zeros, each of shape (layers, B, hidden).
+
+        What knows a mirror image remembers both sides, each of shape (layers, B, 2 hidden).
+        """
+        weight, sides = self.inner.weight, 2 if self.symmetry else 1
+        zeros = weight.new_zeros(self.lstm.num_layers, size, sides * self.lstm.hidden_size)
         return zeros, zeros.clone()
+
+
+def stacked(memory: Tensor) -> Tensor:
+    """Return two sides' memory (layers, B, 2 hidden) as that of a batch of twice the size (layers, 2B, hidden)."""
+    return torch.cat(memory.chunk(2, dim=2), dim=1)
+
+
+def side_by_side(memory: Tensor) -> Tensor:
+    """Undo `stacked`."""
+    return torch.cat(memory.chunk(2, dim=1), dim=2)

@@ -14,13 +14,12 @@ from nas_data.models.episodes import Episode, cut, join, pad
 from nas_data.models.lstm import DynamicsModel, Memory
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.remembering import begun, follow
+from nas_data.models.slopes import jacobians
 from nas_data.simulators.base import Simulator, Stepper
 
 SHORTEST = 20  # frames of the first free-running windows
 MOST_JACOBIANS = 600_000  # along the data, half a gigabyte of a 7-joint arm; beyond, neighbours share one
 BURN_IN = 100  # frames read before a window, so that it starts with a memory
-POSITION_STEP = 0.03  # [rad] large enough to average over friction and saturation
-VELOCITY_STEP = 0.3  # [rad/s]
 VELOCITY_WEIGHT = 0.02  # of squared, normalised velocity errors beside position errors
 FAR = 30.0  # spreads of positions or velocities off what was measured: a rollout that diverged
 POSITION_SCALE = 0.1  # of the positions' spread: errors beyond three times this count linearly
@@ -83,6 +82,22 @@ class Place(NamedTuple):
     length: int
 
 
+class Moment(NamedTuple):
+    """What a batch of rollouts is about to do.
+
+    Attributes:
+        states: Positions [rad] then velocities [rad/s], shape (B, 2n).
+        commands: Shape (B, n).
+        objects: Measured states of the source's objects, shape (B, m).
+        slope: Source's Jacobians, shape (B, 2n, 2n or 3n); None for ψ.
+    """
+
+    states: Tensor
+    commands: Tensor
+    objects: Tensor
+    slope: Tensor | None
+
+
 class FreeRunning:
     """Errors of rollouts on the model's own states, with the source in the loop; what a policy will live in.
 
@@ -143,7 +158,9 @@ class FreeRunning:
         states, commands, predicted = (x[:: self.stride].double().numpy() for x in picked)
         if simulator.remembers:
             predicted = simulator.predict(states, commands)[:, : predicted.shape[1]]
-        return torch.from_numpy(jacobians(simulator, states, commands, predicted)).float()
+        return torch.from_numpy(
+            jacobians(simulator, states, commands, predicted, of_commands=self.model.corrects == "command")
+        ).float()
 
     def loss(self, update: int) -> Tensor:
         """Return the loss of one batch of windows: smooth absolute position errors, squared velocity errors."""
@@ -158,11 +175,9 @@ class FreeRunning:
         errors: list[Tensor] = []
         for step in range(commands.shape[1]):
             slope = None if slopes is None else slopes[:, step]
-            predicted, refused = self._predict(states, commands[:, step], batch.objects[:, step], slope, stepper)
-            corrected, memory = self.model.next_states(
-                states[:, None], commands[:, step, None], predicted[:, None], memory
-            )
-            states, target = corrected[:, 0], batch.targets[:, step].to(self.device)
+            now = Moment(states, commands[:, step], batch.objects[:, step], slope)
+            states, refused, memory = self._step(now, stepper, memory)
+            target = batch.targets[:, step].to(self.device)
             error = states - target
             states = discounted(states, self.options.discount)
             lost = lost | refused.to(self.device) | self._far(error.detach())
@@ -177,6 +192,17 @@ class FreeRunning:
         velocity = error[..., n:] / self.velocity_scale
         smooth = functional.smooth_l1_loss(position, torch.zeros_like(position), beta=3.0)
         return smooth + VELOCITY_WEIGHT * velocity.square().mean()
+
+    def _step(self, now: "Moment", stepper: Stepper | None, memory: Memory) -> tuple[Tensor, Tensor, Memory]:
+        """Return the model's next states, which rows the source refused, and the memory after them."""
+        states, commands = now.states[:, None], now.commands[:, None]
+        if self.model.corrects == "command":
+            change, memory = self.model.changes(states, commands, states, memory)
+            predicted, refused = self._predict(now._replace(commands=now.commands + change[:, 0]), stepper)
+            return predicted, refused, memory
+        predicted, refused = self._predict(now, stepper)
+        corrected, memory = self.model.next_states(states, commands, predicted[:, None], memory)
+        return corrected[:, 0], refused, memory
 
     def _far(self, error: Tensor) -> Tensor:
         """Return which rollouts are lost, shape (B,): what they do from here on would only drown the others."""
@@ -212,7 +238,7 @@ class FreeRunning:
                 rows = [k for k, run in enumerate(runs) if run == length]
                 batch, _ = pad([before[k] for k in rows])
                 states, commands = batch.states.to(self.device), batch.commands.to(self.device)
-                _, (hidden, cell) = self.model.next_states(states, commands, batch.predicted.to(self.device))
+                _, (hidden, cell) = self.model.changes(states, commands, batch.predicted.to(self.device))
                 places_in_batch = [late[k] for k in rows]
                 memory[0][:, places_in_batch], memory[1][:, places_in_batch] = hidden, cell
         return memory
@@ -224,14 +250,13 @@ class FreeRunning:
         episodes, starts = [self.episodes[p.episode] for p in places], np.array([p.start for p in places])
         return begun(self.simulator, episodes, starts, BURN_IN)
 
-    def _predict(
-        self, states: Tensor, commands: Tensor, objects: Tensor, slope: Tensor | None, stepper: Stepper | None = None
-    ) -> tuple[Tensor, Tensor]:
+    def _predict(self, moment: "Moment", stepper: Stepper | None = None) -> tuple[Tensor, Tensor]:
         """Return the source's next states, differentiable by its Jacobian, and which rows it refused.
 
         Objects are where they were measured; a source that remembers moves them itself. For ψ the next states are the
         states themselves.
         """
+        states, commands, objects, slope = moment
         if self.simulator is None or slope is None:
             return states, torch.zeros(len(states), dtype=torch.bool)
         now, commanded = (x.detach().cpu().numpy().astype(np.float64) for x in (states, commands))
@@ -243,12 +268,13 @@ class FreeRunning:
             exact = follow(stepper, now, commanded)
             refused = ~np.isfinite(exact).all(axis=1)
             exact = np.where(refused[:, None], now, exact)
-        followed = (slope @ states[:, :, None])[:, :, 0]
+        moved = states if self.model.corrects == "state" else torch.cat([states, commands], dim=1)
+        followed = (slope @ moved[:, :, None])[:, :, 0]
         predicted = followed + (torch.from_numpy(exact).float().to(self.device) - followed).detach()
         return predicted, torch.from_numpy(refused)
 
     def _slopes(self, places: Sequence[Place]) -> Tensor | None:
-        """Return the source's Jacobians along the windows, shape (B, T, 2n, 2n)."""
+        """Return the source's Jacobians along the windows, shape (B, T, 2n, 2n), or (B, T, 2n, 3n) with commands'."""
         if self.jacobians is None:
             return None
         rows = [self.jacobians[p.episode][(p.start + torch.arange(p.length)) // self.stride] for p in places]
@@ -258,28 +284,6 @@ class FreeRunning:
 def discounted(values: Tensor, factor: float) -> Tensor:
     """Return the same values, through which a share of their gradient passes back."""
     return torch.lerp(values.detach(), values, factor)
-
-
-def jacobians(simulator: Simulator, states: np.ndarray, commands: np.ndarray, predicted: np.ndarray) -> np.ndarray:
-    """Estimate the Jacobian of one control step for each transition by one-sided differences.
-
-    Args:
-        simulator: Source.
-        states: Positions [rad] then velocities [rad/s], shape (N, 2n), or with the objects' states (N, 2n + m).
-        commands: Shape (N, n).
-        predicted: Source's next states, shape (N, 2n).
-
-    Returns:
-        Entry (k, i, j) is the change of next state i per change of state j, shape (N, 2n, 2n).
-    """
-    width = predicted.shape[1]
-    steps = np.where(np.arange(width) < width // 2, POSITION_STEP, VELOCITY_STEP)
-    slopes = np.empty((len(states), width, width))
-    for column, step in enumerate(steps):
-        moved = states.copy()
-        moved[:, column] += step
-        slopes[:, :, column] = (simulator.predict(moved, commands)[:, :width] - predicted) / step
-    return slopes
 
 
 def processor_has_bf16() -> bool:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 from nas_data.errors import OptionError, UnknownName
+from nas_data.models.lstm import Corrected
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,8 @@ class TrainingOptions:
         patience: Validations without improvement that are borne of a training that has hardly got better than its
             start; one more ends it. Others go on: where windows grow and the rate falls, the best often comes last.
         seed: Seed of weights, order and windows.
+        corrects: What φ corrects, `state` or `command`; see `DynamicsModel`.
+        symmetric: Bind φ of commands to the symmetry that the source's model declares.
     """
 
     preset: str = "fast"
@@ -61,6 +64,8 @@ class TrainingOptions:
     validation: float = 0.1
     patience: int = 1000
     seed: int = 0
+    corrects: Corrected = "state"
+    symmetric: bool = False
 
     def __post_init__(self) -> None:
         if not 0 < self.validation < 1:
@@ -73,24 +78,30 @@ class TrainingOptions:
             raise OptionError("Hidden units, layers, batch and frames must be at least 1, the horizon at least 2.")
         if min(self.epochs, self.updates, self.segment, self.patience, self.seed) < 0:
             raise OptionError("Epochs, updates, segment, patience and seed must not be negative.")
+        if self.symmetric and self.corrects != "command":
+            raise OptionError("Only φ that corrects commands is bound to a symmetry.")
 
+
+FEW = TrainingOptions(
+    preset="few",
+    layers=1,
+    updates=480,
+    frames=6400,
+    horizon=30,
+    discount=0.95,
+    free_rate=4e-3,
+    weight_decay=1.0,
+    average=0.99,
+    patience=20,
+)
 
 PRESETS = {
     "fast": TrainingOptions(),
     # For recordings of a few minutes, which a larger network learns by heart; in windows longer than these the training
     # diverges on some of them. Chosen on four hundreds of Pusher's trajectories (docs/results/tried.md).
-    "few": TrainingOptions(
-        preset="few",
-        layers=1,
-        updates=480,
-        frames=6400,
-        horizon=30,
-        discount=0.95,
-        free_rate=4e-3,
-        weight_decay=1.0,
-        average=0.99,
-        patience=20,
-    ),
+    "few": FEW,
+    # For as little of a torque-driven arm whose model says how it is symmetric
+    "symmetric": replace(FEW, preset="symmetric", weight_decay=3.0, corrects="command", symmetric=True),
     # Appendix A.1: Adam, 250 epochs, batch size 1, learning rate 0.01; teacher forcing on whole trajectories.
     "paper": TrainingOptions(
         preset="paper",

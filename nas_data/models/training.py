@@ -17,6 +17,7 @@ from nas_data.models.lstm import DynamicsModel, Kind
 from nas_data.models.phases import FreeRunning, Phase, TeacherForcing, one_step_loss
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.remembering import with_memory
+from nas_data.models.symmetry import symmetry_of
 from nas_data.simulators.base import Simulator
 
 SEGMENT = 1000  # frames of a validation rollout: long enough for errors to compound, short enough to run often
@@ -54,12 +55,16 @@ class Training:
         Raises:
             DatasetInvalid: φ without `next.observation.sim_state`.
             JointMismatch: simulator and dataset have different joints.
-            OptionError: torch cannot use the device.
+            ModelFileError: the source's model is not as symmetric as it says.
+            OptionError: torch cannot use the device, or the options ask for corrected torques or a symmetry where
+                there are none.
         """
         if kind == "delta" and not dataset.paired:
             raise DatasetInvalid("A delta model needs the source's predictions: run `nas pair` on the dataset first.")
         if simulator is not None and simulator.joints != dataset.joints:
             raise JointMismatch("The simulator and the dataset have different joints.")
+        if options.corrects == "command":
+            check_torques(kind, dataset, options, simulator)
         self.options = options
         self.simulator = simulator
         self.device = find_device(device)
@@ -68,7 +73,7 @@ class Training:
         self.split = hold_out(dataset, options.validation, options.seed)
         self.model = self._build(kind, dataset, provenance or {})
         episodes = read_episodes(self.split.train, simulator=simulator)
-        prepare(self.model, join(episodes))
+        prepare(self.model, join(episodes), simulator)
         self.model.to(self.device)
         self.free = options.updates > 0 and (kind == "forward" or simulator is not None)
         self.phase: Phase = (
@@ -91,6 +96,8 @@ class Training:
             commands_effort=dataset.commands_effort,
             fps=float(dataset.fps),
             provenance={**provenance, "training": asdict(options), "validation": self.split.what},
+            corrects=options.corrects,
+            **(symmetry_of(self.simulator) if options.symmetric and self.simulator else {}),
         )
 
     @property
@@ -124,6 +131,21 @@ class Training:
     def _one_step_error(self, model: DynamicsModel) -> float:
         batch, mask = pad(cut(read_episodes(self.split.held), self.options.segment))
         return float(one_step_loss(model, batch, mask, self.device))
+
+
+def check_torques(kind: Kind, dataset: Dataset, options: TrainingOptions, simulator: Simulator | None) -> None:
+    """Refuse to train what corrects commands where that cannot be.
+
+    Raises:
+        OptionError: it is ψ, commands are no torques, the source is missing, or updates are 0.
+    """
+    if kind != "delta" or not dataset.commands_effort:
+        reason = "ψ corrects nothing" if kind != "delta" else "this robot takes angles"
+    elif simulator is None or not options.updates:
+        reason = "it is trained in free running, which takes the source and --updates"
+    else:
+        return
+    raise OptionError(f"The preset {options.preset} is of φ that corrects torques: {reason}; take the preset few.")
 
 
 def find_device(name: str | None) -> torch.device:

@@ -35,7 +35,8 @@ from nas_data.reports.file import write_whole
 
 SUBSET = "subset"
 NAS_FEW = "nas_few"  # φ, trained as few trajectories need it
-PHI_FEW = "phi_few"
+NAS_SYMMETRIC = "nas_symmetric"  # φ of torques, which knows the arm's symmetry
+PHI_FEW, PHI_SYMMETRIC = "phi_few", "phi_symmetric"
 
 
 class Names(NamedTuple):
@@ -70,6 +71,7 @@ class CountJob:
         policies: Folder of policies of this length and PPO.
         folder: Where models, names and policies go.
         few: How φ is trained for few trajectories, beside how it is for many.
+        symmetric: How φ is trained that corrects torques and knows the arm's symmetry.
         threads: Threads that simulate the source of φ, and that names are sought with; all cores where None.
     """
 
@@ -83,6 +85,7 @@ class CountJob:
     policies: str
     folder: Path
     few: TrainingOptions
+    symmetric: TrainingOptions
     threads: int | None = None
 
     def subset(self, dataset: Dataset) -> Dataset:
@@ -153,8 +156,12 @@ LEARNED: Mapping[str, Callable[[CountJob], Learned]] = {
     "named": with_names,
     "named_nas": with_names_and_phi,
     NAS_FEW: lambda job: learn(job, "delta", job.few, PHI_FEW),
+    NAS_SYMMETRIC: lambda job: learn(job, "delta", job.symmetric, PHI_SYMMETRIC),
 }
-LEARNED_ON = {name: method.learned_on for name, method in METHODS.items()} | {NAS_FEW: "source + φ, preset few"}
+LEARNED_ON = {name: method.learned_on for name, method in METHODS.items()} | {
+    NAS_FEW: "source + φ, preset few",
+    NAS_SYMMETRIC: "source + φ, preset symmetric",
+}
 
 
 def do_count(job: CountJob) -> dict[str, Record]:

@@ -54,6 +54,7 @@ class Sizes:
         delta: Training of φ, but for environments that `PHI` lists.
         forward: Training of ψ.
         few: Training of φ for few trajectories, in figure 6.
+        symmetric: Training of φ of torques that knows the arm's symmetry, in figure 6.
         frames: Control steps of each policy.
         seeds: Seeds of each method.
         judged: Episodes that each policy is judged on.
@@ -72,6 +73,7 @@ class Sizes:
     delta: TrainingOptions
     forward: TrainingOptions
     few: TrainingOptions
+    symmetric: TrainingOptions
     frames: int
     seeds: tuple[int, ...]
     judged: int
@@ -167,6 +169,7 @@ FULL = Sizes(
     delta=LEARNING,
     forward=LEARNING,
     few=preset("few"),
+    symmetric=preset("symmetric"),
     frames=2_000_000,
     seeds=(0, 1, 2, 3, 4),
     judged=100,
@@ -180,6 +183,7 @@ QUICK = Sizes(
     delta=preset("fast", hidden=32, layers=1, updates=60, horizon=50, frames=1600),
     forward=preset("fast", hidden=32, layers=1, updates=60, horizon=50, frames=1600),
     few=preset("few", hidden=32, updates=60, frames=1600),
+    symmetric=preset("symmetric", hidden=32, updates=60, frames=1600),
     frames=40_000,
     seeds=(0, 1),
     judged=20,

@@ -19,7 +19,8 @@ class FrozenNetwork(Protocol):
             predicted: Simulated next states, shape (B, 2n); ψ ignores them.
 
         Returns:
-            Changes of positions [rad] then velocities [rad/s], shape (B, 2n), float32; overwritten by the next call.
+            Changes of positions [rad] then velocities [rad/s], shape (B, 2n), or of torques [N·m], shape (B, n),
+            float32; overwritten by the next call.
         """
 
     def forget(self, rows: np.ndarray | slice) -> None:

@@ -14,6 +14,7 @@ def freeze(model: DynamicsModel, size: int) -> FrozenNetwork:
     """
     try:
         from nas_data.models.frozen.onnx_network import OnnxNetwork
+        from nas_data.models.frozen.onnx_torques import OnnxTorques
     except ImportError:
         return TorchNetwork(model, size)
-    return OnnxNetwork(model, size)
+    return OnnxTorques(model, size) if model.corrects == "command" else OnnxNetwork(model, size)

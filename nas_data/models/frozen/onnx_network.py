@@ -16,17 +16,18 @@ class OnnxNetwork(FrozenNetwork):
     What is remembered lies in one array, twice: a step reads one half and writes the other.
     """
 
-    def __init__(self, model: DynamicsModel, size: int) -> None:
-        """Take a model's present weights, for B rows; see `freeze`."""
-        self.size = size
+    def __init__(self, model: DynamicsModel, size: int, sides: int = 1) -> None:
+        """Take a model's present weights, for B rows, each of which stands in the batch so many times; see `freeze`."""
+        self.size, rows = size, sides * size
         self._joints = len(model.joints)
         self._relative, self._delta = model.relative, model.kind == "delta"
         self._from_position = model.relative and not model.commands_effort
         self._mean = model.inputs.mean.cpu().numpy()
-        self._inputs = np.zeros((size, model.inner.in_features), np.float32)
-        self._changes = np.zeros((size, model.outer.out_features), np.float32)
-        self._memory = np.zeros((2, model.lstm.num_layers, 2, size, model.lstm.hidden_size), np.float32)
-        self._session = session(one_step(model, size).SerializeToString())
+        self._inputs = np.zeros((rows, model.inner.in_features), np.float32)
+        self._changes = np.zeros((rows, model.outer.out_features), np.float32)
+        self._memory = np.zeros((2, model.lstm.num_layers, 2, rows, model.lstm.hidden_size), np.float32)
+        self._by_row = self._memory.reshape(*self._memory.shape[:3], sides, size, -1)
+        self._session = session(one_step(model, rows).SerializeToString())
         self._bindings = [self._bind(self._memory[turn], self._memory[1 - turn]) for turn in (0, 1)]
         self._turn = 0
 
@@ -39,7 +40,7 @@ class OnnxNetwork(FrozenNetwork):
 
     def forget(self, rows: np.ndarray | slice) -> None:
         """Zero what is remembered of some rows."""
-        self._memory[:, :, :, rows] = 0
+        self._by_row[:, :, :, :, rows] = 0
 
     def _read(self, states: np.ndarray, commands: np.ndarray, predicted: np.ndarray) -> None:
         """Fill the inputs; in float32 from the start, as `DynamicsModel.raw_inputs` is given them."""

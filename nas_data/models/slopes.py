@@ -1,0 +1,49 @@
+"""By how much a source's next state changes with the state before and with the command: finite differences."""
+
+import numpy as np
+
+from nas_data.simulators.base import Simulator
+
+POSITION_STEP = 0.03  # [rad] large enough to average over friction and saturation
+VELOCITY_STEP = 0.3  # [rad/s]
+COMMAND_STEP = 0.3  # [N·m]
+
+
+def jacobians(
+    simulator: Simulator, states: np.ndarray, commands: np.ndarray, predicted: np.ndarray, of_commands: bool = False
+) -> np.ndarray:
+    """Estimate the Jacobian of one control step for each transition by one-sided differences.
+
+    Args:
+        simulator: Source.
+        states: Positions [rad] then velocities [rad/s], shape (N, 2n), or with the objects' states (N, 2n + m).
+        commands: Shape (N, n).
+        predicted: Source's next states, shape (N, 2n).
+        of_commands: Whether commands count as further states.
+
+    Returns:
+        Entry (k, i, j) is the change of next state i per change of state j, shape (N, 2n, 2n), or (N, 2n, 3n) with
+        the commands.
+    """
+    width = predicted.shape[1]
+    steps = np.where(np.arange(width) < width // 2, POSITION_STEP, VELOCITY_STEP)
+    slopes = np.empty((len(states), width, width))
+    for column, step in enumerate(steps):
+        moved = states.copy()
+        moved[:, column] += step
+        slopes[:, :, column] = (simulator.predict(moved, commands)[:, :width] - predicted) / step
+    if not of_commands:
+        return slopes
+    return np.concatenate([slopes, command_slopes(simulator, states, commands, predicted)], axis=2)
+
+
+def command_slopes(simulator: Simulator, states: np.ndarray, commands: np.ndarray, predicted: np.ndarray) -> np.ndarray:
+    """Return the changes of next states per change of each torque, shape (N, 2n, n); see `jacobians`."""
+    slopes = np.empty((*predicted.shape, commands.shape[1]))
+    for column in range(commands.shape[1]):
+        step = np.where(commands[:, column] > 0, -COMMAND_STEP, COMMAND_STEP)  # away from a motor's limits
+        moved = commands.copy()
+        moved[:, column] += step
+        after = simulator.predict(states, moved)[:, : predicted.shape[1]]
+        slopes[:, :, column] = (after - predicted) / step[:, None]
+    return slopes
