@@ -333,7 +333,7 @@ def test_a_probe_that_fails_measures_nothing_and_takes_no_trial_along(place, tmp
         (("--model", "ergojr"), "pendulum"),
         (("--kinds", "named", "--effects", "nowhere"), "nowhere"),
         (("--updates", "-1"), "must not be negative"),
-        (("--preset", "slow"), "There is no preset 'slow'; choose one of: fast, few, paper."),
+        (("--preset", "slow"), "There is no preset 'slow'; choose one of: fast, few, paper, symmetric."),
     ],
 )
 def test_bad_input_is_one_sentence_and_writes_nothing(place, here, options, sentence):
