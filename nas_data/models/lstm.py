@@ -7,10 +7,10 @@ import torch
 from huggingface_hub import PyTorchModelHubMixin
 from torch import Tensor, nn
 
+from nas_data.models.presets import Corrected
 from nas_data.models.symmetry import Symmetry
 
 Kind = Literal["delta", "forward"]
-Corrected = Literal["state", "command"]
 Memory = tuple[Tensor, Tensor]
 
 

@@ -1,9 +1,11 @@
 """Training options, and the presets that fill them."""
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 from nas_data.errors import OptionError, UnknownName
-from nas_data.models.lstm import Corrected
+
+Corrected = Literal["state", "command"]
 
 
 @dataclass(frozen=True)
