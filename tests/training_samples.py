@@ -1,12 +1,15 @@
 """Trainings small enough for tests."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
+import pytest
 import torch
 from recording_samples import pendulum
 
 from nas_data.models.lstm import DynamicsModel
+from nas_data.models.phases import Phase
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.run import TrainingRun
 from nas_data.models.training import Training
@@ -30,6 +33,19 @@ def same(a: DynamicsModel, b: DynamicsModel) -> bool:
     """Whether two models are equal to the last bit."""
     mine, other = a.state_dict(), b.state_dict()
     return list(mine) == list(other) and all(torch.equal(mine[key], other[key]) for key in mine)
+
+
+def check_gradients(phase: Phase, places: Sequence[tuple[torch.Tensor, tuple[int, ...]]]) -> None:
+    """Compare some gradients of a loss, each a parameter and a place in it, with differences of the loss."""
+    phase.loss(3).backward()
+    for parameter, place in places:
+        losses = []
+        for change in (0.01, -0.01):
+            with torch.no_grad():
+                parameter[place] += change
+                losses.append(float(phase.loss(3)))
+                parameter[place] -= change
+        assert float(parameter.grad[place]) == pytest.approx((losses[0] - losses[1]) / 0.02, rel=0.02)
 
 
 def history(folder: Path) -> list[dict[str, float]]:
