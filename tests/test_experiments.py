@@ -331,8 +331,8 @@ def test_figure6_names_from_each_subset_and_learns_on_the_names(tmp_path, monkey
 
 
 def test_figure6_trains_phi_for_few_trajectories_beside_that_for_many(tmp_path):
-    few, methods = replace(TINY.few, hidden=4), ("nas_few", "nas", "nas_symmetric")
-    request = tiny(tmp_path, "Pusher", seeds=(1,), counts=(2,), few=few, methods=methods)
+    presets, methods = {**TINY.presets, "few": replace(TINY.delta, hidden=4)}, ("nas_few", "nas", "nas_symmetric")
+    request = tiny(tmp_path, "Pusher", seeds=(1,), counts=(2,), presets=presets, methods=methods)
     found = conduct("figure6", request)
     sweep = tmp_path / "tiny/Pusher-backlash" / f"counts{max(TINY.counts)}/sweep/2/seed1"
     names = ("phi_few", "phi", "phi_symmetric")

@@ -114,8 +114,7 @@ def sweep(
             hyperparameters=hyperparameters(sizes),
             policies=sizes.policies,
             folder=material.folder / "sweep" / str(count) / f"seed{seed}",
-            few=sizes.few,
-            symmetric=sizes.symmetric,
+            presets=sizes.presets,
             threads=1 if request.workers > 1 else None,
         )
         for seed in sizes.seeds

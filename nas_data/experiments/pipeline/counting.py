@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,6 +22,7 @@ from nas_data.experiments.pipeline.learning import ModelJob, read_record, train_
 from nas_data.experiments.pipeline.material import DATASETS, NAMED, NAMES, PHI, PHI_NAMED, PSI, Material
 from nas_data.experiments.pipeline.methods import METHODS, on_source, target
 from nas_data.experiments.pipeline.pairs import pair_again
+from nas_data.experiments.pipeline.sizes import FOR_FEW
 from nas_data.gap import workflow
 from nas_data.gap.add import EFFECTS
 from nas_data.gap.named import Named
@@ -34,9 +36,7 @@ from nas_data.policies.learner import Hyperparameters, Training
 from nas_data.reports.file import write_whole
 
 SUBSET = "subset"
-NAS_FEW = "nas_few"  # φ, trained as few trajectories need it
-NAS_SYMMETRIC = "nas_symmetric"  # φ of torques, which knows the arm's symmetry
-PHI_FEW, PHI_SYMMETRIC = "phi_few", "phi_symmetric"
+BY_PRESET = {f"nas_{name}": name for name in FOR_FEW}
 
 
 class Names(NamedTuple):
@@ -70,8 +70,7 @@ class CountJob:
         hyperparameters: PPO's.
         policies: Folder of policies of this length and PPO.
         folder: Where models, names and policies go.
-        few: How φ is trained for few trajectories, beside how it is for many.
-        symmetric: How φ is trained that corrects torques and knows the arm's symmetry.
+        presets: How φ is trained by other presets than for many trajectories, by their names.
         threads: Threads that simulate the source of φ, and that names are sought with; all cores where None.
     """
 
@@ -84,8 +83,7 @@ class CountJob:
     hyperparameters: Hyperparameters
     policies: str
     folder: Path
-    few: TrainingOptions
-    symmetric: TrainingOptions
+    presets: Mapping[str, TrainingOptions]
     threads: int | None = None
 
     def subset(self, dataset: Dataset) -> Dataset:
@@ -110,6 +108,11 @@ def learn(job: CountJob, kind: Kind, options: TrainingOptions, folder: str) -> L
     model = ModelJob(kind, job.material.train, job.seeded(options), job.folder / folder, job.threads)
     history = train_model(model, silence, job.subset)
     return on_source(job.material, str(model.folder)), history[-1]["seconds"]
+
+
+def learn_by(job: CountJob, preset: str) -> Learned:
+    """Train φ on the subset by a preset for few trajectories."""
+    return learn(job, "delta", job.presets[preset], f"{PHI}_{preset}")
 
 
 def name_subset(job: CountJob) -> Names:
@@ -155,12 +158,9 @@ LEARNED: Mapping[str, Callable[[CountJob], Learned]] = {
     "forward": lambda job: learn(job, "forward", job.material.plan.forward, PSI),
     "named": with_names,
     "named_nas": with_names_and_phi,
-    NAS_FEW: lambda job: learn(job, "delta", job.few, PHI_FEW),
-    NAS_SYMMETRIC: lambda job: learn(job, "delta", job.symmetric, PHI_SYMMETRIC),
-}
+} | {method: partial(learn_by, preset=name) for method, name in BY_PRESET.items()}
 LEARNED_ON = {name: method.learned_on for name, method in METHODS.items()} | {
-    NAS_FEW: "source + φ, preset few",
-    NAS_SYMMETRIC: "source + φ, preset symmetric",
+    method: f"source + φ, preset {name}" for method, name in BY_PRESET.items()
 }
 
 

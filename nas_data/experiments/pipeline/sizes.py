@@ -8,6 +8,8 @@ from nas_data.errors import UnknownName
 from nas_data.models.presets import TrainingOptions, preset
 from nas_data.recorders.recipe import Recipe
 
+FOR_FEW = ("few", "symmetric")  # presets that learn from few trajectories
+
 
 @dataclass(frozen=True)
 class Recording:
@@ -53,8 +55,7 @@ class Sizes:
         heldout: Recorded episodes that models are judged on.
         delta: Training of φ, but for environments that `PHI` lists.
         forward: Training of ψ.
-        few: Training of φ for few trajectories, in figure 6.
-        symmetric: Training of φ of torques that knows the arm's symmetry, in figure 6.
+        presets: Trainings of φ by other presets, by their names, in figure 6.
         frames: Control steps of each policy.
         seeds: Seeds of each method.
         judged: Episodes that each policy is judged on.
@@ -72,8 +73,7 @@ class Sizes:
     heldout: int
     delta: TrainingOptions
     forward: TrainingOptions
-    few: TrainingOptions
-    symmetric: TrainingOptions
+    presets: Mapping[str, TrainingOptions]
     frames: int
     seeds: tuple[int, ...]
     judged: int
@@ -168,8 +168,7 @@ FULL = Sizes(
     heldout=100,
     delta=LEARNING,
     forward=LEARNING,
-    few=preset("few"),
-    symmetric=preset("symmetric"),
+    presets={name: preset(name) for name in FOR_FEW},
     frames=2_000_000,
     seeds=(0, 1, 2, 3, 4),
     judged=100,
@@ -182,8 +181,7 @@ QUICK = Sizes(
     heldout=12,
     delta=preset("fast", hidden=32, layers=1, updates=60, horizon=50, frames=1600),
     forward=preset("fast", hidden=32, layers=1, updates=60, horizon=50, frames=1600),
-    few=preset("few", hidden=32, updates=60, frames=1600),
-    symmetric=preset("symmetric", hidden=32, updates=60, frames=1600),
+    presets={name: preset(name, hidden=32, updates=60, frames=1600) for name in FOR_FEW},
     frames=40_000,
     seeds=(0, 1),
     judged=20,
