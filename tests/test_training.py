@@ -188,19 +188,6 @@ def test_a_discount_shares_out_what_passes_back_through_a_step_and_leaves_the_ro
     torch.testing.assert_close(quarter, 0.75 * none + 0.25 * whole)
 
 
-@pytest.mark.parametrize("kind", ["delta", "forward"])
-def test_speeds_count_by_their_weight(kind):
-    losses = []
-    for weight in (0.0, 10.0, 30.0):
-        training = linear_training(kind, velocity_weight=weight)
-        with torch.no_grad():
-            training.model.shortcut.bias += 0.2
-        losses.append(float(training.phase.loss(3).detach()))
-    assert losses[1] - losses[0] > 1e-3
-    assert losses[1] > 1.1 * losses[0]
-    assert losses[2] - losses[0] == pytest.approx(3 * (losses[1] - losses[0]), rel=1e-3)
-
-
 # presets
 
 
@@ -272,7 +259,6 @@ def test_options_out_of_range_are_refused():
         {"seed": -1},
         {"discount": 1.1},
         {"discount": -0.1},
-        {"velocity_weight": -0.1},
         {"average": 1.0},
         {"average": -0.1},
     ):

@@ -20,6 +20,7 @@ from nas_data.simulators.base import Simulator, Stepper
 SHORTEST = 20  # frames of the first free-running windows
 MOST_JACOBIANS = 600_000  # along the data, half a gigabyte of a 7-joint arm; beyond, neighbours share one
 BURN_IN = 100  # frames read before a window, so that it starts with a memory
+VELOCITY_WEIGHT = 0.02  # of squared, normalised velocity errors beside position errors
 FAR = 30.0  # spreads of positions or velocities off what was measured: a rollout that diverged
 POSITION_SCALE = 0.1  # of the positions' spread: errors beyond three times this count linearly
 
@@ -190,7 +191,7 @@ class FreeRunning:
         position = error[..., :n] / self.position_scale
         velocity = error[..., n:] / self.velocity_scale
         smooth = functional.smooth_l1_loss(position, torch.zeros_like(position), beta=3.0)
-        return smooth + self.options.velocity_weight * velocity.square().mean()
+        return smooth + VELOCITY_WEIGHT * velocity.square().mean()
 
     def _step(self, now: "Moment", stepper: Stepper | None, memory: Memory) -> tuple[Tensor, Tensor, Memory]:
         """Return the model's next states, which rows the source refused, and the memory after them."""

@@ -29,7 +29,6 @@ class TrainingOptions:
         horizon: Longest free-running window [frames]; windows start at 20 and grow to it.
         discount: Factor on the gradient that passes back through each free-running step's states; 1 for none. Along
             a long window what passes through many steps grows until it drowns the rest.
-        velocity_weight: Of squared errors of velocities beside those of positions, both normalised, in free running.
         free_rate: Learning rate of free running.
         cosine: Learning rate falls along half a cosine; else it stays.
         clip: Largest norm of a gradient; 0 for none.
@@ -58,7 +57,6 @@ class TrainingOptions:
     frames: int = 3200
     horizon: int = 150
     discount: float = 1.0
-    velocity_weight: float = 0.02
     free_rate: float = 2e-3
     cosine: bool = True
     clip: float = 0.5
@@ -80,8 +78,8 @@ class TrainingOptions:
             raise OptionError(f"The decay of the weights' mean is {self.average}; it must lie between 0 and 1.")
         if min(self.hidden, self.layers, self.batch, self.frames) < 1 or self.horizon < 2:
             raise OptionError("Hidden units, layers, batch and frames must be at least 1, the horizon at least 2.")
-        if min(self.epochs, self.updates, self.segment, self.velocity_weight, self.patience, self.seed) < 0:
-            raise OptionError("Epochs, updates, segment, velocity weight, patience and seed must not be negative.")
+        if min(self.epochs, self.updates, self.segment, self.patience, self.seed) < 0:
+            raise OptionError("Epochs, updates, segment, patience and seed must not be negative.")
         if self.symmetric and self.corrects != "command":
             raise OptionError("Only φ that corrects commands is bound to a symmetry.")
 
@@ -105,9 +103,7 @@ PRESETS = {
     # diverges on some of them. Chosen on four hundreds of Pusher's trajectories (docs/results/tried.md).
     "few": FEW,
     # For as little of a torque-driven arm whose model says how it is symmetric
-    "symmetric": replace(
-        FEW, preset="symmetric", velocity_weight=0.2, weight_decay=3.0, corrects="command", symmetric=True
-    ),
+    "symmetric": replace(FEW, preset="symmetric", weight_decay=3.0, corrects="command", symmetric=True),
     # Appendix A.1: Adam, 250 epochs, batch size 1, learning rate 0.01; teacher forcing on whole trajectories.
     "paper": TrainingOptions(
         preset="paper",
