@@ -1,6 +1,6 @@
 """Figures of the paper's experiments: returns by method, and return over the number of trajectories."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,7 +89,7 @@ def window(panel: Panel) -> tuple[float, float]:
 
 def return_over_count(
     counts: Sequence[int],
-    returns: Mapping[str, np.ndarray],
+    returns: Mapping[str, Iterable[np.ndarray]],
     labels: Mapping[str, str],
     ends: Mapping[str, float],
     authors: Mapping[int, tuple[float, float]],
@@ -99,7 +99,7 @@ def return_over_count(
 
     Args:
         counts: Numbers of trajectories, K of them.
-        returns: By method, a row a count and a number a seed, shape (K, seeds).
+        returns: By method, of each count a number a seed; K arrays of shape (seeds,).
         labels: What each method is called.
         ends: Median return of methods that need no recording, as lines across.
         authors: Mean and standard deviation by number of trajectories.
@@ -111,7 +111,7 @@ def return_over_count(
         axes = figure.subplots()
         for method, values in returns.items():
             look = looks[method]
-            low, middle, high = (function(values, axis=1) for function in (np.min, np.median, np.max))
+            low, middle, high = ([function(seeds) for seeds in values] for function in (np.min, np.median, np.max))
             axes.fill_between(counts, low, high, color=look.colour, alpha=0.18, linewidth=0)
             axes.plot(
                 counts, middle, color=look.colour, linestyle=look.line, marker="o", markersize=4, label=labels[method]
