@@ -2,7 +2,9 @@
 
     python docs/results/hundred.py
 
-Of the seeds 0 to 4, which were run first, of 5 to 7, which were added, and of all; the interval resamples the seeds.
+Of the seeds 0 to 4, which were run first, of 5 to 7, which were added, of 8, 9 and 14 to 16, which were settled on
+before they were run, and of all; the interval resamples the seeds. It also draws all counts that were run of both ways
+to train φ, `experiments/figure6-Pusher-backlash-symmetric.png`.
 """
 
 import json
@@ -11,25 +13,29 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.policies.intervals import ENDS, resampled_medians
+from nas_data.reports.experiment_figures import return_over_count
+from nas_data.reports.style import to_png
 
 RUNS = Path(__file__).parent / "experiments"
-MANY, FIRST = 2000, 5
+FEW, MANY = 100, 2000
+COUNTS = (10, FEW, 500, MANY)
+NAS, SYMMETRIC = "nas", "nas_symmetric"
+LABELS = {NAS: "source + φ", SYMMETRIC: "source + φ, preset symmetric"}
+ADDED = {"-three-more-seeds": "seeds 5 to 7", "-five-more-seeds": "seeds 8, 9, 14 to 16"}
+CURVE = "-symmetric-counts"
 
 
 def main() -> None:
-    """Print both sides' returns and what one is short of the other."""
-    alone = [run["policy"]["score"]["return"] for run in read("-symmetric")["runs"].values()]
-    more = read("-three-more-seeds")["runs"]
-    few = np.array(alone + added(more, "nas_symmetric-100"))
-    many = np.array(of_many("") + of_many("-more-seeds") + added(more, f"nas-{MANY}"))
-    print("  100:", few.round(2), f"standard deviation {few.std(ddof=1):.2f}")
-    print(f"{MANY}:", many.round(2), f"standard deviation {many.std(ddof=1):.2f}")
-    for name, rows in (
-        ("seeds 0 to 4", slice(FIRST)),
-        ("seeds 5 to 7", slice(FIRST, None)),
-        ("all", slice(None)),
-    ):
-        print(f"{name}: {short(few[rows], many[rows])}")
+    """Print both sides' returns and what one is short of the other, and draw them among the other counts."""
+    sides = {"seeds 0 to 4": (of_first(), of_table(MANY))}
+    for end, name in ADDED.items():
+        sides[name] = of_runs(end, SYMMETRIC, FEW), of_runs(end, NAS, MANY)
+    few, many = (np.concatenate(side) for side in zip(*sides.values(), strict=True))
+    for count, returns in ((FEW, few), (MANY, many)):
+        print(f"{count:4}: {returns.round(2)} standard deviation {returns.std(ddof=1):.2f}")
+    for name, (one, other) in {**sides, f"all {len(few)}": (few, many)}.items():
+        print(f"{name}: {short(one, other)}")
+    draw(few, many)
 
 
 def read(end: str) -> dict:
@@ -37,15 +43,21 @@ def read(end: str) -> dict:
     return json.loads((RUNS / f"figure6-Pusher-backlash{end}.json").read_text(encoding="utf-8"))
 
 
-def of_many(end: str) -> list[float]:
-    """Return the returns with 2,000 trajectories, one a seed."""
-    found = read(end)
-    return found["methods"]["nas"]["returns"][found["counts"].index(MANY)]
+def of_first() -> np.ndarray:
+    """Return the returns of the first five seeds with few trajectories."""
+    return np.array([run["policy"]["score"]["return"] for run in read("-symmetric")["runs"].values()])
 
 
-def added(runs: dict, start: str) -> list[float]:
-    """Return the returns of the added seeds in their order."""
-    return [run["policy"]["score"]["return"] for name, run in runs.items() if name.startswith(start)]
+def of_table(count: int) -> np.ndarray:
+    """Return the first five seeds' returns by the recipe for many, or those of them that were run with this count."""
+    tables = [table for end in ("", "-more-seeds") if count in (table := read(end))["counts"]]
+    return np.concatenate([table["methods"][NAS]["returns"][table["counts"].index(count)] for table in tables])
+
+
+def of_runs(end: str, method: str, count: int) -> np.ndarray:
+    """Return the returns of a method with some number of trajectories that were run seed by seed, in their order."""
+    runs = read(end)["runs"].items()
+    return np.array([run["policy"]["score"]["return"] for name, run in runs if name.startswith(f"{method}-{count}-")])
 
 
 def short(few: np.ndarray, many: np.ndarray) -> str:
@@ -54,6 +66,18 @@ def short(few: np.ndarray, many: np.ndarray) -> str:
     low, high = np.quantile(resampled_medians(few, rng) / resampled_medians(many, rng) - 1, ENDS)
     medians, means = np.median(few) / np.median(many) - 1, few.mean() / many.mean() - 1
     return f"medians {medians:.1%} [{low:.1%}, {high:.1%}], means {means:.1%}"
+
+
+def draw(few: np.ndarray, many: np.ndarray) -> None:
+    """Draw the returns of all counts; `few`, by the preset, and `many`, by the recipe for many, are of all seeds."""
+    ends = {name: end["return"]["median"] for name, end in read("")["ends"]["methods"].items()}
+    returns = {
+        NAS: [*(of_table(count) for count in COUNTS[:-1]), many],
+        SYMMETRIC: [few if count == FEW else of_runs(CURVE, SYMMETRIC, count) for count in COUNTS],
+    }
+    print({method: [len(values) for values in rows] for method, rows in returns.items()}, "seeds in the picture")
+    picture = return_over_count(COUNTS, returns, LABELS, ends, {}, False)
+    (RUNS / "figure6-Pusher-backlash-symmetric.png").write_bytes(to_png(picture))
 
 
 if __name__ == "__main__":
