@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.experiments.pipeline.counting import LEARNED_ON
 from nas_data.policies.intervals import ENDS, resampled_medians
 from nas_data.reports.experiment_figures import return_over_count
 from nas_data.reports.style import to_png
@@ -20,16 +21,15 @@ RUNS = Path(__file__).parent / "experiments"
 FEW, MANY = 100, 2000
 COUNTS = (10, FEW, 500, MANY)
 NAS, SYMMETRIC = "nas", "nas_symmetric"
-LABELS = {NAS: "source + φ", SYMMETRIC: "source + φ, preset symmetric"}
 ADDED = {"-three-more-seeds": "seeds 5 to 7", "-five-more-seeds": "seeds 8, 9, 14 to 16"}
 CURVE = "-symmetric-counts"
 
 
 def main() -> None:
     """Print both sides' returns and what one is short of the other, and draw them among the other counts."""
-    sides = {"seeds 0 to 4": (of_first(), of_table(MANY))}
+    sides = {"seeds 0 to 4": (of_runs("-symmetric", ""), of_table(MANY))}
     for end, name in ADDED.items():
-        sides[name] = of_runs(end, SYMMETRIC, FEW), of_runs(end, NAS, MANY)
+        sides[name] = of_runs(end, f"{SYMMETRIC}-{FEW}-"), of_runs(end, f"{NAS}-{MANY}-")
     few, many = (np.concatenate(side) for side in zip(*sides.values(), strict=True))
     for count, returns in ((FEW, few), (MANY, many)):
         print(f"{count:4}: {returns.round(2)} standard deviation {returns.std(ddof=1):.2f}")
@@ -43,21 +43,16 @@ def read(end: str) -> dict:
     return json.loads((RUNS / f"figure6-Pusher-backlash{end}.json").read_text(encoding="utf-8"))
 
 
-def of_first() -> np.ndarray:
-    """Return the returns of the first five seeds with few trajectories."""
-    return np.array([run["policy"]["score"]["return"] for run in read("-symmetric")["runs"].values()])
-
-
 def of_table(count: int) -> np.ndarray:
     """Return the first five seeds' returns by the recipe for many, or those of them that were run with this count."""
     tables = [table for end in ("", "-more-seeds") if count in (table := read(end))["counts"]]
     return np.concatenate([table["methods"][NAS]["returns"][table["counts"].index(count)] for table in tables])
 
 
-def of_runs(end: str, method: str, count: int) -> np.ndarray:
-    """Return the returns of a method with some number of trajectories that were run seed by seed, in their order."""
+def of_runs(end: str, start: str) -> np.ndarray:
+    """Return the returns of what was run seed by seed, in its order: of the runs whose names begin with `start`."""
     runs = read(end)["runs"].items()
-    return np.array([run["policy"]["score"]["return"] for name, run in runs if name.startswith(f"{method}-{count}-")])
+    return np.array([run["policy"]["score"]["return"] for name, run in runs if name.startswith(start)])
 
 
 def short(few: np.ndarray, many: np.ndarray) -> str:
@@ -73,10 +68,10 @@ def draw(few: np.ndarray, many: np.ndarray) -> None:
     ends = {name: end["return"]["median"] for name, end in read("")["ends"]["methods"].items()}
     returns = {
         NAS: [*(of_table(count) for count in COUNTS[:-1]), many],
-        SYMMETRIC: [few if count == FEW else of_runs(CURVE, SYMMETRIC, count) for count in COUNTS],
+        SYMMETRIC: [few if count == FEW else of_runs(CURVE, f"{SYMMETRIC}-{count}-") for count in COUNTS],
     }
     print({method: [len(values) for values in rows] for method, rows in returns.items()}, "seeds in the picture")
-    picture = return_over_count(COUNTS, returns, LABELS, ends, {}, False)
+    picture = return_over_count(COUNTS, returns, LEARNED_ON, ends, {}, False)
     (RUNS / "figure6-Pusher-backlash-symmetric.png").write_bytes(to_png(picture))
 
 
