@@ -5,6 +5,7 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ENVIRONMENT, SIM_ENVIRONMENT, SIM_STATE, state_feature
+from nas_data.dataset.start_velocities import find_start_velocities
 from nas_data.errors import JointMismatch
 from nas_data.simulators.base import Simulator
 
@@ -53,6 +54,23 @@ def scene_states(dataset: Dataset, simulator: Simulator, rows: slice | np.ndarra
     """
     states, objects = dataset.states[rows], object_states(dataset, simulator)
     return np.concatenate([states, objects[rows]], axis=1) if objects.shape[1] else states
+
+
+def initial_states(dataset: Dataset, simulator: Simulator | None) -> np.ndarray:
+    """Return the states in which open-loop rollouts of the episodes start: measured positions, velocities as told.
+
+    Args:
+        dataset: Transitions with 2n-states.
+        simulator: Whose objects are looked for; None where there is none.
+
+    Returns:
+        Shape (E, 2n), or (E, 2n + m) with the simulator's objects, float64.
+    """
+    n = len(dataset.joints)
+    states = dataset.states if simulator is None else scene_states(dataset, simulator)
+    first = states[dataset.starts].astype(float)
+    first[:, n : 2 * n] = find_start_velocities(dataset).values
+    return first
 
 
 def object_states(dataset: Dataset, simulator: Simulator) -> np.ndarray:

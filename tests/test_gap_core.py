@@ -19,7 +19,8 @@ from nas_data.explicit import explicit
 from nas_data.gap.add import write_model
 from nas_data.gap.base import base_parameters
 from nas_data.gap.evidence import Evidence, divide, windows
-from nas_data.gap.floor import median, noise_floor, quantum, spread, step_errors
+from nas_data.dataset.noise import median, quantum, spread
+from nas_data.gap.floor import noise_floor, step_errors
 from nas_data.gap.nominal import Nominal, fine_timestep, with_timestep
 from nas_data.gap.search.fit import Task, constrained, fit
 from nas_data.gap.search.unknowns import Unknowns

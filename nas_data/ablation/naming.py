@@ -33,21 +33,20 @@ class NamedSource:
         return {"effects": [effect.to_json() for effect in self.effects], "retuned": dict(self.retuned)}
 
 
-def name_effects(data: Dataset, source: Source, root: Path, cut: bool) -> NamedSource:
+def name_effects(data: Dataset, source: Source, root: Path) -> NamedSource:
     """Name the effects that a source lacks.
 
     Args:
         data: Transitions; a third of the episodes judges the names.
         source: Without effects of its own.
         root: Folder of the dataset that they are from, for names and errors.
-        cut: Whether the episodes were cut out of motions.
 
     Raises:
         NasError: the episodes are too few or too short.
     """
     assert not isinstance(source.model, Robot)
     with on_one_core():
-        problem = Problem.of(data, source.model, root, moving=cut)
+        problem = Problem.of(data, source.model, root)
         final = name(problem.train, problem.held).final
     factors = {key: factor for key, factor in final.factors.items() if factor != 1}
     return add(Named(root, tuple(final.effects), factors), source, data)

@@ -167,7 +167,6 @@ def prepare(trial: Trial, folder: Path) -> tuple[Lesson, Dataset, list[Run]]:
     runs = draw(dataset, train, config.amount, config.seed)
     lesson = Lesson(
         data=rows_of(dataset, runs),
-        cut=config.amount.unit == "minutes",
         root=material.root,
         source=material.source(),
         effects=material.effects,

@@ -41,7 +41,7 @@ class GapAdd(Command):
         named = Named.read(self.effects)
         final = Final(named.effects, named.retuned, ())
         self.out.mkdir(parents=True, exist_ok=True)
-        outcome = added(problem, final, Final((), {}, ()), self.out)
+        outcome = added(problem, final, Final((), {}, ()), Final((), {}, ()), self.out)
         evidence = problem.held.evidence
         before, after = (
             math.degrees(float(np.sqrt(evidence.mean_squares(rows).mean()))) for rows in (outcome.before, outcome.after)

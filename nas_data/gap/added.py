@@ -13,7 +13,8 @@ from nas_data.gap.evidence import Evidence
 from nas_data.gap.nominal import Nominal, with_timestep
 from nas_data.gap.problem import Problem
 from nas_data.gap.search.final import Final, finish
-from nas_data.gap.search.fit import Task
+from nas_data.gap.search.hypothesis import Description
+from nas_data.gap.search.objective import Task
 from nas_data.gap.search.scales import scales
 from nas_data.simulators.settled import Hold
 
@@ -30,7 +31,8 @@ class Outcome:
 
     Attributes:
         before: Model as handed over.
-        retuned: With base parameters fitted, nothing added.
+        retuned: With the model's own parameters fitted a few percent, nothing added.
+        plain: With every smooth parameter fitted, no name given.
         after: With the named effects: the written model, read back, where MJCF can express them all.
         written: The written model, read back.
         model: Its file.
@@ -40,6 +42,7 @@ class Outcome:
 
     before: np.ndarray
     retuned: np.ndarray
+    plain: np.ndarray
     after: np.ndarray
     written: np.ndarray
     model: Path
@@ -47,14 +50,14 @@ class Outcome:
     learned: Mapping[str, float] | None = None
 
 
-def added(problem: Problem, final: Final, null: Final, folder: Path) -> Outcome:
+def added(problem: Problem, final: Final, null: Final, plain: Final, folder: Path) -> Outcome:
     """Write the model and judge it by what the written file does on held-out episodes.
 
     Where the file can do without what runs between physics steps, it holds everything. Otherwise it holds what comes
     nearest; the error after is then that of the effects named, which `effects.json` holds, and the file's own is told
     beside it.
     """
-    task = replace(problem.train, fine=final.fine).begun(final.effects, dict(final.factors))
+    task = replace(problem.train, fine=final.fine).with_initial_load(final.effects, dict(final.factors))
     task = task.corrected(final.effects, dict(final.factors))
     hold = usual_hold(task, final)
     nominal, held = problem.held.nominal, problem.held.evidence.begun(hold)
@@ -70,11 +73,20 @@ def added(problem: Problem, final: Final, null: Final, folder: Path) -> Outcome:
     return Outcome(
         before=nominal.predict(held),
         retuned=nominal.predict(held, (), null.factors),
+        plain=predict_held(problem, plain),
         after=written if whole else named.predict(held, effects, factors),
         written=written,
         model=folder / MODEL,
         whole=whole,
     )
+
+
+def predict_held(problem: Problem, final: Final) -> np.ndarray:
+    """Return what a hypothesis predicts of the held-out episodes, at its physics step [rad], shape (E, T, n)."""
+    task = replace(problem.train, fine=final.fine)
+    nominal = with_timestep(problem.held.nominal, task.timestep)
+    held = problem.held.evidence.begun(usual_hold(task, final))
+    return nominal.predict(held, final.effects, dict(final.factors))
 
 
 def write_nearest(problem: Problem, final: Final, folder: Path, fitted: Evidence, named: Nominal) -> bool:
@@ -143,7 +155,8 @@ def stand_ins(problem: Problem, final: Final) -> Final:
     """Return a hypothesis of effects that edits alone express: the nearest to those named, fitted."""
     sizes = zip(final.effects, sized(problem, final), strict=True)
     near = [effect if effect.joint is None else effect.native(own) for effect, own in sizes]
-    return finish(problem.train, [effect for effect in near if effect is not None], dict(final.factors), rounds=1)
+    description = Description(tuple(effect for effect in near if effect is not None))
+    return finish(problem.train, description, dict(final.factors), rounds=1)
 
 
 def sized(problem: Problem, final: Final) -> list[Scales]:

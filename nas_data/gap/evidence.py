@@ -6,20 +6,24 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.start_velocities import find_start_velocities, fit_velocity
 from nas_data.errors import DatasetInvalid
 from nas_data.gap.finding.driven import driven_rows
 from nas_data.gap.gains import relative_gains
-from nas_data.gap.start_speeds import start_speeds
 from nas_data.pairing import object_states
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.settled import Hold
 
+EARLIER = 0.5  # [s] of commands before a window that a delay may still hold
 SHORTEST = 10  # control steps below which an episode says nothing about dynamics
 WINDOW = 5.0  # [s] into which longer episodes are cut: errors of a servoed arm do not grow with time
 WHOLE = 1.5  # times as long an episode may be and is not cut
 STILLER = 0.5  # [s] around an even spacing in which the stillest moment is taken as a window's start
 # what there is of each episode
-PARTS = ("starts", "commands", "measured", "counts", "numbers", "speeds", "holds", "gains", "driven", "objects")
+PARTS = (
+    "starts", "commands", "measured", "counts", "numbers", "speeds", "told", "doubts", "rates", "holds", "gains",
+    "driven", "objects", "earlier",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -35,9 +39,14 @@ class Evidence:
         counts: Whether a row was recorded, shape (E, T).
         numbers: Numbers of the episodes in the dataset, shape (E,).
         speeds: Velocities [rad/s] at the start, shape (E, n); zero where an episode starts at rest.
+        told: The same as the recording tells them; `speeds` may be nearer to what a model makes of the motion.
+        doubts: Standard deviations of `told` [rad/s], shape (E, n); 0 where an episode starts at rest.
+        rates: Measured velocities after each command [rad/s], shape (E, T, n); NaN where none were measured.
+        noise: Standard deviation of the position readings [rad], shape (n,).
         holds: What held each joint before, which nobody measured (a `Hold`), shape (E, n).
         gains: Position gain of each joint's servo as a multiple of the model's, shape (E, n).
         driven: Rows after which the torque was off and the arm fell, shape (E,); T where it stayed on.
+        earlier: Commands of the control periods before the first, shape (E, L, n); NaN where not known.
         objects: Measured states of the model's objects before each command, shape (E, T, m); m is 0 without objects.
     """
 
@@ -49,31 +58,44 @@ class Evidence:
     counts: np.ndarray
     numbers: np.ndarray
     speeds: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    told: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    doubts: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    rates: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 0)))
+    noise: np.ndarray = field(default_factory=lambda: np.empty(0))
     holds: np.ndarray = field(default_factory=lambda: np.empty((0, 0), int))
     gains: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     driven: np.ndarray = field(default_factory=lambda: np.empty(0, int))
     objects: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 0)))
+    earlier: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 0)))
 
     def __post_init__(self) -> None:
         if not self.speeds.size:
             object.__setattr__(self, "speeds", np.zeros_like(self.starts, dtype=float))
+        if not self.told.size:
+            object.__setattr__(self, "told", self.speeds)
+        if not self.doubts.size:
+            object.__setattr__(self, "doubts", np.zeros_like(self.speeds))
+        if not self.rates.size:
+            object.__setattr__(self, "rates", np.full(self.commands.shape, np.nan))
+        if not self.noise.size:
+            object.__setattr__(self, "noise", np.zeros(len(self.joints)))
         if not self.holds.size:
             object.__setattr__(self, "holds", np.full(self.starts.shape, Hold.WEIGHT))
         if not self.gains.size:
             object.__setattr__(self, "gains", np.ones(self.starts.shape))
         if not self.driven.size:
             object.__setattr__(self, "driven", np.full(len(self.starts), self.commands.shape[1]))
+        if not self.earlier.size:
+            object.__setattr__(self, "earlier", np.full((len(self.starts), 0, self.starts.shape[1]), np.nan))
         if not self.objects.size:
             object.__setattr__(self, "objects", np.empty((*self.commands.shape[:2], 0)))
 
     @classmethod
-    def of(cls, dataset: Dataset, moving: bool = False) -> "Evidence":
+    def of(cls, dataset: Dataset) -> "Evidence":
         """Join a dataset's transitions into episodes, with their gains and how long the torque was on.
 
         Args:
             dataset: Transitions.
-            moving: Whether the episodes were cut out of motions, and start at their measured velocities; otherwise
-                they do where a start in motion was measured (see `start_speeds`).
 
         Raises:
             DatasetInvalid: no episode is long enough.
@@ -87,7 +109,8 @@ class Evidence:
         rows = [dataset.episode(index) for index in chosen]
         longest = max(part.stop - part.start for part in rows)
         driven, lengths = driven_rows(dataset)[chosen], dataset.lengths[chosen]
-        measured_speeds = dataset.states[dataset.starts[chosen], n:].astype(float)
+        begun = find_start_velocities(dataset)
+        rates = np.stack([lengthen(dataset.next_states[part, n:], longest) for part in rows])
         return cls(
             joints=dataset.joints,
             period=1 / dataset.fps,
@@ -96,7 +119,10 @@ class Evidence:
             measured=np.stack([lengthen(dataset.next_states[part, :n], longest) for part in rows]),
             counts=np.stack([np.arange(longest) < part.stop - part.start for part in rows]),
             numbers=np.array(chosen),
-            speeds=measured_speeds if moving else start_speeds(dataset)[chosen],
+            speeds=begun.values[chosen],
+            doubts=begun.deviations[chosen],
+            rates=np.where(begun.derived, np.nan, rates),
+            noise=begun.noise,
             gains=relative_gains(dataset)[chosen],
             driven=np.where(driven < lengths, driven, longest),
         )
@@ -157,8 +183,8 @@ def divide(evidence: Evidence, share: float = 1 / 3) -> tuple[Evidence, Evidence
     return evidence.select(rest), evidence.select(places)
 
 
-def windows(evidence: Evidence, rows: int) -> Evidence:
-    """Return stretches of about `WINDOW` seconds, evenly over the recording, of `rows` rows in all.
+def windows(evidence: Evidence, rows: int, seconds: float = WINDOW) -> Evidence:
+    """Return stretches of about so many seconds, evenly over the recording, of `rows` rows in all.
 
     An episode gives as many stretches as it has room for side by side, at least one: what is counted twice would
     only seem to be known better. Where no episode is much longer than a stretch, all stay whole.
@@ -166,8 +192,9 @@ def windows(evidence: Evidence, rows: int) -> Evidence:
     Args:
         evidence: Episodes.
         rows: How many rows are wanted at most; at least two stretches are returned if there are as many.
+        seconds: How long a stretch is to be [s].
     """
-    longest, steps = evidence.commands.shape[1], round(WINDOW / evidence.period)
+    longest, steps = evidence.commands.shape[1], round(seconds / evidence.period)
     if longest <= WHOLE * steps:
         return evidence.select(thinned(len(evidence), rows // longest))
     places = [place for number in range(len(evidence)) for place in stretches(evidence, number, steps)]
@@ -206,12 +233,28 @@ def velocities(evidence: Evidence, episode: int) -> np.ndarray:
     return np.asarray((padded[2 * reach :] - padded[: -2 * reach]) / (2 * reach * evidence.period))
 
 
+def velocity_before(evidence: Evidence, episode: int, row: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the velocities before a row's command and their standard deviations [rad/s], shape (n,) each."""
+    if row == 0:
+        return evidence.speeds[episode], evidence.doubts[episode]
+    length, rate = int(evidence.counts[episode].sum()), 1 / evidence.period
+    positions = np.concatenate([evidence.starts[episode][None], evidence.measured[episode, :length]])
+    fitted = [
+        fit_velocity(positions[:, joint], row, float(evidence.noise[joint]), rate)
+        for joint in range(len(evidence.joints))
+    ]
+    values, doubts = np.array(fitted).T
+    measured = evidence.rates[episode, row - 1]
+    told = np.isfinite(measured)
+    return np.where(told, measured, values), doubts
+
+
 def window(evidence: Evidence, episode: int, first: int, steps: int) -> Evidence:
     """Return a stretch of one episode."""
     rows = slice(first, first + steps)
     part = evidence.select([episode])
     start = part.starts if first == 0 else part.measured[:, first - 1]
-    speed = part.speeds if first == 0 else velocities(evidence, episode)[first - 1][None]
+    speed, doubt = (values[None] for values in velocity_before(evidence, episode, first))
     return replace(
         part,
         starts=start,
@@ -219,9 +262,22 @@ def window(evidence: Evidence, episode: int, first: int, steps: int) -> Evidence
         measured=part.measured[:, rows],
         counts=part.counts[:, rows],
         speeds=speed,
+        told=speed,
+        doubts=doubt,
+        rates=part.rates[:, rows],
         driven=np.clip(part.driven - first, 0, steps),
         objects=part.objects[:, rows],
+        earlier=commands_before(part, first),
     )
+
+
+def commands_before(episode: Evidence, row: int) -> np.ndarray:
+    """Return the commands of the control periods before a row of one episode, shape (1, L, n); NaN before its first."""
+    count = max(1, round(EARLIER / episode.period))
+    known = episode.commands[:, max(0, row - count) : row]
+    if not row:
+        return np.full((1, count, known.shape[2]), np.nan)
+    return np.concatenate([np.repeat(known[:, :1], count - known.shape[1], axis=1), known], axis=1)
 
 
 def joined(parts: Sequence[Evidence]) -> Evidence:

@@ -9,16 +9,19 @@ from threadpoolctl import threadpool_limits
 
 from nas_data.effects.base import Effect
 from nas_data.gap.search.choose import choose
-from nas_data.gap.search.decide import decided
-from nas_data.gap.search.final import Final
-from nas_data.gap.search.fit import Task
-from nas_data.gap.search.hypothesis import Hypothesis
-from nas_data.gap.search.rivals import beside, confronted, fitted_rivals, outdone
-from nas_data.gap.search.state import Search
+from nas_data.gap.search.final import Final, finish
+from nas_data.gap.search.hypothesis import Description, Hypothesis
+from nas_data.gap.search.moves.replace_by_rival import fitted_rivals
+from nas_data.gap.search.objective import Task
+from nas_data.gap.search.plain_fit import fit_plain
+from nas_data.gap.search.search import Search
+from nas_data.gap.search.tie_break import decide
 
 SHARPNESS = 4.0  # how fast doubt falls with the ratio of the runner-up's error to the winner's
 SURE = 0.8  # confidence below which an experiment is proposed that would decide
 ALIKE = 0.8  # closeness of a rival, 1 where it predicts as well, from which the data cannot tell it from the winner
+POOR = 3.0  # noise floors of rest above which a joint may be called unexplained
+UNEXPLAINED = 0.75  # part of a joint's error that must stay, for it to be called so
 ROUGH = 2.0  # noise floors of rest above which a name is doubted
 ADEQUATE = 1.5  # noise floors of rest up to which a joint counts as explained
 
@@ -54,13 +57,15 @@ class Naming:
     Attributes:
         findings: Effects, the surest first.
         final: Last fit, on all training episodes.
-        null: Base parameters fitted with nothing added.
+        null: The model's own parameters fitted a few percent, with nothing added.
+        plain: The plain fit: every smooth parameter free, with no name given.
         rivals: For each finding, the fitted hypothesis with its runner-up in its place, or None.
     """
 
     findings: tuple[Finding, ...]
     final: Final
     null: Final
+    plain: Final
     rivals: tuple[Hypothesis | None, ...]
 
     @property
@@ -88,27 +93,45 @@ def name(train: Task, held: Task, say: Callable[[str], None] = lambda text: None
         held: Model and held-out episodes.
         say: Told what is going on.
     """
-    search = Search(train, held, say)
-    kept = choose(search)
-    confronted(search, kept)
-    kept = outdone(search, kept)
+    search = Search.begin(train, held, say)
+    with search.aside():
+        plain, fine = fit_plain(search), search.sub.fine
+    kept = decide(search, replace(train, fine=search.sub.fine), withdraw(search, choose(search, plain)))
     null = Final((), search.null.fit.factors, ())
     say("last fit, on all training episodes")
-    kept, final = decided(search, replace(train, fine=search.sub.fine), kept)
+    final = finish(replace(train, fine=search.sub.fine), kept.description, kept.fit.factors)
     judged = [judge(search, kept, final, number) for number in range(len(kept.effects))]
     order = sorted(range(len(judged)), key=lambda number: -judged[number][0].confidence)
     findings, rivals = [judged[number][0] for number in order], [judged[number][1] for number in order]
-    return Naming(tuple(findings), final, null, tuple(rivals))
+    baseline = Final(plain.effects, plain.fit.factors, (), fine)
+    return Naming(tuple(findings), final, null, baseline, tuple(rivals))
+
+
+def withdraw(search: Search, kept: Hypothesis) -> Hypothesis:
+    """Take back the names in joints of which most stays unexplained: their cause is not in the catalogue."""
+    rest, null = search.ratio(kept), search.ratio(search.null)
+    joints = zip(search.train.nominal.joints, rest, null, strict=True)
+    unknown = {joint for joint, left, before in joints if left > POOR and left > UNEXPLAINED * before}
+    sound = tuple(effect for effect in kept.effects if effect.joint not in unknown)
+    if len(sound) == len(kept.effects):
+        return kept
+    left = {effect.name() for effect in sound}
+    description = Description(sound, kept.description.freed, kept.description.shared & left)
+    other = search.rival(description, kept) if sound else search.null
+    if other is None:
+        return kept
+    search.report(f"{', '.join(sorted(unknown))} not explained by any effect", other)
+    return other
 
 
 def judge(search: Search, kept: Hypothesis, final: Final, number: int) -> tuple[Finding, Hypothesis | None]:
     """Compare one effect with nothing and with its rivals; return the finding and the best rival's hypothesis."""
     effect = kept.effects[number]
-    others = beside(kept, number)
+    rest = kept.description.without(number)
     fewer = (search.without(kept, number), search.null, search.nominal)  # of which the last runs on every episode
     without = next(h for h in fewer if h and h.is_sound)
     ranked = fitted_rivals(search, kept, number)
-    twins = [h for twin in effect.twins(effect.joint) if (h := search.rival((*others, twin), kept)) and h.is_sound]
+    twins = [h for twin in effect.twins(effect.joint) if (h := search.rival(rest.adding(twin), kept)) and h.is_sound]
     joints = concerned(search, effect)
     confidence = surety(search, kept, ranked, without)
     finding = Finding(

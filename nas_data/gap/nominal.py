@@ -1,6 +1,6 @@
 """The model that was handed over, with everything that a hypothesis about the gap may change."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -11,11 +11,12 @@ from nas_data.effects.base import Effect
 from nas_data.effects.edits.damping_ratio import settle_damping
 from nas_data.effects.edits.servo import position_servo, scale_stiffness
 from nas_data.explicit import explicit
-from nas_data.gap.base import BaseParameter, apply_base, base_parameters
 from nas_data.gap.evidence import Evidence
 from nas_data.gap.held import hold_others
 from nas_data.gap.integrator import FINE, make_implicit, whole_step
+from nas_data.gap.nominal_parameters import NominalParameter, apply_base, base_parameters
 from nas_data.gap.side_by_side import shares_cores
+from nas_data.meshless import colliding_shapes, meshless, needs_files
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
 
@@ -42,6 +43,7 @@ class Nominal:
     Attributes:
         robot: Its file, joints and constants.
         spec: The model with explicit inertias.
+        lean: The same without meshes that touch nothing, which compiles faster; it moves alike.
         joints: Measured joints.
         period: Control period [s].
         base: Parameters that may be off by some percent.
@@ -50,9 +52,10 @@ class Nominal:
 
     robot: Robot
     spec: mujoco.MjSpec
+    lean: mujoco.MjSpec
     joints: tuple[str, ...]
     period: float
-    base: tuple[BaseParameter, ...]
+    base: tuple[NominalParameter, ...]
     notes: tuple[str, ...] = ()
 
     @classmethod
@@ -68,18 +71,31 @@ class Nominal:
         settle_damping(spec)
         spec.option.timestep = whole_step(evidence.period, spec.option.timestep)
         notes = adapt(spec, evidence.joints, evidence.period)
-        return cls(robot, spec, evidence.joints, evidence.period, base_parameters(spec, evidence.joints), notes)
+        base = base_parameters(spec, evidence.joints)
+        return cls(robot, spec, without_meshes(spec), evidence.joints, evidence.period, base, notes)
 
-    def edited(self, factors: Mapping[str, float]) -> mujoco.MjSpec:
-        """Return the model with base parameters multiplied by factors, by name."""
-        spec = self.spec.copy()
+    def edited(self, factors: Mapping[str, float], lean: bool = False) -> mujoco.MjSpec:
+        """Return the model with parameters multiplied by factors, by name.
+
+        Args:
+            factors: Those of 1 may be left out.
+            lean: Whether meshes that touch nothing are left out.
+        """
+        spec = (self.lean if lean else self.spec).copy()
         apply_base(spec, self.base, factors)
         return spec
+
+    def changed(self, edit: Callable[[mujoco.MjSpec], None]) -> "Nominal":
+        """Return the nominal model with an edit of its spec."""
+        spec, lean = self.spec.copy(), self.lean.copy()
+        edit(spec)
+        edit(lean)
+        return replace(self, spec=spec, lean=lean)
 
     def simulator(self, effects: Sequence[Effect] = (), factors: Mapping[str, float] | None = None) -> MujocoSimulator:
         """Return the model with effects and changed base parameters, ready to simulate."""
         known = {name: getattr(self.robot, name) for name in ("name", "mjcf", "joints", "rate", "rest")}
-        robot = PreparedRobot(**known, prepared=self.edited(factors or {}))
+        robot = PreparedRobot(**known, prepared=self.edited(factors or {}, lean=True))
         simulator = MujocoSimulator(robot, self.period, self.joints, effects, 1 if shares_cores() else None)
         simulator.model.opt.disableflags |= unneeded(simulator.model)
         return simulator
@@ -125,19 +141,22 @@ class Nominal:
     ) -> np.ndarray:
         """Roll the episodes out at the model's own gain; see `predict`."""
         driven = None if (evidence.driven >= evidence.commands.shape[1]).all() else evidence.driven
-        rolled = self.simulator(effects, factors).rollout(evidence.initial, evidence.commands, evidence.holds, driven)
+        start = evidence.initial, evidence.commands, evidence.holds, driven, evidence.earlier
+        rolled = self.simulator(effects, factors).rollout(*start)
         return rolled[..., : len(self.joints)]
 
     def with_gains(self, gains: np.ndarray) -> "Nominal":
         """Return the model with the position gains of its servos multiplied, shape (n,); limits and damping stay."""
         if (gains == 1).all():
             return self
-        spec = self.spec.copy()
-        for joint, gain in zip(self.joints, gains, strict=True):
-            if gain != 1:
-                position_servo(spec, joint, "A position gain of the recording")
-                scale_stiffness(spec, joint, float(gain))
-        return replace(self, spec=spec)
+
+        def scale(spec: mujoco.MjSpec) -> None:
+            for joint, gain in zip(self.joints, gains, strict=True):
+                if gain != 1:
+                    position_servo(spec, joint, "A position gain of the recording")
+                    scale_stiffness(spec, joint, float(gain))
+
+        return self.changed(scale)
 
 
 def adapt(spec: mujoco.MjSpec, joints: Sequence[str], period: float) -> tuple[str, ...]:
@@ -161,6 +180,14 @@ def fine_timestep(nominal: Nominal) -> float:
 
 def with_timestep(nominal: Nominal, timestep: float) -> Nominal:
     """Return the nominal model with another physics timestep [s]."""
-    spec = nominal.spec.copy()
-    spec.option.timestep = timestep
-    return replace(nominal, spec=spec)
+
+    def shorten(spec: mujoco.MjSpec) -> None:
+        spec.option.timestep = timestep
+
+    return nominal.changed(shorten)
+
+
+def without_meshes(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """Return a model without the meshes that touch nothing; the model itself where it has none, or some touch."""
+    touches = not spec.option.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CONTACT) and colliding_shapes(spec)
+    return spec if touches or not needs_files(spec) else meshless(spec)

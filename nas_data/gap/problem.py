@@ -13,7 +13,7 @@ from nas_data.gap.finding.driven import until_driven_again
 from nas_data.gap.floor import noise_floor, step_errors
 from nas_data.gap.gains import with_relative_gains
 from nas_data.gap.nominal import Nominal
-from nas_data.gap.search.fit import Task
+from nas_data.gap.search.objective import Task
 from nas_data.pairing import check_fits
 
 TRAIN_STEPS = 120_000  # physics steps that one rollout of all training episodes may take, half a second of work
@@ -52,22 +52,20 @@ class Problem:
         return cls.of(recorded, model, root)
 
     @classmethod
-    def of(cls, recorded: Dataset, model: str | Path, root: Path, moving: bool = False) -> "Problem":
+    def of(cls, recorded: Dataset, model: str | Path, root: Path) -> "Problem":
         """Prepare transitions.
 
         Args:
             recorded: Transitions with 2n-states.
             model: A robot's name or a model file.
             root: Folder of the dataset that they are from, for names and errors.
-            moving: Whether the episodes were cut out of motions; otherwise they start at rest where nothing measured
-                says otherwise.
 
         Raises:
             NasError: one of the two cannot be used; the sentence names it.
         """
         transitions = with_relative_gains(recorded, model, root)
         kept = until_driven_again(transitions)
-        evidence = Evidence.of(kept, moving)
+        evidence = Evidence.of(kept)
         if len(evidence) < 2:
             raise DatasetInvalid(
                 f"{root} has {len(evidence)} episode; at least two are needed, one to fit and one to judge by: "

@@ -14,7 +14,7 @@ from nas_data.gap.goes_with import goes_with
 from nas_data.gap.name import ADEQUATE, Finding, Naming
 from nas_data.gap.problem import Problem
 from nas_data.gap.search.final import retuned, values
-from nas_data.gap.search.fit import Task
+from nas_data.gap.search.objective import Task
 from nas_data.gap.verdict import above, verdict
 
 REPORT, SERIES = "report.json", "series.npz"
@@ -46,14 +46,14 @@ def write_report(
     after = ratios(held.evidence.mean_squares(outcome.after), floor)
     dataset, model = problem.names
     report: dict[str, object] = {
-        "schema": 1,
+        "schema": 2,
         "dataset": dataset,
         "model": model,
         "verdict": verdict(before, after, len(naming.findings)),
         "effects": [described(finding, outcome.whole) for finding in naming.findings],
-        "retuned": retuned(naming.final.factors),
+        "retuned": retuned(naming.final),
         "unexplained": unexplained(held, outcome.after, after),
-        "gap": gap(held, outcome),
+        "gap": {**gap(held, outcome), "conditioning": float(f"{naming.final.conditioning:.3g}")},
         "shares": shares(held, outcome),
         "placebo": placebo(held, naming),
         **experiment,
@@ -105,19 +105,21 @@ def unexplained(held: Task, predicted: np.ndarray, after: np.ndarray) -> Sequenc
 
 def gap(held: Task, outcome: Outcome) -> Mapping[str, object]:
     """Return the gap before and after, pooled and per joint [rad]."""
-    models = (outcome.before, outcome.after, outcome.written)
-    before, after, written = (held.evidence.mean_squares(predicted).mean(0) for predicted in models)
+    models = (outcome.before, outcome.plain, outcome.after, outcome.written)
+    before, plain, after, written = (held.evidence.mean_squares(predicted).mean(0) for predicted in models)
     joints = held.evidence.joints
     return {
         "metric": METRIC,
         "unit": "rad",
         "noise_floor": float(np.sqrt((held.floor**2).mean())),
         "before": float(np.sqrt(before.mean())),
+        "plain": float(np.sqrt(plain.mean())),
         "after": float(np.sqrt(after.mean())),
         "after_model_xml": float(np.sqrt(written.mean())),
         "per_joint": {
             joint: {
                 "before": float(np.sqrt(before[place])),
+                "plain": float(np.sqrt(plain[place])),
                 "after": float(np.sqrt(after[place])),
                 "noise_floor": float(held.floor[place]),
             }
@@ -164,12 +166,13 @@ def write_series(folder: Path, problem: Problem, naming: Naming, outcome: Outcom
         "command": evidence.commands,
         "before": outcome.before,
         "retuned": outcome.retuned,
+        "plain": outcome.plain,
         "after": outcome.after,
         "counts": evidence.counts,
         "floor": held.floor,
     }
     if naming.placebo is not None:
-        predicted = held.predict(naming.placebo.fit.unknowns, naming.placebo.fit.numbers)
+        predicted = held.predict(naming.placebo.fit.parameters, naming.placebo.fit.theta)
         if predicted is not None:
             series["placebo"] = predicted
     np.savez_compressed(folder / SERIES, allow_pickle=False, **series)

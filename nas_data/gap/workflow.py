@@ -65,7 +65,7 @@ def conclude(problem: Problem, found: Found, folder: Path, began: float, say: Sa
     folder.mkdir(parents=True, exist_ok=True)
     clear(folder)  # not before: a run that is cut short leaves the earlier report
     say("add: write the model with the effects")
-    outcome = added(problem, naming.final, naming.null, folder)
+    outcome = added(problem, naming.final, naming.null, naming.plain, folder)
     if learn:
         say("learn: φ on what the names leave")
         outcome = replace(outcome, learned=learned(problem, outcome.model, learn, say))

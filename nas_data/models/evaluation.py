@@ -14,7 +14,7 @@ from nas_data.models.augmented import LearnedStepper
 from nas_data.models.episodes import pad, read_episodes
 from nas_data.models.lstm import DynamicsModel
 from nas_data.models.threads import one_thread
-from nas_data.pairing import check_fits, pair, scene_states
+from nas_data.pairing import check_fits, initial_states, pair
 from nas_data.simulators.base import Simulator, Stepper
 
 MODEL = {"delta": "source + φ", "forward": "ψ"}
@@ -144,10 +144,11 @@ def baselines(
 def open_loop_source(dataset: Dataset, simulator: Simulator) -> list[np.ndarray]:
     """Roll the source out over every episode, started at its first measured state; a list of (T, 2n)."""
     check_fits(dataset, simulator)
+    initial = initial_states(dataset, simulator)
     result: list[np.ndarray] = [np.empty(0)] * dataset.n_episodes
     for batch in batches(dataset.lengths):
         commands = padded_commands(dataset, batch)
-        states = simulator.rollout(scene_states(dataset, simulator, dataset.starts[batch]), commands)
+        states = simulator.rollout_settled(initial[batch], commands)
         for row, episode in enumerate(batch):
             result[episode] = states[row, : dataset.lengths[episode], : dataset.states.shape[1]]
     return result
@@ -193,13 +194,12 @@ def open_loop_model(
         raise JointMismatch("A delta model corrects a simulator; give the source that it was trained with.")
     plan = batches(dataset.lengths)
     total, done = sum(int(dataset.lengths[batch].max()) for batch in plan), 0
+    initial = initial_states(dataset, simulator)
     result: list[np.ndarray] = [np.empty(0)] * dataset.n_episodes
     for batch in plan:
         source = simulator.stepper(len(batch)) if simulator is not None else StillStepper(dataset.joints, len(batch))
         stepper = LearnedStepper(source, model)
-        first = dataset.starts[batch]
-        begun = dataset.states[first] if simulator is None else scene_states(dataset, simulator, first)
-        stepper.reset(begun.astype(float))
+        stepper.reset(initial[batch])
         commands = padded_commands(dataset, batch)
         states = np.empty((len(batch), commands.shape[1], dataset.states.shape[1]))
         for step in range(commands.shape[1]):

@@ -105,6 +105,9 @@ class Simulator(Protocol):
             States after each command, shape (B, T, 2n), or (B, T, 2n + m), float64.
         """
 
+    def rollout_settled(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
+        """Do as `rollout`, from an arm whose servos have long held its weight: play and springs lie as they then do."""
+
     def stepper(self, size: int) -> Stepper:
         """Return a batch of simulations for closed loops."""
 

@@ -77,6 +77,10 @@ class BulletSimulator:
         self.compiled.check(initial, commands)
         return self._roll(initial, commands)
 
+    def rollout_settled(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
+        """Do as `rollout`: the worlds of this engine have no play, springs or delays."""
+        return self.rollout(initial, commands)
+
     def stepper(self, size: int) -> "BulletStepper":
         """Return a batch of simulations for closed loops, each in a world of its own."""
         return BulletStepper(self, size)

@@ -19,7 +19,7 @@ from nas_data.simulators.compiled import Compiled
 from nas_data.simulators.hooks import HookedBatch, Switching, roll_hooked
 from nas_data.simulators.layout import FULLPHYSICS, INTEGRATION, RestStates, as_slice
 from nas_data.simulators.pool import rollout_pool
-from nas_data.simulators.settled import SettledStates
+from nas_data.simulators.settled import Hold, SettledStates
 
 SERVOS = 30  # actuator group, the engine's last, of what is without power where the torque is off
 CHUNK_STATES = 250_000  # numbers of simulated state held at once, 2 MB: with its inputs it stays in the cache
@@ -77,7 +77,7 @@ class MujocoSimulator:
     @cached_property
     def settled(self) -> SettledStates:
         """Full states at rest in any posture, settled under the arm's weight."""
-        return SettledStates(self.model, self.layout, self._part)
+        return SettledStates(self.model, self.layout, self._part, self.period)
 
     @cached_property
     def unpowered(self) -> mujoco.MjModel:
@@ -117,6 +117,7 @@ class MujocoSimulator:
         commands: np.ndarray,
         holds: np.ndarray | None = None,
         driven: np.ndarray | None = None,
+        earlier: np.ndarray | None = None,
     ) -> np.ndarray:
         """Simulate whole episodes in open loop; see `Simulator.rollout`.
 
@@ -125,6 +126,8 @@ class MujocoSimulator:
             commands: Shape (B, T, n).
             holds: What held each joint in the first pose (a `Hold`), shape (B, n); nothing where None.
             driven: Rows after which the servos are switched off, shape (B,); never where None.
+            earlier: Commands of the control periods before the start, shape (B, L, n), for delays; NaN or None where
+                they are not known: the first command where the arm begins in motion, else what holds it.
         """
         self.compiled.check(initial, commands)
         if not commands.shape[1]:
@@ -133,13 +136,20 @@ class MujocoSimulator:
         per_row = commands.shape[1] * kept * mujoco.mj_stateSize(self.model, self._part)
         chunk = self.threads * max(1, CHUNK_STATES // max(1, per_row * self.threads))
         states = np.asarray(initial, float)
-        first = self.rest(states) if holds is None else self.settled(states, holds)
+        if holds is None:
+            first = self.rest(states)
+        else:
+            first = self.settled(states, holds, known_commands(states, np.asarray(commands, float), earlier))
         chunks = [slice(start, start + chunk) for start in range(0, len(initial), chunk)]
         parts = [
             self._roll(states[rows], first[rows], np.asarray(commands[rows]), None if driven is None else driven[rows])
             for rows in chunks
         ]
         return np.concatenate(parts) if parts else np.empty((0, commands.shape[1], initial.shape[1]))
+
+    def rollout_settled(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
+        """Simulate whole episodes from an arm that held its weight; see `Simulator.rollout_settled`."""
+        return self.rollout(initial, commands, np.full(commands.shape[::2], Hold.WEIGHT))
 
     def stepper(self, size: int) -> "MujocoStepper":
         """Return a batch of simulations for closed loops, on one thread (more pays off only beyond 64)."""
@@ -219,6 +229,22 @@ class MujocoSimulator:
             f"{self.robot.mjcf} diverges in MuJoCo ({where}); "
             "shorten its timestep, soften its gains or check its inertias."
         )
+
+
+def known_commands(states: np.ndarray, commands: np.ndarray, earlier: np.ndarray | None) -> np.ndarray:
+    """Return the commands before the start, shape (B, L, n): those given, else the first where an arm is in motion.
+
+    Args:
+        states: First states, shape (B, 2n or 2n + m).
+        commands: From the start on, shape (B, T, n).
+        earlier: As in `MujocoSimulator.rollout`.
+    """
+    n = commands.shape[2]
+    moving = (states[:, n : 2 * n] != 0).any(axis=1)
+    likely = np.where(moving[:, None, None], commands[:, :1], np.nan)
+    if earlier is None or not earlier.shape[1]:
+        return likely
+    return np.where(np.isfinite(earlier).all(axis=(1, 2), keepdims=True), earlier, likely)
 
 
 class MujocoStepper:

@@ -59,24 +59,28 @@ class SettledStates:
     weight dry friction holds is not known: a `Hold` says what is assumed of each joint.
     """
 
-    def __init__(self, model: mujoco.MjModel, layout: Layout, spec: int) -> None:
-        """Prepare the states; arguments as for `RestStates`."""
-        self.model, self.layout, self.spec = model, layout, spec
+    def __init__(self, model: mujoco.MjModel, layout: Layout, spec: int, period: float) -> None:
+        """Prepare the states; arguments as for `RestStates`, and the control period [s]."""
+        self.model, self.layout, self.spec, self.period = model, layout, spec, period
         self.data = mujoco.MjData(model)
         self.bands = [find_band(model, int(joint)) for joint in model.dof_jntid[layout.dof]]
 
-    def __call__(self, states: np.ndarray, holds: np.ndarray) -> np.ndarray:
+    def __call__(self, states: np.ndarray, holds: np.ndarray, earlier: np.ndarray | None = None) -> np.ndarray:
         """Return full states (B, size) for measured states and holds.
 
         Args:
             states: Positions [rad] then velocities [rad/s], shape (B, 2n), or with the objects' states (B, 2n + m);
                 objects with servos are held where they are.
             holds: What held each joint (a `Hold`), shape (B, n).
+            earlier: Commands of the control periods before the start, the last one last, shape (B, L, n); NaN where the
+                arm had settled by then, none where None. Delays still hold them.
         """
-        return np.stack([self.settled(row, held) for row, held in zip(np.asarray(states, float), holds, strict=True)])
+        known = np.empty((len(states), 0, holds.shape[1])) if earlier is None else earlier
+        rows = zip(np.asarray(states, float), holds, known, strict=True)
+        return np.stack([self.settled(*row) for row in rows])
 
-    def settled(self, state: np.ndarray, holds: np.ndarray) -> np.ndarray:
-        """Return the full state for one measured state (2n,) or (2n + m,) and its holds (n,)."""
+    def settled(self, state: np.ndarray, holds: np.ndarray, earlier: np.ndarray) -> np.ndarray:
+        """Return the full state for one measured state (2n,) or (2n + m,), its holds (n,), and commands (L, n)."""
         model, data, n = self.model, self.data, len(self.layout.joints)
         objects = self.layout.objects
         mujoco.mj_resetData(model, data)
@@ -91,10 +95,22 @@ class SettledStates:
         data.ctrl[:] = self.layout.controls(holding, state)
         for actuator in range(len(model.actuator_trntype)):
             settle_actuator(model, data, actuator)
+        if len(earlier) and np.isfinite(earlier).all():
+            self.fill_delays(self.layout.controls(earlier, state[None]))
         data.qvel[self.layout.dof] = state[n : 2 * n]
         full = np.empty(mujoco.mj_stateSize(model, self.spec))
         mujoco.mj_getState(model, data, full, self.spec)
         return full
+
+    def fill_delays(self, controls: np.ndarray) -> None:
+        """Fill the actuators' delays with controls of the control periods before the start, shape (L, nu)."""
+        model, data = self.model, self.data
+        for actuator in np.flatnonzero(model.actuator_history[:, 0]):
+            first, inputs = model.actuator_ctrladr[actuator], model.actuator_ctrlnum[actuator]
+            ages = model.opt.timestep * np.arange(int(model.actuator_history[actuator, 0]), 0, -1)
+            periods = np.ceil(ages / self.period - 1e-6).astype(int)
+            values = controls[np.maximum(len(controls) - periods, 0), first : first + inputs]
+            mujoco.mj_initCtrlHistory(model, data, int(actuator), -ages[:, None], np.ascontiguousarray(values))
 
     def loads(self, weight: np.ndarray, holds: np.ndarray) -> np.ndarray:
         """Return the torques [N m] that the servos hold, shape (n,), for the weight on each degree of freedom."""

@@ -20,7 +20,6 @@ class Lesson:
 
     Attributes:
         data: Transitions of the subset alone.
-        cut: Whether its episodes were cut out of motions.
         root: Folder of the dataset that they are from, for names and errors.
         source: Plain source; None where there is none.
         effects: A gap report's folder, or its effects.json, to be used instead of naming them from the subset.
@@ -29,7 +28,6 @@ class Lesson:
     """
 
     data: Dataset
-    cut: bool
     root: Path
     source: Source | None
     effects: Path | None

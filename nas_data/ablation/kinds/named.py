@@ -9,7 +9,7 @@ def learn(lesson: Lesson) -> Learned:
     named = (
         read_named(lesson.effects, lesson.plain, lesson.data)
         if lesson.effects
-        else name_effects(lesson.data, lesson.plain, lesson.root, lesson.cut)
+        else name_effects(lesson.data, lesson.plain, lesson.root)
     )
     return Learned(None, named.source, named)
 

@@ -68,6 +68,41 @@ def scale_damping(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
     actuator.biasprm = bias
 
 
+def filter_time(spec: mujoco.MjSpec, joint: str) -> float:
+    """Return the time constant of the filter that a joint's actuator has on its command [s]; 0 where it has none."""
+    actuator = joint_actuator(spec, joint)
+    filters = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
+    return float(actuator.dynprm[0]) if actuator.dyntype in filters else 0.0
+
+
+def scale_filter(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
+    """Multiply the time constant of an actuator's filter, which is integrated exactly from then on.
+
+    An explicit step of a filter faster than two timesteps would diverge.
+    """
+    actuator = joint_actuator(spec, joint)
+    parameters = actuator.dynprm.copy()
+    parameters[0] *= factor
+    actuator.dyntype, actuator.dynprm = mujoco.mjtDyn.mjDYN_FILTEREXACT, parameters
+
+
+def torque_limit(spec: mujoco.MjSpec, joint: str) -> float:
+    """Return the largest torque that a joint's servo gives [N·m], of its own limit and the joint's; infinite if none."""
+    actuator, element = joint_actuator(spec, joint), spec.joint(joint)
+    own = torque_limits(actuator)
+    found = [max(map(abs, own)) * abs(float(actuator.gear[0]))] if own else []
+    if element.actfrclimited != mujoco.mjtLimited.mjLIMITED_FALSE and np.any(element.actfrcrange):
+        found.append(float(np.abs(element.actfrcrange).max()))
+    return min(found, default=np.inf)
+
+
+def scale_limit(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
+    """Multiply the largest torque that a joint's servo gives, its own limit and the joint's."""
+    actuator, element = joint_actuator(spec, joint), spec.joint(joint)
+    actuator.forcerange = actuator.forcerange * factor
+    element.actfrcrange = element.actfrcrange * factor
+
+
 def multiply_feedback(actuator: mujoco.MjsActuator, factor: float) -> None:
     """Multiply an actuator's force per position error."""
     bias = actuator.biasprm.copy()

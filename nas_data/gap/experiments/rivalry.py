@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nas_data.effects.base import Effect
-from nas_data.gap.base import BaseParameter
 from nas_data.gap.evidence import Evidence, lengthen
 from nas_data.gap.nominal import Nominal
-from nas_data.gap.search.fit import Fit, Task, fit, slopes
-from nas_data.gap.search.unknowns import Unknowns, free_base
+from nas_data.gap.nominal_parameters import NominalParameter, apply_base
+from nas_data.gap.search.fit import Fit, fit, measure_jacobian
+from nas_data.gap.search.objective import Task
+from nas_data.gap.search.parameters import FreeParameters, free_base
 
 STEPS = 4  # Gauss-Newton steps by which the second rival follows; after two, it is still on its way
 
@@ -73,14 +74,14 @@ def separations(
     leader, follower = rivals
     first = nominal.predict(evidence, leader.effects, leader.factors)
     task = Task(following(nominal, follower, concerned), replace(evidence, measured=first), floor)
-    unknowns = Unknowns(follower.effects, free_parameters(nominal, follower, concerned))
-    start = unknowns.start(dict(follower.factors))
-    second = task.nominal.predict(evidence, follower.effects, unknowns.factors_at(start))
+    parameters = FreeParameters(follower.effects, free_parameters(nominal, follower, concerned))
+    start = parameters.start(dict(follower.factors))
+    second = task.nominal.predict(evidence, follower.effects, parameters.factors_at(start))
     # found for all experiments in one batch: from here on, each has numbers of its own
-    base = range(len(unknowns.sought), unknowns.size)
-    lent = dict(zip(base, slopes(task, unknowns, start, second, base), strict=True))
+    base = range(len(parameters.of_effects), parameters.size)
+    known = dict(zip(base, measure_jacobian(task, parameters, start, second, base), strict=True))
     followed = [
-        fit(task.select([episode]), unknowns, start, {column: lent[column][[episode]] for column in base}, STEPS, 0)
+        fit(task.select([episode]), parameters, start, {column: known[column][[episode]] for column in base}, STEPS, 0)
         for episode in range(len(evidence))
     ]
     squares = np.concatenate([squared(task.select([episode]), found) for episode, found in enumerate(followed)])
@@ -93,7 +94,7 @@ def squared(task: Task, found: Fit | None) -> np.ndarray:
     return task.evidence.mean_squares(found.predicted) if found else np.zeros((1, len(task.floor)))
 
 
-def free_parameters(nominal: Nominal, rival: Rival, concerned: Sequence[str]) -> tuple[BaseParameter, ...]:
+def free_parameters(nominal: Nominal, rival: Rival, concerned: Sequence[str]) -> tuple[NominalParameter, ...]:
     """Return the base parameters by which a rival follows: masses, and what the concerned joints have."""
     return tuple(p for p in free_base(nominal.base, rival.effects) if p.kind == "mass" or p.joint in concerned)
 
@@ -102,4 +103,4 @@ def following(nominal: Nominal, rival: Rival, concerned: Sequence[str]) -> Nomin
     """Return the model with those of a rival's base factors that stay as they are."""
     free = {parameter.name for parameter in free_parameters(nominal, rival, concerned)}
     kept = {name: factor for name, factor in rival.factors.items() if name not in free}
-    return replace(nominal, spec=nominal.edited(kept))
+    return nominal.changed(lambda spec: apply_base(spec, nominal.base, kept))

@@ -1,102 +1,140 @@
-"""Choose the effects: add what helps, several joints at once, then drop what held-out episodes do not need."""
+"""The search: up from the model as it is and down from the plain fit, by the same moves; the better score is kept."""
 
-from nas_data.gap.search.detail import detailed
-from nas_data.gap.search.exchange import exchanged
-from nas_data.gap.search.grow import AT_FLOOR, extensions, grown, is_full, overlooked
-from nas_data.gap.search.hop import hopped
-from nas_data.gap.search.hypothesis import Hypothesis, strained, worth
-from nas_data.gap.search.join import joined
-from nas_data.gap.search.opening import opened
-from nas_data.gap.search.prune import adequate, pruned, simplified
-from nas_data.gap.search.state import Search
-from nas_data.gap.search.sweep import far, swept
-from nas_data.gap.side_by_side import side_by_side
+from collections.abc import Container
 
+from nas_data.gap.search.hypothesis import Hypothesis, joints_beyond_prior
+from nas_data.gap.search.moves import add, line_scan, restart
+from nas_data.gap.search.moves.base import find_move
+from nas_data.gap.search.plain_fit import as_effects
+from nas_data.gap.search.search import Search
+
+ROUND = ("swap", "merge_joints", "shift_delay", "optional_parameters")  # after each addition
+REVIEW = (
+    "share_value",
+    "simplify",
+    "drop",
+    "replace_by_rival",
+    "shift_delay",
+    "drop",
+)  # when nothing is added any more
 LITTLE = 0.05  # of all that was gained, which then is too little to go on
+EXPLAINED = 1.5  # noise floors of rest up to which a joint counts as explained
+MOST = 4  # effects for each joint of an arm
 
 
-def choose(search: Search) -> Hypothesis:
-    """Search and return the hypothesis that is kept."""
-    kept, around = search.null, search.nominal.fit
-    if not search.lively:
-        return kept
-    while not is_full(search, kept) and (search.ratio(kept).max() > AT_FLOOR or strained(kept)):
-        ranked = extensions(search, kept, around)
-        larger = grown(search, kept, ranked if kept.effects else opened(search, kept, ranked))
-        if larger is None and around is not kept.fit:
-            larger = grown(search, kept, extensions(search, kept, kept.fit))
-        larger = larger or grown(search, kept, overlooked(search, kept))
-        if larger is None:
+def choose(search: Search, plain: Hypothesis, without: Container[str] = ()) -> Hypothesis:
+    """Search from both ends and return the hypothesis that is kept.
+
+    Args:
+        search: Search.
+        plain: The plain fit.
+        without: Names of moves that are left out.
+    """
+    if not search.excited:
+        return search.null
+    if lacks_everywhere(search):
+        down = descend(search, plain, without)
+        if is_explained(search, down):
+            return down
+        up = climb(search, search.null, without, down)
+    else:
+        up = climb(search, search.null, without)
+        if is_explained(search, up):
+            return up
+        down = descend(search, plain, without)
+    up, down = search.rescore(up), search.rescore(down)
+    search.report("up from the model", up)
+    search.report("down from the plain fit", down)
+    return min(up, down, key=lambda h: h.score)
+
+
+def climb(search: Search, h: Hypothesis, without: Container[str] = (), rival: Hypothesis | None = None) -> Hypothesis:
+    """Add effects one after the other, with the moves of a round after each; then review what there is.
+
+    Args:
+        search: Search.
+        h: Where to begin.
+        without: Names of moves that are left out.
+        rival: What there is already; the climb ends when a round does not come near it.
+    """
+    while len(h.effects) < MOST * len(search.excited) and needs_more(search, h):
+        larger = add.apply(search, h)
+        if larger is h:
             break
-        larger = exchanged(search, search.refined(swept(search, larger)))
-        before, kept = kept, detailed(search, hopped(search, joined(search, larger)))
-        search.report("added", kept)
-        if lost(search, before, kept):
+        gained = search.null.score.over(h.score)
+        h = apply_moves(search, search.relinearise(line_scan.apply(search, larger)), ROUND, without)
+        search.report("added", h)
+        if is_lost(search, h, gained) or (rival and h.score > search.rescore(rival).score):
             break
-        around = kept.fit
-    kept = persisted(search, needed(search, pruned(search, kept)))
-    there = hopped(search, kept)  # what bent to the first delay has been fitted since
-    return kept if there is kept else needed(search, there)
+    return persist(search, apply_moves(search, h, REVIEW, without), without)
 
 
-def needed(search: Search, kept: Hypothesis) -> Hypothesis:
-    """Return what is left of a hypothesis when all that does as well without is dropped."""
-    return pruned(search, adequate(search, simplified(search, kept)))
+def descend(search: Search, plain: Hypothesis, without: Container[str] = ()) -> Hypothesis:
+    """Name what the plain fit does, drop what is not worth its price, and add what a plain fit cannot do."""
+    description = as_effects(search, plain)
+    found = search.fitted(description, plain.fit.factors, plain.fit)
+    if found is None:
+        return search.rescore(plain)
+    h = apply_moves(search, search.relinearise(found), ("share_value", "drop"), without)
+    return climb(search, h, without)
 
 
-def persisted(search: Search, kept: Hypothesis) -> Hypothesis:
-    """Fit on, and drop anew, as long as that brings much and a joint that moved is far from explained.
+def lacks_everywhere(search: Search) -> bool:
+    """Whether every joint that moved is far from what the model makes of it: then adding one at a time goes astray."""
+    return set(line_scan.unexplained_joints(search, search.null)) == search.excited
+
+
+def is_explained(search: Search, h: Hypothesis) -> bool:
+    """Whether every joint that moved is near the noise floor."""
+    return bool(search.ratio(h)[excited(search)].max() <= EXPLAINED)
+
+
+def apply_moves(search: Search, h: Hypothesis, names: tuple[str, ...], without: Container[str]) -> Hypothesis:
+    """Apply moves one after the other."""
+    for name in names:
+        if name not in without:
+            h = find_move(name)(search, h)
+    return h
+
+
+def needs_more(search: Search, h: Hypothesis) -> bool:
+    """Whether a joint that moved is above the noise floor, or bends the model further than a real arm's is off."""
+    return bool(search.ratio(h)[excited(search)].max() > add.AT_FLOOR or joints_beyond_prior(h))
+
+
+def persist(search: Search, h: Hypothesis, without: Container[str]) -> Hypothesis:
+    """Fit on, scan and begin anew, as long as that brings much and a joint that moved is far from explained.
 
     Wide play and strong friction bend each other's best value: a fit goes along a narrow valley in more steps than any
-    of those that compared names were given, and stand-ins that helped half-way fall off at its end. Where going on
-    brings little, it begins anew.
+    of those that compared names were given, and stand-ins that helped half-way fall off at its end.
     """
-    while kept.effects and far(search, kept):
-        before, kept = kept, search.continued(search.refined(swept(search, kept)))
-        if not much(search, before, kept):
-            anew = begun_anew(search, kept)
-            better = anew if anew is not None and much(search, kept, anew) else looked_along(search, kept)
-            if better is None:
-                break
-            kept = better
-        kept = needed(search, kept)
-        search.report("fitted on", kept)
-    return kept
+    while h.effects and line_scan.unexplained_joints(search, h):
+        before = search.null.score.over(h.score)
+        h = search.relinearise(line_scan.apply(search, h))
+        better = restart.apply(search, h)
+        if better is h:
+            better = line_scan.scan_parameters(search, h, anyway=True)
+        if better is not h:
+            h = search.relinearise(better)
+        gained = search.null.score.over(h.score)
+        if gained - before < LITTLE * gained:
+            break
+        h = apply_moves(search, h, REVIEW, without)
+        search.report("fitted on", h)
+    return h
 
 
-def begun_anew(search: Search, kept: Hypothesis) -> Hypothesis | None:
-    """Return the best of the effects, all or without one, fitted from the model's own base; None where they diverge.
-
-    The base bends to a stand-in taken on the way, and then neither lets go of the other.
-    """
-    rests = [kept.effects[:number] + kept.effects[number + 1 :] for number in range(len(kept.effects))]
-    fitted = side_by_side(lambda effects: search.fitted(effects, {}, renewals=1), [kept.effects, *filter(None, rests)])
-    return min(filter(None, fitted), key=worth, default=None)
-
-
-def looked_along(search: Search, kept: Hypothesis) -> Hypothesis | None:
-    """Return what is reached from where a look along the parameters leads; None where that brings little.
-
-    Play that seems to lie in its middle looks half as wide as it is, and no slope leads from there to its whole.
-    """
-    task, held = search.sub, search.held
-    found = swept(search, kept, anyway=True)
-    found = kept if found is kept else search.continued(search.refined(found))
-    if much(search, kept, found):
-        return found
-    search.sub, search.held = task, held
-    return None
-
-
-def lost(search: Search, before: Hypothesis, kept: Hypothesis) -> bool:
+def is_lost(search: Search, h: Hypothesis, gained_before: float) -> bool:
     """Whether a step brought little while every joint that moved is far from explained.
 
     What is missing then is not in the catalogue, or a description that names it was passed by; either way further names
     would only be bent to these motions.
     """
-    return set(far(search, kept)) == search.lively and not much(search, before, kept)
+    gained = search.null.score.over(h.score)
+    lost = set(line_scan.unexplained_joints(search, h)) == search.excited
+    return lost and gained - gained_before < LITTLE * gained
 
 
-def much(search: Search, before: Hypothesis, after: Hypothesis) -> bool:
-    """Return whether a step brought much of all that was gained since nothing was added."""
-    return before.loss - after.loss >= LITTLE * (search.null.loss - after.loss)
+def excited(search: Search) -> list[int]:
+    """Return the indices of the joints that moved."""
+    return [place for place, joint in enumerate(search.train.nominal.joints) if joint in search.excited]

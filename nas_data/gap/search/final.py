@@ -1,20 +1,21 @@
 """The last fit, on all training episodes, and how sure it makes of every number."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from nas_data.effects.base import Effect, Parameter
-from nas_data.gap.base import TOLERANCE, own_size
-from nas_data.gap.search.fit import Fit, Task, fit
-from nas_data.gap.search.hypothesis import lent_slopes
-from nas_data.gap.search.steps import stepped
-from nas_data.gap.search.unknowns import Unknowns, free_base
+from nas_data.gap.nominal_parameters import TOLERANCE, own_size
+from nas_data.gap.search.fit import Fit, fit, normal_equations
+from nas_data.gap.search.hypothesis import Description, reuse_jacobian
+from nas_data.gap.search.objective import Task
+from nas_data.gap.search.timestep import choose_timestep
 
 ROUNDS = 2  # fits, each with the correction for finer steps computed where the last one ended
 LIKENESS = 0.01  # standard deviation of a parameter between two descriptions of one effect, as a part of it
+ON_BOUND = 1e-6  # of a logarithm
 NORMAL95 = 1.96  # standard deviations on each side that hold 95 % of a normal distribution
 
 
@@ -24,41 +25,64 @@ class Final:
 
     Attributes:
         effects: Effects with fitted parameters.
-        factors: Factors of the base parameters, by name.
+        factors: Factors of the model's parameters, by name.
         intervals: For each effect, lowest and highest value of each parameter in 95 % of repetitions.
         fine: Whether they stand for finer physics steps than the model's own; as the last fit has it.
-        loss: Misfit and prior on all training episodes; infinite where nothing was fitted.
+        at_bound: Names of the factors that ended on a bound.
+        conditioning: Condition number of the fit's normal equations, scaled to a unit diagonal; 1 where nothing was
+            fitted.
     """
 
     effects: tuple[Effect, ...]
     factors: Mapping[str, float]
     intervals: tuple[Mapping[str, tuple[float, float]], ...]
     fine: bool = True
-    loss: float = math.inf
+    at_bound: frozenset[str] = frozenset()
+    conditioning: float = 1.0
 
 
-def finish(task: Task, effects: Sequence[Effect], factors: dict[str, float], rounds: int = ROUNDS) -> Final:
+def finish(task: Task, description: Description, factors: dict[str, float], rounds: int = ROUNDS) -> Final:
     """Fit a chosen hypothesis to all training episodes.
 
     Args:
         task: Model and all training episodes.
-        effects: Effects where the search left them.
-        factors: Base factors likewise.
+        description: What is assumed, its effects where the search left them.
+        factors: Factors of the model's parameters likewise.
         rounds: How often.
     """
-    unknowns = Unknowns(tuple(effects), free_base(task.nominal.base, effects))
-    numbers = unknowns.start(factors)
+    parameters = description.parameters(task.nominal.base)
+    theta = parameters.start(factors)
     found: Fit | None = None
     for _ in range(rounds):
-        task = task.focused(unknowns, numbers)
-        better = fit(task, unknowns, numbers, lent_slopes(found, unknowns, len(unknowns.effects)), steps=3, renewals=0)
+        task = task.relinearise(parameters, theta)
+        known = reuse_jacobian(found, parameters, len(description.effects))
+        better = fit(task, parameters, theta, known, steps=3, jacobian_refreshes=0)
         if better is None:
             break
-        found, numbers = better, better.numbers
+        found, theta = better, better.theta
     if found is None:
-        return Final(tuple(effects), factors, tuple({} for _ in effects))
-    task, found = stepped(task, found)
-    return Final(found.effects, found.factors, intervals(task, found), task.fine, found.loss)
+        return Final(description.effects, factors, tuple({} for _ in description.effects))
+    task, found = choose_timestep(task, found)
+    return Final(
+        found.effects, found.factors, intervals(task, found), task.fine, at_bound(found), conditioning(task, found)
+    )
+
+
+def at_bound(found: Fit) -> frozenset[str]:
+    """Return the names of the model's parameters that a fit left on a bound."""
+    factors = found.factors
+    ends = {p.name: p.bounds for p in found.parameters.base}
+    return frozenset(
+        name for name, (low, high) in ends.items() if not low + ON_BOUND < math.log(factors[name]) < high - ON_BOUND
+    )
+
+
+def conditioning(task: Task, found: Fit) -> float:
+    """Return the condition number of the normal equations, prior included, scaled to a unit diagonal."""
+    square, _ = normal_equations(task, found.predicted, found.jacobian)
+    square = square + np.diag(found.parameters.prior(found.theta) ** 2)
+    scale = 1 / np.sqrt(np.maximum(np.diag(square), 1e-300))
+    return float(np.linalg.cond(square * scale[:, None] * scale[None])) if len(square) else 1.0
 
 
 def intervals(task: Task, found: Fit) -> tuple[Mapping[str, tuple[float, float]], ...]:
@@ -70,13 +94,13 @@ def intervals(task: Task, found: Fit) -> tuple[Mapping[str, tuple[float, float]]
     """
     spread = np.hypot(*deviations(task, found))
     result: list[dict[str, tuple[float, float]]] = [{} for _ in found.effects]
-    for unknown, number, width in zip(found.unknowns.sought, found.numbers, spread, strict=False):
-        effect = found.effects[unknown.place]
-        likeness = LIKENESS * abs(float(number) if unknown.signed else 1.0)
+    for free, number, width in zip(found.parameters.of_effects, found.theta, spread, strict=False):
+        likeness = LIKENESS * abs(float(number) if free.signed else 1.0)
         reach = NORMAL95 * float(np.hypot(width, likeness))
-        doubt = NORMAL95 * TOLERANCE * shared(task, effect, unknown.parameter)
-        ends = [unknown.value(float(number) + sign * reach) + sign * doubt for sign in (-1, 1)]
-        result[unknown.place][unknown.parameter.name] = (min(ends), max(ends))
+        for place in free.places:
+            doubt = NORMAL95 * TOLERANCE * in_common(task, found.effects[place], free.parameter)
+            ends = [free.value(float(number) + sign * reach) + sign * doubt for sign in (-1, 1)]
+            result[place][free.parameter.name] = (min(ends), max(ends))
     return tuple(result)
 
 
@@ -85,29 +109,29 @@ def deviations(task: Task, found: Fit) -> tuple[np.ndarray, np.ndarray]:
 
     Errors of a rollout are alike for a while (`CORRELATION`); in the curvature, so many rows count as one.
     """
-    size, episodes = len(found.slopes), len(task.evidence)
+    size, episodes = len(found.jacobian), len(task.evidence)
     weights = task.weights(found.predicted) * task.evidence.counts[..., None]
-    rows = (found.slopes * weights).reshape(size, episodes, -1)
+    rows = (found.jacobian * weights).reshape(size, episodes, -1)
     flat = rows.reshape(size, -1)
-    inverse = np.linalg.inv(flat @ flat.T + np.diag(found.unknowns.prior(found.numbers) ** 2) + 1e-9 * np.eye(size))
+    inverse = np.linalg.inv(flat @ flat.T + np.diag(found.parameters.prior(found.theta) ** 2) + 1e-9 * np.eye(size))
     errors = (task.evidence.errors(found.predicted) * weights).reshape(episodes, -1)
     pulls = inverse @ np.einsum("pet,et->pe", rows, errors)
     by_episode = np.sqrt((pulls**2).sum(1) * episodes / max(1, episodes - 1))
     return np.sqrt(np.clip(np.diag(inverse), 0.0, None)), by_episode
 
 
-def shared(task: Task, effect: Effect, parameter: Parameter) -> float:
+def in_common(task: Task, effect: Effect, parameter: Parameter) -> float:
     """Return how much of what an effect's first parameter adds to the model has already, in its unit."""
     if not effect.replaces or effect.joint is None or parameter is not effect.parameters[0]:
         return 0.0
     return own_size(task.nominal.spec, effect.joint, effect.replaces)
 
 
-def retuned(factors: Mapping[str, float], smallest: float = 0.005) -> list[dict[str, object]]:
-    """Return the base parameters that were changed by half a percent or more, as the report lists them."""
+def retuned(final: Final, smallest: float = 0.005) -> list[dict[str, object]]:
+    """Return the parameters of the model that were changed by half a percent or more, as the report lists them."""
     return [
-        {"parameter": name, "factor": round(factor, 4)}
-        for name, factor in factors.items()
+        {"parameter": name, "factor": round(factor, 4), "at_bound": name in final.at_bound}
+        for name, factor in final.factors.items()
         if abs(math.log(factor)) > smallest
     ]
 

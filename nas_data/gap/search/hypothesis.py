@@ -1,53 +1,101 @@
-"""A fitted set of effects, and which candidates are worth fitting next."""
+"""A hypothesis: which effects, which of the model's parameters are free, which values joints share; and its score."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from nas_data.effects.base import Effect
-from nas_data.gap.base import BaseParameter
-from nas_data.gap.search.fit import Fit, Task
-from nas_data.gap.search.screen import Candidate
-from nas_data.gap.search.unknowns import Unknowns
+from nas_data.gap.nominal_parameters import NominalParameter
+from nas_data.gap.search.fit import Fit
+from nas_data.gap.search.objective import Score, Task
+from nas_data.gap.search.parameters import FreeParameters, Label, free_base
 
-SHORTLIST = 6  # candidates that are fitted, of those screened
-BESIDE = 3  # candidates beside the best of each joint
-STRAINED = 2.5  # standard deviations from which a base parameter is hardly to be believed
-GAIN = 12.0  # nats by which an added effect must lower the loss on fitted episodes
-PLAUSIBLE = 12.0  # nats by which an effect may lower the loss by what it spares the base
-MOVED = 10.0  # noise floors between a joint's extremes in an episode from which it counts as having moved
-MANY = 8  # effects beyond which fewer of them are doubted at a time: each trial fits all of them anew
+PRICE = 12.0  # nats that an effect, or a freed parameter of the model, must bring
+DETAIL_PRICE = 3.0  # the same for every further parameter of an effect
+HOOK_PRICE = 2.0  # the same besides for an effect that a model file cannot express by itself
+BEYOND_PRIOR = 2.5  # standard deviations from which a parameter of the model is hardly to be believed
+EXCITED = 10.0  # noise floors between a joint's extremes in an episode from which it counts as having moved
 
-Place = tuple[str, str | None]
+Key = tuple[str, str | None]
 
 
-def place(effect: Effect) -> Place:
+def key(effect: Effect) -> Key:
     """Return an effect's name and joint."""
     return effect.name(), effect.joint
 
 
 @dataclass(frozen=True)
-class Hypothesis:
-    """A fitted set of effects, judged on held-out episodes.
+class Description:
+    """What is assumed of a robot, without the fitted numbers.
 
     Attributes:
-        fit: Fit on some training episodes.
-        heldout: Mean squares on held-out episodes [rad²], shape (E, n).
+        effects: Effects, at guesses of their parameters.
+        freed: Names of the model's parameters that may be anything.
+        shared: Names of effects whose parameters are alike in all joints.
     """
 
+    effects: tuple[Effect, ...] = ()
+    freed: frozenset[str] = frozenset()
+    shared: frozenset[str] = frozenset()
+
+    def adding(self, *effects: Effect) -> "Description":
+        """Return the description with more effects; what they replace is freed no more."""
+        taken = {f"{effect.joint}.{effect.replaces}" for effect in effects if effect.replaces}
+        return replace(self, effects=(*self.effects, *effects), freed=self.freed - taken)
+
+    def with_effects(self, effects: Sequence[Effect]) -> "Description":
+        """Return the description with other effects."""
+        return replace(self, effects=tuple(effects))
+
+    def without(self, number: int) -> "Description":
+        """Return the description without one effect."""
+        rest = tuple(effect for place, effect in enumerate(self.effects) if place != number)
+        left = {effect.name() for effect in rest}
+        return replace(self, effects=rest, shared=self.shared & left)
+
+    def parameters(self, base: Sequence[NominalParameter]) -> FreeParameters:
+        """Return what a fit of the description moves."""
+        return FreeParameters(self.effects, free_base(base, self.effects, self.freed), self.shared)
+
+    @property
+    def cost(self) -> float:
+        """What the description must bring to be believed [nats]; a shared value costs once."""
+        counted = {effect.name() if effect.name() in self.shared else key(effect): effect for effect in self.effects}
+        return PRICE * len(self.freed) + sum(effect_cost(effect) for effect in counted.values())
+
+
+def effect_cost(effect: Effect) -> float:
+    """Return what one effect must bring [nats]."""
+    further = DETAIL_PRICE * max(0, len(effect.sought) - 1)
+    return PRICE + further + (0.0 if effect.in_model else HOOK_PRICE)
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A fitted description, judged also on held-out episodes.
+
+    Attributes:
+        description: What is assumed; its effects have fitted parameters.
+        fit: Fit on some training episodes.
+        heldout: Mean squares on held-out episodes [rad²], shape (E, n).
+        heldout_misfit: The misfit there, of the same objective.
+    """
+
+    description: Description
     fit: Fit
     heldout: np.ndarray
+    heldout_misfit: float
 
     @property
     def effects(self) -> tuple[Effect, ...]:
         """The fitted effects."""
-        return self.fit.effects
+        return self.description.effects
 
     @property
-    def loss(self) -> float:
-        """Loss on the fitted episodes: misfit and prior."""
-        return self.fit.loss
+    def score(self) -> Score:
+        """Loss on the fitted episodes, misfit on held-out ones, and the description's cost; less is better."""
+        return self.fit.loss + (self.heldout_misfit + self.description.cost)
 
     @property
     def is_sound(self) -> bool:
@@ -60,80 +108,59 @@ class Hypothesis:
             f"{e.name()}({e.joint or 'arm'}: {', '.join(f'{getattr(e, p.name):.4g}' for p in e.sought)})"
             for e in self.effects
         ]
+        parts += [f"{name} × {self.fit.factors[name]:.3g}" for name in sorted(self.description.freed)]
         return ", ".join(parts) or "base only"
 
 
-def lively(task: Task) -> set[str]:
+def excited_joints(task: Task) -> set[str]:
     """Return the joints that were commanded to move and moved: a joint that stood still tells no cause."""
     evidence = task.evidence
     commanded = np.ptp(evidence.commands, axis=1).max(0) > 0
-    moved = np.ptp(evidence.measured, axis=1).max(0) > MOVED * task.floor
+    moved = np.ptp(evidence.measured, axis=1).max(0) > EXCITED * task.floor
     return {joint for joint, told in zip(evidence.joints, commanded & moved, strict=True) if told}
 
 
-def strained(h: Hypothesis) -> set[str]:
-    """Return the joints whose base parameters had to go beyond what a real arm's do."""
-    return {base.joint for base in h.fit.unknowns.base if is_strained(h, base)}
+def joints_beyond_prior(h: Hypothesis) -> set[str]:
+    """Return the joints of which the model's parameters had to go beyond what a real arm's do."""
+    return {base.joint for base in h.fit.parameters.base if is_beyond_prior(h, base)}
 
 
-def is_strained(h: Hypothesis, base: BaseParameter) -> bool:
-    """Whether a base parameter had to go beyond what a real arm's does."""
+def is_beyond_prior(h: Hypothesis, base: NominalParameter) -> bool:
+    """Whether a parameter of the model had to go beyond what a real arm's does."""
     log = float(np.log(h.fit.factors[base.name]))
-    return abs(log) > STRAINED * base.tolerance(log)
+    return not base.is_free and abs(log) > BEYOND_PRIOR * base.deviation(log)
 
 
-def relief(h: Hypothesis, effect: Effect) -> bool:
-    """Whether a base parameter that had to go beyond what a real arm's does may stand for an effect."""
+def frees_base_parameter(h: Hypothesis, effect: Effect) -> bool:
+    """Whether a parameter of the model that went beyond what a real arm's does may stand for an effect."""
     kind = effect.replaces or effect.strains
-    near = [base for base in h.fit.unknowns.base if base.kind == kind and effect.joint in (None, base.joint)]
-    return any(is_strained(h, base) for base in near)
+    near = [base for base in h.fit.parameters.base if base.kind == kind and effect.joint in (None, base.joint)]
+    return any(is_beyond_prior(h, base) for base in near)
 
 
-def worth(h: Hypothesis) -> float:
-    """Return the loss with what each effect has to lower it by."""
-    return h.loss + GAIN * len(h.effects)
+def reuse_jacobian(near: Fit | None, parameters: FreeParameters, fresh: int = 0) -> dict[int, np.ndarray]:
+    """Return another fit's columns for the numbers that a hypothesis has in common with it, by the number's index.
 
-
-def relieves(without: Hypothesis, with_: Hypothesis) -> bool:
-    """Whether the base had to go further from the model without an effect than a real arm's does."""
-    return without.loss - with_.loss > PLAUSIBLE and bool(strained(without))
-
-
-def lent_slopes(near: Fit | None, unknowns: Unknowns, fresh: int = 0) -> dict[int, np.ndarray]:
-    """Return another fit's slopes by the numbers that a hypothesis shares with it, by the number's index.
+    A value that joints share moves the positions as those of all joints together do.
 
     Args:
         near: The other fit.
-        unknowns: The hypothesis.
+        parameters: The hypothesis.
         fresh: How many of its last effects are to be measured anyway.
     """
     if near is None:
         return {}
-    known = dict(zip(labels(near.unknowns), near.slopes, strict=True))
-    last = len(unknowns.effects) - fresh
-    places = [unknown.place for unknown in unknowns.sought] + [-1] * len(unknowns.base)
-    own = enumerate(zip(labels(unknowns), places, strict=True))
-    return {index: known[label] for index, (label, number) in own if label in known and number < last}
-
-
-def labels(unknowns: Unknowns) -> list[tuple[str | None, ...]]:
-    """Return what each number stands for: effect, joint and parameter, or a base parameter."""
-    sought = [(*place(unknowns.effects[u.place]), u.parameter.name) for u in unknowns.sought]
-    return [*sought, *((parameter.name,) for parameter in unknowns.base)]
-
-
-def shortened(found: Sequence[Candidate], reach: float, slack: float) -> list[Candidate]:
-    """Return the candidates that are worth a fit: the best of each joint, and the best of all.
-
-    Args:
-        found: Candidates, the most promising first.
-        reach: First-order misfit below which a candidate promises enough.
-        slack: By how much the first order may be too high.
-    """
-    leaders: dict[str | None, Candidate] = {}
-    for candidate in found:
-        if candidate.misfit < reach:
-            leaders.setdefault(candidate.effect.joint, candidate)
-    others = [c for c in found if c.misfit < reach + slack and leaders.get(c.effect.joint) is not c]
-    chosen = [*leaders.values(), *others[: max(SHORTLIST - len(leaders), BESIDE)]]
-    return sorted(chosen, key=lambda candidate: candidate.misfit)
+    known: dict[Label, np.ndarray] = dict(zip(near.parameters.labels, near.jacobian, strict=True))
+    last = len(parameters.effects) - fresh
+    found = {}
+    for index, label in enumerate(parameters.labels):
+        places = parameters.of_effects[index].places if index < len(parameters.of_effects) else (-1,)
+        if places[0] >= last:
+            continue
+        if label in known:
+            found[index] = known[label]
+        elif "*" in label:
+            single = [(label[0], parameters.effects[place].joint, label[2]) for place in places]
+            if all(each in known for each in single):
+                found[index] = np.sum([known[each] for each in single], axis=0)
+    return found

@@ -1,4 +1,4 @@
-"""Order candidates by one simulation each: how much of the error would go, to first order, the base following."""
+"""Order candidates by one simulation each: how much of the error would go, to first order, all else following."""
 
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
@@ -8,8 +8,8 @@ import numpy as np
 from nas_data import registry
 from nas_data.effects.base import Effect, Scales, find_effect, make_effect
 from nas_data.errors import NasError
-from nas_data.gap.search.fit import CORRELATION, Fit, Task, constrained
-from nas_data.gap.search.unknowns import Unknowns
+from nas_data.gap.search.fit import LONGEST_STEP, Fit, constrained
+from nas_data.gap.search.objective import CORRELATION, Score, Task
 from nas_data.gap.side_by_side import side_by_side
 
 STRETCHES = (0.0, 2.0)  # how far a guess may be stretched along its mark, to first order
@@ -23,13 +23,13 @@ class Candidate:
 
     Attributes:
         effect: With guessed parameters.
-        misfit: First-order misfit with the effect, the base following.
-        numbers: Fitted numbers of effects before it, then of the base, where the first order puts them.
+        loss: First-order loss with the effect, all other numbers following.
+        theta: The numbers of the hypothesis beside it where the first order puts them.
     """
 
     effect: Effect
-    misfit: float
-    factors: dict[str, float]
+    loss: Score
+    theta: np.ndarray
 
     @property
     def place(self) -> tuple[str, str | None]:
@@ -51,42 +51,48 @@ def candidates(joints: Sequence[str], sizes: Sequence[Scales]) -> Iterator[Effec
                 yield make_effect(name, joint, clipped)
 
 
-def screen(task: Task, state: Fit, sizes: Sequence[Scales], joints: Container[str]) -> list[Candidate]:
+def screen(
+    task: Task, state: Fit, sizes: Sequence[Scales], joints: Container[str], names: Container[str] | None = None
+) -> list[Candidate]:
     """Return candidates to add to a fitted hypothesis, the most promising first, each effect and joint once.
 
     Args:
         task: Some episodes are enough.
-        state: Hypothesis fitted so far, with predictions and base slopes on the same episodes.
+        state: Hypothesis fitted so far, with predictions and Jacobian on the same episodes.
         sizes: Natural sizes of each joint.
         joints: Joints to look at.
+        names: Effects to look at; all where None.
     """
     best: dict[tuple[str, str | None], Candidate] = {}
-    base = state.slopes[len(state.unknowns.sought) :]
     present = {(effect.name(), effect.joint) for effect in state.effects}
     wanted = [
         effect
         for effect in candidates(task.nominal.joints, sizes)
-        if (effect.name(), effect.joint) not in present and (effect.joint is None or effect.joint in joints)
+        if (effect.name(), effect.joint) not in present
+        and (effect.joint is None or effect.joint in joints)
+        and (names is None or effect.name() in names)
     ]
     by_joint = dict(zip(task.nominal.joints, sizes, strict=True))
 
     def estimated(effect: Effect) -> Candidate | None:
         idle = effect.idle(by_joint[effect.joint]) if effect.joint else effect.parameters[0].neutral
-        return first_order(task, state, base, effect, idle)
+        return first_order(task, state, effect, idle)
 
     for found in side_by_side(estimated, wanted):
-        if found is not None and (found.place not in best or found.misfit < best[found.place].misfit):
+        if found is not None and (found.place not in best or found.loss < best[found.place].loss):
             best[found.place] = found
-    return sorted(best.values(), key=lambda candidate: candidate.misfit)
+    return sorted(best.values(), key=lambda candidate: candidate.loss)
 
 
-def first_order(task: Task, state: Fit, base: np.ndarray, effect: Effect, idle: float) -> Candidate | None:
+def first_order(task: Task, state: Fit, effect: Effect, idle: float) -> Candidate | None:
     """Simulate one candidate beside the state; None where the model cannot take it or diverges.
+
+    To first order the candidate changes the positions by s · c, where c is the change at its guess and s its stretch,
+    and the other numbers by J · Δθ. Both are found together, with weights made anew for what they leave.
 
     Args:
         task: Some episodes.
         state: Hypothesis fitted so far.
-        base: Its slopes by the base's parameters, shape (parameters, E, T, n).
         effect: Candidate at a first guess.
         idle: Value of its first parameter at which it ends to do anything.
     """
@@ -94,33 +100,27 @@ def first_order(task: Task, state: Fit, base: np.ndarray, effect: Effect, idle: 
         predicted = task.nominal.predict(task.evidence, (*state.effects, effect), state.factors) + task.correction
     except NasError:
         return None
-    unknowns = Unknowns(state.unknowns.effects, state.unknowns.base)
-    logs = state.numbers[len(state.unknowns.sought) :]
-    change = predicted - state.predicted
-    counts = np.repeat(task.evidence.counts[..., None], change.shape[2], -1)
+    change, counts = predicted - state.predicted, task.evidence.counts[..., None]
     errors = task.evidence.errors(state.predicted)
     guess = errors
-    shift: np.ndarray = np.zeros(len(base))
-    low, high = unknowns.bounds()
-    low, high = low[len(state.unknowns.sought) :] - logs, high[len(state.unknowns.sought) :] - logs
-    prior = unknowns.prior(state.numbers)[len(state.unknowns.sought) :]
-    stretch = 1.0
+    low, high = state.parameters.bounds()
+    low, high = np.maximum(low - state.theta, -LONGEST_STEP), np.minimum(high - state.theta, LONGEST_STEP)
+    prior = state.parameters.prior(state.theta)
+    shortest, longest = SIGNED_STRETCHES if is_signed(effect) else STRETCHES
+    stretch, shift = 1.0, np.zeros(len(state.theta))
     for _ in range(3):
         squares = (guess**2).sum(1) / task.evidence.counts.sum(1)[:, None]
         weights = np.sqrt(task.evidence.period / CORRELATION / (task.tolerated + squares))[:, None] * counts
-        rows = np.concatenate([(change * weights)[None], base * weights]).reshape(len(base) + 1, -1)
+        rows = np.concatenate([(change * weights)[None], state.jacobian * weights]).reshape(len(shift) + 1, -1)
         square = rows @ rows.T + np.diag([1e-9, *prior**2])
-        pull = rows @ (errors * weights).ravel() + np.array([0.0, *(prior**2 * logs)])
-        shortest, longest = SIGNED_STRETCHES if is_signed(effect) else STRETCHES
+        pull = rows @ (errors * weights).ravel() + np.array([0.0, *(prior**2 * state.theta)])
         solved = constrained(square, pull, 0.0, np.array([shortest, *low]), np.array([longest, *high]))
         stretch, shift = float(solved[0]), solved[1:]
-        guess = (errors + stretch * change + np.tensordot(shift, base, 1)) * counts
+        guess = (errors + stretch * change + np.tensordot(shift, state.jacobian, 1)) * counts
     squares = (guess**2).sum(1) / task.evidence.counts.sum(1)[:, None]
     misfit = float((0.5 * task.observations * np.log(task.tolerated + squares)).sum())
-    misfit += float(0.5 * ((prior * (logs + shift)) ** 2).sum())
-    names = [parameter.name for parameter in state.unknowns.base]
-    factors = {name: float(np.exp(log)) for name, log in zip(names, logs + shift, strict=True)}
-    return Candidate(stretched(effect, stretch, idle), misfit, factors)
+    misfit += float(0.5 * ((prior * (state.theta + shift)) ** 2).sum())
+    return Candidate(stretched(effect, stretch, idle), Score(misfit, task.objective), state.theta + shift)
 
 
 def is_signed(effect: Effect) -> bool:

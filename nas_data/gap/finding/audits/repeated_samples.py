@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from nas_data.dataset.noise import SMALLEST, quantum
 from nas_data.gap.finding.audits.base import Check, Examined, percent
 from nas_data.gap.finding.recorded import Recorded
-from nas_data.gap.floor import SMALLEST, quantum
 
 NAME = "repeated samples"
 FAST = 1.5  # [quanta] a row; a joint that moves so far cannot give the same reading twice

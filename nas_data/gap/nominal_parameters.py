@@ -1,36 +1,61 @@
-"""Base parameters: masses, damping, rotor inertia and gain, which a real arm has a little different from its model."""
+"""Parameters that a model has: masses, gains, damping, rotor inertia; a real arm's are a few percent off."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import mujoco
 import numpy as np
 
-from nas_data.effects.edits.servo import damping, scale_damping, scale_stiffness, stiffness
+from nas_data.effects.edits.servo import (
+    damping,
+    filter_time,
+    scale_damping,
+    scale_filter,
+    scale_limit,
+    scale_stiffness,
+    stiffness,
+    torque_limit,
+)
 
-Kind = Literal["mass", "gain", "damping", "servo_damping", "armature", "frictionloss"]
+Kind = Literal["mass", "gain", "damping", "servo_damping", "armature", "frictionloss", "filter", "limit"]
 TOLERANCE = 0.06  # [-] standard deviation of a base parameter's logarithm: a few to ten percent off
 MORE_FRICTION = 0.02  # the same for friction above the model's, which has a name
-WIDEST = float(np.log(1.25))  # beyond ±25 % a change is a missing effect, not a retuned parameter
+MAX_LOG_CHANGE = float(np.log(1.25))  # beyond ±25 % a change is a missing effect, not a retuned parameter
+FREE_DEVIATION = 2.0  # the same where a parameter may be anything: published gains of one servo differ by a factor of 6
+FREE_LOG_CHANGE = float(np.log(1000.0))
 
 
 @dataclass(frozen=True)
-class BaseParameter:
+class NominalParameter:
     """One number of the model that may be off by some percent.
 
     Attributes:
         joint: Joint it belongs to; a mass belongs to the joint that moves it.
         kind: Which.
         bodies: Bodies whose mass and inertia it scales.
+        is_free: Whether it may be anything, not just a few percent off.
     """
 
     joint: str
     kind: Kind
     bodies: tuple[str, ...] = ()
+    is_free: bool = False
 
-    def tolerance(self, logarithm: float) -> float:
+    def freely(self) -> "NominalParameter":
+        """Return the parameter as one that may be anything."""
+        return replace(self, is_free=True)
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Lowest and highest logarithm of its factor."""
+        furthest = FREE_LOG_CHANGE if self.is_free else MAX_LOG_CHANGE
+        return -furthest, furthest
+
+    def deviation(self, logarithm: float) -> float:
         """Return the standard deviation of its logarithm, on the side on which a value lies."""
+        if self.is_free:
+            return FREE_DEVIATION
         return MORE_FRICTION if self.kind == "frictionloss" and logarithm > 0 else TOLERANCE
 
     @property
@@ -49,6 +74,10 @@ class BaseParameter:
             scale_stiffness(spec, self.joint, factor)
         elif self.kind == "servo_damping":
             scale_damping(spec, self.joint, factor)
+        elif self.kind == "filter":
+            scale_filter(spec, self.joint, factor)
+        elif self.kind == "limit":
+            scale_limit(spec, self.joint, factor)
         else:
             joint = spec.joint(self.joint)
             setattr(joint, self.kind, getattr(joint, self.kind) * factor)
@@ -62,25 +91,29 @@ def own_size(spec: mujoco.MjSpec, joint: str, kind: str) -> float:
     return float(getattr(element, kind)) if kind in {"armature", "frictionloss"} else 0.0
 
 
-def base_parameters(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[BaseParameter, ...]:
+def base_parameters(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[NominalParameter, ...]:
     """Return the base parameters of a model's measured joints."""
     model = spec.copy().compile()
     found = []
     for joint in joints:
         bodies = moved_by(model, joint, joints)
         if bodies:
-            found.append(BaseParameter(joint, "mass", bodies))
+            found.append(NominalParameter(joint, "mass", bodies))
         element = spec.joint(joint)
         if stiffness(spec, joint) > 0:
-            found.append(BaseParameter(joint, "gain"))
+            found.append(NominalParameter(joint, "gain"))
         if element.damping[0] > 0:
-            found.append(BaseParameter(joint, "damping"))
+            found.append(NominalParameter(joint, "damping"))
+        if stiffness(spec, joint) > 0 and np.isfinite(torque_limit(spec, joint)):
+            found.append(NominalParameter(joint, "limit"))
+        if filter_time(spec, joint) > 0:
+            found.append(NominalParameter(joint, "filter"))
         if damping(spec, joint) > 0:
-            found.append(BaseParameter(joint, "servo_damping"))
+            found.append(NominalParameter(joint, "servo_damping"))
         if element.armature > 0:
-            found.append(BaseParameter(joint, "armature"))
+            found.append(NominalParameter(joint, "armature"))
         if element.frictionloss > 0:
-            found.append(BaseParameter(joint, "frictionloss"))
+            found.append(NominalParameter(joint, "frictionloss"))
     return tuple(found)
 
 
@@ -98,7 +131,7 @@ def moved_by(model: mujoco.MjModel, joint: str, joints: Sequence[str]) -> tuple[
     return tuple(found)
 
 
-def apply_base(spec: mujoco.MjSpec, base: Sequence[BaseParameter], factors: Mapping[str, float]) -> None:
+def apply_base(spec: mujoco.MjSpec, base: Sequence[NominalParameter], factors: Mapping[str, float]) -> None:
     """Multiply base parameters of an explicit model by their factors, by name."""
     for parameter in base:
         if (factor := factors.get(parameter.name, 1.0)) != 1.0:

@@ -3,12 +3,13 @@
 from dataclasses import replace
 
 from nas_data.gap.nominal import fine_timestep
-from nas_data.gap.search.fit import Fit, Task, fit
+from nas_data.gap.search.fit import Fit, fit
+from nas_data.gap.search.objective import Task
 
 MARGIN = 10.0  # nats by which the model's own steps must be ahead of finer ones, which are nature's
 
 
-def stepped(task: Task, found: Fit) -> tuple[Task, Fit]:
+def choose_timestep(task: Task, found: Fit) -> tuple[Task, Fit]:
     """Return the task with the physics steps that leave less once a hypothesis is fitted to them, and that fit.
 
     A real arm knows no steps; a simulated one was simulated with some. What was fitted to either speaks for it, so
@@ -16,12 +17,11 @@ def stepped(task: Task, found: Fit) -> tuple[Task, Fit]:
     """
     if fine_timestep(task.nominal) == float(task.nominal.spec.option.timestep):
         return task, found
-    unknowns, lent = found.unknowns, dict(enumerate(found.slopes))
-    now = task.focused(unknowns, found.numbers)
-    other = replace(task, fine=not task.fine).focused(unknowns, found.numbers)
-    other = replace(other, coarseness=now.coarseness)
-    here, there = (fit(each, unknowns, found.numbers, lent, steps=3, renewals=0) for each in (now, other))
+    parameters, known = found.parameters, dict(enumerate(found.jacobian))
+    now = task.restart(parameters, found.theta)
+    other = replace(task, fine=not task.fine).restart(parameters, found.theta).at_tolerance_of(now)
+    here, there = (fit(each, parameters, found.theta, known, steps=3, jacobian_refreshes=0) for each in (now, other))
     if here is None or there is None:
         return task, found
-    ahead = here.loss - there.loss
+    ahead = here.loss.over(there.loss)
     return (other, there) if ahead > (MARGIN if task.fine else -MARGIN) else (now, here)

@@ -1,0 +1,105 @@
+"""Drop what the data do not need: effects and freed parameters of the model that are not worth their price."""
+
+
+import numpy as np
+
+from nas_data.effects.base import Effect
+from nas_data.gap.search.fit import normal_equations
+from nas_data.gap.search.hypothesis import PRICE, Description, Hypothesis, effect_cost
+from nas_data.gap.search.parameters import SIGNED_SCALE, FreeParameters
+from nas_data.gap.search.search import Search
+from nas_data.gap.side_by_side import side_by_side
+
+TRIED = 6  # without which the rest is fitted, of what seems to be worth least
+MANY = 8  # effects beyond which several are dropped at a time
+
+Part = Effect | str
+
+
+def apply(search: Search, h: Hypothesis) -> Hypothesis:
+    """Drop what seems to be worth least as long as the score falls; several at a time where there are many."""
+    while parts(h):
+        better = drop_several(search, h) if len(parts(h)) > MANY else h
+        better = drop_one(search, h) if better is h else better
+        if better is h:
+            return h
+        h = better
+        search.report("dropped to", h)
+    return h
+
+
+def drop_one(search: Search, h: Hypothesis) -> Hypothesis:
+    """Drop one effect or freed parameter, the one without which the score is lowest, if it falls."""
+    losses = estimate_losses(search, h)
+    doubted = sorted(losses, key=lambda part: losses[part])[:TRIED]
+    found = side_by_side(lambda part: fit_without(search, h, [part]), doubted)
+    best = min((one for one in found if one is not None and one.is_sound), key=lambda one: one.score, default=h)
+    return best if best.score < h.score else h
+
+
+def drop_several(search: Search, h: Hypothesis) -> Hypothesis:
+    """Drop all parts that seem to be worth less than their price, or half of them, or a quarter."""
+    losses = estimate_losses(search, h)
+    spare = [part for part in sorted(losses, key=lambda p: losses[p]) if losses[part] < price(part)]
+    while len(spare) > 1:
+        found = fit_without(search, h, spare)
+        if found is not None and found.is_sound and found.score < h.score:
+            return found
+        spare = spare[: len(spare) // 2]
+    return h
+
+
+def parts(h: Hypothesis) -> list[Part]:
+    """Return the effects and the names of the freed parameters."""
+    return [*h.effects, *sorted(h.description.freed)]
+
+
+def price(part: Part) -> float:
+    """Return what an effect or a freed parameter must bring [nats]."""
+    return PRICE if isinstance(part, str) else effect_cost(part)
+
+
+def fit_without(search: Search, h: Hypothesis, gone: list[Part]) -> Hypothesis | None:
+    """Return the hypothesis without some of its parts, fitted anew."""
+    effects = tuple(effect for effect in h.effects if effect not in gone)
+    left = {effect.name() for effect in effects}
+    freed = h.description.freed - {part for part in gone if isinstance(part, str)}
+    description = Description(effects, freed, h.description.shared & left)
+    return search.rival(description, h) if description != Description() else search.null
+
+
+def estimate_losses(search: Search, h: Hypothesis) -> dict[Part, float]:
+    """Return by how many nats the loss rises without each part, to second order (Hassibi and Stork, 1993).
+
+    Without it a number changes by δ, and the others follow: ½ δᵀ [(H⁻¹)ₖₖ]⁻¹ δ, with H = Jᵀ W J + prior.
+    """
+    parameters, theta = h.fit.parameters, h.fit.theta
+    square, _ = normal_equations(search.sub, h.fit.predicted, h.fit.jacobian)
+    inverse = np.linalg.pinv(square + np.diag(parameters.prior(theta) ** 2) + 1e-9 * np.eye(len(theta)))
+
+    def loss(columns: list[int], change: np.ndarray) -> float:
+        return float(0.5 * change @ np.linalg.pinv(inverse[np.ix_(columns, columns)]) @ change) if columns else 0.0
+
+    losses: dict[Part, float] = {}
+    for number, effect in enumerate(h.effects):
+        columns = [c for c, free in enumerate(parameters.of_effects) if number in free.places]
+        losses[effect] = loss(columns, np.array([removal(parameters, theta, column) for column in columns]))
+    for name in h.description.freed:
+        columns = [c for c, label in enumerate(parameters.labels) if label == (name,)]
+        losses[name] = loss(columns, -theta[columns])
+    return losses
+
+
+def removal(parameters: FreeParameters, theta: np.ndarray, column: int) -> float:
+    """Return the change of a number that takes its effect away, to first order in the effect's size.
+
+    What is proportional to a value v = v₀ exp(θ) goes with Δθ = −1; a factor f returns to 1 with Δθ = −log f; a limit
+    that is lifted stays a limit to first order, so that its derivative is taken as that of its inverse.
+    """
+    free = parameters.of_effects[column]
+    value, neutral = free.value(float(theta[column])), free.parameter.neutral
+    if free.signed:
+        return (neutral - value) / SIGNED_SCALE
+    if np.isinf(neutral):
+        return 1.0
+    return float(np.log(neutral / value)) if neutral > 0 else -1.0

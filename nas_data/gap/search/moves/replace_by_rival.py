@@ -1,0 +1,84 @@
+"""Replace effects by rivals that do better beside all the others: they were beaten when less was known."""
+
+from collections.abc import Sequence
+
+from nas_data import registry
+from nas_data.effects.base import Effect, find_effect
+from nas_data.gap.search.hypothesis import Hypothesis, key
+from nas_data.gap.search.search import Search
+from nas_data.gap.side_by_side import side_by_side
+
+RIVALS = 3  # that are fitted beside the other effects, for each effect
+FACED = 2  # effects that one must face, of those that it is easily confused with and that a hook tells apart from it
+ROUNDS = 3  # replacements at most
+
+
+def apply(search: Search, h: Hypothesis) -> Hypothesis:
+    """Let effects face their rivals, those of a model file also those that only a hook can express."""
+    add_rivals(search, h)
+    for _ in range(ROUNDS):
+        found = find_better_rival(search, h)
+        if found is None:
+            return h
+        h = search.continued(found)
+    return h
+
+
+def find_better_rival(search: Search, h: Hypothesis) -> Hypothesis | None:
+    """Return the first hypothesis with a rival in the place of an effect that has a better score; None without one."""
+    for number, effect in enumerate(h.effects):
+        for found in fitted_rivals(search, h, number):
+            if found.score < h.score:
+                search.report(f"{effect.name()} replaced", found)
+                others = [other for other in h.effects if other is not effect]
+                search.rivals[key(found.effects[-1])] = [effect, *contenders(search, effect, others)]
+                return found
+    return None
+
+
+def add_rivals(search: Search, h: Hypothesis) -> None:
+    """Let effects of a model file face those that only a hook can express, where they are easily confused.
+
+    Which of them is tried first depends on what else had been named by then, and later they may be no rivals any more.
+    """
+    for number, effect in enumerate(h.effects):
+        if effect.joint is None or effect.name() in h.description.shared:
+            continue
+        if not any(confusable(effect, other) for other in hooked_kinds(effect)):
+            continue
+        without = search.without(h, number) or search.null
+        found, _ = search.screened(without.fit, h, {effect.joint})
+        known = search.rivals.setdefault(key(effect), [])
+        met = {key(rival) for rival in known}
+        others = [c.effect for c in found if c.effect.joint and c.effect.in_model != effect.in_model]
+        known[:0] = [other for other in others if confusable(effect, other) and key(other) not in met][:FACED]
+
+
+def hooked_kinds(effect: Effect) -> list[type[Effect]]:
+    """Return the kinds of effects that need a hook where one does not, and the other way round."""
+    kinds = [find_effect(name) for name in registry.names("effects")]
+    return [kind for kind in kinds if kind.in_model != effect.in_model]
+
+
+def confusable(effect: Effect, other: Effect | type[Effect]) -> bool:
+    """Return whether either of two effects is said to be easily confused with the other."""
+    return other.name() in effect.confused_with or effect.name() in other.confused_with
+
+
+def fitted_rivals(search: Search, h: Hypothesis, number: int) -> list[Hypothesis]:
+    """Return what is kept with each rival of one effect in its place, fitted, the best first."""
+    rest = h.description.without(number)
+    rivals = contenders(search, h.effects[number], rest.effects)
+    fitted = side_by_side(lambda rival: search.rival(rest.adding(rival), h), rivals)
+    return sorted((one for one in fitted if one and one.is_sound), key=lambda one: one.score)
+
+
+def contenders(search: Search, effect: Effect, others: Sequence[Effect]) -> list[Effect]:
+    """Return what competed with an effect when it was added, the best first, each place once."""
+    taken = {key(effect), *map(key, others)}
+    result = []
+    for rival in search.rivals.get(key(effect), []):
+        if key(rival) not in taken:
+            taken.add(key(rival))
+            result.append(rival)
+    return result[: RIVALS if effect.in_model else RIVALS + FACED]

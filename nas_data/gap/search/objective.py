@@ -1,0 +1,248 @@
+"""What is minimised: the misfit of open-loop rollouts, at one tolerance, and scores that know which one they are of."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import count
+
+import numpy as np
+
+from nas_data.effects.base import Effect
+from nas_data.errors import ModelFileError
+from nas_data.gap.evidence import Evidence
+from nas_data.gap.nominal import Nominal, fine_timestep, with_timestep
+from nas_data.gap.search.parameters import FreeParameters
+from nas_data.simulators.settled import Hold
+
+BEGINNING = 1.0  # [s] by which the start of an episode is told
+FAMILIAR = 0.8  # mean square of the likeliest start that counts as equal to another's
+COARSE = 0.1  # part of a joint's error that does not matter before the rest is explained
+CORRELATION = 0.15  # [s] over which errors of a rollout are alike: so many rows count as one observation
+FURTHEST = 3.0  # standard deviations by which an initial velocity may be moved
+
+OBJECTIVES = count()
+
+
+class ObjectiveMismatch(AssertionError):
+    """Two losses of different objectives were compared."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """A loss, or a loss and what its hypothesis costs, in nats; less is better.
+
+    Attributes:
+        nats: The value.
+        objective: The objective that it belongs to; only scores of one objective are compared.
+    """
+
+    nats: float
+    objective: int
+
+    def __add__(self, nats: float) -> "Score":
+        """Return a score that is some nats worse."""
+        return Score(self.nats + nats, self.objective)
+
+    def over(self, other: "Score") -> float:
+        """Return by how many nats this is worse than another.
+
+        Raises:
+            ObjectiveMismatch: they belong to different objectives.
+        """
+        if self.objective != other.objective:
+            raise ObjectiveMismatch(f"scores of the objectives {self.objective} and {other.objective} were compared")
+        return self.nats - other.nats
+
+    def __lt__(self, other: "Score") -> bool:
+        return self.over(other) < 0
+
+    def __gt__(self, other: "Score") -> bool:
+        return self.over(other) > 0
+
+    def __le__(self, other: "Score") -> bool:
+        return self.over(other) <= 0
+
+    def __ge__(self, other: "Score") -> bool:
+        return self.over(other) >= 0
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is fitted to what.
+
+    Attributes:
+        nominal: Model.
+        evidence: Episodes.
+        floor: Noise floor of each joint [rad], shape (n,).
+        correction: What finer physics steps would change in the positions [rad], shape (E, T, n), or 0.
+        fine: Whether the recording obeys finer physics steps than the model's own.
+        coarseness: Errors of each joint that do not matter yet, while larger ones are explained [rad], shape (n,).
+        objective: Which objective this is: losses are compared within one alone. It changes with episodes and tolerance.
+    """
+
+    nominal: Nominal
+    evidence: Evidence
+    floor: np.ndarray
+    correction: np.ndarray | float = 0.0
+    coarseness: np.ndarray | float = 0.0
+    fine: bool = True
+    objective: int = field(default_factory=lambda: next(OBJECTIVES), compare=False)
+
+    def select(self, episodes: Sequence[int] | np.ndarray) -> "Task":
+        """Return the task on some of the episodes."""
+        correction = self.correction if isinstance(self.correction, float) else self.correction[list(episodes)]
+        chosen = self.evidence.select(episodes)
+        return replace(self, evidence=chosen, correction=correction, objective=next(OBJECTIVES))
+
+    def at_tolerance_of(self, other: "Task") -> "Task":
+        """Return the task with the tolerance and the objective of another, to which its misfit is added."""
+        return replace(self, coarseness=other.coarseness, objective=other.objective)
+
+    @property
+    def tolerated(self) -> np.ndarray:
+        """Mean square of each joint's errors below which all are alike [rad²], shape (n,)."""
+        return np.asarray(self.floor**2 + self.coarseness**2)
+
+    def relinearise(self, parameters: FreeParameters, theta: np.ndarray) -> "Task":
+        """Return the task with initial states, timestep correction and tolerance estimated anew at a hypothesis.
+
+        A tenth of the error that is left does not matter yet. Where a joint stands still, a model may be wrong by a
+        tenth of a degree or a hundredth: as long as it is wrong by degrees where the joint moves, that is no reason
+        to prefer one cause to another.
+        """
+        task = self.restart(parameters, theta)
+        predicted = task.predict(parameters, theta)
+        if predicted is None:
+            return task
+        return replace(task, coarseness=COARSE * np.sqrt(task.evidence.mean_squares(predicted).mean(0)))
+
+    def restart(self, parameters: FreeParameters, theta: np.ndarray) -> "Task":
+        """Return the task with initial states and timestep correction estimated anew, as an objective of its own."""
+        effects, factors = parameters.effects_at(theta), parameters.factors_at(theta)
+        task = self.with_initial_load(effects, factors).with_initial_velocity(effects, factors)
+        return replace(task.corrected(effects, factors), objective=next(OBJECTIVES))
+
+    def with_initial_load(self, effects: Sequence[Effect], factors: dict[str, float]) -> "Task":
+        """Return the task with what best explains how each joint of each episode began.
+
+        Whether friction held a part of the weight, and on which side a play lay, is measured by nobody; where a
+        hypothesis has such hidden states, they are told by the first second.
+        """
+        evidence = self.evidence
+        try:
+            simulator = self.nominal.simulator(effects, factors)
+            if not simulator.remembers:
+                return replace(self, evidence=evidence.begun(Hold.WEIGHT))
+            rolled = [self.nominal.predict(evidence.begun(hold), effects, factors) for hold in Hold]
+        except ModelFileError:
+            return self
+        beginning = evidence.counts & (np.arange(evidence.counts.shape[1]) < BEGINNING / evidence.period)
+        early = replace(evidence, counts=beginning)
+        squares = np.stack([early.mean_squares(predicted) for predicted in rolled]) + self.floor**2
+        squares[Hold.WEIGHT] *= FAMILIAR
+        return replace(self, evidence=evidence.begun(squares.argmin(0)))
+
+    def with_initial_velocity(self, effects: Sequence[Effect], factors: dict[str, float]) -> "Task":
+        """Return the task with initial velocities moved, within their uncertainty, towards what explains the motion.
+
+        One Gauss-Newton step of v₀ on ½ Σ w² e² + ½ Σ ((v₀ − v̂₀) / σ)² for each episode by itself; it counts in those
+        where it lowers that sum. Episodes that begin at rest stay at rest.
+        """
+        told = replace(self.evidence, speeds=self.evidence.told)
+        moving = np.flatnonzero((told.doubts > 0).any(axis=1))
+        if not len(moving):
+            return replace(self, evidence=told)
+        part = told.select(moving)
+        try:
+            predicted = self.nominal.predict(part, effects, factors)
+            slopes = np.zeros((len(part.joints), *predicted.shape))
+            for joint in range(len(part.joints)):
+                if (part.doubts[:, joint] > 0).any():
+                    shift = np.zeros(part.speeds.shape)
+                    shift[:, joint] = np.maximum(part.doubts[:, joint], 1e-6)
+                    other = self.nominal.predict(replace(part, speeds=part.speeds + shift), effects, factors)
+                    slopes[joint] = (other - predicted) / shift[:, joint][:, None, None]
+            weights = self.weights(predicted, part)
+            step = velocity_steps(part.errors(predicted) * weights, slopes * weights, part.doubts)
+            moved = replace(part, speeds=part.speeds + step)
+            reached = self.nominal.predict(moved, effects, factors)
+        except ModelFileError:
+            return replace(self, evidence=told)
+        cost = ((part.errors(predicted) * weights) ** 2).sum((1, 2))
+        prior = ((step / np.where(part.doubts > 0, part.doubts, np.inf)) ** 2).sum(1)
+        better = ((part.errors(reached) * weights) ** 2).sum((1, 2)) + prior < cost
+        speeds = told.speeds.copy()
+        speeds[moving] += np.where(better[:, None], step, 0.0)
+        return replace(self, evidence=replace(told, speeds=speeds))
+
+    def corrected(self, effects: Sequence[Effect], factors: dict[str, float]) -> "Task":
+        """Return the task with the correction for finer physics steps, computed at a hypothesis.
+
+        A model's own timestep delays it by about half a step, more than the noise shows. Simulating everything in
+        fine steps would cost four times as much; the difference hardly depends on the parameters.
+        """
+        own, small = self.nominal, with_timestep(self.nominal, self.timestep)
+        if not self.fine or own.spec.option.timestep == small.spec.option.timestep:
+            return replace(self, correction=0.0)
+        try:
+            rough, finer = (each.predict(self.evidence, effects, factors) for each in (own, small))
+        except ModelFileError:
+            return replace(self, correction=0.0)
+        return replace(self, correction=finer - rough)
+
+    @property
+    def timestep(self) -> float:
+        """The physics step for which the predictions stand [s]."""
+        return fine_timestep(self.nominal) if self.fine else float(self.nominal.spec.option.timestep)
+
+    def predict(self, parameters: FreeParameters, theta: np.ndarray) -> np.ndarray | None:
+        """Return positions (E, T, n) for fitted numbers, None where the model diverges."""
+        try:
+            effects, factors = parameters.effects_at(theta), parameters.factors_at(theta)
+            return self.nominal.predict(self.evidence, effects, factors) + self.correction
+        except ModelFileError:
+            return None
+
+    @property
+    def observations(self) -> np.ndarray:
+        """How many independent observations an episode is worth, shape (E, 1)."""
+        return np.asarray(self.evidence.counts.sum(1)[:, None] * self.evidence.period / CORRELATION)
+
+    def misfit(self, predicted: np.ndarray | None) -> float:
+        """Return half the log of the mean squared error, summed over episodes and joints, each by its observations.
+
+        It is the likelihood of errors whose size differs by episode and joint: no episode that went astray, and no
+        joint with an effect still unnamed, rules the others.
+        """
+        if predicted is None:
+            return np.inf
+        squares = self.evidence.mean_squares(predicted)
+        return float((0.5 * self.observations * np.log(self.tolerated + squares)).sum())
+
+    def weights(self, predicted: np.ndarray, evidence: Evidence | None = None) -> np.ndarray:
+        """Return the weight of each error in the least squares that the misfit amounts to, shape (E, 1, n).
+
+        Args:
+            predicted: Positions [rad], shape (E, T, n).
+            evidence: Their episodes; the task's where None.
+        """
+        squares = (evidence or self.evidence).mean_squares(predicted)
+        share = self.evidence.period / CORRELATION
+        return np.asarray(np.sqrt(share / (self.tolerated + squares)))[:, None]
+
+
+def velocity_steps(errors: np.ndarray, slopes: np.ndarray, doubts: np.ndarray) -> np.ndarray:
+    """Return the changes of the initial velocities that explain weighted errors best, shape (E, n).
+
+    Args:
+        errors: Weighted errors, shape (E, T, n).
+        slopes: Weighted changes of the positions per velocity, shape (n, E, T, n).
+        doubts: Standard deviations of the velocities [rad/s], shape (E, n); 0 where one is certain.
+    """
+    step = np.zeros(doubts.shape)
+    for episode, doubt in enumerate(doubts):
+        free = np.flatnonzero(doubt > 0)
+        if len(free):
+            rows = slopes[free, episode].reshape(len(free), -1) * doubt[free][:, None]
+            scaled = np.linalg.solve(rows @ rows.T + np.eye(len(free)), -rows @ errors[episode].ravel())
+            step[episode, free] = doubt[free] * np.clip(scaled, -FURTHEST, FURTHEST)
+    return step

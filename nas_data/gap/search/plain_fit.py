@@ -1,0 +1,155 @@
+"""The plain fit: every smooth parameter of every joint at once, with no name given, as anyone would fit them."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from nas_data.effects.base import Effect, Scales, make_effect
+from nas_data.effects.edits.servo import stiffness
+from nas_data.gap.evidence import windows
+from nas_data.gap.search.fit import Fit, fit
+from nas_data.gap.search.hypothesis import Description, Hypothesis
+from nas_data.gap.search.moves.add import AT_FLOOR
+from nas_data.gap.search.objective import Task
+from nas_data.gap.search.screen import screen
+from nas_data.gap.search.search import Search
+from nas_data.gap.side_by_side import side_by_side
+
+SHORT = 1.0  # [s] of the windows on which the fit begins: in open loop a wrong model soon is nowhere
+SHORT_STEPS = 8_000  # physics steps that one rollout of them may take
+FACTORS = (1.0, 0.3, 0.1, 0.03)  # of all gains, from which the fit may begin; of all filters the first and the last
+FOLLOWED = 3  # starts from which a fit is begun
+SMALL = 0.1  # of a joint's natural size, from which what the model lacks begins
+LIMITS = ("torque_limit", "command_delay")  # which an ordinary fit has besides
+
+
+def fit_plain(search: Search) -> Hypothesis:
+    """Fit gain, damping, rotor inertia, dry and viscous friction, offset and filters of every joint that moved.
+
+    The fit begins on short windows and from several gains, and ends on the episodes of the search. Torque limits and a
+    delay of the arm are tried last. The search goes on with the objective of the fit.
+    """
+    description = describe(search)
+    parameters = description.parameters(search.train.nominal.base)
+    found = begin_on_short_windows(search, description)
+    whole = fit(search.sub, parameters, found.theta if found else parameters.start(), steps=8, jacobian_refreshes=2)
+    if whole is None:
+        return search.null
+    plain = search.judge(description, whole)
+    if search.ratio(plain).max() > AT_FLOOR:
+        plain = search.relinearise(plain)
+    search.report("plain fit", plain)
+    better = add_limits(search, plain) if search.ratio(plain).max() > AT_FLOOR else plain
+    if better is not plain:
+        search.report("plain fit with limits", better)
+    return better
+
+
+def describe(search: Search) -> Description:
+    """Return the plain fit's description: what the model has is freed, what it lacks is added."""
+    nominal, spec = search.train.nominal, search.train.nominal.spec
+    excited = [joint for joint in nominal.joints if joint in search.excited]
+    freed = frozenset(p.name for p in nominal.base if p.kind != "mass" and p.joint in search.excited)
+    effects: list[Effect] = []
+    for joint in excited:
+        sizes = search.sizes[nominal.joints.index(joint)]
+        lacking = {
+            "coulomb_friction": ("torque", SMALL * sizes.torque, float(spec.joint(joint).frictionloss)),
+            "viscous_friction": ("coefficient", SMALL * natural_damping(sizes), float(spec.joint(joint).damping[0])),
+            "rotor_inertia": ("inertia", SMALL * sizes.inertia, float(spec.joint(joint).armature)),
+        }
+        effects += [make_effect(name, joint, {key: size}) for name, (key, size, own) in lacking.items() if own == 0]
+        if stiffness(spec, joint) > 0:
+            effects.append(make_effect("joint_offset", joint, {"offset": 1e-6}))
+    return Description(tuple(effects), freed)
+
+
+def natural_damping(sizes: Scales) -> float:
+    """Return a joint's large torque over its large speed [N·m·s/rad], or its damping where that is more."""
+    return max(sizes.damping, sizes.torque / sizes.speed)
+
+
+def begin_on_short_windows(search: Search, description: Description) -> Fit | None:
+    """Return the fit to short windows from the best of several starts; None where the model's own is the best."""
+    nominal = search.train.nominal
+    rows = SHORT_STEPS // nominal.simulator().substeps
+    evidence = windows(search.train.evidence, rows, SHORT)
+    parameters = description.parameters(nominal.base)
+    task = Task(nominal, evidence, search.train.floor, fine=False)
+    starts = [parameters.start(factors) for factors in starting_factors(description.freed)]
+    predicted = [task.predict(parameters, start) for start in starts]
+    usable = sorted((task.misfit(rows), number) for number, rows in enumerate(predicted) if rows is not None)
+    if not usable or usable[0][1] == 0:
+        return None  # nothing is better than the model as it is
+    best = [starts[number] for _, number in usable[:FOLLOWED]]
+    first = task.relinearise(parameters, best[0])
+    fitted = side_by_side(lambda theta: fit(first, parameters, theta, steps=4, jacobian_refreshes=1), best)
+    found = min(filter(None, fitted), key=lambda one: one.loss)
+    task = task.relinearise(parameters, found.theta)
+    return fit(task, parameters, found.theta, steps=6, jacobian_refreshes=2) or found
+
+
+def starting_factors(freed: frozenset[str]) -> Sequence[dict[str, float]]:
+    """Return factors of gains, of the servos' damping and of filters from which the fit may begin."""
+    gains = FACTORS if any(name.endswith(".gain") for name in freed) else (1.0,)
+    dampings = (0.0, 0.5, 1.0) if any(name.endswith(".servo_damping") for name in freed) else (0.0,)  # as powers of it
+    filters = (FACTORS[0], FACTORS[-1]) if any(name.endswith(".filter") for name in freed) else (1.0,)
+    made = []
+    for gain, power, filtered in product(gains, dampings, filters):
+        kinds = {"gain": gain, "servo_damping": gain**power, "filter": filtered}
+        factors = {name: kinds[kind] for name in freed if (kind := name.rsplit(".", 1)[1]) in kinds}
+        if factors not in made:
+            made.append(factors)
+    return made
+
+
+def add_limits(search: Search, plain: Hypothesis) -> Hypothesis:
+    """Return the fit with torque limits and a delay of the arm where they are worth their price."""
+    half = np.arange(0, len(search.sub.evidence), 2)
+    task = search.sub.select(half)
+    found = screen(task, plain.fit.select(task, half), search.sizes, search.excited, LIMITS)
+    reach = plain.fit.select(task, half).loss
+    for name in LIMITS:
+        alike = [c.effect for c in found if c.effect.name() == name and c.loss < reach]
+        whole = [effect for effect in alike if effect.joint is None]
+        chosen = whole or alike
+        if chosen:
+            more = search.fitted(plain.description.adding(*chosen), plain.fit.factors, plain.fit, 6, 1)
+            if more is not None and more.score < plain.score:
+                plain = more
+    return plain
+
+
+def as_effects(search: Search, plain: Hypothesis) -> Description:
+    """Return the same description with effects in the place of freed parameters, where they can be named.
+
+    Friction, inertia and damping above the model's are added to it; a gain is multiplied. What the model has too much of
+    has no name and stays freed.
+    """
+    spec, factors, freed = search.train.nominal.spec, plain.fit.factors, set(plain.description.freed)
+    effects = list(plain.effects)
+    for name in sorted(freed):
+        joint, kind = name.rsplit(".", 1)
+        factor = factors[name]
+        element = spec.joint(joint)
+        own = {"damping": element.damping[0], "armature": element.armature, "frictionloss": element.frictionloss}
+        added = (factor - 1) * float(own.get(kind, 0.0))
+        made = {
+            "gain": ("servo_stiffness", "factor", factor),
+            "servo_damping": ("servo_damping", "factor", factor),
+            "damping": ("viscous_friction", "coefficient", added),
+            "armature": ("rotor_inertia", "inertia", added),
+            "frictionloss": ("coulomb_friction", "torque", added),
+        }.get(kind)
+        if made is not None and made[2] > 0:
+            effects.append(clipped(made[0], joint, made[1], made[2]))
+            freed.discard(name)
+    return replace(plain.description, effects=tuple(effects), freed=frozenset(freed))
+
+
+def clipped(name: str, joint: str, parameter: str, value: float) -> Effect:
+    """Return an effect with its parameter within its bounds."""
+    (bounds,) = (p for p in make_effect(name, joint, {parameter: 1.0}).parameters if p.name == parameter)
+    return make_effect(name, joint, {parameter: float(np.clip(value, bounds.low, bounds.high))})

@@ -1,0 +1,189 @@
+"""The state of a search: the objective, the episodes it works on, and hypotheses fitted to and judged by them."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from nas_data.effects.base import Effect
+from nas_data.gap.floor import ratios
+from nas_data.gap.search.fit import Fit, fit, measure_jacobian
+from nas_data.gap.search.hypothesis import Description, Hypothesis, Key, excited_joints, reuse_jacobian
+from nas_data.gap.search.objective import Score, Task
+from nas_data.gap.search.scales import scales
+from nas_data.gap.search.screen import Candidate, screen
+from nas_data.gap.search.timestep import choose_timestep
+
+SCREENED = 6  # episodes on which candidates are compared
+SCREENED_ROWS = 1800  # rows on which they are compared at least, where episodes are short
+ODD = 3.0  # times the usual error of a joint from which an episode is odd, and looked at besides
+ODDEST = 2  # odd episodes at most
+FAR_BEHIND = 60.0  # nats by which a rival may lie behind after a few steps and still be fitted to the end
+
+
+@dataclass
+class Search:
+    """The search for missing effects in one dataset.
+
+    Attributes:
+        train: Model and training episodes.
+        held: Model and held-out episodes.
+        say: Told what is going on.
+        rivals: For each effect and joint, effects that competed with it when it was added.
+        settled: Sets of effects in which swaps were tried.
+    """
+
+    train: Task
+    held: Task
+    say: Callable[[str], None] = lambda text: None
+    rivals: dict[Key, list[Effect]] = field(default_factory=dict)
+    settled: set[frozenset[Key]] = field(default_factory=set)
+
+    @classmethod
+    def begin(cls, train: Task, held: Task, say: Callable[[str], None] = lambda text: None) -> "Search":
+        """Start a search: choose the episodes it works on, and fit the model's own parameters a few percent."""
+        search = cls(train, held, say)
+        parameters = Description().parameters(train.nominal.base)
+        start = parameters.start()
+        search.sub = train.select(choose_episodes(train)).relinearise(parameters, start)
+        search.held = held.relinearise(parameters, start).at_tolerance_of(search.sub)
+        predicted = search.sub.predict(parameters, start)
+        assert predicted is not None, "the model was rolled out before"
+        jacobian = measure_jacobian(search.sub, parameters, start, predicted, range(parameters.size))
+        misfit = search.sub.misfit(predicted)
+        nominal = Fit(parameters, start, predicted, misfit, jacobian, search.sub.objective)
+        search.nominal = search.judge(Description(), nominal)
+        search.sizes = scales(train.nominal, search.sub.evidence, predicted)
+        search.excited = excited_joints(train)
+        null = search.fitted(Description(), {}, nominal, steps=8, jacobian_refreshes=1)
+        search.null = search.nominal
+        if null is not None and null.score < search.nominal.score:
+            search.null = search.settle(null.description, null.fit)
+        search.report("the model alone", search.null)
+        return search
+
+    def __post_init__(self) -> None:
+        self._cache: dict[object, Hypothesis | None] = {}
+        self.sub: Task = self.train
+        self.nominal: Hypothesis
+        self.null: Hypothesis
+
+    def judge(self, description: Description, found: Fit) -> Hypothesis:
+        """Roll a fit out on the held-out episodes."""
+        fitted = description.with_effects(found.effects)
+        predicted = self.held.predict(found.parameters, found.theta)
+        if predicted is None:
+            lost = np.full((len(self.held.evidence), len(self.held.floor)), np.inf)
+            return Hypothesis(fitted, found, lost, np.inf)
+        return Hypothesis(fitted, found, self.held.evidence.mean_squares(predicted), self.held.misfit(predicted))
+
+    def fitted(
+        self,
+        description: Description,
+        factors: dict[str, float],
+        near: Fit | None = None,
+        steps: int = 6,
+        jacobian_refreshes: int = 0,
+    ) -> Hypothesis | None:
+        """Fit a description from guesses; `near` lends columns of its Jacobian. None where the model diverges."""
+        parameters = description.parameters(self.train.nominal.base)
+        known = reuse_jacobian(near, parameters)
+        found = fit(self.sub, parameters, parameters.start(factors), known, steps, jacobian_refreshes)
+        return None if found is None else self.judge(description, found)
+
+    def rival(self, description: Description, kept: Hypothesis, steps: int = 4) -> Hypothesis | None:
+        """Fit another description in the place of the one kept, thoroughly where it comes near; once."""
+        identity = ("rival", description, kept.description, steps, self.sub.objective)
+        if identity not in self._cache:
+            found = self.fitted(description, kept.fit.factors, kept.fit, steps)
+            near = found is not None and found.score.over(kept.score) < FAR_BEHIND
+            self._cache[identity] = self.continued(found) if found is not None and near else found
+        return self._cache[identity]
+
+    def continued(self, h: Hypothesis) -> Hypothesis:
+        """Fit further from where a short fit ended, with its Jacobian as long as that serves."""
+        parameters = h.fit.parameters
+        found = fit(self.sub, parameters, h.fit.theta, reuse_jacobian(h.fit, parameters, fresh=1), jacobian_refreshes=1)
+        return self.judge(h.description, found) if found else h
+
+    def relinearise(self, h: Hypothesis) -> Hypothesis:
+        """Begin another round at a hypothesis: a new objective, to which it is fitted."""
+        self.sub = self.sub.relinearise(h.fit.parameters, h.fit.theta)
+        known = dict(enumerate(h.fit.jacobian))
+        found = fit(self.sub, h.fit.parameters, h.fit.theta, known, steps=5, jacobian_refreshes=1)
+        return self.settle(h.description, found or h.fit)
+
+    def settle(self, description: Description, found: Fit) -> Hypothesis:
+        """Take the physics steps, the model's own or finer ones, that leave a fit less; rescore what else is kept."""
+        self.sub, found = choose_timestep(self.sub, found)
+        held = replace(self.held, fine=self.sub.fine).restart(found.parameters, found.theta)
+        self.held = held.at_tolerance_of(self.sub)
+        self._cache.clear()
+        self.nominal, self.null = self.rescore(self.nominal), self.rescore(self.null)
+        return self.rescore(self.judge(description, found))
+
+    @contextmanager
+    def aside(self) -> Iterator[None]:
+        """Try something that changes the objective, and go back to the present one afterwards."""
+        kept = self.sub, self.held, self.nominal, self.null
+        yield
+        self.sub, self.held, self.nominal, self.null = kept
+        self._cache.clear()
+
+    def rescore(self, h: Hypothesis) -> Hypothesis:
+        """Return a hypothesis with its score of the present objective."""
+        if h.fit.objective == self.sub.objective:
+            return h
+        predicted = self.sub.predict(h.fit.parameters, h.fit.theta)
+        if predicted is None:
+            return replace(h, fit=replace(h.fit, misfit=np.inf, objective=self.sub.objective))
+        found = replace(h.fit, predicted=predicted, misfit=self.sub.misfit(predicted), objective=self.sub.objective)
+        return self.judge(h.description, found)
+
+    def without(self, kept: Hypothesis, number: int) -> Hypothesis | None:
+        """Return the hypothesis with one effect fewer, fitted anew."""
+        description = kept.description.without(number)
+        if not description.effects and not description.freed:
+            return self.null
+        identity = ("without", kept.description, number, self.sub.objective)
+        if identity not in self._cache:
+            self._cache[identity] = self.rival(description, kept)
+        return self._cache[identity]
+
+    def screened(self, around: Fit, kept: Hypothesis, joints: set[str]) -> tuple[list[Candidate], Score]:
+        """Order candidates on every other episode.
+
+        Returns:
+            Candidates around a fit, the most promising first, and the loss on the same episodes of the hypothesis
+            that is kept so far.
+        """
+        half = np.arange(0, len(self.sub.evidence), 2)
+        task = self.sub.select(half)
+        return screen(task, around.select(task, half), self.sizes, joints), kept.fit.select(task, half).loss
+
+    def logs(self, without: Hypothesis, with_: Hypothesis) -> np.ndarray:
+        """Return the log of the ratio of held-out errors, shape (E, n); negative where the effect helps."""
+        same = self.held.tolerated
+        return np.asarray(0.5 * np.log((same + with_.heldout) / (same + without.heldout)))
+
+    def ratio(self, hypothesis: Hypothesis) -> np.ndarray:
+        """Return the held-out error over the floor, the geometric mean over episodes, shape (n,)."""
+        return ratios(hypothesis.heldout, self.held.floor)
+
+    def report(self, word: str, h: Hypothesis) -> None:
+        """Say what was found."""
+        rest = " ".join(f"{ratio:.2f}" for ratio in self.ratio(h))
+        self.say(f"{word}: {h.text()}; score {h.score.nats:.1f}, rest/floor {rest}")
+
+
+def choose_episodes(task: Task) -> np.ndarray:
+    """Return the numbers of the episodes to search on: some evenly, and the oddest: a limit is reached in few."""
+    count, steps = task.evidence.commands.shape[:2]
+    wanted = max(SCREENED, SCREENED_ROWS // steps)
+    even = np.unique(np.linspace(0, count - 1, min(count, wanted)).round().astype(int))
+    squares = task.floor**2 + task.evidence.mean_squares(task.nominal.predict(task.evidence))
+    oddness = np.sqrt((squares / np.median(squares, axis=0)).max(axis=1))
+    oddness[even] = 0.0
+    odd = [episode for episode in np.argsort(-oddness)[:ODDEST] if oddness[episode] > ODD]
+    return np.sort(np.concatenate([even, np.array(odd, dtype=int)]))

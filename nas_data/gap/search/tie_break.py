@@ -1,0 +1,40 @@
+"""Decide between hypotheses that are nearly as good, on all training episodes."""
+
+from nas_data.gap.search.fit import Fit, fit
+from nas_data.gap.search.hypothesis import Hypothesis
+from nas_data.gap.search.moves.replace_by_rival import fitted_rivals
+from nas_data.gap.search.objective import Task
+from nas_data.gap.search.search import Search
+
+NEAR = 8.0  # nats on the episodes of the search within which a rival may still be the better one on all
+
+
+def decide(search: Search, train: Task, kept: Hypothesis) -> Hypothesis:
+    """Return what is kept, or the first near rival that does better on all training episodes at the same tolerance.
+
+    The search worked on some of the episodes, which mostly tells causes apart. Where it does not, the others may.
+    """
+    near = [
+        rival
+        for number in range(len(kept.effects))
+        for rival in fitted_rivals(search, kept, number)
+        if rival.score.over(kept.score) < NEAR
+    ]
+    if not near:
+        return kept
+    parameters, theta = kept.fit.parameters, kept.fit.theta
+    task = train.relinearise(parameters, theta)
+    own = refit(task, kept)
+    for rival in near:
+        other = refit(train.restart(rival.fit.parameters, rival.fit.theta).at_tolerance_of(task), rival)
+        if own is None or other is None:
+            continue
+        if other.loss + rival.description.cost < own.loss + kept.description.cost:
+            search.report("on all episodes it yields to", rival)
+            return rival
+    return kept
+
+
+def refit(task: Task, h: Hypothesis) -> Fit | None:
+    """Fit a hypothesis to other episodes, from where it is."""
+    return fit(task, h.fit.parameters, h.fit.theta, steps=3, jacobian_refreshes=0)
