@@ -125,6 +125,29 @@ def test_episodes_of_unequal_length_do_not_disturb_each_other(monkeypatch):
             np.testing.assert_allclose(together.rollouts[name][episode], rolled[0], atol=1e-4)
 
 
+def test_the_source_is_rolled_out_without_much_padding_and_to_the_same_bits(monkeypatch):
+    dataset, simulator, rows = without(paired_pendulum((3, 40, 1, 25, 38, 17))), pendulum(), []
+    roll = simulator.rollout
+    monkeypatch.setattr(
+        simulator, "rollout", lambda first, commands: rows.append(commands.shape) or roll(first, commands)
+    )
+    together = evaluation_module.open_loop_source(dataset, simulator)
+    assert sum(size * steps for size, steps, _ in rows) == dataset.lengths.sum() + 2  # 40 and 38 are one batch
+    for episode, states in enumerate(together):
+        (alone,) = evaluation_module.open_loop_source(dataset.select([episode]), simulator)
+        np.testing.assert_array_equal(states, alone)
+
+
+@given(lengths=st.lists(st.integers(1, 100), min_size=1, max_size=200))
+def test_each_episode_is_in_one_batch_of_its_like(lengths):
+    groups = evaluation_module.like_lengths(np.array(lengths))
+    assert sorted(episode for group in groups for episode in group) == list(range(len(lengths)))
+    for group in groups:
+        of_group = [lengths[episode] for episode in group]
+        assert len(group) <= evaluation_module.ROLLOUT_BATCH
+        assert min(of_group) >= evaluation_module.SHORTEST * max(of_group)
+
+
 def test_what_the_dataset_says_of_its_source_does_not_matter():
     """The source that is given predicts, whether or not the dataset was paired, and with whatever."""
     paired = paired_pendulum((20,))

@@ -134,10 +134,11 @@ def test_stages_can_be_run_one_by_one(hidden: tuple[Path, dict], arm: Path, tmp_
     data = recorded(arm, tmp_path / "data", "--effect", BACKLASH)
     assert main(["gap", "find", str(data), "--model", str(arm), "--out", str(tmp_path)]) == 0
     assert "elbow" in capsys.readouterr().out
-    effects = ["--effects", str(folder / "effects.json"), "--out", str(tmp_path), "--json"]
-    assert main(["gap", "add", str(data), "--model", str(arm), *effects]) == 0
-    added = json.loads(capsys.readouterr().out)
-    assert added["after"] < added["before"]
+    for effects in (folder / "effects.json", folder / "report.json", folder):
+        named = ["--effects", str(effects), "--out", str(tmp_path), "--json"]
+        assert main(["gap", "add", str(data), "--model", str(arm), *named]) == 0
+        added = json.loads(capsys.readouterr().out)
+        assert added["after"] < added["before"]
     assert main(["gap", "show", str(folder)]) == 0
 
 

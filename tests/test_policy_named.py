@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import gymnasium
 import mujoco
@@ -59,6 +60,24 @@ def test_effects_are_found_in_a_reports_folder_and_by_their_file(tmp_path, place
     folder = report(tmp_path)
     named = Named.read(folder if place == "folder" else f"{folder}/effects.json")
     assert named.effects == tuple(map(parse, TRUE)) and not named.retuned
+
+
+def test_a_report_itself_names_what_its_effects_file_does(tmp_path):
+    file = Path(report(tmp_path, retuned={"m2.damping": 1.1})) / "effects.json"
+    content = json.loads(file.read_text())
+    listed = tmp_path / "report.json"
+    listed.write_text(json.dumps({**content, "retuned": [{"parameter": "m2.damping", "factor": 1.1}]}))
+    named, effects_file = Named.read(listed), Named.read(file)
+    assert named.effects == effects_file.effects == tuple(map(parse, TRUE))
+    assert named.retuned == effects_file.retuned == {"m2.damping": 1.1}
+
+
+@pytest.mark.parametrize("retuned", [[1.1], [{"parameter": "m2.damping"}], "m2.damping", {"m2.damping": "more"}])
+def test_factors_of_another_form_are_refused(tmp_path, retuned):
+    file = tmp_path / "report.json"
+    file.write_text(json.dumps({"effects": [], "retuned": retuned}))
+    with pytest.raises(OptionError, match=r"'retuned' in .*report\.json must hold one factor per parameter"):
+        Named.read(file)
 
 
 def test_an_effect_that_mjcf_cannot_express_acts_in_the_loop(tmp_path):

@@ -20,7 +20,7 @@ class GapAdd(Command):
     model: str
     """The model as it is: an MJCF or URDF file, or a robot's name."""
     effects: Path
-    """Effects, as `nas gap name` writes them."""
+    """A gap report's folder, its effects.json (as `nas gap name` writes it) or its report.json, which is rounded."""
     out: Path
     """Folder for model.xml."""
 

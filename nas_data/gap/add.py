@@ -61,16 +61,20 @@ def write_effects(folder: Path, effects: Sequence[Effect], factors: Mapping[str,
 
 
 def read_factors(path: Path) -> dict[str, float]:
-    """Return the retuned base parameters of an effects file, none where it has none.
+    """Return the retuned base parameters of an effects file or of a report, none where it has none.
+
+    A `report.json` lists those that changed by half a percent or more, rounded; `effects.json` holds all, exactly.
 
     Raises:
         OptionError: they are no numbers.
     """
     content = json.loads(path.read_text(encoding="utf-8"))
-    factors = content.get("retuned", {}) if isinstance(content, dict) else {}
+    retuned = content.get("retuned", {}) if isinstance(content, dict) else {}
     try:
-        return {str(name): float(factor) for name, factor in factors.items()}
-    except (AttributeError, TypeError, ValueError):
+        if isinstance(retuned, list):
+            retuned = {entry["parameter"]: entry["factor"] for entry in retuned}
+        return {str(name): float(factor) for name, factor in retuned.items()}
+    except (AttributeError, KeyError, TypeError, ValueError):
         raise OptionError(f"'retuned' in {path} must hold one factor per parameter; see `nas gap name`.") from None
 
 

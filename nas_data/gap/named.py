@@ -31,7 +31,7 @@ class Named:
 
     @classmethod
     def read(cls, path: str | Path) -> "Named":
-        """Read an `effects.json`, or the one in a gap report's folder.
+        """Read an `effects.json`, the one in a gap report's folder, or a `report.json`.
 
         Raises:
             OptionError: there is no such file, or it has another form.

@@ -19,6 +19,7 @@ from nas_data.simulators.base import Simulator, Stepper
 
 MODEL = {"delta": "source + φ", "forward": "ψ"}
 ROLLOUT_BATCH = 64
+SHORTEST = 0.8  # of the longest rollout in a batch of the source: what is padded is simulated, too, and thrown away
 EPISODES_SHOWN = 50
 DIVERGED_SHOWN = 5  # episodes named in the sentence; JSON names all
 
@@ -146,7 +147,7 @@ def open_loop_source(dataset: Dataset, simulator: Simulator) -> list[np.ndarray]
     check_fits(dataset, simulator)
     initial = initial_states(dataset, simulator)
     result: list[np.ndarray] = [np.empty(0)] * dataset.n_episodes
-    for batch in batches(dataset.lengths):
+    for batch in like_lengths(dataset.lengths):
         commands = padded_commands(dataset, batch)
         states = simulator.rollout_settled(initial[batch], commands)
         for row, episode in enumerate(batch):
@@ -216,6 +217,21 @@ def batches(lengths: np.ndarray, ordered: bool = True) -> list[list[int]]:
     """Group episodes for batched rollouts, those of like length together where `ordered`."""
     order = np.argsort(-lengths, kind="stable") if ordered else np.arange(len(lengths))
     return [order[start : start + ROLLOUT_BATCH].tolist() for start in range(0, len(order), ROLLOUT_BATCH)]
+
+
+def like_lengths(lengths: np.ndarray) -> list[list[int]]:
+    """Group episodes for rollouts of the source, longest first, so that little is padded.
+
+    A model's rollouts are not grouped so: a step of them costs nearly the same for any number of episodes.
+    """
+    groups: list[list[int]] = []
+    for episode in np.argsort(-lengths, kind="stable").tolist():
+        fits = bool(groups) and len(groups[-1]) < ROLLOUT_BATCH
+        if fits and lengths[episode] >= SHORTEST * lengths[groups[-1][0]]:
+            groups[-1].append(episode)
+        else:
+            groups.append([episode])
+    return groups
 
 
 def padded_commands(dataset: Dataset, episodes: Sequence[int]) -> np.ndarray:

@@ -122,13 +122,12 @@ class BulletArm:
         self.servo_model = without_constraints(self.model)
         goals = goal_joints(self.model)
         self.goal_qpos, self.goal_dof = self.model.jnt_qposadr[goals], self.model.jnt_dofadr[goals]
-        self.hooks = simulator.hooks
-        self.forces = StepForces(
+        forces = StepForces(
             force=self.servos.actuator_force[None],
             bias=self.servos.qfrc_bias[None],
             released=np.zeros(1, bool),
-            friction=self.model.dof_frictionloss[None].copy(),
         )
+        self.hooks = [hook(forces) for hook in simulator.hooks]
 
     def start(self, state: np.ndarray) -> None:
         """Start anew from a full MuJoCo state (size of INTEGRATION)."""
@@ -145,18 +144,11 @@ class BulletArm:
             self.servos.qpos[:], self.servos.qvel[:] = qpos, qvel
             mujoco.mj_step(self.servo_model, self.servos)
             if self.hooks:
-                self._set_friction()
+                self.world.set_friction(self.model.dof_frictionloss + sum(hook()[0] for hook in self.hooks))
             torques = self.servos.qfrc_actuator + self.servos.qfrc_passive
             torques[self.goal_dof] = 0.0  # MuJoCo's copy moves them
             self.world.step(torques)
         return self.measure()
-
-    def _set_friction(self) -> None:
-        """Let hooks add to the model's own friction."""
-        self.forces.friction[:] = self.model.dof_frictionloss
-        for hook in self.hooks:
-            hook(self.forces)
-        self.world.set_friction(self.forces.friction[0])
 
     def measure(self) -> np.ndarray:
         """Return the measured state, positions [rad] then velocities [rad/s], shape (2n,).

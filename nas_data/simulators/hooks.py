@@ -41,17 +41,13 @@ class HookedBatch:
 
     def __init__(self, batch: mujoco.batch.Batch, hooks: Sequence[StepHook]) -> None:
         """Bind the forces of a batch."""
-        self.hooks = tuple(hooks)
         self._batch = batch
-        self._own = batch.model.dof_frictionloss.copy()
-        self.released = np.zeros(batch.nsim, bool)
-        self._forces = StepForces(
-            force=batch.bind("actuator_force"),
-            bias=batch.bind("qfrc_bias"),
-            released=self.released,
-            friction=batch.expand("dof_frictionloss"),
-        )
+        self._own = np.tile(batch.model.dof_frictionloss, (batch.nsim, 1))
+        self._friction = batch.expand("dof_frictionloss")
         self._warm = batch.bind("qacc_warmstart")
+        self.released = np.zeros(batch.nsim, bool)
+        forces = StepForces(batch.bind("actuator_force"), batch.bind("qfrc_bias"), self.released)
+        self._hooks = [hook(forces) for hook in hooks]
 
     def refresh(self, rows: np.ndarray | None = None) -> None:
         """Compute the actuators' forces in states that were just set; all simulations where rows is None."""
@@ -61,9 +57,9 @@ class HookedBatch:
     def step(self, count: int) -> None:
         """Advance all simulations by `count` physics steps."""
         for _ in range(count):
-            self._forces.friction[:] = self._own
-            for hook in self.hooks:
-                hook(self._forces)
+            friction = self._own
+            for hook in self._hooks:
+                friction = np.add(friction, hook(), out=self._friction)
             self._batch.step()
 
 
