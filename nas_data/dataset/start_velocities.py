@@ -55,7 +55,8 @@ def find_start_velocities(dataset: Dataset) -> StartVelocities:
         dataset: Transitions with 2n-states.
     """
     n, begun = len(dataset.joints), np.flatnonzero(dataset.lengths > 0)
-    values, deviations = np.zeros((dataset.n_episodes, n)), np.zeros((dataset.n_episodes, n))
+    values: np.ndarray = np.zeros((dataset.n_episodes, n))
+    deviations: np.ndarray = np.zeros((dataset.n_episodes, n))
     episodes = [dataset.states[rows].astype(float) for rows in dataset.episodes() if rows.stop > rows.start]
     positions, velocities = [rows[:, :n] for rows in episodes], [rows[:, n:] for rows in episodes]
     derived = differenced(positions, velocities, dataset.fps)

@@ -76,7 +76,7 @@ class Task:
         correction: What finer physics steps would change in the positions [rad], shape (E, T, n), or 0.
         fine: Whether the recording obeys finer physics steps than the model's own.
         coarseness: Errors of each joint that do not matter yet, while larger ones are explained [rad], shape (n,).
-        objective: Which objective this is: losses are compared within one alone. It changes with episodes and tolerance.
+        objective: Which objective this is; losses are compared within one alone. Episodes and tolerance make another.
     """
 
     nominal: Nominal

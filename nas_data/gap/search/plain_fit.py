@@ -125,8 +125,8 @@ def add_limits(search: Search, plain: Hypothesis) -> Hypothesis:
 def as_effects(search: Search, plain: Hypothesis) -> Description:
     """Return the same description with effects in the place of freed parameters, where they can be named.
 
-    Friction, inertia and damping above the model's are added to it; a gain is multiplied. What the model has too much of
-    has no name and stays freed.
+    Friction, inertia and damping above the model's are added to it; a gain is multiplied. What the model has too much
+    of has no name and stays freed.
     """
     spec, factors, freed = search.train.nominal.spec, plain.fit.factors, set(plain.description.freed)
     effects = list(plain.effects)

@@ -107,7 +107,8 @@ def first_order(task: Task, state: Fit, effect: Effect, idle: float) -> Candidat
     low, high = np.maximum(low - state.theta, -LONGEST_STEP), np.minimum(high - state.theta, LONGEST_STEP)
     prior = state.parameters.prior(state.theta)
     shortest, longest = SIGNED_STRETCHES if is_signed(effect) else STRETCHES
-    stretch, shift = 1.0, np.zeros(len(state.theta))
+    stretch = 1.0
+    shift: np.ndarray = np.zeros(len(state.theta))
     for _ in range(3):
         squares = (guess**2).sum(1) / task.evidence.counts.sum(1)[:, None]
         weights = np.sqrt(task.evidence.period / CORRELATION / (task.tolerated + squares))[:, None] * counts

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from nas_data.effects.base import Effect
+from nas_data.effects.base import Effect, Scales
 from nas_data.gap.floor import ratios
 from nas_data.gap.search.fit import Fit, fit, measure_jacobian
 from nas_data.gap.search.hypothesis import Description, Hypothesis, Key, excited_joints, reuse_jacobian
@@ -68,6 +68,8 @@ class Search:
         self.sub: Task = self.train
         self.nominal: Hypothesis
         self.null: Hypothesis
+        self.sizes: tuple[Scales, ...] = ()
+        self.excited: set[str] = set()
 
     def judge(self, description: Description, found: Fit) -> Hypothesis:
         """Roll a fit out on the held-out episodes."""

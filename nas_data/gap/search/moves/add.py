@@ -29,7 +29,7 @@ LOOKED_AHEAD = 2  # effects in several joints that are followed one step further
 
 
 def apply(search: Search, h: Hypothesis) -> Hypothesis:
-    """Add the best effect, from the model as it is and from the present fit; at last, what the first order overlooks."""
+    """Add the best effect, from the model as it is and from the present fit; last, what the first order overlooks."""
     around = h.fit if h.effects or h.description.freed else search.nominal.fit
     ranked = extensions(search, h, around)
     better = add_best(search, h, ranked if h.effects else look_ahead(search, h, ranked))

@@ -1,6 +1,5 @@
 """Drop what the data do not need: effects and freed parameters of the model that are not worth their price."""
 
-
 import numpy as np
 
 from nas_data.effects.base import Effect
