@@ -37,6 +37,8 @@ class Outcome:
         written: The written model, read back.
         model: Its file.
         whole: Whether the written file holds every effect named.
+        delivered: What the written file is: `names`; `names and plain`, with what the plain fit changes besides;
+            `plain`; or `given`, the model as handed over.
         learned: Shares of the gap where φ was trained on top, None otherwise.
     """
 
@@ -47,6 +49,7 @@ class Outcome:
     written: np.ndarray
     model: Path
     whole: bool = True
+    delivered: str = "names"
     learned: Mapping[str, float] | None = None
 
 

@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 from nas_data.effects.base import Effect
 from nas_data.gap.search.choose import choose
 from nas_data.gap.search.final import Final, finish
-from nas_data.gap.search.hypothesis import Description, Hypothesis
+from nas_data.gap.search.hypothesis import Description, Hypothesis, key
 from nas_data.gap.search.moves.replace_by_rival import fitted_rivals
 from nas_data.gap.search.objective import Task
 from nas_data.gap.search.plain_fit import fit_plain
@@ -60,6 +60,9 @@ class Naming:
         null: The model's own parameters fitted a few percent, with nothing added.
         plain: The plain fit: every smooth parameter free, with no name given.
         rivals: For each finding, the fitted hypothesis with its runner-up in its place, or None.
+        description: What is assumed where the effects are named.
+        plain_description: What the plain fit assumes.
+        stable: Of which joints two halves of the recording agree on the effects' parameters; see `final.stability`.
     """
 
     findings: tuple[Finding, ...]
@@ -67,6 +70,19 @@ class Naming:
     null: Final
     plain: Final
     rivals: tuple[Hypothesis | None, ...]
+    description: Description
+    plain_description: Description
+    stable: Mapping[str, bool]
+
+    def refitted(self, final: Final) -> "Naming":
+        """Return the same names with the parameters of another fit, which holds them and more."""
+        numbers = {key(effect): number for number, effect in enumerate(final.effects)}
+        findings = [
+            replace(finding, effect=final.effects[number], interval=final.intervals[number])
+            for finding in self.findings
+            if (number := numbers.get(key(finding.effect))) is not None
+        ]
+        return replace(self, findings=tuple(findings), final=final, rivals=self.rivals[: len(findings)])
 
     @property
     def placebo(self) -> Hypothesis | None:
@@ -104,7 +120,9 @@ def name(train: Task, held: Task, say: Callable[[str], None] = lambda text: None
     order = sorted(range(len(judged)), key=lambda number: -judged[number][0].confidence)
     findings, rivals = [judged[number][0] for number in order], [judged[number][1] for number in order]
     baseline = Final(plain.effects, plain.fit.factors, (), fine)
-    return Naming(tuple(findings), final, null, baseline, tuple(rivals))
+    return Naming(
+        tuple(findings), final, null, baseline, tuple(rivals), kept.description, plain.description, final.stable
+    )
 
 
 def withdraw(search: Search, kept: Hypothesis) -> Hypothesis:

@@ -52,6 +52,7 @@ def write_report(
         "verdict": verdict(before, after, len(naming.findings)),
         "effects": [described(finding, outcome.whole) for finding in naming.findings],
         "retuned": retuned(naming.final),
+        "joints": joint_reports(held, naming, after),
         "unexplained": unexplained(held, outcome.after, after),
         "gap": {**gap(held, outcome), "conditioning": float(f"{naming.final.conditioning:.3g}")},
         "shares": shares(held, outcome),
@@ -90,6 +91,24 @@ def alternative(effect: Effect, error: float) -> Mapping[str, object]:
     return {"effect": effect.name(), "joint": effect.joint, "parameters": numbers, "heldout_error_after": error}
 
 
+def joint_reports(held: Task, naming: Naming, after: np.ndarray) -> Mapping[str, Mapping[str, object]]:
+    """Return of each joint how complete its description is, its rest, and whether two halves of the recording agree.
+
+    Args:
+        held: Model and held-out episodes.
+        naming: What was named.
+        after: Held-out error over the floor with the names, shape (n,).
+    """
+    return {
+        joint: {
+            "complete": round(float(min(1.0, (ADEQUATE / max(ratio, 1e-9)) ** 2)), 3),
+            "ratio_to_noise": round(float(ratio), 2),
+            "stable": naming.stable.get(joint, True),
+        }
+        for joint, ratio in zip(held.evidence.joints, after, strict=True)
+    }
+
+
 def unexplained(held: Task, predicted: np.ndarray, after: np.ndarray) -> Sequence[Mapping[str, object]]:
     """Return the joints whose rest is above the floor, and what it goes with."""
     errors = held.evidence.errors(predicted)
@@ -112,6 +131,7 @@ def gap(held: Task, outcome: Outcome) -> Mapping[str, object]:
         "metric": METRIC,
         "unit": "rad",
         "noise_floor": float(np.sqrt((held.floor**2).mean())),
+        "delivered": outcome.delivered,
         "before": float(np.sqrt(before.mean())),
         "plain": float(np.sqrt(plain.mean())),
         "after": float(np.sqrt(after.mean())),

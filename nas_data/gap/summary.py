@@ -13,6 +13,13 @@ VERDICTS = {
 }
 
 
+DELIVERED = {
+    "names and plain": "model.xml holds the names and all that the plain fit changes: the names alone predict worse.",
+    "plain": "model.xml is the plain fit, without names: it predicts held-out episodes better than any names.",
+    "given": "model.xml is the model as given: nothing that was fitted predicts held-out episodes better.",
+}
+
+
 def summary(report: Mapping[str, object], folder: Path) -> str:
     """Return what a person wants to read first."""
     gap = mapping(report["gap"])
@@ -31,8 +38,10 @@ def summary(report: Mapping[str, object], folder: Path) -> str:
         lines.append("retuned: " + ", ".join(changed))
     lines.append(
         f"open-loop error on held-out episodes: {degrees(gap['before'])} → {degrees(gap['after'])} "
-        f"(noise floor {degrees(gap['noise_floor'])}), in {number(report['seconds']):.0f} s"
+        f"(plain fit {degrees(gap['plain'])}, noise floor {degrees(gap['noise_floor'])}), in {number(report['seconds']):.0f} s"
     )
+    if gap["delivered"] != "names":
+        lines.append(DELIVERED[str(gap["delivered"])])
     if report.get("next_experiment"):
         lines.append(f"record next: {report['next_experiment']}")
     if (folder / "phi").is_dir() and not mapping(report["shares"]).get("learned"):

@@ -5,15 +5,21 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from nas_data.errors import NasError, OptionError
-from nas_data.gap.added import added
+from nas_data.gap.added import Outcome, added, predict_held
+from nas_data.gap.evidence import Evidence
 from nas_data.gap.experiments.experiment import Rival, next_experiment, write
 from nas_data.gap.finding.find import Found, find
-from nas_data.gap.name import Naming, name
+from nas_data.gap.floor import ratios
+from nas_data.gap.name import ADEQUATE, Naming, name
 from nas_data.gap.place import check_place, clear
 from nas_data.gap.portable import check_portable
 from nas_data.gap.problem import Problem
 from nas_data.gap.report import write_report, write_series
+from nas_data.gap.search.final import Final, finish
+from nas_data.gap.search.hypothesis import Description
 from nas_data.gap.showing.show import show
 
 EXPERIMENT = "next_experiment.csv"
@@ -65,7 +71,7 @@ def conclude(problem: Problem, found: Found, folder: Path, began: float, say: Sa
     folder.mkdir(parents=True, exist_ok=True)
     clear(folder)  # not before: a run that is cut short leaves the earlier report
     say("add: write the model with the effects")
-    outcome = added(problem, naming.final, naming.null, naming.plain, folder)
+    naming, outcome = deliver(problem, naming, folder, say)
     if learn:
         say("learn: φ on what the names leave")
         outcome = replace(outcome, learned=learned(problem, outcome.model, learn, say))
@@ -75,6 +81,44 @@ def conclude(problem: Problem, found: Found, folder: Path, began: float, say: Sa
     say("show: draw it")
     show(folder)
     return report
+
+
+def deliver(problem: Problem, naming: Naming, folder: Path, say: Say) -> tuple[Naming, Outcome]:
+    """Write the model with the names, or what predicts held-out episodes better: it is never worse than a plain fit.
+
+    Where the names leave the noise floor, nothing is better than they are. Elsewhere they must do at least as well as
+    the plain fit and as the model that was handed over. If not, the names are kept beside all that the plain fit
+    changes; and if that is no better either, the plain fit or the given model is delivered, without names.
+    """
+    outcome = added(problem, naming.final, naming.null, naming.plain, folder)
+    held = problem.held.evidence
+    left = ratios(held.mean_squares(outcome.written), problem.held.floor)
+    best = min(rms(held, outcome.plain), rms(held, outcome.before))
+    if left.max() <= ADEQUATE or rms(held, outcome.written) <= best:
+        return naming, outcome
+    say("the names alone predict held-out episodes worse than the plain fit or the model as given")
+    train = replace(problem.train, fine=naming.final.fine)
+    description = naming.description.together_with(naming.plain_description)
+    both = finish(train, description, {**naming.plain.factors, **unfreed(naming.final.factors, description)})
+    if naming.findings and rms(held, predict_held(problem, both)) <= best:
+        naming = naming.refitted(both)
+        more = added(problem, both, naming.null, naming.plain, folder)
+        return naming, replace(more, delivered="names and plain")
+    plain_is_best = rms(held, outcome.plain) <= rms(held, outcome.before)
+    other = naming.plain if plain_is_best else Final((), {}, (), fine=False)
+    nameless = replace(naming, findings=(), rivals=(), final=other)
+    delivered = added(problem, other, naming.null, naming.plain, folder)
+    return nameless, replace(delivered, delivered="plain" if plain_is_best else "given")
+
+
+def unfreed(factors: Mapping[str, float], description: Description) -> dict[str, float]:
+    """Return the factors of those parameters that a description does not free."""
+    return {name: factor for name, factor in factors.items() if name not in description.freed}
+
+
+def rms(evidence: Evidence, predicted: np.ndarray) -> float:
+    """Return the error over all episodes and joints [rad]."""
+    return float(np.sqrt(evidence.mean_squares(predicted).mean()))
 
 
 def learned(problem: Problem, model: Path, updates: int, say: Say) -> Mapping[str, float]:

@@ -87,7 +87,7 @@ def scale_filter(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
 
 
 def torque_limit(spec: mujoco.MjSpec, joint: str) -> float:
-    """Return the largest torque that a joint's servo gives [N·m], of its own limit and the joint's; infinite if none."""
+    """Return the largest torque that a joint's servo gives [N·m], its own limit or the joint's; infinite without."""
     actuator, element = joint_actuator(spec, joint), spec.joint(joint)
     own = torque_limits(actuator)
     found = [max(map(abs, own)) * abs(float(actuator.gear[0]))] if own else []

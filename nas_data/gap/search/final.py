@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from nas_data.gap.search.timestep import choose_timestep
 
 ROUNDS = 2  # fits, each with the correction for finer steps computed where the last one ended
 LIKENESS = 0.01  # standard deviation of a parameter between two descriptions of one effect, as a part of it
+SAME_SIZE = 1.3  # factor within which two halves must agree on a parameter
 ON_BOUND = 1e-6  # of a logarithm
 NORMAL95 = 1.96  # standard deviations on each side that hold 95 % of a normal distribution
 
@@ -31,6 +32,7 @@ class Final:
         at_bound: Names of the factors that ended on a bound.
         conditioning: Condition number of the fit's normal equations, scaled to a unit diagonal; 1 where nothing was
             fitted.
+        stable: Of which joints with effects two halves of the episodes agree on the parameters.
     """
 
     effects: tuple[Effect, ...]
@@ -39,6 +41,7 @@ class Final:
     fine: bool = True
     at_bound: frozenset[str] = frozenset()
     conditioning: float = 1.0
+    stable: Mapping[str, bool] = field(default_factory=dict)
 
 
 def finish(task: Task, description: Description, factors: dict[str, float], rounds: int = ROUNDS) -> Final:
@@ -64,8 +67,41 @@ def finish(task: Task, description: Description, factors: dict[str, float], roun
         return Final(description.effects, factors, tuple({} for _ in description.effects))
     task, found = choose_timestep(task, found)
     return Final(
-        found.effects, found.factors, intervals(task, found), task.fine, at_bound(found), conditioning(task, found)
+        effects=found.effects,
+        factors=found.factors,
+        intervals=intervals(task, found),
+        fine=task.fine,
+        at_bound=at_bound(found),
+        conditioning=conditioning(task, found),
+        stable=stability(task, found),
     )
+
+
+def stability(task: Task, found: Fit) -> dict[str, bool]:
+    """Return of which joints with effects every other episode and the rest agree on all parameters of the effects.
+
+    Around the fit, each half moves the numbers by Δθ = −H⁻¹ g, with its own H = Jᵀ W J + prior and g; no rollout is
+    needed. They agree where the difference is within 1.96 of its standard deviations, and within a factor of 1.3.
+    """
+    episodes = np.arange(len(task.evidence))
+    if len(episodes) < 2 or not found.effects:
+        return {}
+    moved, spread = [], []
+    prior = found.parameters.prior(found.theta) ** 2
+    for half in (episodes[::2], episodes[1::2]):
+        part = task.select(half)
+        square, pull = normal_equations(part, found.predicted[half], found.jacobian[:, half])
+        inverse = np.linalg.pinv(square + np.diag(prior) + 1e-9 * np.eye(len(prior)))
+        moved.append(-inverse @ (pull + prior * found.theta))
+        spread.append(np.clip(np.diag(inverse), 0, None))
+    apart = np.abs(moved[0] - moved[1])
+    allowed = np.minimum(NORMAL95 * np.sqrt(spread[0] + spread[1]) + LIKENESS, math.log(SAME_SIZE))
+    agreed: dict[str, bool] = {}
+    for column in range(len(found.parameters.of_effects)):
+        for effect in found.parameters.parameters_of(column):
+            if effect.joint is not None:
+                agreed[effect.joint] = agreed.get(effect.joint, True) and bool(apart[column] <= allowed[column])
+    return agreed
 
 
 def at_bound(found: Fit) -> frozenset[str]:

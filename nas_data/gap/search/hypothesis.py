@@ -48,6 +48,13 @@ class Description:
         """Return the description with other effects."""
         return replace(self, effects=tuple(effects))
 
+    def together_with(self, other: "Description") -> "Description":
+        """Return the description with what another assumes besides."""
+        known = {key(effect) for effect in self.effects}
+        more = [effect for effect in other.effects if key(effect) not in known]
+        taken = {f"{effect.joint}.{effect.replaces}" for effect in (*self.effects, *more) if effect.replaces}
+        return replace(self, effects=(*self.effects, *more), freed=(self.freed | other.freed) - taken)
+
     def without(self, number: int) -> "Description":
         """Return the description without one effect."""
         rest = tuple(effect for place, effect in enumerate(self.effects) if place != number)
