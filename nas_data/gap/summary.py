@@ -38,7 +38,8 @@ def summary(report: Mapping[str, object], folder: Path) -> str:
         lines.append("retuned: " + ", ".join(changed))
     lines.append(
         f"open-loop error on held-out episodes: {degrees(gap['before'])} → {degrees(gap['after'])} "
-        f"(plain fit {degrees(gap['plain'])}, noise floor {degrees(gap['noise_floor'])}), in {number(report['seconds']):.0f} s"
+        f"(plain fit {degrees(gap['plain'])}, noise floor {degrees(gap['noise_floor'])}), "
+        f"in {number(report['seconds']):.0f} s"
     )
     if gap["delivered"] != "names":
         lines.append(DELIVERED[str(gap["delivered"])])

@@ -3,27 +3,26 @@
 from collections.abc import Container
 
 from nas_data.gap.search.hypothesis import Hypothesis, joints_beyond_prior
-from nas_data.gap.search.moves import add, line_scan, restart
+from nas_data.gap.search.moves import add, drop, line_scan, restart
 from nas_data.gap.search.moves.base import find_move
 from nas_data.gap.search.plain_fit import as_effects
 from nas_data.gap.search.search import Search
 
 ROUND = ("swap", "merge_joints", "shift_delay", "optional_parameters")  # after each addition
-REVIEW = (
-    "share_value",
-    "simplify",
-    "drop",
-    "replace_by_rival",
-    "shift_delay",
-    "drop",
-)  # when nothing is added any more
+# when nothing is added any more
+REVIEW = ("share_value", "simplify", "drop", "replace_by_rival", "shift_delay", "drop")
 LITTLE = 0.05  # of all that was gained, which then is too little to go on
 EXPLAINED = 1.5  # noise floors of rest up to which a joint counts as explained
+MANY = 2  # parts of the pruned plain fit for each joint from which nearly everything is missing
 MOST = 4  # effects for each joint of an arm
 
 
 def choose(search: Search, plain: Hypothesis, without: Container[str] = ()) -> Hypothesis:
     """Search from both ends and return the hypothesis that is kept.
+
+    What is left of the plain fit when all that is not worth its price is dropped decides where to begin. Where it holds
+    many parts, nearly everything is missing everywhere: adding one thing at a time to the model goes astray, and the
+    search goes on from there alone. Where it explains everything with one part, there is nothing to search for.
 
     Args:
         search: Search.
@@ -32,17 +31,16 @@ def choose(search: Search, plain: Hypothesis, without: Container[str] = ()) -> H
     """
     if not search.excited:
         return search.null
-    if lacks_everywhere(search):
-        down = descend(search, plain, without)
-        if is_explained(search, down):
-            return down
-        up = climb(search, search.null, without, down)
-    else:
-        up = climb(search, search.null, without)
-        if is_explained(search, up):
-            return up
-        down = descend(search, plain, without)
-    up, down = search.rescore(up), search.rescore(down)
+    down = descend(search, plain, without)
+    if is_explained(search, down) and len(drop.parts(down)) <= 1:
+        return review(search, down, without)
+    if len(drop.parts(down)) > MANY * len(search.excited):
+        return climb(search, down, without)
+    up = climb(search, search.null, without, down if is_explained(search, down) else None)
+    if is_explained(search, up) and up.score <= search.rescore(down).score:
+        return up
+    down = climb(search, search.rescore(down), without)
+    up = search.rescore(up)
     search.report("up from the model", up)
     search.report("down from the plain fit", down)
     return min(up, down, key=lambda h: h.score)
@@ -66,22 +64,21 @@ def climb(search: Search, h: Hypothesis, without: Container[str] = (), rival: Hy
         search.report("added", h)
         if is_lost(search, h, gained) or (rival and h.score > search.rescore(rival).score):
             break
+    return review(search, h, without)
+
+
+def review(search: Search, h: Hypothesis, without: Container[str] = ()) -> Hypothesis:
+    """Doubt everything once more when nothing is added any more."""
     return persist(search, apply_moves(search, h, REVIEW, without), without)
 
 
 def descend(search: Search, plain: Hypothesis, without: Container[str] = ()) -> Hypothesis:
-    """Name what the plain fit does, drop what is not worth its price, and add what a plain fit cannot do."""
+    """Name what the plain fit does, and drop what is not worth its price."""
     description = as_effects(search, plain)
     found = search.fitted(description, plain.fit.factors, plain.fit)
     if found is None:
         return search.rescore(plain)
-    h = apply_moves(search, search.relinearise(found), ("share_value", "drop"), without)
-    return climb(search, h, without)
-
-
-def lacks_everywhere(search: Search) -> bool:
-    """Whether every joint that moved is far from what the model makes of it: then adding one at a time goes astray."""
-    return set(line_scan.unexplained_joints(search, search.null)) == search.excited
+    return apply_moves(search, search.relinearise(found), ("share_value", "drop"), without)
 
 
 def is_explained(search: Search, h: Hypothesis) -> bool:

@@ -1,6 +1,7 @@
 """The plain fit: every smooth parameter of every joint at once, with no name given, as anyone would fit them."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -9,6 +10,7 @@ import numpy as np
 from nas_data.effects.base import Effect, Scales, make_effect
 from nas_data.effects.edits.servo import stiffness
 from nas_data.gap.evidence import windows
+from nas_data.gap.nominal_parameters import MAX_LOG_CHANGE
 from nas_data.gap.search.fit import Fit, fit
 from nas_data.gap.search.hypothesis import Description, Hypothesis
 from nas_data.gap.search.moves.add import AT_FLOOR
@@ -126,10 +128,13 @@ def as_effects(search: Search, plain: Hypothesis) -> Description:
     """Return the same description with effects in the place of freed parameters, where they can be named.
 
     Friction, inertia and damping above the model's are added to it; a gain is multiplied. What the model has too much
-    of has no name and stays freed.
+    of has no name and stays freed. What ended within what a real arm is off by is bound again, and an offset that the
+    readings do not show is left out.
     """
-    spec, factors, freed = search.train.nominal.spec, plain.fit.factors, set(plain.description.freed)
-    effects = list(plain.effects)
+    spec, factors = search.train.nominal.spec, plain.fit.factors
+    freed = {name for name in plain.description.freed if abs(math.log(factors[name])) > MAX_LOG_CHANGE}
+    floor = dict(zip(search.train.nominal.joints, search.train.floor, strict=True))
+    effects = [effect for effect in plain.effects if not is_unseen(effect, floor)]
     for name in sorted(freed):
         joint, kind = name.rsplit(".", 1)
         factor = factors[name]
@@ -147,6 +152,11 @@ def as_effects(search: Search, plain: Hypothesis) -> Description:
             effects.append(clipped(made[0], joint, made[1], made[2]))
             freed.discard(name)
     return replace(plain.description, effects=tuple(effects), freed=frozenset(freed))
+
+
+def is_unseen(effect: Effect, floor: Mapping[str, float]) -> bool:
+    """Whether an effect is an offset of less than a noise floor [rad]."""
+    return effect.name() == "joint_offset" and abs(effect.offset) < floor[effect.joint or ""]
 
 
 def clipped(name: str, joint: str, parameter: str, value: float) -> Effect:

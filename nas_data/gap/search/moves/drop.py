@@ -28,11 +28,25 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
 
 
 def drop_one(search: Search, h: Hypothesis) -> Hypothesis:
-    """Drop one effect or freed parameter, the one without which the score is lowest, if it falls."""
+    """Drop one effect or freed parameter, the one without which the score is lowest, if it falls.
+
+    Short fits tell which. All without which alone the score falls are dropped together where that is better yet; where
+    it falls without none, the best is fitted to its end before it is given up.
+    """
     losses = estimate_losses(search, h)
     doubted = sorted(losses, key=lambda part: losses[part])[:TRIED]
     found = side_by_side(lambda part: fit_without(search, h, [part]), doubted)
-    best = min((one for one in found if one is not None and one.is_sound), key=lambda one: one.score, default=h)
+    sound = {part: one for part, one in zip(doubted, found, strict=True) if one is not None and one.is_sound}
+    if not sound:
+        return h
+    spare = [part for part, one in sound.items() if one.score < h.score]
+    best = min(sound.values(), key=lambda one: one.score)
+    if len(spare) > 1:
+        together = fit_without(search, h, spare)
+        if together is not None and together.is_sound and together.score < best.score:
+            return together
+    if not spare:
+        best = search.continued(best)
     return best if best.score < h.score else h
 
 
@@ -64,7 +78,9 @@ def fit_without(search: Search, h: Hypothesis, gone: list[Part]) -> Hypothesis |
     left = {effect.name() for effect in effects}
     freed = h.description.freed - {part for part in gone if isinstance(part, str)}
     description = Description(effects, freed, h.description.shared & left)
-    return search.rival(description, h) if description != Description() else search.null
+    if description == Description():
+        return search.null
+    return search.fitted(description, h.fit.factors, h.fit, steps=4)
 
 
 def estimate_losses(search: Search, h: Hypothesis) -> dict[Part, float]:

@@ -37,21 +37,25 @@ def find_better_rival(search: Search, h: Hypothesis) -> Hypothesis | None:
 
 
 def add_rivals(search: Search, h: Hypothesis) -> None:
-    """Let effects of a model file face those that only a hook can express, where they are easily confused.
+    """Let every effect face rivals: those that promise most in its place, and those that it is easily confused with.
 
-    Which of them is tried first depends on what else had been named by then, and later they may be no rivals any more.
+    An effect of a model file faces those that only a hook can express, and the other way round. Which of them was tried
+    first depends on what else had been named by then.
     """
     for number, effect in enumerate(h.effects):
         if effect.joint is None or effect.name() in h.description.shared:
             continue
-        if not any(confusable(effect, other) for other in hooked_kinds(effect)):
+        known = search.rivals.setdefault(key(effect), [])
+        faces_hook = any(confusable(effect, other) for other in hooked_kinds(effect))
+        if len(known) >= RIVALS and not faces_hook:
             continue
         without = search.without(h, number) or search.null
         found, _ = search.screened(without.fit, h, {effect.joint})
-        known = search.rivals.setdefault(key(effect), [])
-        met = {key(rival) for rival in known}
-        others = [c.effect for c in found if c.effect.joint and c.effect.in_model != effect.in_model]
-        known[:0] = [other for other in others if confusable(effect, other) and key(other) not in met][:FACED]
+        met = {key(effect), *map(key, known)}
+        others = [c.effect for c in found if c.effect.joint and key(c.effect) not in met]
+        known.extend(others[: RIVALS - len(known)])
+        hooked = [other for other in others if other.in_model != effect.in_model and confusable(effect, other)]
+        known[:0] = [other for other in hooked if other not in known][:FACED]
 
 
 def hooked_kinds(effect: Effect) -> list[type[Effect]]:
