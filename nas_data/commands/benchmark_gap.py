@@ -11,7 +11,8 @@ from nas_data.commands.base import Command, Outcome
 class BenchmarkGap(Command):
     """Draw blind cases, run the gap workflow on each, and compare its report with the sealed answers.
 
-    A finished case is never done again: the same command goes on where it was interrupted.
+    A finished case is never done again: the same command goes on where it was interrupted. Cases that other code of
+    nas_data judged are refused.
 
     Example: nas benchmark gap --families one,outside --plants numpy,bullet --cases 5 --out runs/blind
     """
@@ -40,13 +41,14 @@ class BenchmarkGap(Command):
         from nas_data.blind.benchmark import Plan, run
         from nas_data.blind.print_tables import print_tables
         from nas_data.blind.tables import tables
+        from nas_data.circumstances import commit
 
         families, plants, baselines = (words(text) for text in (self.families, self.plants, self.baselines))
         plan = Plan(families, plants, self.cases, self.seed, self.power, baselines, self.keep, self.setting)
         records = run(plan, self.out, investigate, lambda line: print(line, file=sys.stderr, flush=True))
         found = tables(records)
         text = f"{len(records)} blind cases ({self.setting}), seed {self.seed}\n\n{print_tables(found)}\n→ {self.out}"
-        told = {"out": self.out, "cases": len(records), "setting": self.setting, "seed": self.seed}
+        told = {"out": self.out, "cases": len(records), "setting": self.setting, "seed": self.seed, "commit": commit()}
         return Outcome(text, {**told, "tables": found})
 
 
