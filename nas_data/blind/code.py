@@ -8,6 +8,7 @@ from nas_data.blind.case import Identity
 from nas_data.blind.findings import mapping
 from nas_data.blind.hiding_places import SCREEN
 from nas_data.blind.plants.base import SUFFIX
+from nas_data.blind.settings.base import find_setting
 from nas_data.code_hash import code_hash
 from nas_data.errors import OutputExists
 from nas_data.gap_code import gap_modules
@@ -17,7 +18,8 @@ Record: TypeAlias = Mapping[str, object]  # of a finished case
 
 def case_code(identity: Identity) -> str:
     """Return the hash of what draws a case, plays it, names what hides in it and grades the names."""
-    plants = (f"nas_data.blind.plants.{plant}{SUFFIX}" for plant in (identity.plant, SCREEN))
+    played_on = {identity.plant, SCREEN, find_setting(identity.setting).screen}
+    plants = (f"nas_data.blind.plants.{plant}{SUFFIX}" for plant in played_on)
     setting = f"nas_data.blind.settings.{identity.setting}"
     return code_hash(*gap_modules(), *plants, setting, "nas_data.blind.judge")
 
