@@ -98,6 +98,10 @@ class Source:
     effects: tuple[Effect, ...] = ()
     engine: str = ENGINES[0]
 
+    def modules(self) -> tuple[str, ...]:
+        """Return the modules of this package that decide how it moves, for `code_hash`."""
+        return (f"nas_data.simulators.{self.engine}", *(type(effect).__module__ for effect in self.effects))
+
     def simulator(self, dataset: Dataset, threads: int | None = None) -> Simulator:
         """Build it for a dataset's joints and rate; on all cores where `threads` is None."""
         return load_simulator(self.model, 1 / dataset.fps, dataset.joints, self.effects, self.engine, threads)

@@ -26,10 +26,11 @@ from nas_data.ablation.material import Material
 from nas_data.ablation.subsets import divide, draw
 from nas_data.ablation.sweep import Plan, run_sweep
 from nas_data.ablation.trial import UNFINISHED, do_trial
+from nas_data.circumstances import commit
 from nas_data.dataset.read import read
 from nas_data.dataset.versions import new_version
 from nas_data.effects.base import parse
-from nas_data.errors import DatasetInvalid
+from nas_data.errors import DatasetInvalid, WorkerLost
 from nas_data.gap.add import write_effects
 from nas_data.gap.evidence import Evidence
 from nas_data.models.holding_out import hold_out, rows_of
@@ -38,7 +39,7 @@ from nas_data.models.presets import preset
 SAMPLE = Path(__file__).parents[1] / "datasets/ergojr_sample"
 BRIEF = ("--hidden", "8", "--updates", "2", "--horizon", "20")
 TINY = preset("fast", hidden=8, layers=1, updates=2, horizon=20, frames=100)
-CIRCUMSTANCES = {"wall_seconds", "cpu_seconds", "packages"}
+CIRCUMSTANCES = {"wall_seconds", "cpu_seconds", "packages", "commit"}
 
 
 def plan(place: Place, **changes) -> Plan:
@@ -116,6 +117,7 @@ def test_a_key_depends_on_every_part_of_the_question_and_not_on_places(place, tm
         replace(trial, content=replace(content, dataset="0" * 64)),
         replace(trial, content=replace(content, test="0" * 64)),
         replace(trial, content=replace(content, source="0" * 64)),
+        replace(trial, code="0" * 64),
     ]
     assert len({trial.key, *(other.key for other in others)}) == 1 + len(others)
     moved = replace(trial, folder=tmp_path / "b", material=replace(trial.material, root=Path("elsewhere")))
@@ -154,6 +156,48 @@ def test_all_trials_of_a_seed_meet_the_same_held_out_episodes(place, tmp_path):
             told = {seed: {json.dumps(r[loop][baseline]) for r in found} for seed, found in by_seed.items()}
             assert len(told[0]) == len(told[1]) == 1
             assert told[0] != told[1]
+
+
+def test_results_by_other_code_are_not_used_and_not_removed(place, tmp_path, edited):
+    told = []
+    swept = planned(place, tmp_path, amounts=(Amount(2, "episodes"),))
+    first = run_sweep(swept, here_and_now, 1, False, told.append)
+    assert all(record["commit"] == commit() and len(record["question"]["code"]) == 64 for record in first)
+    edited("nas_data.models.training", "class Training", "class Renamed")
+    again = planned(place, tmp_path, amounts=(Amount(2, "episodes"),))
+    assert not {trial.path for trial in swept} & {trial.path for trial in again}
+    second = run_sweep(again, here_and_now, 1, False, told.append)
+    assert "2 of these trials have results by other code of nas_data, which are kept and not used" in told
+    assert {record["question"]["code"] for record in second} == {trial.code for trial in again}
+    assert len(answers(tmp_path)) == 4
+    assert run_sweep(again, here_and_now, 1, False, told.append) == json.loads(json.dumps(second))
+
+
+def test_only_code_that_decides_a_kind_makes_its_trials_other_ones(place, tmp_path, edited):
+    def codes():
+        kinds = ("delta", "forward", "named", "named_delta")
+        return {trial.config.kind: trial.code for trial in planned(place, tmp_path, kinds=kinds)}
+
+    before = codes()
+
+    def changed(module, name):
+        edited(module, name, f"{name}1")
+        return {kind for kind, code in codes().items() if code != before[kind]}
+
+    every = {"delta", "forward", "named", "named_delta"}
+    assert changed("nas_data.ablation.subsets", "def draw") == every
+    assert changed("nas_data.simulators.mujoco", "class MujocoSimulator") == every
+    assert changed("nas_data.gap.name", "def name") == {"named", "named_delta"}
+    assert changed("nas_data.effects.deadband", "half_width") == {"named", "named_delta"}
+    assert changed("nas_data.models.fitting", "def prepare") == every - {"named"}
+    assert changed("nas_data.ablation.table", "def text") == set()
+
+
+def test_a_worker_with_other_code_than_the_sweep_does_nothing(place, tmp_path):
+    trial = planned(place, tmp_path)[0]
+    with pytest.raises(WorkerLost, match="other code of nas_data than the sweep"):
+        do_trial(replace(trial, code="0" * 64))
+    assert not list(tmp_path.rglob("*.json"))
 
 
 def test_data_that_change_while_a_sweep_runs_are_noticed(place, tmp_path):

@@ -13,7 +13,6 @@ from nas_data.blind.best import least_error
 from nas_data.blind.case import Episodes
 from nas_data.blind.draw import draw_case
 from nas_data.blind.fresh import Fresh
-from nas_data.blind.judge import Judge
 from nas_data.blind.settings.xl320 import SENSOR
 from nas_data.blind.truth import Base, Hidden, Truth
 from nas_data.blind.write import ANSWER, DATASET, NOMINAL, write_case
@@ -75,11 +74,3 @@ def test_who_knows_the_answer_leaves_least(weak_servo):
     assert least_error(weak_servo, {**answer, "effects": [rubs]}, fresh) > least
     for beyond in ([{"effect": "cable", "joint": "m3"}], [play, rubs]):  # beside play no file can hold it
         assert least_error(weak_servo, {**answer, "effects": beyond}, fresh) is None
-
-
-def test_a_record_of_before_is_completed_where_the_case_still_tells(weak_servo):
-    record = {"fresh": {"floor": 1.0, "after": 2.0}}
-    whole = Judge(lambda *_: None).complete(record, weak_servo)
-    assert whole["fresh"]["least"] > 0 and whole["fresh"]["after"] == 2.0
-    assert Judge(lambda *_: None).complete(whole, weak_servo) is whole
-    assert Judge(lambda *_: None).complete(record, weak_servo / "nowhere") is record

@@ -1,18 +1,22 @@
 """Grading of blind cases: the right answer is right, every kind of wrong one is seen to be wrong."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
 from blind_samples import entry_of, know_everything, know_nothing, report_of, shorten
 
 from nas_data.blind.benchmark import Plan, run
+from nas_data.blind.code import case_code
 from nas_data.blind.grade import grade_names
+from nas_data.blind.judge import store_record
 from nas_data.blind.print_tables import print_tables
 from nas_data.blind.resimulate import Delivered
 from nas_data.blind.tables import reliability, tables
+from nas_data.circumstances import commit
 from nas_data.cli import main
-from nas_data.errors import DatasetInvalid, ModelFileError, UnknownName
+from nas_data.errors import DatasetInvalid, ModelFileError, OutputExists, UnknownName
 
 ANSWER = {
     "family": "two",
@@ -127,6 +131,54 @@ def test_a_finished_case_is_never_done_again(small, tmp_path):
     assert len(said) == 3
     assert [record["case"] for record in again] == [record["case"] for record in first]
     assert not list(tmp_path.rglob("dataset"))
+
+
+def test_a_record_names_the_code_that_decided_it(small, tmp_path, edited):
+    plan = Plan(("none",), ("numpy",), 1, 0)
+    (record,) = run(plan, tmp_path, know_nothing, lambda line: None)
+    assert record["commit"] == commit() and len(record["code"]) == 64
+    (identity,) = plan.identities()
+    for module, old in (
+        ("nas_data.gap.workflow", "def investigate"),  # what names
+        ("nas_data.effects.deadband", "half_width"),  # what may be named
+        ("nas_data.blind.grade", "CONFIDENT = 0.8"),  # what grades
+        ("nas_data.blind.settings.xl320", "RATE = 100.0"),  # what is drawn
+        ("nas_data.blind.plants.numpy_plant", "def simulate"),  # what moves
+    ):
+        edited(module, old, f"{old}1")
+        assert case_code(identity) != record["code"], module
+
+
+def test_cases_that_other_code_judged_are_refused_and_left_alone(small, tmp_path, edited):
+    plan = Plan(("none", "one"), ("numpy",), 1, 0)
+    run(plan, tmp_path, know_nothing, lambda line: None)
+    before = {path: path.read_bytes() for path in (tmp_path / "results").glob("*.json")}
+    edited("nas_data.blind.grade", "CONFIDENT = 0.8", "CONFIDENT = 0.9")
+    more = Plan(("none", "one"), ("numpy",), 2, 0)
+    with pytest.raises(OutputExists, match=r"holds 2 cases judged by other code of nas_data .* choose another --out"):
+        run(more, tmp_path, know_nothing, lambda line: None)
+    assert {path: path.read_bytes() for path in (tmp_path / "results").glob("*.json")} == before
+    assert len(run(more, tmp_path / "other", know_nothing, lambda line: None)) == 4, "the remedy works"
+
+
+def test_a_record_that_names_no_code_is_refused(small, tmp_path):
+    plan = Plan(("none",), ("numpy",), 1, 0)
+    (record,) = run(plan, tmp_path, know_nothing, lambda line: None)
+    del record["code"], record["commit"]
+    store_record(tmp_path / "results" / "none-numpy-0-0000.json", record)
+    with pytest.raises(OutputExists, match=r"holds 1 case judged by other code of nas_data \(they name no commit\)"):
+        run(plan, tmp_path, know_nothing, lambda line: None)
+    shutil.rmtree(tmp_path / "results")
+    assert len(run(plan, tmp_path, know_nothing, lambda line: None)) == 1, "the remedy works"
+
+
+def test_a_baseline_of_other_code_is_refused_too(small, tmp_path, edited):
+    plan = Plan(("none",), ("numpy",), 1, 0, baselines=("one_step",))
+    (record,) = run(plan, tmp_path, know_nothing, lambda line: None)
+    assert len(record["baselines"]["one_step"]["code"]) == 64
+    edited("nas_data.blind.baselines.one_step", "LEAST = 0.02", "LEAST = 0.03")
+    with pytest.raises(OutputExists, match="other code of nas_data"):
+        run(plan, tmp_path, know_nothing, lambda line: None)
 
 
 def test_a_workflow_that_fails_is_a_fault_and_the_benchmark_goes_on(small, tmp_path):

@@ -1,21 +1,37 @@
 """The hash of our own code: what decides a result changes it, what is said about it does not."""
 
+import ast
 import json
 
 import pytest
 
 from nas_data import circumstances, code_hash
+from nas_data.envs.ergo_reacher import TASK
 from nas_data.envs.loop.plant import Plant
 from nas_data.errors import OutputExists
-from nas_data.policies.compare import Study, compare
+from nas_data.experiments.pipeline.learning import TRAINED_BY
+from nas_data.gap_code import gap_modules
+from nas_data.models.checkpoint import save
+from nas_data.models.lstm import DynamicsModel
+from nas_data.policies.compare import Run, Study, compare
 from nas_data.policies.learner import Hyperparameters, Training
 from nas_data.policies.policy import CONFIG
 
 SMALL = Hyperparameters(arms=2, rollout=32, minibatches=2, epochs=1)
 
 
+PHI_STEPS = "nas_data.models.frozen.onnx_network"  # imported inside a function
+
+
 def training(environment, dynamics="source"):
     return Training(Plant(environment, dynamics), 0, 32, SMALL)
+
+
+@pytest.fixture
+def phi(tmp_path):
+    """Return a plant that φ corrects."""
+    model = DynamicsModel("delta", TASK.joints, hidden=8, layers=1, fps=1 / TASK.period)
+    return Plant("ErgoReacher", checkpoint=str(save(model, tmp_path / "phi")))
 
 
 @pytest.mark.parametrize(
@@ -27,6 +43,8 @@ def training(environment, dynamics="source"):
         ("nas_data.envs.loop.arena", "self.elapsed += 1", "self.elapsed += 2"),
         ("nas_data.effects.backlash", "half_width", "width"),
         ("nas_data.policies.learner", "gae_lambda=p.trace", "gae_lambda=1.0"),
+        ("nas_data.policies.ppo", "while learner.done < training.rollouts", "while learner.done <= training.rollouts"),
+        ("nas_data.simulators.mujoco", "class MujocoSimulator", "class Renamed"),  # a name counts, too
     ],
 )
 def test_other_code_is_another_training(edited, module, old, new):
@@ -48,6 +66,102 @@ def test_what_a_training_does_not_use_does_not_count(edited):
     assert training("Pusher").identity() == before
     edited("nas_data.effects.backlash", "half_width", "width")
     assert training("Pusher").identity() == before  # the plain source has no backlash
+
+
+def test_what_steps_phi_decides_policies_that_learn_or_are_judged_on_it(edited, phi):
+    def versions():
+        plain, learned = (Training(plant, 0, 32, SMALL) for plant in (Plant("ErgoReacher"), phi))
+        judged = Run("source", plain, phi, 2, folder=None).question()
+        return learned.identity()["code"], judged["code"], plain.identity()["code"]
+
+    before = versions()
+    edited(PHI_STEPS, "class OnnxNetwork", "class Renamed")
+    after = versions()
+    assert [one != other for one, other in zip(before, after, strict=True)] == [True, True, False]
+
+
+@pytest.mark.parametrize(
+    ("root", "reached"),
+    [
+        ("nas_data.models.run", PHI_STEPS),  # φ is judged while it is trained
+        ("nas_data.gap.workflow", "nas_data.gap.learned"),
+        ("nas_data.envs.loop.learned", "nas_data.models.checkpoint"),
+        ("nas_data.envs.base", "nas_data.robots.base"),
+    ],
+)
+def test_imports_inside_functions_count(root, reached):
+    assert reached in code_hash.collect(root)
+
+
+def test_options_of_a_plant_count_only_where_they_are_taken():
+    plain = code_hash.collect(*Plant("Pusher").modules())
+    assert not [name for name in plain if name.startswith(("nas_data.models", "nas_data.gap"))]
+    assert "nas_data.simulators.bullet" not in plain and "nas_data.envs.loop.randomised" not in plain
+    assert "nas_data.simulators.bullet" in code_hash.collect(*Plant("Pusher", engine="bullet").modules())
+
+
+def test_all_that_a_choosing_module_imports_in_its_functions_is_named_by_some_plant(tmp_path, phi):
+    (tmp_path / "effects.json").write_text('{"schema": 1, "effects": [], "retuned": {"m1.damping": 1.1}}')
+    plants = (
+        Plant("ErgoReacher", effects=str(tmp_path / "effects.json")),
+        Plant("ErgoReacher", randomised=True),
+        Plant("ErgoReacher", engine="bullet"),
+        phi,
+    )
+    named = code_hash.collect(*(module for plant in plants for module in plant.modules()))
+    for module in code_hash.CHOOSING:
+        assert inner_imports(f"nas_data.{module}") <= set(named)
+
+
+def inner_imports(module):
+    """Return what the functions of a module import."""
+    tree = ast.parse(code_hash.source_of(module))
+    found = {name for statement in code_hash.statements(tree, deep=True) for name in code_hash.imported(statement)}
+    assert found > set(code_hash.studied(module)[1])
+    return found
+
+
+def test_imports_are_found_in_every_block_but_not_those_for_type_checkers():
+    tree = ast.parse(SCATTERED)
+    for deep, wanted in ((True, "stages metrics drives servos parallel sources pairing"), (False, "stages servos")):
+        found = {name for statement in code_hash.statements(tree, deep) for name in code_hash.imported(statement)}
+        assert found == {f"nas_data.{word}" for word in wanted.split()}
+
+
+SCATTERED = """
+import nas_data.stages, nas_data.errors, numpy
+from typing import TYPE_CHECKING
+if TYPE_CHECKING:
+    from nas_data.explicit import explicit
+else:
+    from nas_data import servos
+class Thing:
+    def load(self):
+        try:
+            from nas_data.metrics import Errors
+        except ImportError:
+            from nas_data.drives import driven_joint
+        finally:
+            with open("x"):
+                from nas_data.parallel import run_jobs
+        match self:
+            case None:
+                import nas_data.sources as there
+            case _:
+                def inner():
+                    from nas_data.pairing import pair
+                    from nas_data.dataset.read import read
+"""
+
+
+def test_all_that_nas_gap_may_name_decides_what_it_says(edited):
+    def versions():
+        return code_hash.code_hash(*gap_modules()), code_hash.code_hash(TRAINED_BY)
+
+    before = versions()
+    edited("nas_data.effects.deadband", "half_width", "width")
+    after = versions()
+    assert [one != other for one, other in zip(before, after, strict=True)] == [True, False]
 
 
 def test_a_study_refuses_policies_of_other_code_and_leaves_them_alone(tmp_path, edited):

@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from nas_data.ablation.amount import Amount
+from nas_data.ablation.code import trial_code
 from nas_data.ablation.executors.base import Executor
 from nas_data.ablation.inflation import Cost, Probe, cost, inflation_of, keep, order, probes
 from nas_data.ablation.material import Content, Material
 from nas_data.ablation.progress import Clock
-from nas_data.ablation.trial import UNFINISHED, Config, Record, Trial, do_trial
+from nas_data.ablation.trial import TRIALS, UNFINISHED, Config, Record, Trial, do_trial
 from nas_data.errors import OutputExists
 from nas_data.models.presets import TrainingOptions
 from nas_data.reports.file import write_whole
@@ -47,8 +48,10 @@ class Plan:
 
         Else the last worker's long trial would be waited for by all others.
         """
+        source = self.material.source()
+        codes = {kind: trial_code(kind, source) for kind in self.kinds}
         return [
-            Trial(Config(kind, amount, seed, self.options, self.held_out), content, self.material, folder)
+            Trial(Config(kind, amount, seed, self.options, self.held_out), content, self.material, folder, codes[kind])
             for seed in self.seeds
             for amount in reversed(self.amounts)
             for kind in self.kinds
@@ -69,6 +72,8 @@ def run_sweep(
 ) -> list[Record]:
     """Do the trials that are not done yet, and return the results of all in their order.
 
+    Results by other code stay in the folder and are not used.
+
     With several workers it is measured first what another costs, once a sweep, by the same workers.
 
     Args:
@@ -84,6 +89,8 @@ def run_sweep(
     jobs: list[Trial | Probe] = [*measuring, *(trials[number] for number in waiting)]
     costs: dict[int, Cost | None] = {}
     clock = Clock([trials[number].config for number in waiting], workers, len(trials))
+    if others := count_other_code(trials):
+        say(f"{others} of these trials have results by other code of nas_data, which are kept and not used")
     say(clock.begin(sum("failed" in record for record in records.values())))
     if measuring:
         say(f"first a short training with {workers} workers and with one, to see what another costs")
@@ -113,6 +120,27 @@ def done(trial: Trial, retry: bool) -> Record | None:
     if not isinstance(record, dict) or record.get("question") != trial.question:
         return None
     return None if retry and "failed" in record else record
+
+
+def count_other_code(trials: Sequence[Trial]) -> int:
+    """Return how many of some trials have a result by other code, or by code that is not known."""
+    asked = {spell(trial.question): trial.code for trial in trials}
+    found = [read_question(path) for path in (trials[0].folder / TRIALS).glob("*.json")]
+    return len({key for question in found if (key := spell(question)) in asked and question.get("code") != asked[key]})
+
+
+def read_question(path: Path) -> Record:
+    """Return what a result is the answer to; nothing where that cannot be read."""
+    try:
+        question = json.loads(path.read_text(encoding="utf-8"))["question"]
+    except (OSError, ValueError, LookupError, TypeError):
+        return {}
+    return question if isinstance(question, dict) else {}
+
+
+def spell(question: Record) -> str:
+    """Return a question as text, without its code."""
+    return json.dumps({key: value for key, value in question.items() if key != "code"}, sort_keys=True)
 
 
 @contextmanager

@@ -13,13 +13,15 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from nas_data.ablation.amount import Amount
+from nas_data.ablation.code import trial_code
 from nas_data.ablation.judging import judge
 from nas_data.ablation.kinds.base import Lesson, find_kind
 from nas_data.ablation.material import Content, Material
 from nas_data.ablation.subsets import Run, draw
+from nas_data.circumstances import commit
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.provenance import package_versions
-from nas_data.errors import NasError
+from nas_data.errors import NasError, WorkerLost
 from nas_data.models.holding_out import rows_of
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.threads import one_thread
@@ -71,18 +73,21 @@ class Trial:
         content: What the data hold, whatever their place.
         material: Where they lie.
         folder: The sweep's.
+        code: Hash of the code that decides the result, where the sweep was begun.
     """
 
     config: Config
     content: Content
     material: Material
     folder: Path
+    code: str
 
     @property
     def question(self) -> dict[str, object]:
         """What the result depends on."""
         named = find_kind(self.config.kind).names
-        return {"schema": SCHEMA, "config": self.config.to_json(), "content": self.content.to_json(named)}
+        content = self.content.to_json(named)
+        return {"schema": SCHEMA, "config": self.config.to_json(), "content": content, "code": self.code}
 
     @property
     def key(self) -> str:
@@ -100,8 +105,10 @@ def do_trial(trial: Trial) -> Record:
 
     Raises:
         DatasetInvalid: the data are no longer those that the sweep began with.
+        WorkerLost: this process has other code than the one that began the sweep.
     """
     trial.material.check(trial.content)
+    check_code(trial)
     workplace = trial.folder / UNFINISHED
     workplace.mkdir(parents=True, exist_ok=True)
     folder = Path(tempfile.mkdtemp(prefix=f"{trial.key}-", dir=workplace))
@@ -115,12 +122,26 @@ def do_trial(trial: Trial) -> Record:
     record: Record = {
         "question": trial.question,
         **found,
+        "commit": commit(),
         "packages": package_versions(),
         "wall_seconds": time.perf_counter() - wall,
         "cpu_seconds": time.process_time() - cpu,
     }
     write_whole(trial.path, (json.dumps(record, indent=1, allow_nan=False) + "\n").encode())
     return record
+
+
+def check_code(trial: Trial) -> None:
+    """Refuse to do a trial by other code than its result would be filed under.
+
+    Raises:
+        WorkerLost: the code was edited since the sweep began, or another machine has another version.
+    """
+    if trial_code(trial.config.kind, trial.material.source()) != trial.code:
+        raise WorkerLost(
+            f"A worker has other code of nas_data than the sweep in {trial.folder} was begun with: it was edited "
+            "since, or is another version on that machine; run the same command again with one version everywhere."
+        )
 
 
 def failure(error: Exception) -> Record:

@@ -62,21 +62,21 @@ def ergojr() -> Arm:
     return Arm("ergojr", spec.to_xml(), robot.joints)
 
 
-def random_arm(rng: np.random.Generator) -> Arm:
-    """Return six joints with random axes, lengths, masses and servos, each servo strong enough for its place."""
-    axes = draw_axes(rng)
-    lengths = np.exp(rng.uniform(np.log(0.03), np.log(0.12), JOINTS))
-    masses = rng.uniform(0.008, 0.022, JOINTS)
-    beyond = [gravity_and_inertia(lengths[link:], masses[link:]) for link in range(JOINTS)]
+def random_arm(rng: np.random.Generator, count: int = JOINTS) -> Arm:
+    """Return joints with random axes, lengths, masses and servos, each servo strong enough for its place."""
+    axes = draw_axes(rng, count)
+    lengths = np.exp(rng.uniform(np.log(0.03), np.log(0.12), count))
+    masses = rng.uniform(0.008, 0.022, count)
+    beyond = [gravity_and_inertia(lengths[link:], masses[link:]) for link in range(count)]
     servos = [servo(rng, torque, inertia) for torque, inertia in beyond]
-    joints = tuple(f"j{number}" for number in range(1, JOINTS + 1))
+    joints = tuple(f"j{number}" for number in range(1, count + 1))
     return Arm("random_arm", mjcf(joints, axes, lengths, masses, servos), joints)
 
 
-def draw_axes(rng: np.random.Generator) -> list[int]:
+def draw_axes(rng: np.random.Generator, count: int) -> list[int]:
     """Draw which axis each joint turns about (0 x, 1 y, 2 z); the first upright or not, no three alike in a row."""
     axes = [int(rng.choice([2, 2, 1]))]
-    while len(axes) < JOINTS:
+    while len(axes) < count:
         axis = int(rng.choice([0, 1, 2], p=[0.4, 0.4, 0.2]))
         if axes[-2:] != [axis, axis]:
             axes.append(axis)

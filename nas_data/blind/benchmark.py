@@ -1,12 +1,13 @@
 """The blind benchmark: every family on every plant, one JSON file a finished case, which is never done again."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from nas_data.blind.baselines.base import find_baseline
 from nas_data.blind.case import DEFAULT, FAMILIES, Identity
+from nas_data.blind.code import check_code
 from nas_data.blind.judge import Investigate, Judge, Record, read_record, store_record
 from nas_data.blind.plants.base import find_plant
 from nas_data.blind.settings.base import find_setting
@@ -76,21 +77,25 @@ def run(plan: Plan, out: Path, investigate: Investigate, report: Callable[[str],
 
     Raises:
         UnknownName, OptionError: the plan cannot be run.
+        OutputExists: finished cases were judged by other code.
     """
     plan.check()
-    judge = Judge(investigate, plan.baselines, plan.keep)
-    identities = list(plan.identities())
+    return run_cases(list(plan.identities()), Judge(investigate, plan.baselines, plan.keep), out, report)
+
+
+def run_cases(identities: Sequence[Identity], judge: Judge, out: Path, report: Callable[[str], None]) -> list[Record]:
+    """Run those of some cases that are not finished yet and return the records of all; see `run`."""
+    paths = {identity: out / RESULTS / f"{identity.name}.json" for identity in identities}
+    known = {identity: record for identity, path in paths.items() if (record := read_record(path)) is not None}
+    check_code(known, out)
     records, began, judged = [], time.monotonic(), 0
-    for done, identity in enumerate(identities, start=1):
-        path = out / RESULTS / f"{identity.name}.json"
-        record = read_record(path)
+    for done, (identity, path) in enumerate(paths.items(), start=1):
+        record = known.get(identity)
         if record is None or not judge.is_done(record):
             record = store_record(path, judge.judge(identity, out / FOLDERS / identity.name, record))
             judged += 1
-            left = (time.monotonic() - began) / judged * (len(identities) - done)
-            report(f"{done} of {len(identities)}, about {left / 60:.0f} min left: {tell(record)}")
-        elif (whole := judge.complete(record, out / FOLDERS / identity.name)) is not record:
-            record = store_record(path, whole)
+            left = (time.monotonic() - began) / judged * (len(paths) - done)
+            report(f"{done} of {len(paths)}, about {left / 60:.0f} min left: {tell(record)}")
         records.append(record)
     return records
 

@@ -16,8 +16,8 @@ from nas_data.blind.truth import Base, Hidden, Truth
 from nas_data.errors import SimulationDiverged
 
 FAINTEST_MARK = 0.3  # multiples of the noise floor from which an effect counts in the power curve
+SCREEN = "numpy"  # plant on which what is outside the catalogue is tried first: not every plant can play it
 TRIES = 3  # sizes of an effect before another effect is drawn
-SCREEN = "numpy"  # plant on which sizes are tried first, for it is the fastest
 
 
 class Hider:
@@ -30,6 +30,7 @@ class Hider:
         self.arm = arm
         self.conditions = conditions
         self.constants = Constants.of(arm.model())
+        self.screen = SCREEN if identity.family == "outside" else setting.screen
         self.kinds = setting.outside if identity.family == "outside" else setting.inside
         self.rng = identity.stream("effects")
         self.least = FAINTEST_MARK if identity.faint else setting.least
@@ -64,8 +65,8 @@ class Hider:
 
     def _seen(self, truth: Truth, commands: np.ndarray, poses: np.ndarray) -> tuple[Marks, list[int]]:
         """Return the marks, and which do not fit; a slow plant is asked only once the fast one sees them all."""
-        screened = self.identity.plant != SCREEN and bool(truth.hidden)
-        for plant in (SCREEN, self.identity.plant) if screened else (self.identity.plant,):
+        screened = self.identity.plant != self.screen and bool(truth.hidden)
+        for plant in (self.screen, self.identity.plant) if screened else (self.identity.plant,):
             show = partial(self.show, plant, commands=commands, poses=poses)
             marks = measure_marks(show, truth, self.arm.joints, self.conditions.sensor.floor)
             unfit = out_of_sight(marks.values, self.least, self.setting.most)

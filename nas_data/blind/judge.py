@@ -12,11 +12,13 @@ from pathlib import Path
 from nas_data.blind.baselines.base import find_baseline
 from nas_data.blind.best import least_error
 from nas_data.blind.case import Identity
+from nas_data.blind.code import baseline_code, case_code
 from nas_data.blind.draw import draw_case
-from nas_data.blind.findings import Name, mapping, sequence
+from nas_data.blind.findings import Name, mapping
 from nas_data.blind.fresh import Fresh
 from nas_data.blind.grade import compared, grade_names
 from nas_data.blind.write import ANSWER, DATASET, NOMINAL, write_case
+from nas_data.circumstances import commit
 from nas_data.dataset.layout import read_json
 from nas_data.dataset.staging import put
 
@@ -65,22 +67,18 @@ class Judge:
         record = known or {
             **{key: answer[key] for key in ("case", "family", "plant", "number", "seed", "faint", "setting")},
             **{key: answer[key] for key in ("arm", "excitation")},
+            "code": case_code(identity),
+            "commit": commit(),
             "drawing_seconds": drawing,
             **attempt(lambda: examine(folder, answer, fresh, self.investigate)),
         }
-        answered = {name: attempt(partial(baseline, name, folder, answer, fresh)) for name in self._lacking(record)}
+        answered = {
+            name: {**attempt(partial(baseline, name, folder, answer, fresh)), "code": baseline_code(name)}
+            for name in self._lacking(record)
+        }
         if not self.keep:
             shutil.rmtree(folder / DATASET)
         return {**record, "baselines": {**mapping(record.get("baselines", {})), **answered}}
-
-    def complete(self, record: Record, folder: Path) -> Record:
-        """Return a record with what versions of before did not measure, where the case's folder still tells."""
-        fresh = record.get("fresh")
-        if not isinstance(fresh, dict) or LEAST in fresh or not (folder / ANSWER).is_file():
-            return record
-        answer = read_json(folder / ANSWER)
-        joints = tuple(str(joint) for joint in sequence(answer["joints"]))
-        return {**record, "fresh": {**fresh, LEAST: least_error(folder, answer, Fresh.load(folder, joints))}}
 
     def _lacking(self, record: Record) -> list[str]:
         answered = mapping(record.get("baselines", {}))

@@ -25,7 +25,8 @@ QUICK = {"hidden": 32, "layers": 1, "updates": 40, "horizon": 60, "frames": 1600
 class Ablate(Command):
     """Learn from nested parts of a dataset, judge on held-out episodes, and say how much data is enough.
 
-    Trials already done are not done again; the same command goes on where it stopped.
+    Trials already done are not done again; the same command goes on where it stopped. Trials by other code of nas_data
+    are kept, and done anew.
 
     Example: nas ablate datasets/arm --counts 10,25,50,100 --seeds 0,1,2 --kinds delta,forward --workers 2
 
@@ -78,6 +79,7 @@ class Ablate(Command):
         from nas_data.ablation.checks import check
         from nas_data.ablation.executors.base import find_executor
         from nas_data.ablation.sweep import opened, run_sweep
+        from nas_data.circumstances import commit
 
         if self.workers < 1:
             raise OptionError(f"--workers is {self.workers}; at least one is needed.")
@@ -94,6 +96,8 @@ class Ablate(Command):
             "sweep": {**plan.identity(content), "effects": content.effects},
             "seeds": plan.seeds,
             "trials": len(trials),
+            "code": {trial.config.kind: trial.code for trial in trials},
+            "commit": commit(),
             "inflation": cost and cost.to_json(),
             "wall_seconds": sum(float(str(record["wall_seconds"])) for record in records),
             "cpu_seconds": sum(float(str(record["cpu_seconds"])) for record in records),

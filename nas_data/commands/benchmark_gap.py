@@ -11,7 +11,8 @@ from nas_data.commands.base import Command, Outcome
 class BenchmarkGap(Command):
     """Draw blind cases, run the gap workflow on each, and compare its report with the sealed answers.
 
-    A finished case is never done again: the same command goes on where it was interrupted.
+    A finished case is never done again: the same command goes on where it was interrupted. Cases that other code of
+    nas_data judged are refused.
 
     Example: nas benchmark gap --families one,outside --plants numpy,bullet --cases 5 --out runs/blind
     """
@@ -27,7 +28,8 @@ class BenchmarkGap(Command):
     out: Path = Path("runs/blind")
     """Folder of the results and the cases."""
     setting: str = "xl320"
-    """What the cases look like: xl320 (one size, rate and resolution), or any (2 to 7 joints of any size and rate)."""
+    """What the cases look like: xl320 (one size, rate and resolution), any (2 to 7 joints of any size and rate), or
+    small (two joints and a few short episodes: seconds a case)."""
     power: bool = False
     """Hide effects from 0.3 noise floors upwards, to see which size is found."""
     baselines: str = ""
@@ -40,13 +42,14 @@ class BenchmarkGap(Command):
         from nas_data.blind.benchmark import Plan, run
         from nas_data.blind.print_tables import print_tables
         from nas_data.blind.tables import tables
+        from nas_data.circumstances import commit
 
         families, plants, baselines = (words(text) for text in (self.families, self.plants, self.baselines))
         plan = Plan(families, plants, self.cases, self.seed, self.power, baselines, self.keep, self.setting)
         records = run(plan, self.out, investigate, lambda line: print(line, file=sys.stderr, flush=True))
         found = tables(records)
         text = f"{len(records)} blind cases ({self.setting}), seed {self.seed}\n\n{print_tables(found)}\n→ {self.out}"
-        told = {"out": self.out, "cases": len(records), "setting": self.setting, "seed": self.seed}
+        told = {"out": self.out, "cases": len(records), "setting": self.setting, "seed": self.seed, "commit": commit()}
         return Outcome(text, {**told, "tables": found})
 
 

@@ -21,6 +21,8 @@ from nas_data.policies import folder as files
 from nas_data.policies.actor_critic import ActorCritic
 from nas_data.simulators.base import Stepper
 
+TRAINED_BY = "nas_data.policies.ppo"  # it takes the steps of this module
+
 
 @dataclass(frozen=True)
 class Hyperparameters:
@@ -84,7 +86,7 @@ class Training:
             "plant": self.plant.describe(),
             "seed": self.seed,
             "hyperparameters": {**asdict(self.hyperparameters), "hidden": list(self.hyperparameters.hidden)},
-            "code": code_hash(*self.plant.modules(), __name__),
+            "code": code_hash(*self.plant.modules(), TRAINED_BY),
         }
 
     def circumstances(self) -> dict[str, object]:

@@ -3,13 +3,16 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from nas_data import registry
-from nas_data.ablation.naming import NamedSource
 from nas_data.dataset.dataset import Dataset
 from nas_data.models.lstm import DynamicsModel
 from nas_data.models.presets import TrainingOptions
 from nas_data.sources import Source
+
+if TYPE_CHECKING:
+    from nas_data.ablation.naming import NamedSource  # what only trains does not depend on the search
 
 FOLDER = "ablation.kinds"
 
@@ -53,7 +56,7 @@ class Learned:
 
     model: DynamicsModel | None
     source: Source | None
-    named: NamedSource | None = None
+    named: "NamedSource | None" = None
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ class Setting:
         least: Multiples of the noise floor from which an effect is judged.
         most: Multiples beyond which an effect is drawn again: nobody needs a search for those.
         rounds: Draws before a case is given up.
+        screen: Plant on which sizes are tried first, a fast one for cases of this sort.
     """
 
     draw: Callable[[Identity], tuple[Arm, Conditions]]
@@ -36,6 +37,7 @@ class Setting:
     least: float
     most: float
     rounds: int
+    screen: str = "numpy"
 
 
 def find_setting(name: str) -> Setting:

@@ -103,7 +103,10 @@ class Plant:
         return described if named is None else {**described, "retuned": dict(named.retuned)}
 
     def modules(self) -> tuple[str, ...]:
-        """Return the modules of this package that decide what happens here, for `code_hash`."""
+        """Return the modules of this package that decide what happens here, for `code_hash`.
+
+        `code_hash` follows no import inside the functions of this module: what an option needs stands here.
+        """
         named = self._named()
         effects = (*self.task.effects(self.dynamics), *(() if named is None else named.effects))
         return (
@@ -112,7 +115,8 @@ class Plant:
             "nas_data.envs.loop.arena",
             f"nas_data.simulators.{self.engine}",
             *(type(effect).__module__ for effect in effects),
-            *(["nas_data.models.augmented"] if self.checkpoint else []),
+            *(["nas_data.envs.loop.learned", "nas_data.models.augmented"] if self.checkpoint else []),
+            *(["nas_data.gap.named"] if self.effects else []),
             *(["nas_data.envs.loop.randomised"] if self.randomised else []),
         )
 

@@ -1,9 +1,9 @@
 """Which code decides each stage of an environment's material: other code's recordings, models and names are refused."""
 
-from nas_data import registry
 from nas_data.code_hash import code_hash
 from nas_data.envs.loop.plant import Plant
 from nas_data.experiments.pipeline.material import MaterialPlan
+from nas_data.gap_code import effect_modules, gap_modules
 
 
 def source_modules(plan: MaterialPlan) -> tuple[str, ...]:
@@ -25,11 +25,10 @@ def learning_code(plan: MaterialPlan) -> str:
 
 def naming_code(plan: MaterialPlan) -> str:
     """Return the hash of what names effects: the search, and every effect that it may name."""
-    catalogue = (f"nas_data.effects.{name}" for name in registry.names("effects"))
-    return code_hash(*source_modules(plan), *catalogue, "nas_data.gap.workflow")
+    return code_hash(*source_modules(plan), *gap_modules())
 
 
 def learning_on_names_code(plan: MaterialPlan) -> str:
     """Return the hash of what pairs the source that has the names, and trains φ on it."""
-    catalogue = (f"nas_data.effects.{name}" for name in registry.names("effects"))
-    return code_hash(*source_modules(plan), *catalogue, "nas_data.experiments.pipeline.pairs", "nas_data.models.run")
+    pairing = (*effect_modules(), "nas_data.gap.named", "nas_data.experiments.pipeline.pairs")
+    return code_hash(*source_modules(plan), *pairing, "nas_data.models.run")

@@ -62,7 +62,8 @@ def train_model(
     dataset = read(job.dataset)
     chosen = choose(dataset)
     parent = versions.parent_of(job.dataset, dataset)
-    source = locate_source(None, (), [job.dataset]).simulator(dataset, job.threads)
+    kept = locate_source(None, (), [job.dataset])
+    source = kept.simulator(dataset, job.threads)
     provenance = {
         "dataset": {"name": parent.name, "content_hash": parent.content_hash},
         "source": source.describe(),
@@ -72,7 +73,7 @@ def train_model(
         "options": asdict(job.options),
         "learned_from": content_hash(chosen),
         "source": provenance["source"],
-        "code": code_hash(TRAINED_BY),
+        "code": code_hash(TRAINED_BY, *kept.modules()),
     }
     claim(job, json.loads(json.dumps(identity)), report)
     history = job.folder / HISTORY
