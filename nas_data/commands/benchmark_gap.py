@@ -27,7 +27,8 @@ class BenchmarkGap(Command):
     out: Path = Path("runs/blind")
     """Folder of the results and the cases."""
     setting: str = "xl320"
-    """What the cases look like: xl320 (one size, rate and resolution), or any (2 to 7 joints of any size and rate)."""
+    """What the cases look like: xl320 (one size, rate and resolution), any (2 to 7 joints of any size and rate), or
+    torque (1 to 3 axes that turn or slide, commanded by torques, episodes that begin in motion)."""
     power: bool = False
     """Hide effects from 0.3 noise floors upwards, to see which size is found."""
     baselines: str = ""
