@@ -65,7 +65,7 @@ def test_the_default_setting_draws_what_it_drew_before_there_were_others(name, b
 
 
 def test_every_setting_can_be_found_and_no_other():
-    assert registry.names("blind.settings") == ("any", "far", "torque", "xl320")
+    assert registry.names("blind.settings") == ("any", "far", "poor", "torque", "xl320")
     with pytest.raises(UnknownName, match="setting"):
         draw_case("none", "numpy", 0, 0, setting="all")
     with pytest.raises(UnknownName, match="setting"):
