@@ -10,12 +10,13 @@ import numpy as np
 from nas_data.blind.arms import Arm, ergojr, random_arm
 from nas_data.blind.case import Case, Identity
 from nas_data.blind.conditions import Conditions
-from nas_data.blind.draw import draw_case
+from nas_data.blind.draw import draw_case, scripts
 from nas_data.blind.plants.base import find_plant
 from nas_data.blind.plants.constants import Constants
 from nas_data.blind.plants.mujoco_plant import multiply
 from nas_data.blind.settings import any as any_setting
-from nas_data.blind.settings import xl320
+from nas_data.blind.settings import torque, xl320
+from nas_data.blind.tape import Tape
 from nas_data.blind.truth import Base, Truth
 from nas_data.effects.base import add_effects, make_effect
 from nas_data.robots.base import read_spec
@@ -49,6 +50,14 @@ def drawn(number: int, episodes: int = 2) -> tuple[Arm, Conditions, np.ndarray, 
     return arm, conditions, *setting.episodes(conditions, episodes, control, identity.stream("commands"))
 
 
+def followed(number: int) -> tuple[Arm, Conditions, Tape]:
+    """Return a machine of the setting `torque`, its conditions, and what its nominal self did."""
+    identity = Identity("none", "numpy", number, 5, setting="torque")
+    arm, conditions = torque.SETTING.draw(identity)
+    handed, _ = scripts(arm, conditions, torque.SETTING.episodes, identity.stream("commands"))
+    return arm, conditions, handed("numpy", Truth(Base.nominal(len(arm.joints))))
+
+
 @cache
 def shortened(**identity: object) -> Case:
     """Draw a case of the settings that `shorten` makes."""
@@ -56,7 +65,10 @@ def shortened(**identity: object) -> Case:
 
 
 def shorten(monkeypatch) -> None:
-    """Let cases have three episodes of half a second (other arms: of one), and two fresh ones; none is drawn twice."""
+    """Let cases have three episodes of half a second (other arms: of one), and two fresh ones; none is drawn twice.
+
+    Motions under torque commands are cut in two pieces of half a second, two motions handed over and one kept back.
+    """
     monkeypatch.setattr("nas_data.blind.judge.draw_case", shortened)
     monkeypatch.setattr(xl320, "EPISODES", 3)
     monkeypatch.setattr(xl320, "FRESH", 2)
@@ -64,6 +76,9 @@ def shorten(monkeypatch) -> None:
     monkeypatch.setattr(any_setting, "EPISODES", (3, 3))
     monkeypatch.setattr(any_setting, "FRESH", 2)
     monkeypatch.setattr(any_setting, "SECONDS", (1.0, 1.0))
+    monkeypatch.setattr(torque, "PIECES", (2, 2))
+    monkeypatch.setattr(torque, "MOTIONS", (2, 2))
+    monkeypatch.setattr(torque, "SECONDS", (0.5, 0.5))
 
 
 def report_of(effects: list, verdict: str, unexplained: list | None = None) -> dict:

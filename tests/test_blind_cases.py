@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 from blind_samples import shorten, shortened
 
-from nas_data.blind.case import FAMILIES, Identity
-from nas_data.blind.catalogue import INSIDE, OUTSIDE
+from nas_data.blind.case import EVERY, FAMILIES, Identity
+from nas_data.blind.catalogue import EVERYWHERE, INSIDE, OUTSIDE
 from nas_data.blind.draw import draw_case
+from nas_data.blind.hiding_places import UNLIKE, Hider
 from nas_data.blind.plants.hiding import RULES
+from nas_data.blind.settings.base import find_setting
 from nas_data.blind.settings.xl320 import FLOOR, QUANTUM
 from nas_data.blind.write import ANSWER, DATASET, FRESH, NOMINAL, write_case
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
-from nas_data.effects.base import find_effect
+from nas_data.effects.base import find_effect, make_effect
 from nas_data.errors import UnknownName
 
 
@@ -40,10 +42,32 @@ def test_another_number_seed_or_plant_gives_another_case():
 def test_each_family_hides_as_many_visible_effects_as_it_says(family):
     case = shortened(family=family, plant="numpy", number=0, seed=0)
     kinds = OUTSIDE if family == "outside" else INSIDE
-    assert len(case.truth.hidden) == FAMILIES[family] == len(case.marks)
+    count = len(case.arm.joints) if family == EVERY else FAMILIES[family]
+    assert len(case.truth.hidden) == count == len(case.marks)
     assert all(mark >= 3 for mark in case.marks)
     assert all(hidden.effect in kinds for hidden in case.truth.hidden)
     assert (np.abs(np.array([*vars(case.truth.base).values()]) - 1) <= 0.1).all()
+
+
+@pytest.mark.parametrize("setting", ["xl320", "any", "torque"])
+def test_every_joint_lacks_the_same_effect_in_about_the_same_size(setting):
+    identity = Identity(EVERY, "numpy", 1, 2, setting=setting)
+    sort = find_setting(setting)
+    hider = Hider(identity, sort, *sort.draw(identity))
+    effects = set()
+    for _ in range(30):
+        group = hider._another(())
+        assert [hidden.joint for hidden in group] == list(hider.constants.joints)
+        assert len({hidden.effect for hidden in group}) == 1
+        effects.add(effect := group[0].effect)
+        alike = [sort.inside[effect].draw(np.random.default_rng(0), hider.constants, row, False)
+                 for row in range(len(group))]  # fmt: skip
+        for key in alike[0]:
+            sizes = [hidden.parameters[key] / values[key] for hidden, values in zip(group, alike, strict=True)]
+            assert max(sizes) <= UNLIKE * min(sizes) * (1 + 1e-9)
+        for hidden in group:
+            assert not make_effect(hidden.effect, hidden.joint, hidden.parameters).is_neutral
+    assert effects == set(EVERYWHERE) & set(sort.inside)
 
 
 def test_faint_cases_may_hide_less(monkeypatch):

@@ -52,6 +52,26 @@ def test_a_gain_is_relative_to_the_model_handed_over_not_to_the_plant():
     assert found["parameters"][0]["relative_error"] == pytest.approx(0.0)
 
 
+def test_one_effect_of_the_whole_arm_stands_for_one_in_every_joint():
+    def hidden(joint, torque):
+        parameters = {"torque": torque}
+        return {"effect": "coulomb_friction", "joint": joint, "parameters": parameters, "mark": 5.0}
+
+    effects = [hidden("m1", 0.1), hidden("m2", 0.125)]
+    answer = {"family": "every", "joints": ["m1", "m2"], "effects": effects}
+    whole = entry_of("coulomb_friction", None, {"torque": 0.1})
+    found = grade([whole], answer=answer)
+    assert found["exact"] and found["verdict_right"] and found["named"] == [("coulomb_friction", None)]
+    assert [row["relative_error"] for row in found["parameters"]] == pytest.approx([0.0, 0.2])
+    assert found["confidences"] == [{"confidence": 0.95, "right": True}]
+    each = [entry_of("coulomb_friction", joint, {"torque": 0.1}) for joint in answer["joints"]]
+    assert grade(each, answer=answer)["exact"]
+    assert not grade(each[:1], answer=answer)["exact"]
+    assert not grade([whole, each[0]], answer=answer)["exact"]  # the same joint twice
+    assert not grade([whole], answer={**answer, "joints": ["m1", "m2", "m3"]})["exact"]  # the third has none
+    assert not grade([entry_of("viscous_friction", None, {"coefficient": 0.1})], answer=answer)["exact"]
+
+
 def test_the_right_effect_in_a_wrong_joint_is_confidently_wrong():
     found = grade([RIGHT[0], entry_of("backlash", "m4", {"half_width": 0.02})])
     assert not found["exact"] and found["confident_wrong"]

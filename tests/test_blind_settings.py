@@ -12,6 +12,8 @@ from nas_data.blind.benchmark import Plan, run
 from nas_data.blind.case import Case, Identity
 from nas_data.blind.draw import draw_case
 from nas_data.blind.grade import grade_names
+from nas_data.blind.motions import MIXTURE, SIGNALS
+from nas_data.blind.settings.base import find_setting
 from nas_data.blind.settings.xl320 import QUANTUM
 from nas_data.blind.write import DATASET, write_case
 from nas_data.cli import main
@@ -65,7 +67,7 @@ def test_the_default_setting_draws_what_it_drew_before_there_were_others(name, b
 
 
 def test_every_setting_can_be_found_and_no_other():
-    assert registry.names("blind.settings") == ("any", "small", "xl320")
+    assert registry.names("blind.settings") == ("any", "far", "poor", "small", "torque", "xl320")
     with pytest.raises(UnknownName, match="setting"):
         draw_case("none", "numpy", 0, 0, setting="all")
     with pytest.raises(UnknownName, match="setting"):
@@ -127,12 +129,43 @@ def test_who_knows_everything_is_right_about_other_arms_too(plant, tmp_path):
     assert run(plan, tmp_path, know_everything, said.append) == records and len(said) == 1
 
 
+def test_poor_data_are_five_slow_episodes_of_one_sort(tmp_path):
+    signals = set()
+    for number in range(20):
+        identity = Identity("none", "numpy", number, 3, setting="poor")
+        _, conditions = find_setting("poor").draw(identity)
+        assert conditions.rate == 20 and conditions.episodes == 5
+        signals.add(conditions.signal)
+    assert signals == set(SIGNALS) - {MIXTURE}
+    case = draw_case("none", "numpy", 0, 3, setting="poor")
+    write_case(case, tmp_path / "case")
+    assert verify(tmp_path / "case" / DATASET) == []
+    assert read(tmp_path / "case" / DATASET).n_episodes == 5
+
+
+@pytest.mark.parametrize(
+    ("family", "setting"),
+    [
+        ("one", "poor"),
+        ("every", "xl320"),
+        pytest.param("every", "any", marks=pytest.mark.slow),
+        pytest.param("every", "torque", marks=pytest.mark.slow),
+    ],
+)
+def test_who_knows_everything_is_right_about_those_cases_too(family, setting, tmp_path):
+    record = run(Plan((family,), ("numpy",), 1, 4, setting=setting), tmp_path, know_everything, lambda line: None)[0]
+    assert record["exact"] and record["verdict_right"], record
+    assert record["fresh"]["after"] < record["fresh"]["floor"] + 0.3 * record["fresh"]["before"], record
+
+
 @pytest.mark.slow
-def test_every_baseline_answers_on_other_arms(tmp_path, monkeypatch):
+@pytest.mark.parametrize("setting", ["any", "far", "poor", "torque"])
+def test_every_baseline_answers_on_other_arms(setting, tmp_path, monkeypatch):
     small = {"updates": 1, "frames": 50, "horizon": 10, "hidden": 8, "shortcut": False}
     monkeypatch.setattr("nas_data.blind.baselines.phi.SMALL", small)
     names = registry.names("blind.baselines")
-    record = run(Plan(("one",), ("numpy",), 1, 4, baselines=names, setting="any"), tmp_path, know_everything, print)[0]
+    plan = Plan(("one",), ("numpy",), 1, 4, baselines=names, setting=setting)
+    record = run(plan, tmp_path, know_everything, print)[0]
     for name in names:
         assert "fault" not in record["baselines"][name], record["baselines"][name]
         assert np.isfinite(record["baselines"][name]["fresh"]["after"])

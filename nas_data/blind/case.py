@@ -7,11 +7,14 @@ import numpy as np
 
 from nas_data.blind.arms import Arm
 from nas_data.blind.conditions import Conditions
+from nas_data.blind.indistinct import equals_of
+from nas_data.blind.plants.constants import Constants
 from nas_data.blind.truth import Truth
 from nas_data.errors import UnknownName
 
+EVERY = "every"  # family whose effect hides in every joint
 # how many effects of the contract's table hide in a case of each family
-FAMILIES = {"none": 0, "one": 1, "two": 2, "three": 3, "outside": 1}
+FAMILIES = {"none": 0, "one": 1, "two": 2, "three": 3, "outside": 1, EVERY: 1}
 DEFAULT = "xl320"  # setting whose cases are named without it, as they were before there were others
 
 
@@ -56,11 +59,12 @@ class Episodes:
     """Commands and what the plant did.
 
     Attributes:
-        commands: Commanded positions [rad], shape (E, T, n).
-        poses: Commanded before each episode [rad], shape (E, n).
+        commands: Commanded positions [rad] or torques [N m], shape (E, T, n).
+        poses: Commanded before each episode, or where it begins [rad], shape (E, n).
         positions: Where the links were before the first command and after each [rad], shape (E, T + 1, n).
         readings: The same as the sensors reported it [rad].
         speeds: As they were reported [rad/s], shape (E, T + 1, n); None where they are to be differenced.
+        start_speeds: How fast the links were before the first command [rad/s], shape (E, n); None where they rested.
     """
 
     commands: np.ndarray
@@ -68,6 +72,18 @@ class Episodes:
     positions: np.ndarray
     readings: np.ndarray
     speeds: np.ndarray | None = None
+    start_speeds: np.ndarray | None = None
+
+    @property
+    def starts(self) -> np.ndarray:
+        """Where who plays an episode starts, positions [rad] then speeds [rad/s], shape (E, 2n).
+
+        At the first reading, at rest; where the episode began in motion, at what was true: an error of the start would
+        stay, for no position is commanded, and the model is judged, not the start.
+        """
+        if self.start_speeds is None:
+            return np.concatenate([self.readings[:, 0], np.zeros_like(self.poses)], axis=1)
+        return np.concatenate([self.positions[:, 0], self.start_speeds], axis=1)
 
 
 @dataclass(frozen=True)
@@ -96,8 +112,10 @@ class Case:
 
     def answer(self) -> dict[str, object]:
         """Return the sealed answer."""
+        constants = Constants.of(self.arm.model())
         effects = [
             {**hidden.to_json(), "mark": mark, "marked_joint": joint}
+            | ({"equals": others} if (others := equals_of(constants, hidden)) else {})
             for hidden, mark, joint in zip(self.truth.hidden, self.marks, self.marked_joints, strict=True)
         ]
         return {

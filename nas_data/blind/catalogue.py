@@ -151,6 +151,10 @@ INSIDE: Mapping[str, Kind] = {
     "payload": Kind(load, per_joint=False, whole_arm=True),
     "base_tilt": Kind(tilt, per_joint=False, whole_arm=True),
 }
+# what all joints may lack alike: a model without friction, or servos of another make
+EVERYWHERE = (
+    "backlash", "coulomb_friction", "deadband", "load_friction", "rotor_inertia", "servo_stiffness", "viscous_friction"
+)  # fmt: skip
 OUTSIDE: Mapping[str, Kind] = {
     "cogging": Kind(cogs),
     "cable": Kind(cable),

@@ -43,6 +43,8 @@ class Conditions:
         settle: For how long the first pose is commanded before an episode begins [s].
         signal: Name of the command signal.
         sensor: What the servos report.
+        pieces: Into how many episodes each motion under commanded torques is cut, all of which begin in motion; 0
+            where positions are commanded and episodes begin at rest.
     """
 
     rate: float
@@ -52,6 +54,7 @@ class Conditions:
     settle: float
     signal: str
     sensor: Sensor
+    pieces: int = 0
 
     @property
     def period(self) -> float:

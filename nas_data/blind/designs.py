@@ -1,5 +1,7 @@
 """Arms of two to seven joints and any size, each servo strong and quick enough for what it carries."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 
@@ -26,14 +28,15 @@ SHAPES["cylinder"] = SHAPES["capsule"]
 PREFIXES = ("j", "joint", "axis_")
 
 
-def draw_design(rng: np.random.Generator, period: float) -> Arm:
-    """Draw an arm whose timestep divides the control period [s]."""
+def draw_design(rng: np.random.Generator, period: float, excess: float = 1.0) -> Arm:
+    """Draw an arm whose timestep divides the control period [s]; its servos' gains are multiplied by the excess."""
     count = int(rng.integers(JOINTS[0], JOINTS[1] + 1))
     prefix = str(rng.choice(PREFIXES))
     joints = tuple(f"{prefix}{number}" for number in range(1, count + 1))
     links, style = draw_links(rng, count), draw_style(rng, period)
     carried = loads(to_mjcf(joints, links, [], style), rng)
-    servos = [draw_servo(rng, *load) for load in zip(*carried, strict=True)]
+    drawn = [draw_servo(rng, *load) for load in zip(*carried, strict=True)]
+    servos = [replace(servo, gain=servo.gain * excess) for servo in drawn]
     return Arm("arm", to_mjcf(joints, links, servos, style), joints)
 
 

@@ -2,18 +2,23 @@
 
 import numpy as np
 
+from nas_data.blind.arms import Arm
 from nas_data.blind.case import DEFAULT, Case, Episodes, Identity
-from nas_data.blind.conditions import Sensor
+from nas_data.blind.conditions import Conditions, Sensor
+from nas_data.blind.following import Session, reach_of
 from nas_data.blind.hiding_places import Hider
 from nas_data.blind.plants.constants import Constants
+from nas_data.blind.settings.base import Episodes as EpisodesOf
 from nas_data.blind.settings.base import find_setting
+from nas_data.blind.tape import Script, Tape
 
 
 def draw_case(family: str, plant: str, number: int, seed: int, faint: bool = False, setting: str = DEFAULT) -> Case:
     """Draw a case; same arguments, same case.
 
     Args:
-        family: `none`, `one`, `two`, `three` (hidden effects of the contract's table) or `outside` of it.
+        family: `none`, `one`, `two`, `three` (hidden effects of the contract's table), `every` (one effect in every
+            joint) or `outside` of the table.
         plant: `numpy`, `bullet` or `mujoco`.
         number: Of the case.
         seed: Master seed.
@@ -22,17 +27,16 @@ def draw_case(family: str, plant: str, number: int, seed: int, faint: bool = Fal
 
     Raises:
         UnknownName: there is no such family, plant or setting.
+        OptionError: the setting has no such family.
         SimulationDiverged: no draw leaves marks that can be seen.
     """
     identity = Identity(family, plant, number, seed, faint, setting)
     sort = find_setting(setting)
     arm, conditions = sort.draw(identity)
-    control, rng = Constants.of(arm.model()).control, identity.stream("commands")
-    counts = conditions.episodes, conditions.fresh
-    handed, fresh = (sort.episodes(conditions, count, control, rng) for count in counts)
+    handed, fresh = scripts(arm, conditions, sort.episodes, identity.stream("commands"))
     hider = Hider(identity, sort, arm, conditions)
-    truth, marks = hider.hide(*handed)
-    later = hider.show(plant, [truth], *fresh)[0]
+    truth, tape, marks = hider.hide(handed)
+    later = fresh(plant, truth)
     streams = identity.stream("noise"), identity.stream("speed noise")
     return Case(
         identity=identity,
@@ -41,24 +45,39 @@ def draw_case(family: str, plant: str, number: int, seed: int, faint: bool = Fal
         truth=truth,
         marks=marks.values,
         marked_joints=marks.joints,
-        recorded=measured(handed, marks.states, conditions.sensor, streams),
-        fresh=measured(fresh, later, conditions.sensor, streams),
+        recorded=measured(tape, marks.states, conditions.sensor, streams),
+        fresh=measured(later, hider.show(plant, [truth], later)[0], conditions.sensor, streams),
     )
 
 
+def scripts(arm: Arm, conditions: Conditions, episodes: EpisodesOf, rng: np.random.Generator) -> tuple[Script, Script]:
+    """Return what is handed over and what is kept back: commands as drawn, or what a controller makes of references."""
+    constants, counts = Constants.of(arm.model()), (conditions.episodes, conditions.fresh)
+    if conditions.pieces:
+        references, _ = episodes(conditions, sum(counts), reach_of(constants.sliding), rng)
+        session = Session(arm, conditions, references)
+        return session.part(slice(0, counts[0])), session.part(slice(counts[0], None))
+    handed, fresh = (Tape(*episodes(conditions, count, constants.control, rng)) for count in counts)
+    return lambda plant, truth: handed, lambda plant, truth: fresh
+
+
 def measured(
-    played: tuple[np.ndarray, np.ndarray],
-    states: np.ndarray,
-    sensor: Sensor,
-    streams: tuple[np.random.Generator, np.random.Generator],
+    tape: Tape, states: np.ndarray, sensor: Sensor, streams: tuple[np.random.Generator, np.random.Generator]
 ) -> Episodes:
     """Return episodes as they were recorded.
 
     Args:
-        played: Commands (E, T, n) and poses (E, n) [rad].
+        tape: What was played.
         states: True positions [rad], then velocities [rad/s], shape (E, T + 1, 2n).
         sensor: What the servos report of them.
         streams: Randomness of positions and of speeds.
     """
     positions, speeds = np.split(states, 2, axis=-1)
-    return Episodes(*played, positions, sensor.positions(positions, streams[0]), sensor.speeds(speeds, streams[1]))
+    return Episodes(
+        tape.commands,
+        tape.poses,
+        positions,
+        sensor.positions(positions, streams[0]),
+        sensor.speeds(speeds, streams[1]),
+        tape.start_speeds,
+    )

@@ -11,7 +11,8 @@ from nas_data.blind.resimulate import Delivered, actuators_of
 from nas_data.blind.write import FRESH, NOMINAL
 from nas_data.errors import NasError
 
-Predict = Callable[[np.ndarray, np.ndarray], np.ndarray]  # commands (E, T, n), first (E, n) → positions (E, T, n)
+# commands (E, T, n), first positions and speeds (E, 2n) → positions (E, T, n)
+Predict = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -21,9 +22,10 @@ class Fresh:
     Attributes:
         joints: Names of the measured joints.
         rate: Control rate [Hz].
-        commands: [rad], shape (E, T, n).
+        commands: [rad, N m], shape (E, T, n).
         positions: True positions [rad], shape (E, T + 1, n).
         readings: The same with noise and rounding.
+        starts: Where a prediction starts, positions [rad] then speeds [rad/s], shape (E, 2n).
     """
 
     joints: tuple[str, ...]
@@ -31,12 +33,16 @@ class Fresh:
     commands: np.ndarray
     positions: np.ndarray
     readings: np.ndarray
+    starts: np.ndarray
 
     @classmethod
     def load(cls, folder: Path, joints: tuple[str, ...]) -> "Fresh":
         """Read them from a case's folder."""
         with np.load(folder / FRESH) as stored:
-            return cls(joints, float(stored["rate"]), stored["commands"], stored["positions"], stored["readings"])
+            readings = stored["readings"]
+            still = np.concatenate([readings[:, 0], np.zeros_like(readings[:, 0])], axis=1)
+            starts = stored.get("starts", still)
+            return cls(joints, float(stored["rate"]), stored["commands"], stored["positions"], readings, starts)
 
     @property
     def floor(self) -> float:
@@ -45,7 +51,7 @@ class Fresh:
 
     def error(self, predict: Predict) -> float:
         """Return a prediction's RMSE over all joints and steps [rad]; infinite where it left all bounds."""
-        predicted = predict(self.commands, self.readings[:, 0])
+        predicted = predict(self.commands, self.starts)
         error = float(np.sqrt(np.square(predicted - self.readings[:, 1:]).mean()))
         return error if np.isfinite(error) else float("inf")
 

@@ -2,7 +2,9 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
+from nas_data.blind.catalogue import OUTSIDE
 from nas_data.blind.findings import Finding, Name, listed, mapping, number, read_findings, sequence, text
 
 CONFIDENT = 0.8  # from here on a wrong name is the worst outcome
@@ -25,21 +27,50 @@ def grade_names(answer: Mapping[str, object], report: Mapping[str, object]) -> d
         DatasetInvalid: the report has not the contract's form.
     """
     hidden = listed(answer["effects"])
-    outside = answer["family"] == "outside"
-    true = [] if outside else [name_of(entry) for entry in hidden]
+    beyond = [entry for entry in hidden if entry["effect"] in OUTSIDE]
+    inside = [entry for entry in hidden if entry not in beyond]
+    true = [name_of(entry) for entry in inside]
     findings = read_findings(report)
     named = [finding.name for finding in findings]
+    meant = [in_words_of(inside, answer, finding) for finding in findings]
+    all_meant = [finding for group in meant for finding in group]
     return {
         "true": [name_of(entry) for entry in hidden],
         "named": named,
         "marks": [number(entry["mark"]) for entry in hidden],
         "verdict": report.get("verdict"),
-        "verdict_right": is_verdict_right(str(answer["family"]), report.get("verdict")),
-        **compared(true, findings),
-        "confidences": [{"confidence": finding.confidence, "right": finding.name in true} for finding in findings],
-        "parameters": parameter_errors([as_the_model_sees(entry, answer) for entry in hidden], findings),
-        "unexplained_joint_named": joint_named(hidden, report) if outside else None,
+        "verdict_right": is_verdict_right("outside" if beyond else "one" if inside else "none", report.get("verdict")),
+        **compared(true, all_meant),
+        "confidences": [
+            {"confidence": finding.confidence, "right": all(part.name in true for part in parts)}
+            for finding, parts in zip(findings, meant, strict=True)
+        ],
+        "parameters": parameter_errors([as_the_model_sees(entry, answer) for entry in inside], all_meant),
+        "unexplained_joint_named": joint_named(beyond, report) if beyond else None,
     }
+
+
+def in_words_of(
+    hidden: Sequence[Mapping[str, object]], answer: Mapping[str, object], finding: Finding
+) -> list[Finding]:
+    """Return a finding by the names of what hides, where it says the same in others.
+
+    One of the whole arm says it of each joint, where the effect hides in every one; and some effects have two names.
+    """
+    true, (effect, joint) = [name_of(entry) for entry in hidden], finding.name
+    if finding.name in true:
+        return [finding]
+    everywhere = [(effect, str(name)) for name in sequence(answer.get("joints", []))]
+    if joint is None and everywhere and all(name in true for name in everywhere):
+        return [replace(finding, name=name) for name in everywhere]
+    same = [name_of(entry) for entry in hidden if finding.name in other_names(entry)]
+    return [replace(finding, name=name, parameters={}, intervals={}) for name in same] or [finding]
+
+
+def other_names(entry: Mapping[str, object]) -> list[Name]:
+    """Return what else an entry of the answer may be called."""
+    pairs = [sequence(pair) for pair in sequence(entry.get("equals", []))]
+    return [(str(effect), text(joint)) for effect, joint in pairs]
 
 
 def name_of(entry: Mapping[str, object]) -> Name:
@@ -80,7 +111,7 @@ def parameter_errors(hidden: Sequence[Mapping[str, object]], findings: Sequence[
     for entry in hidden:
         finding = by_name.get(name_of(entry))
         true = {key: number(value) for key, value in mapping(entry["parameters"]).items()}
-        for key, value in true.items() if finding else ():
+        for key, value in true.items() if finding and finding.parameters else ():
             assert finding is not None
             found = finding.parameters.get(key, 0.0 if key in PLACE else math.nan)
             interval = finding.intervals.get(key)

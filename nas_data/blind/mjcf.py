@@ -1,4 +1,4 @@
-"""A drawn serial arm as MJCF: links along z, position servos in either of MuJoCo's two spellings, a sensor a joint."""
+"""A drawn serial arm as MJCF: links, motors or position servos in either of MuJoCo's two spellings, sensors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,11 +14,13 @@ class Link:
         place: Of its joint in the link before [m].
         axis: Of its joint.
         geom: Attributes of its shape: type, size [m], place of its centre [m], mass [kg].
+        sliding: Whether its joint slides rather than turns.
     """
 
     place: str
     axis: str
     geom: str
+    sliding: bool = False
 
 
 @dataclass(frozen=True)
@@ -49,8 +51,8 @@ class Style:
     Attributes:
         timestep: [s].
         integrator: MuJoCo's word.
-        spelling: `position` or `general`.
-        control: Commands' half range [rad]; None for no range.
+        spelling: `position`, `general` or, for torques, `motor`.
+        control: Commanded positions' half range [rad]; None for no range.
     """
 
     timestep: float
@@ -66,7 +68,7 @@ def to_mjcf(joints: Sequence[str], links: Sequence[Link], servos: Sequence[Servo
         drive = passive(servos[row], style) if servos else ""
         bodies = (
             f'<body name="link_{joints[row]}" pos="{links[row].place}">'
-            f'<joint name="{joints[row]}" axis="{links[row].axis}"{drive}/>'
+            f'<joint name="{joints[row]}" axis="{links[row].axis}"{kind(links[row])}{drive}/>'
             f'<geom {links[row].geom} contype="0" conaffinity="0"/>{bodies}</body>'
         )
     drives = "".join(actuator(joint, servo, style) for joint, servo in zip(joints, servos, strict=False))
@@ -78,6 +80,11 @@ def to_mjcf(joints: Sequence[str], links: Sequence[Link], servos: Sequence[Servo
     )
 
 
+def kind(link: Link) -> str:
+    """Return what kind of joint carries a link, where it is no hinge."""
+    return ' type="slide"' if link.sliding else ""
+
+
 def passive(servo: Servo, style: Style) -> str:
     """Return a joint's attributes; its friction is as hard as the timestep allows, for gears do not creep."""
     return (
@@ -87,10 +94,11 @@ def passive(servo: Servo, style: Style) -> str:
 
 
 def actuator(joint: str, servo: Servo, style: Style) -> str:
-    """Return a servo, named otherwise than its joint."""
+    """Return a servo or motor, named otherwise than its joint."""
     law = {
         "position": f'kp="{servo.gain:.6g}" kv="{servo.own:.6g}"',
         "general": f'gainprm="{servo.gain:.6g}" biastype="affine" biasprm="0 {-servo.gain:.6g} {-servo.own:.6g}"',
+        "motor": f'ctrlrange="{-servo.limit:.6g} {servo.limit:.6g}"',
     }[style.spelling]
     ends = "" if style.control is None else f' ctrlrange="{-style.control} {style.control}"'
     force = f'forcerange="{-servo.limit:.6g} {servo.limit:.6g}"'

@@ -15,7 +15,7 @@ class Recorded:
     Attributes:
         joints: Names of the measured joints.
         rate: Control rate [Hz].
-        commands: [rad], shape (E, T, n).
+        commands: [rad, N m], shape (E, T, n).
         states: Positions [rad] then velocities [rad/s] before each command and after the last, (E, T + 1, 2n).
     """
 

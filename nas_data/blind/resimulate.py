@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from nas_data.errors import JointMismatch, ModelFileError
-from nas_data.simulators.layout import settle_actuator
+from nas_data.simulators.layout import settle_actuator, takes_effort
 
 SENSOR = ".pos"
 
@@ -23,6 +23,7 @@ class Delivered:
         actuators: Index of each joint's actuator.
         sensors: Where each joint's measured position lies among the sensors.
         rests: Places in `qpos` that start at the first measured position: the joint's, and what its servo drives.
+        moving: Place in `qvel` of each joint.
     """
 
     model: mujoco.MjModel
@@ -30,6 +31,7 @@ class Delivered:
     actuators: tuple[int, ...]
     sensors: tuple[int, ...]
     rests: tuple[tuple[int, ...], ...]
+    moving: tuple[int, ...]
 
     @classmethod
     def load(cls, file: Path, joints: Sequence[str], actuators: Sequence[str], rate: float) -> "Delivered":
@@ -58,17 +60,20 @@ class Delivered:
         model.opt.timestep = 1 / rate / int(np.ceil(1 / rate / model.opt.timestep - 1e-6))
         servos = tuple(find(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name, file) for name in actuators)
         sensors = [find(model, mujoco.mjtObj.mjOBJ_SENSOR, joint + SENSOR, file) for joint in joints]
-        places = [int(model.jnt_qposadr[find(model, mujoco.mjtObj.mjOBJ_JOINT, joint, file)]) for joint in joints]
+        hinges = [find(model, mujoco.mjtObj.mjOBJ_JOINT, joint, file) for joint in joints]
+        places = [int(model.jnt_qposadr[hinge]) for hinge in hinges]
         driven = [driven_place(model, servo) for servo in servos]
         rests = tuple(tuple({own, *other}) for own, other in zip(places, driven, strict=True))
-        return cls(model, rate, servos, tuple(int(model.sensor_adr[sensor]) for sensor in sensors), rests)
+        moving = tuple(int(model.jnt_dofadr[hinge]) for hinge in hinges)
+        return cls(model, rate, servos, tuple(int(model.sensor_adr[sensor]) for sensor in sensors), rests, moving)
 
     def play(self, commands: np.ndarray, first: np.ndarray) -> np.ndarray:
         """Return `<joint>.pos` after each command.
 
         Args:
-            commands: Commanded positions [rad], shape (E, T, n).
-            first: First measured positions [rad], where each episode starts at rest with the command held there.
+            commands: Commanded positions [rad] or torques [N m], shape (E, T, n).
+            first: Positions [rad], then speeds [rad/s] with which each episode starts, shape (E, 2n); until then the
+                command was held at those positions, or no torque was told.
 
         Returns:
             Positions [rad], shape (E, T, n); NaN from where a simulation left all bounds.
@@ -78,9 +83,11 @@ class Delivered:
     def _episode(self, commands: np.ndarray, first: np.ndarray) -> np.ndarray:
         model, data = self.model, mujoco.MjData(self.model)
         controls = model.actuator_ctrladr[list(self.actuators)]
-        data.ctrl[controls] = first
-        for places, position in zip(self.rests, first, strict=True):
+        positions, speeds = np.split(first, 2)
+        data.ctrl[controls] = np.where([takes_effort(model, servo) for servo in self.actuators], 0.0, positions)
+        for places, position in zip(self.rests, positions, strict=True):
             data.qpos[list(places)] = position
+        data.qvel[list(self.moving)] = speeds
         for actuator in range(len(model.actuator_trntype)):
             settle_actuator(model, data, actuator)
         substeps = round(1 / self.rate / model.opt.timestep)

@@ -75,7 +75,3 @@ class Truth:
     def without(self, index: int) -> "Truth":
         """Return the truth with one hidden effect taken away."""
         return replace(self, hidden=self.hidden[:index] + self.hidden[index + 1 :])
-
-    def exchanged(self, index: int, hidden: Hidden) -> "Truth":
-        """Return the truth with one hidden effect exchanged for another."""
-        return replace(self, hidden=(*self.hidden[:index], hidden, *self.hidden[index + 1 :]))

@@ -1,17 +1,31 @@
 """A case as a folder: a dataset and a nominal model to hand over, and beside them the sealed answer."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from nas_data.blind.case import Case, Episodes
+from nas_data.blind.plants.constants import Constants
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, TIME, position_feature, state_feature, time_feature
+from nas_data.dataset.features import (
+    ACTION,
+    NEXT_STATE,
+    STATE,
+    TIME,
+    Feature,
+    effort_feature,
+    position_feature,
+    state_feature,
+    time_feature,
+)
 from nas_data.dataset.provenance import Provenance
+from nas_data.dataset.transitions import estimate_velocities
 from nas_data.dataset.write import write
 
 DATASET, NOMINAL, ANSWER, FRESH = "dataset", "nominal.xml", "answer.json", "fresh.npz"
+LENGTHS = ""  # unit of what concerns a slide: SI without a word, for `check_radians` refuses metres
 
 
 def write_case(case: Case, folder: Path) -> None:
@@ -26,7 +40,7 @@ def write_case(case: Case, folder: Path) -> None:
     write(to_dataset(case), folder / DATASET, provenance(case))
     (folder / NOMINAL).write_text(case.arm.xml, encoding="utf-8")
     fresh = case.fresh
-    kept = {name: getattr(fresh, name) for name in ("commands", "positions", "readings", "poses")}
+    kept = {name: getattr(fresh, name) for name in ("commands", "positions", "readings", "poses", "starts")}
     np.savez_compressed(folder / FRESH, **kept, rate=case.conditions.rate)
     (folder / ANSWER).write_text(json.dumps(case.answer(), indent=1), encoding="utf-8")
 
@@ -49,7 +63,7 @@ def to_dataset(case: Case) -> Dataset:
     """Return the episodes that are handed over as a dataset."""
     joints, episodes, rate = case.arm.joints, case.recorded, case.conditions.rate
     count, steps, n = episodes.commands.shape
-    states = measured_states(episodes, rate)
+    states, command = measured_states(episodes, rate), effort_feature if case.conditions.pieces else position_feature
     columns: dict[str, np.ndarray] = {
         STATE: states[:, :-1].reshape(-1, 2 * n).astype(np.float32),
         ACTION: episodes.commands.reshape(-1, n).astype(np.float32),
@@ -57,9 +71,9 @@ def to_dataset(case: Case) -> Dataset:
         TIME: np.tile(np.arange(steps) / rate, count)[:, None],
     }
     features = {
-        STATE: state_feature(joints),
-        ACTION: position_feature(joints),
-        NEXT_STATE: state_feature(joints),
+        STATE: with_lengths(state_feature(joints), case),
+        ACTION: with_lengths(command(joints), case),
+        NEXT_STATE: with_lengths(state_feature(joints), case),
         TIME: time_feature(),
     }
     return Dataset(
@@ -73,8 +87,23 @@ def to_dataset(case: Case) -> Dataset:
 
 
 def measured_states(episodes: Episodes, rate: float) -> np.ndarray:
-    """Return readings and speeds (E, T + 1, 2n) [rad, rad/s]; differences backward, zero at the start, if need be."""
+    """Return readings and speeds (E, T + 1, 2n) [rad, rad/s].
+
+    Speeds that were not measured are differences backward, zero at the start, which is at rest; those of episodes that
+    begin in motion are estimated as an import estimates them.
+    """
     speeds = episodes.speeds
-    if speeds is None:
+    if speeds is None and episodes.start_speeds is not None:
+        speeds = np.stack([estimate_velocities(readings, rate) for readings in episodes.readings])
+    elif speeds is None:
         speeds = np.diff(episodes.readings, axis=1, prepend=episodes.readings[:, :1]) * rate
     return np.concatenate([episodes.readings, speeds], axis=2)
+
+
+def with_lengths(feature: Feature, case: Case) -> Feature:
+    """Return a feature that does not call the metres and newtons of slides radians and newton metres."""
+    slides = Constants.of(case.arm.model()).sliding
+    if not slides.any():
+        return feature
+    units = np.where(np.tile(slides, feature.width // len(slides)), LENGTHS, feature.units)
+    return replace(feature, units=tuple(units.tolist()))

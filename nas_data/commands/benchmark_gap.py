@@ -18,7 +18,8 @@ class BenchmarkGap(Command):
     """
 
     families: str = "one,two,three,none,outside"
-    """What hides: one, two or three effects, none, or something outside the catalogue; with commas."""
+    """What hides: one, two or three effects, none, every (one effect in every joint), or something outside the
+    catalogue; with commas."""
     plants: str = "numpy,bullet"
     """What plays the robot: numpy, bullet, or mujoco for comparison; with commas."""
     cases: int = 40
@@ -28,8 +29,9 @@ class BenchmarkGap(Command):
     out: Path = Path("runs/blind")
     """Folder of the results and the cases."""
     setting: str = "xl320"
-    """What the cases look like: xl320 (one size, rate and resolution), any (2 to 7 joints of any size and rate), or
-    small (two joints and a few short episodes: seconds a case)."""
+    """What the cases look like: xl320 (one size, rate and resolution), any (2 to 7 joints of any size and rate), poor
+    (the same, in five episodes at 20 Hz), far (models with 3 to 50 times the true gain), torque (1 to 3 axes that turn
+    or slide, commanded by torques, episodes that begin in motion), or small (two joints, a few short episodes)."""
     power: bool = False
     """Hide effects from 0.3 noise floors upwards, to see which size is found."""
     baselines: str = ""

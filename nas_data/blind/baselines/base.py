@@ -15,7 +15,7 @@ class Claim:
 
     Attributes:
         findings: Effects it names; empty where it names none.
-        predict: Commands (E, T, n) and first positions (E, n) → positions (E, T, n) [rad].
+        predict: Commands (E, T, n), first positions and speeds (E, 2n) → positions (E, T, n) [rad].
     """
 
     findings: tuple[Finding, ...]

@@ -36,6 +36,6 @@ def augmented(
 ) -> np.ndarray:
     """Return positions (E, T, n) [rad] of the source corrected by φ after every step."""
     stepper = LearnedStepper(simulator.stepper(len(first)), learned)
-    stepper.reset(np.concatenate([first, np.zeros_like(first)], axis=1))
-    played = [stepper.step(commands[:, step])[:, : first.shape[1]] for step in range(commands.shape[1])]
+    stepper.reset(first)
+    played = [stepper.step(commands[:, step])[:, : commands.shape[2]] for step in range(commands.shape[1])]
     return np.stack(played, axis=1)

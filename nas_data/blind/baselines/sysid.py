@@ -68,7 +68,8 @@ class Fit:
 
     def _misfit(self, model: mujoco.MjModel) -> np.ndarray:
         commands, first = self.recorded.commands[:EPISODES], self.recorded.states[:EPISODES, 0].copy()
-        first[:, len(self.recorded.joints) :] = 0
+        if not self.layout.commands_effort:  # nothing holds an arm under torque commands at rest
+            first[:, len(self.recorded.joints) :] = 0
         controls = np.repeat(self.layout.controls(commands), self.substeps, axis=1)
         start = RestStates(model, self.layout, FULLPHYSICS)(first)
         full, _ = mujoco.rollout.rollout(model, mujoco.MjData(model), start, controls, nstep=controls.shape[1])

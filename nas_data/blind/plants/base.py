@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import fields
 from typing import Protocol, TypeAlias
 
 import numpy as np
@@ -20,10 +21,13 @@ SUFFIX = "_plant"  # of the files that are plants
 SETTLE = 0.5  # [s] for which the first pose is commanded before an episode begins, unless said otherwise
 
 
-# states (C, E, T + 1, 2n) of an arm under C truths with commands (E, T, n) from poses (E, n) at a control period [s]
-Simulate: TypeAlias = Callable[[Arm, Sequence[Truth], np.ndarray, np.ndarray, float], np.ndarray]
+# control period from zero, true states (C E, 2n) → commands (C E, n) of that period
+Feedback: TypeAlias = Callable[[int, np.ndarray], np.ndarray]
+# states (C, E, T + 1, 2n) of an arm under C truths with commands (E, T, n) from states (E, 2n) at a control period [s];
+# feedback, where there is one, replaces the commands
+Simulate: TypeAlias = Callable[[Arm, Sequence[Truth], np.ndarray, np.ndarray, float, Feedback | None], np.ndarray]
 # the same of C arms alike
-SimulateAlike: TypeAlias = Callable[[list[Body], np.ndarray, np.ndarray, float], np.ndarray]
+SimulateAlike: TypeAlias = Callable[[list[Body], np.ndarray, np.ndarray, float, Feedback | None], np.ndarray]
 
 
 class Play(Protocol):
@@ -37,16 +41,20 @@ class Play(Protocol):
         poses: np.ndarray,
         period: float,
         settle: float = SETTLE,
+        speeds: np.ndarray | None = None,
+        feedback: Feedback | None = None,
     ) -> np.ndarray:
         """Return where the links are and how fast, without noise.
 
         Args:
             arm: Nominal arm.
             truths: What is hidden; each is played.
-            commands: Commanded positions [rad], shape (E, T, n).
-            poses: Commanded before each episode [rad], shape (E, n).
+            commands: Commanded positions [rad] or torques [N m], shape (E, T, n).
+            poses: Commanded before each episode, or where the links are when it begins [rad], shape (E, n).
             period: Control period [s].
-            settle: For how long they are [s].
+            settle: For how long the poses are commanded [s]; an episode that begins in motion knows no before.
+            speeds: How fast the links move when an episode begins [rad/s], shape (E, n); None where they rest.
+            feedback: Gives the commands of each control period in the place of `commands`; one truth only.
 
         Returns:
             Positions [rad], then velocities [rad/s], before the first command and after each, shape
@@ -77,9 +85,14 @@ def player(simulate: Simulate) -> Play:
         poses: np.ndarray,
         period: float,
         settle: float = SETTLE,
+        speeds: np.ndarray | None = None,
+        feedback: Feedback | None = None,
     ) -> np.ndarray:
+        if speeds is not None:
+            return simulate(arm, truths, commands, np.concatenate([poses, speeds], axis=1), period, feedback)
         whole, held = with_settling(commands, poses, period, settle)
-        return simulate(arm, truths, whole, poses, period)[:, :, held:]
+        rest = np.concatenate([poses, np.zeros_like(poses)], axis=1)
+        return simulate(arm, truths, whole, rest, period, feedback)[:, :, held:]
 
     return play
 
@@ -87,11 +100,18 @@ def player(simulate: Simulate) -> Play:
 def in_groups(simulate: SimulateAlike) -> Simulate:
     """Return a simulation under any truths from one of arms that are alike."""
 
-    def every(arm: Arm, truths: Sequence[Truth], commands: np.ndarray, poses: np.ndarray, period: float) -> np.ndarray:
+    def every(
+        arm: Arm,
+        truths: Sequence[Truth],
+        commands: np.ndarray,
+        starts: np.ndarray,
+        period: float,
+        feedback: Feedback | None,
+    ) -> np.ndarray:
         episodes, steps, n = commands.shape
         result = np.empty((len(truths), episodes, steps + 1, 2 * n))
         for rows, bodies in alike(arm, truths):
-            result[rows] = simulate(bodies, commands, poses, period)
+            result[rows] = simulate(bodies, commands, starts, period, feedback)
         return result
 
     return every
@@ -114,21 +134,23 @@ def alike(arm: Arm, truths: Sequence[Truth]) -> Iterator[tuple[list[int], list[B
         yield rows, [bodies[row] for row in rows]
 
 
-def starting(body: Body, poses: np.ndarray) -> np.ndarray:
-    """Return the links' first angles (E, n): the pose, and a load that swings hanging straight down."""
+def starting(body: Body, starts: np.ndarray) -> np.ndarray:
+    """Return the links' first angles, then speeds (E, 2n): the start, and a load that swings hanging straight down."""
     if len(body.masses) == body.driven:
-        return poses
-    whole = np.concatenate([poses, np.zeros((len(poses), 1))], axis=1)
+        return starts
+    poses, speeds = np.split(starts, 2, axis=1)
+    still = np.zeros((len(poses), 1))
+    whole = np.concatenate([poses, still], axis=1)
     rotations = chain_of(stacked([body], len(poses))).frames(whole)[0][:, -1]
     rod = rotations @ body.centres[-1]
     across = cross(rotations @ body.axes[-1], rod)
     whole[:, -1] = np.arctan2(across @ body.gravity, rod @ body.gravity)
-    return whole
+    return np.concatenate([whole, speeds, still], axis=1)
 
 
 def chain_of(numbers: dict[str, np.ndarray]) -> Chain:
     """Return the rigid bodies of stacked arms."""
-    return Chain(*(numbers[key] for key in ("offsets", "turns", "axes", "masses", "centres", "inertias", "gravity")))
+    return Chain(*(numbers[field.name] for field in fields(Chain)))
 
 
 def told(body: Body, commands: np.ndarray) -> np.ndarray:

@@ -63,10 +63,10 @@ class Body(Hideable, Servos, Links):
         rod = np.cross(pin, axis)  # perpendicular to the pin, so that the weight swings about it
         link = {"offsets": self.centres[-1], "turns": np.eye(3), "axes": pin, "masses": mass, "centres": length * rod}
         size = 1e-4 * mass * np.eye(3) * length**2 + 1e-8 * np.eye(3)
-        rest = dict.fromkeys(("armature", "friction", "gain", "servo_damping"), 0.0)
+        rest = dict.fromkeys(("sliding", "armature", "friction", "gain", "motor", "servo_damping"), 0.0)
         for key, value in (link | {"inertias": size} | rest | NEUTRAL | PENDULUM).items():
-            row = np.asarray(value, float)
-            setattr(self, key, np.concatenate([getattr(self, key), row[None]]))
+            rows = getattr(self, key)
+            setattr(self, key, np.concatenate([rows, np.asarray(value, rows.dtype)[None]]))
 
 
 def stacked(bodies: list[Body], repeats: int) -> dict[str, np.ndarray]:

@@ -6,28 +6,32 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.blind.plants.base import in_groups, player, starting, told
+from nas_data.blind.plants.base import Feedback, in_groups, player, starting, told
 from nas_data.blind.plants.body import Body, stacked
-from nas_data.blind.plants.drive import REFRESH, STEP, Drive
+from nas_data.blind.plants.drive import LEAD, REFRESH, Drive
 from nas_data.blind.plants.motion import Motion
 from nas_data.blind.plants.urdf import to_urdf
 from nas_data.simulators.bullet_world import import_pybullet, silence
 
 UNBOUNDED = 1e5  # [rad/s] PyBullet's own bound, 100 rad/s, is no physics
-LEAD = (REFRESH - STEP) / 2  # [s] by which PyBullet's positions run ahead: its step adds the speed at its end
 
 
-def simulate(bodies: list[Body], commands: np.ndarray, poses: np.ndarray, period: float) -> np.ndarray:
-    """Return states (C, E, T + 1, 2n) of C arms alike under commands (E, T, n) from poses (E, n)."""
+def simulate(
+    bodies: list[Body], commands: np.ndarray, starts: np.ndarray, period: float, feedback: Feedback | None
+) -> np.ndarray:
+    """Return states (C, E, T + 1, 2n) of C arms alike under commands (E, T, n) from states (E, 2n)."""
     episodes, steps, n = commands.shape
-    starts = [starting(body, poses) for body in bodies]
+    first = np.concatenate([starting(body, starts) for body in bodies])
     drive = Drive.of(stacked(bodies, episodes))
-    motion = Motion(drive, np.tile(told(bodies[0], commands), (len(bodies), 1, 1)), period, np.concatenate(starts))
+    motion = Motion(drive, np.tile(told(bodies[0], commands), (len(bodies), 1, 1)), period, first)
+    at = np.split(np.concatenate([motion.q, motion.v], axis=1), len(bodies))
     measured = np.empty((len(motion.q), steps + 1, 2 * n))
     measured[:, 0] = motion.state(n)
     with ExitStack() as open_worlds:
-        worlds = [open_worlds.enter_context(BulletArms(body, at)) for body, at in zip(bodies, starts, strict=True)]
+        worlds = [open_worlds.enter_context(BulletArms(body, rows)) for body, rows in zip(bodies, at, strict=True)]
         for step in range(steps):
+            if feedback is not None:
+                motion.tell(step, told(bodies[0], feedback(step, measured[:, step])[:, None])[:, 0])
             for _ in range(round(period / REFRESH)):
                 move(motion, worlds, episodes)
             measured[:, step + 1] = motion.state(n)
@@ -40,28 +44,36 @@ play = player(in_groups(simulate))
 def move(motion: Motion, worlds: "list[BulletArms]", episodes: int) -> None:
     """Move on by `REFRESH`: the drives in their small steps, then one step of each world with their mean torques."""
     rows = [slice(first, first + episodes) for first in range(0, len(motion.q), episodes)]
-    both = [world.dynamics() for world in worlds]
-    mass, bias = (np.concatenate(arrays) for arrays in zip(*both, strict=True))
-    before = motion.v
-    motion.advance(mass, bias)
+    mass, bias = together([world.dynamics(world.v) for world in worlds])
+    before, (_, middle) = motion.v, motion.middle()
+    if motion.drive.motors:
+        motion.advance(*together([world.dynamics(middle[part]) for world, part in zip(worlds, rows, strict=True)]))
+    else:
+        motion.advance(mass, bias)
     # what the drives gave the links on average, less what their rotors took, which PyBullet knows nothing of
     torques = (mass @ ((motion.v - before) / REFRESH)[..., None])[..., 0] + bias
-    states = [world.step(torques[part]) for world, part in zip(worlds, rows, strict=True)]
-    motion.q, motion.v = (np.concatenate(arrays) for arrays in zip(*states, strict=True))
+    motion.q, motion.v = together([world.step(torques[part]) for world, part in zip(worlds, rows, strict=True)])
+
+
+def together(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Return pairs of arrays as one pair."""
+    first, second = zip(*parts, strict=True)
+    return np.concatenate(first), np.concatenate(second)
 
 
 class BulletArms:
     """One arm per episode in one PyBullet world, where they pass through each other."""
 
-    def __init__(self, body: Body, start: np.ndarray) -> None:
-        """Load the arms and put them at rest at (E, n) [rad].
+    def __init__(self, body: Body, starts: np.ndarray) -> None:
+        """Load the arms and put them where they start: angles [rad], then speeds [rad/s], shape (E, 2n).
 
         Raises:
             MissingPackage: PyBullet is not installed.
         """
         self.bullet = import_pybullet()
         self.joints = list(range(len(body.masses)))
-        self.q, self.v = start, np.zeros_like(start)
+        angles, self.v = np.split(starts, 2, axis=1)
+        self.q = angles + LEAD * self.v  # PyBullet's own, which run ahead
         with silence():
             self.client = self.bullet.connect(self.bullet.DIRECT)
             self.bullet.setGravity(*body.gravity.tolist(), physicsClientId=self.client)
@@ -69,7 +81,8 @@ class BulletArms:
             with tempfile.TemporaryDirectory() as folder:
                 file = Path(folder) / "arm.urdf"
                 file.write_text(to_urdf(body), encoding="utf-8")
-                self.arms = [self._load(str(file), row) for row in start.tolist()]
+                both = zip(self.q.tolist(), self.v.tolist(), strict=True)
+                self.arms = [self._load(str(file), *row) for row in both]
 
     def __enter__(self) -> "BulletArms":
         return self
@@ -77,13 +90,13 @@ class BulletArms:
     def __exit__(self, *_: object) -> None:
         self.bullet.disconnect(physicsClientId=self.client)
 
-    def dynamics(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return PyBullet's mass matrices (E, n, n) and bias torques (E, n) of the present state."""
+    def dynamics(self, speeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return PyBullet's mass matrices (E, n, n) and bias torques (E, n) where the arms are, at speeds (E, n)."""
         bullet, client, still = self.bullet, self.client, [0.0] * len(self.joints)
         mass, bias = [], []
-        for arm, angles, speeds in zip(self.arms, self.q.tolist(), self.v.tolist(), strict=True):
+        for arm, angles, rates in zip(self.arms, self.q.tolist(), speeds.tolist(), strict=True):
             mass.append(bullet.calculateMassMatrix(arm, angles, physicsClientId=client))
-            bias.append(bullet.calculateInverseDynamics(arm, angles, speeds, still, physicsClientId=client))
+            bias.append(bullet.calculateInverseDynamics(arm, angles, rates, still, physicsClientId=client))
         return np.array(mass), np.array(bias)
 
     def step(self, torques: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -103,15 +116,15 @@ class BulletArms:
         self.q, self.v = values[..., 0], values[..., 1]
         return self.q - LEAD * self.v, self.v
 
-    def _load(self, file: str, angles: list[float]) -> int:
+    def _load(self, file: str, angles: list[float], speeds: list[float]) -> int:
         """Load one arm without motors, drag and shapes."""
         bullet, client = self.bullet, self.client
         arm = int(
             bullet.loadURDF(file, useFixedBase=True, flags=bullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client)
         )
         free = {"linearDamping": 0, "angularDamping": 0, "jointDamping": 0, "maxJointVelocity": UNBOUNDED}
-        for joint, angle in enumerate(angles):
+        for joint, (angle, speed) in enumerate(zip(angles, speeds, strict=True)):
             bullet.changeDynamics(arm, joint, **free, physicsClientId=client)
             bullet.setJointMotorControl2(arm, joint, bullet.VELOCITY_CONTROL, force=0, physicsClientId=client)
-            bullet.resetJointState(arm, joint, angle, 0.0, physicsClientId=client)
+            bullet.resetJointState(arm, joint, angle, speed, physicsClientId=client)
         return arm

@@ -12,7 +12,7 @@ from nas_data.errors import ModelFileError
 
 @dataclass
 class Constants(Servos, Links):
-    """A serial arm of n hinges, each with a position servo.
+    """A serial arm of n hinges and slides, each with a position servo or a motor.
 
     Attributes:
         joints: Names, from the base on.
@@ -25,7 +25,7 @@ class Constants(Servos, Links):
         """Read a compiled model.
 
         Raises:
-            ModelFileError: it is no plain serial arm of hinges with one position servo each.
+            ModelFileError: it is no plain serial arm of hinges and slides with one position servo or motor each.
         """
         bodies = serial_bodies(model)
         turned = [rotation(model.body_iquat[body]) for body in bodies]
@@ -39,6 +39,7 @@ class Constants(Servos, Links):
         return cls(
             joints=tuple(model.joint(joint).name for joint in range(model.njnt)),
             offsets=model.body_pos[bodies].copy(),
+            sliding=model.jnt_type == int(mujoco.mjtJoint.mjJNT_SLIDE),
             turns=np.stack([rotation(model.body_quat[body]) for body in bodies]),
             axes=model.jnt_axis.copy(),
             masses=model.body_mass[bodies].copy(),
@@ -49,6 +50,7 @@ class Constants(Servos, Links):
             armature=model.dof_armature.copy(),
             friction=model.dof_frictionloss.copy(),
             gain=-model.actuator_biasprm[servos, 1],
+            motor=np.where(model.actuator_biasprm[servos, 1] == 0, model.actuator_gainprm[servos, 0], 0.0),
             servo_damping=-model.actuator_biasprm[servos, 2],
             force=force,
             control=control,
@@ -64,27 +66,28 @@ def serial_bodies(model: mujoco.MjModel) -> list[int]:
     """Return the bodies of a serial chain from the base on.
 
     Raises:
-        ModelFileError: the moving bodies are no chain of one hinge each, or the base is not at the origin.
+        ModelFileError: the moving bodies are no chain of one joint each, or the base is not at the origin.
     """
     bodies = [body for body in range(1, model.nbody) if model.body_jntnum[body]]
     for before, body in zip([None, *bodies[:-1]], bodies, strict=True):
         parent = int(model.body_parentid[body])
         rooted = before is None and not model.body_weldid[parent] and not model.body_pos[parent].any()
         if (parent != before and not rooted) or model.body_jntnum[body] != 1:
-            raise ModelFileError("A plant is a serial chain of bodies with one hinge each, on a base at the origin.")
-    if not (model.jnt_type == int(mujoco.mjtJoint.mjJNT_HINGE)).all() or model.jnt_pos.any():
-        raise ModelFileError("A plant has hinges at the origins of their bodies, and no other joints.")
+            raise ModelFileError("A plant is a serial chain of bodies with one joint each, on a base at the origin.")
+    kinds = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+    if not np.isin(model.jnt_type, kinds).all() or model.jnt_pos.any():
+        raise ModelFileError("A plant has hinges and slides at the origins of their bodies, and no other joints.")
     return bodies
 
 
 def servo_of(model: mujoco.MjModel, joint: int) -> int:
-    """Return the position actuator of a joint.
+    """Return the position servo or motor of a joint.
 
     Raises:
-        ModelFileError: there is not exactly one, or it takes torques.
+        ModelFileError: there is not exactly one.
     """
     drives = (model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)) & (model.actuator_trnid[:, 0] == joint)
     found = np.flatnonzero(drives)
-    if len(found) != 1 or model.actuator_biasprm[found[0], 1] >= 0:
-        raise ModelFileError(f"The joint '{model.joint(joint).name}' of a plant needs exactly one position servo.")
+    if len(found) != 1 or model.actuator_biasprm[found[0], 1] > 0:
+        raise ModelFileError(f"The joint '{model.joint(joint).name}' of a plant needs exactly one servo or motor.")
     return int(found[0])

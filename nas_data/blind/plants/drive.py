@@ -6,9 +6,11 @@ from functools import cached_property
 import numpy as np
 
 from nas_data.blind.plants.numbers import Hideable, Servos
+from nas_data.blind.plants.vectors import bounded
 
 STEP = 2.5e-4  # [s] physics step of the drives
 REFRESH = 1e-3  # [s] for which mass matrix and bias torques are held
+LEAD = (REFRESH - STEP) / 2  # [s] by which positions run ahead where a step of `REFRESH` adds the speed at its end
 SWEEPS = 3  # of the friction solver; it starts from the step before, so the torques are settled
 SPRING_LOSS = 1e-3  # [s] damping over stiffness of an elastic transmission, as the contract's effect has it
 STOP_RATE = 0.3 / STEP  # [rad/s] frequency of a link on the flank of its gear: as stiff as the step resolves
@@ -30,16 +32,26 @@ class Drive(Hideable, Servos):
         return np.asarray((self.play > 0) | np.isfinite(self.spring))
 
     @cached_property
+    def motors(self) -> bool:
+        """Whether torques are commanded: nothing then pulls a position back that a coarse integration let drift."""
+        return bool(self.motor.any())
+
+    @cached_property
+    def _constant(self) -> bool:
+        """Whether dry friction depends on nothing."""
+        return not (self.stribeck.any() or self.load_ratio.any())
+
+    @cached_property
     def rigid_armature(self) -> np.ndarray:
         """Rotor inertia that the link feels at once [kg m²]."""
         return np.where(self.loose, 0.0, self.armature)
 
     def torque(self, goal: np.ndarray, angle: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """Return the servo's torque [N m]: position gain outside the dead band, own damping, saturation."""
+        """Return the drive's torque [N m]: of a servo position gain outside the dead band, own damping; saturation."""
         error = goal + self.offset - angle
-        felt = error - np.clip(error, -self.deadband, self.deadband)
-        wanted = self.gain * felt - self.servo_damping * speed
-        return np.clip(wanted, self.force[..., 0], self.force[..., 1])
+        felt = error - bounded(error, self.deadband)
+        wanted = self.gain * felt - self.servo_damping * speed + self.motor * goal
+        return np.asarray(np.minimum(np.maximum(wanted, self.force[..., 0]), self.force[..., 1]))
 
     def passive(self, angle: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """Return what else turns the motor, dry friction aside [N m]: damping and cogs."""
@@ -50,6 +62,8 @@ class Drive(Hideable, Servos):
 
     def budget(self, torque: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """Return the largest torque of dry friction [N m]; models M1, M2 and M3 of Rhoban/bam."""
+        if self._constant:
+            return self.friction
         falling = self.kinetic_ratio + (1 - self.kinetic_ratio) * np.exp(-((speed / self.stribeck_velocity) ** 2))
         return np.asarray(self.friction + self.stribeck * falling + self.load_ratio * np.abs(torque))
 
@@ -66,7 +80,7 @@ class Drive(Hideable, Servos):
             rate: Its derivative [rad/s].
             inertia: What a link opposes to its own motor [kg m²].
         """
-        beyond = lead - np.clip(lead, -self.play, self.play)
+        beyond = lead - bounded(lead, self.play)
         flank = np.minimum(self.flank, np.minimum(inertia, self.armature) * STOP_RATE**2)
         elastic = np.isfinite(self.spring)
         stiffness = np.where(elastic, np.where(elastic, self.spring, 0), flank)

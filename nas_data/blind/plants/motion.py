@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from nas_data.blind.plants.drive import REFRESH, STEP, SWEEPS, Drive
+from nas_data.blind.plants.drive import LEAD, REFRESH, STEP, SWEEPS, Drive
+from nas_data.blind.plants.vectors import bounded
 
 SUBSTEPS = round(REFRESH / STEP)
 
@@ -15,28 +16,48 @@ class Motion:
         v: Speeds of the links [rad/s], shape (B, n).
     """
 
-    def __init__(self, drive: Drive, commands: np.ndarray, period: float, q: np.ndarray) -> None:
-        """Put the arms at rest.
+    def __init__(self, drive: Drive, commands: np.ndarray, period: float, starts: np.ndarray) -> None:
+        """Put the arms where they start.
 
         Args:
             drive: Numbers of the drives.
-            commands: What each servo is told in each control period [rad], shape (B, T, n).
+            commands: What each drive is told in each control period [rad, N m], shape (B, T, n).
             period: Control period [s].
-            q: Where everything rests [rad], shape (B, n).
+            starts: Angles [rad], then speeds [rad/s] of links and motors, shape (B, 2n).
         """
+        q, v = np.split(starts, 2, axis=1)
+        # a step adds the speed at its end; nothing takes that back where torques are commanded
+        self.ahead = STEP / 2 if drive.motors else 0.0
         self.drive = drive
-        self.commands = np.clip(commands, drive.control[:, None, :, 0], drive.control[:, None, :, 1])
+        self.commands = self._bounded(commands)
         self.period = period
-        self.q, self.v = q.copy(), np.zeros_like(q)
-        self.angle, self.speed = q.copy(), np.zeros_like(q)
+        self.q, self.v = q + self.ahead * v, v.copy()
+        self.earlier = self.v  # a refresh ago
+        self.angle, self.speed = self.q.copy(), v.copy()
         self.goal = self.commands[:, 0].copy()
         self.stopping = np.zeros_like(q)
         self.time = 0.0
         self.rigid = not drive.loose.any()
+        self.prompt = not drive.delay.any()
         self.slews = bool(np.isfinite(drive.speed).any())
 
+    def tell(self, step: int, commands: np.ndarray) -> None:
+        """Replace the commands of one control period, shape (B, n)."""
+        self.commands[:, step] = self._bounded(commands[:, None])[:, 0]
+
+    def middle(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return angles and speeds (B, n) at which mass matrix and bias torques of the next `REFRESH` are to be taken.
+
+        For servos they are those of its beginning. Under commanded torques that would push a swinging arm on: there
+        they are those of its middle, extrapolated.
+        """
+        if not self.drive.motors:
+            return self.q, self.v
+        return self.q + LEAD * self.v, self.v + (self.v - self.earlier) / 2
+
     def advance(self, mass: np.ndarray, bias: np.ndarray) -> None:
-        """Move on by `REFRESH` with mass matrices (B, n, n) and bias torques (B, n) of its beginning."""
+        """Move on by `REFRESH` with mass matrices (B, n, n) and bias torques (B, n)."""
+        self.earlier = self.v
         diagonal = np.arange(mass.shape[-1])
         whole = mass.copy()
         whole[:, diagonal, diagonal] += self.drive.rigid_armature
@@ -48,7 +69,11 @@ class Motion:
 
     def state(self, joints: int) -> np.ndarray:
         """Return angles [rad], then speeds [rad/s] of the first joints' links: (B, 2 joints)."""
-        return np.concatenate([self.q[:, :joints], self.v[:, :joints]], axis=1)
+        return np.concatenate([(self.q - self.ahead * self.v)[:, :joints], self.v[:, :joints]], axis=1)
+
+    def _bounded(self, commands: np.ndarray) -> np.ndarray:
+        """Return commands (B, T, n) within their ranges."""
+        return np.clip(commands, self.drive.control[:, None, :, 0], self.drive.control[:, None, :, 1])
 
     def _step(self, mobility: np.ndarray, inertia: np.ndarray, bias: np.ndarray) -> None:
         drive, loose = self.drive, self.drive.loose
@@ -72,7 +97,7 @@ class Motion:
         """Move motors that turn apart from their links; friction stops them if it can."""
         armature = np.where(self.drive.loose, self.drive.armature, 1.0)
         wanted = speed * armature / STEP + torque  # the torque that friction needs to stop the motor in this step
-        self.speed = STEP * (wanted - np.clip(wanted, -budget, budget)) / armature
+        self.speed = STEP * (wanted - bounded(wanted, budget)) / armature
         self.angle = angle + STEP * self.speed
 
     def _stopped(self, free: np.ndarray, mobility: np.ndarray, budget: np.ndarray) -> np.ndarray:
@@ -88,13 +113,13 @@ class Motion:
         """
         if not budget.any():
             return free
-        torque = np.clip(self.stopping, -budget, budget)
+        torque = bounded(self.stopping, budget)
         speed = free - (mobility @ torque[..., None])[..., 0]
         for _ in range(SWEEPS):
             for joint in range(free.shape[1]):
                 limit = budget[:, joint]
                 wanted = torque[:, joint] + speed[:, joint] / mobility[:, joint, joint]
-                change = np.clip(wanted, -limit, limit) - torque[:, joint]
+                change = bounded(wanted, limit) - torque[:, joint]
                 torque[:, joint] += change
                 speed -= mobility[:, :, joint] * change[:, None]
         self.stopping = torque
@@ -103,10 +128,13 @@ class Motion:
     def _goal(self) -> np.ndarray:
         """Return where the servos try to be [rad]: the command of a moment ago, approached at a bounded rate."""
         # a hair later, so that a command counts from the very step in which it is given
-        row = ((self.time - self.drive.delay) / self.period + 1e-6).astype(int)
-        told = np.take_along_axis(self.commands, np.clip(row, 0, None)[:, None], axis=1)[:, 0]
+        if self.prompt:
+            told = self.commands[:, int(self.time / self.period + 1e-6)]
+        else:
+            row = ((self.time - self.drive.delay) / self.period + 1e-6).astype(int)
+            told = np.take_along_axis(self.commands, np.clip(row, 0, None)[:, None], axis=1)[:, 0]
         if not self.slews:
             return told
         way = self.drive.speed * STEP
-        self.goal = self.goal + np.clip(told - self.goal, -way, way)
+        self.goal = self.goal + bounded(told - self.goal, way)
         return self.goal

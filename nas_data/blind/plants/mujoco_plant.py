@@ -8,25 +8,46 @@ import mujoco
 import numpy as np
 
 from nas_data.blind.arms import Arm
-from nas_data.blind.plants.base import player
+from nas_data.blind.plants.base import Feedback, player
 from nas_data.blind.truth import Base, Truth
 from nas_data.effects.base import make_effect
 from nas_data.robots.base import Robot
 from nas_data.simulators.mujoco import MujocoSimulator
 
 
-def simulate(arm: Arm, truths: Sequence[Truth], commands: np.ndarray, poses: np.ndarray, period: float) -> np.ndarray:
+def simulate(
+    arm: Arm,
+    truths: Sequence[Truth],
+    commands: np.ndarray,
+    starts: np.ndarray,
+    period: float,
+    feedback: Feedback | None,
+) -> np.ndarray:
     """Return states (C, E, T + 1, 2n) under each truth; see `Simulate`.
 
     Raises:
         UnknownName: a truth hides something outside the contract's table.
     """
-    rest = np.concatenate([poses, np.zeros_like(poses)], axis=1)
-    played = np.stack([build(arm, truth, period).rollout(rest, commands) for truth in truths])[..., : rest.shape[1]]
-    return np.concatenate([np.broadcast_to(rest[:, None], (len(truths), len(rest), 1, rest.shape[1])), played], axis=2)
+    built = [build(arm, truth, period) for truth in truths]
+    if feedback is None:
+        played = np.stack([simulator.rollout(starts, commands) for simulator in built])
+    else:
+        played = np.stack([closed_loop(simulator, starts, commands.shape[1], feedback) for simulator in built])
+    first = np.broadcast_to(starts[:, None], (len(truths), len(starts), 1, starts.shape[1]))
+    return np.concatenate([first, played[..., : starts.shape[1]]], axis=2)
 
 
 play = player(simulate)
+
+
+def closed_loop(simulator: MujocoSimulator, starts: np.ndarray, steps: int, feedback: Feedback) -> np.ndarray:
+    """Return states (E, T, 2n) after each of T control periods under commands that depend on them."""
+    stepper, states, rows = simulator.stepper(len(starts)), starts, []
+    stepper.reset(starts)
+    for step in range(steps):
+        states = stepper.step(feedback(step, states))
+        rows.append(states)
+    return np.stack(rows, axis=1)
 
 
 def build(arm: Arm, truth: Truth, period: float) -> MujocoSimulator:

@@ -7,10 +7,13 @@ import numpy as np
 
 @dataclass
 class Links:
-    """Rigid links of n hinges, each carried by the one before it; of many arms with a leading axis.
+    """Rigid links of n joints, each carried by the one before it; of many arms with a leading axis.
+
+    Of a joint that slides, angles are lengths [m], speeds [m/s], torques forces [N], and inertias masses [kg].
 
     Attributes:
         offsets: Each joint in the frame of the link before it [m], shape (n, 3).
+        sliding: Whether a joint slides along its axis rather than turning about it, shape (n,).
         turns: Each link's rotation in that frame at angle zero, shape (n, 3, 3).
         axes: Each joint's axis in its link's frame, shape (n, 3).
         masses: Of the links [kg], shape (n,).
@@ -20,6 +23,7 @@ class Links:
     """
 
     offsets: np.ndarray
+    sliding: np.ndarray
     turns: np.ndarray
     axes: np.ndarray
     masses: np.ndarray
@@ -36,16 +40,18 @@ class Servos:
         damping: Joint damping [N m s/rad], shape (n,).
         armature: Reflected inertia [kg m²], shape (n,).
         friction: Coulomb friction [N m], shape (n,).
-        gain: Servo's position gain [N m/rad], shape (n,).
+        gain: Servo's position gain [N m/rad], shape (n,); 0 for a motor.
+        motor: Torque per command [N m], shape (n,): 1 for a motor, 0 for a position servo.
         servo_damping: Servo's own damping, within its saturation [N m s/rad], shape (n,).
         force: Lowest and highest torque of the servo [N m], shape (n, 2).
-        control: Lowest and highest command [rad], shape (n, 2).
+        control: Lowest and highest command [rad, N m], shape (n, 2).
     """
 
     damping: np.ndarray
     armature: np.ndarray
     friction: np.ndarray
     gain: np.ndarray
+    motor: np.ndarray
     servo_damping: np.ndarray
     force: np.ndarray
     control: np.ndarray

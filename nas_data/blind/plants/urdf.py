@@ -10,7 +10,7 @@ def to_urdf(body: Body) -> str:
     parts = ['<robot name="arm">', link(0, 0.0, np.zeros(3), np.zeros((3, 3)))]
     for row in range(len(body.masses)):
         parts.append(link(row + 1, body.masses[row], body.centres[row], body.inertias[row]))
-        parts.append(joint(row + 1, body.offsets[row], body.turns[row], body.axes[row]))
+        parts.append(joint(row + 1, body, row))
     return "\n".join([*parts, "</robot>"])
 
 
@@ -25,11 +25,13 @@ def link(number: int, mass: float, centre: np.ndarray, inertia: np.ndarray) -> s
     )
 
 
-def joint(number: int, offset: np.ndarray, turn: np.ndarray, axis: np.ndarray) -> str:
-    """Write the hinge that carries a link."""
+def joint(number: int, body: Body, row: int) -> str:
+    """Write the hinge or slide that carries a link; a lower limit above the upper one is none."""
+    kind = "prismatic" if body.sliding[row] else "continuous"
+    limit = '<limit lower="1" upper="-1" effort="0" velocity="0"/>' if body.sliding[row] else ""
     return (
-        f'<joint name="q{number}" type="continuous"><parent link="l{number - 1}"/><child link="l{number}"/>'
-        f'{origin(offset, turn)}<axis xyz="{numbers(axis)}"/></joint>'
+        f'<joint name="q{number}" type="{kind}"><parent link="l{number - 1}"/><child link="l{number}"/>'
+        f'{origin(body.offsets[row], body.turns[row])}<axis xyz="{numbers(body.axes[row])}"/>{limit}</joint>'
     )
 
 

@@ -12,6 +12,11 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return result
 
 
+def bounded(values: np.ndarray, limit: np.ndarray | float) -> np.ndarray:
+    """Return values within ± a limit; `np.clip` takes four times as long for few of them."""
+    return np.asarray(np.minimum(np.maximum(values, -limit), limit))
+
+
 def skew(axis: np.ndarray) -> np.ndarray:
     """Return the matrix K with K @ b = axis × b, shape (…, 3, 3)."""
     return np.stack([cross(axis, unit) for unit in np.eye(3)], axis=-1)

@@ -22,9 +22,15 @@ FINER = (0.1, 0.5)  # noise of a measured speed over that of differences of posi
 
 def draw(identity: Identity) -> tuple[Arm, Conditions]:
     """Draw an arm and under what it is recorded."""
+    conditions = draw_conditions(identity)
+    return draw_design(identity.stream("arm"), conditions.period), conditions
+
+
+def draw_conditions(identity: Identity) -> Conditions:
+    """Draw under what an arm is recorded."""
     rng = identity.stream("conditions")
     rate = float(rng.choice(RATES))
-    conditions = Conditions(
+    return Conditions(
         rate=rate,
         seconds=float(rng.uniform(*SECONDS)),
         episodes=int(rng.integers(EPISODES[0], EPISODES[1] + 1)),
@@ -33,7 +39,6 @@ def draw(identity: Identity) -> tuple[Arm, Conditions]:
         signal=str(rng.choice(SIGNALS)),
         sensor=draw_sensor(rng, rate),
     )
-    return draw_design(identity.stream("arm"), conditions.period), conditions
 
 
 def draw_sensor(rng: Rng, rate: float) -> Sensor:

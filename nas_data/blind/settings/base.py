@@ -10,8 +10,10 @@ from nas_data.blind.arms import Arm
 from nas_data.blind.case import Identity
 from nas_data.blind.catalogue import Kind
 from nas_data.blind.conditions import Conditions
+from nas_data.blind.truth import Hidden
 
-# conditions, number of episodes, range of each command (n, 2) [rad] → commands (E, T, n), poses held before (E, n)
+# conditions, number of episodes, range of each command (n, 2) [rad] → commands (E, T, n), poses held before (E, n);
+# where a controller follows references with torques, these, of whole motions, from positions in that range
 Episodes = Callable[[Conditions, int, np.ndarray, np.random.Generator], tuple[np.ndarray, np.ndarray]]
 
 
@@ -28,6 +30,7 @@ class Setting:
         most: Multiples beyond which an effect is drawn again: nobody needs a search for those.
         rounds: Draws before a case is given up.
         screen: Plant on which sizes are tried first, a fast one for cases of this sort.
+        given: Draws what hides in every case, whatever its family, for it is what the setting is about.
     """
 
     draw: Callable[[Identity], tuple[Arm, Conditions]]
@@ -38,6 +41,7 @@ class Setting:
     most: float
     rounds: int
     screen: str = "numpy"
+    given: Callable[[Identity, Arm], tuple[Hidden, ...]] = lambda identity, arm: ()
 
 
 def find_setting(name: str) -> Setting:
