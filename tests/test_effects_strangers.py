@@ -6,12 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 from effect_samples import PERIOD
+from nas_data.gap.base import base_parameters
 from test_effects import NAMES, OF_OBJECTS, typical
 
 from nas_data.effects.base import Effect, add_effects, find_effect
 from nas_data.errors import ModelFileError
 from nas_data.explicit import explicit
-from nas_data.gap.base import base_parameters
 from nas_data.gap.evidence import Evidence
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.search.scales import scales

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from nas_data.gap.base import base_parameters
+from nas_data.gap.search.unknowns import Unknowns
 
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.noise import median, quantum, spread
 from nas_data.dataset.read import read
 from nas_data.dataset.versions import resolve
 from nas_data.effects.base import parse
@@ -17,13 +20,10 @@ from nas_data.envs.base import find_task
 from nas_data.errors import DatasetInvalid
 from nas_data.explicit import explicit
 from nas_data.gap.add import write_model
-from nas_data.gap.base import base_parameters
 from nas_data.gap.evidence import Evidence, divide, windows
-from nas_data.dataset.noise import median, quantum, spread
 from nas_data.gap.floor import noise_floor, step_errors
 from nas_data.gap.nominal import Nominal, fine_timestep, with_timestep
 from nas_data.gap.search.fit import Task, constrained, fit
-from nas_data.gap.search.unknowns import Unknowns
 from nas_data.gap.verdict import verdict
 from nas_data.recorders.recipe import Recipe
 from nas_data.robots.base import find_robot

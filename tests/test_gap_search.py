@@ -7,6 +7,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from nas_data.gap.search.detail import detailed
+from nas_data.gap.search.hop import hopped, hops
+from nas_data.gap.search.prune import absorbed, doubted_again, simplified
+from nas_data.gap.search.rivals import confronted, contenders, lead, outdone
+from nas_data.gap.search.state import Search
+from nas_data.gap.search.steps import stepped
+from nas_data.gap.search.sweep import LOOKS, chaotic, concerned, look, swept
+from nas_data.gap.search.unknowns import Unknowns, free_base
 from test_gap_core import QUANTUM, measured
 from test_gap_workflow import ARM, recorded
 
@@ -17,16 +25,8 @@ from nas_data.gap.nominal import Nominal
 from nas_data.gap.search import choose as choose_module
 from nas_data.gap.search import hop as hop_module
 from nas_data.gap.search.choose import begun_anew, choose, looked_along, lost, persisted
-from nas_data.gap.search.detail import detailed
 from nas_data.gap.search.fit import Task, fit
-from nas_data.gap.search.hop import hopped, hops
 from nas_data.gap.search.hypothesis import Hypothesis, labels, lent_slopes, place, relieves, strained
-from nas_data.gap.search.prune import absorbed, doubted_again, simplified
-from nas_data.gap.search.rivals import confronted, contenders, lead, outdone
-from nas_data.gap.search.state import Search
-from nas_data.gap.search.steps import stepped
-from nas_data.gap.search.sweep import LOOKS, chaotic, concerned, look, swept
-from nas_data.gap.search.unknowns import Unknowns, free_base
 from nas_data.recorders.recipe import Recipe
 
 FLOOR = np.full(6, QUANTUM / np.sqrt(12))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from nas_data.gap.start_speeds import CLEAR, start_speeds
 from test_gap_core import QUANTUM, commanded
 
 from nas_data.dataset.dataset import Dataset
@@ -33,7 +34,6 @@ from nas_data.gap.nominal import Nominal
 from nas_data.gap.problem import Problem
 from nas_data.gap.search.final import Final
 from nas_data.gap.search.fit import Task
-from nas_data.gap.start_speeds import CLEAR, start_speeds
 from nas_data.recorders.recipe import Recipe
 from nas_data.simulators.settled import Hold
 
