@@ -33,7 +33,10 @@ def summary(report: Mapping[str, object], folder: Path) -> str:
         f"{entry['joint']}: still {number(entry['ratio_to_noise']):.1f} times the noise; goes with {entry['goes_with']}"
         for entry in mappings(report["unexplained"])
     ]
-    changed = [f"{entry['parameter']} × {number(entry['factor']):.3f}" for entry in mappings(report["retuned"])]
+    changed = [
+        f"{entry['parameter']} × {number(entry['factor']):.3f}{' (on its bound)' if entry.get('at_bound') else ''}"
+        for entry in mappings(report["retuned"])
+    ]
     if changed:
         lines.append("retuned: " + ", ".join(changed))
     lines.append(

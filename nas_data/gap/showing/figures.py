@@ -8,16 +8,29 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from nas_data.gap.showing.series import Series
-from nas_data.reports.style import BLACK, BLUE, GREEN, LIGHT, ORANGE, PURPLE, WIDTH, Stroke, house_style, legend_above
+from nas_data.reports.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    LIGHT,
+    ORANGE,
+    OTHERS,
+    PURPLE,
+    WIDTH,
+    Stroke,
+    house_style,
+    legend_above,
+)
 
-BEFORE, RETUNED, AFTER, PLACEBO = "before", "retuned", "after", "placebo"
+BEFORE, RETUNED, PLAIN, AFTER, PLACEBO = "before", "retuned", "plain fit", "after", "placebo"
 LOOKS = {
     BEFORE: Stroke(BLUE, "-", 1.6, 4),
     RETUNED: Stroke(PURPLE, "-.", 1.6, 5),
+    PLAIN: Stroke(OTHERS[-1], ":", 1.8, 5),
     AFTER: Stroke(ORANGE, "-", 1.4, 7),
     PLACEBO: Stroke(GREEN, "--", 1.6, 6),
 }
-MARKERS = {BEFORE: "o", RETUNED: "s", AFTER: "D", PLACEBO: "^"}
+MARKERS = {BEFORE: "o", RETUNED: "s", PLAIN: "v", AFTER: "D", PLACEBO: "^"}
 FLOOR = "noise floor"
 WINDOW = 0.1  # [s] over which errors are averaged when drawn over time
 NOTHING = 1 / 3  # of a joint's floor, below which its errors are drawn no lower

@@ -4,7 +4,17 @@ import re
 
 import numpy as np
 
-from nas_data.gap.showing.figures import AFTER, BEFORE, PLACEBO, RETUNED, over_time, per_episode, per_joint, shares_bar
+from nas_data.gap.showing.figures import (
+    AFTER,
+    BEFORE,
+    PLACEBO,
+    PLAIN,
+    RETUNED,
+    over_time,
+    per_episode,
+    per_joint,
+    shares_bar,
+)
 from nas_data.gap.showing.joint_figures import joint_motion, worst_episode
 from nas_data.gap.showing.page_words import degrees, listed
 from nas_data.gap.showing.regime_figures import regimes
@@ -18,9 +28,10 @@ ABOVE = 1.25  # noise floors from which a joint's gap is worth a picture of its 
 
 def models(report: Report, series: Series) -> dict[str, np.ndarray]:
     """Return the predictions that are drawn; without a named effect, the written model is the retuned one."""
+    plain = {} if series.plain is None else {PLAIN: series.plain}
     if not report["effects"]:
-        return {BEFORE: series.before, RETUNED: series.after}
-    return {BEFORE: series.before, RETUNED: series.retuned, AFTER: series.after}
+        return {BEFORE: series.before, **plain, RETUNED: series.after}
+    return {BEFORE: series.before, RETUNED: series.retuned, **plain, AFTER: series.after}
 
 
 def with_placebo(report: Report, series: Series) -> dict[str, np.ndarray]:
@@ -31,6 +42,7 @@ def with_placebo(report: Report, series: Series) -> dict[str, np.ndarray]:
 def legend(report: Report) -> str:
     """Return what the names in the legends mean."""
     parts = ["before: the model as handed over", "retuned: its own numbers fitted, nothing added"]
+    parts += ["plain fit: every smooth parameter of every joint fitted, no name given"]
     return "; ".join(parts + (["after: with what is named added"] if report["effects"] else []))
 
 

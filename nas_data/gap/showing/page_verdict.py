@@ -53,7 +53,7 @@ def unexplained(report: Report) -> str:
     return (
         f"Something is missing in {model(report)} that no effect in the catalogue explains{places(report)}. On "
         f"held-out episodes it errs by {degrees(gap['before'])}, {degrees(gap['after'])} when its own numbers are "
-        f"retuned; the noise of the readings is {degrees(gap['noise_floor'])}."
+        f"{'fitted' if gap.get('delivered') == 'plain' else 'retuned'}; the noise of the readings is {degrees(gap['noise_floor'])}."
     )
 
 
@@ -89,7 +89,9 @@ def shrunk(report: Report) -> str:
     effects = len(report["effects"])
     gap = report["gap"]
     added = "With it" if effects == 1 else "With them" if effects else "Retuned"
-    return f"{added}, the error on held-out episodes falls from {degrees(gap['before'])} to {degrees(gap['after'])}"
+    beside = f" (a plain fit of all smooth parameters: {degrees(gap['plain'])})" if "plain" in gap else ""
+    fall = f"from {degrees(gap['before'])} to {degrees(gap['after'])}{beside}"
+    return f"{added}, the error on held-out episodes falls {fall}"
 
 
 def places(report: Report) -> str:
@@ -114,7 +116,8 @@ def change(factor: Factor) -> tuple[str, str, str]:
     percent = 100 * (factor["factor"] - 1)
     joint, _, kind = factor["parameter"].rpartition(".")
     sign = "+" if percent > 0 else "−"
-    return f"{joint} {kind}".strip(), figures(factor["factor"]), f"{sign}{abs(percent):.1f} %"
+    bound = ", on its bound" if factor.get("at_bound") else ""
+    return f"{joint} {kind}".strip(), figures(factor["factor"]), f"{sign}{abs(percent):.1f} %{bound}"
 
 
 def by_size(factor: Factor) -> float:

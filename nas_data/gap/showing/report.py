@@ -57,6 +57,7 @@ class Factor(TypedDict):
 
     parameter: str
     factor: float
+    at_bound: NotRequired[bool]
 
 
 class Rest(TypedDict):
@@ -74,8 +75,11 @@ class Gap(TypedDict):
     unit: str
     noise_floor: float
     before: float
+    plain: NotRequired[float]
     after: float
     after_model_xml: NotRequired[float]
+    delivered: NotRequired[str]
+    conditioning: NotRequired[float]
 
 
 class Shares(TypedDict):

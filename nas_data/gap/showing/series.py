@@ -24,6 +24,7 @@ class Series:
         before: The model as handed over.
         retuned: With its own parameters fitted, nothing added.
         after: As written.
+        plain: With every smooth parameter fitted, no name given; None in older reports.
         placebo: With a wrong name in the right one's place, where there is one.
         counts: Whether a row was recorded, shape (E, T).
         floor: Noise floor, shape (n,).
@@ -40,6 +41,7 @@ class Series:
     counts: np.ndarray
     floor: np.ndarray
     placebo: np.ndarray | None = None
+    plain: np.ndarray | None = None
 
     @classmethod
     def read(cls, folder: Path) -> "Series":
