@@ -9,6 +9,7 @@ import numpy as np
 
 from nas_data.effects.base import Effect, Scales, make_effect
 from nas_data.effects.edits.servo import stiffness
+from nas_data.effects.joint_offset import JointOffset
 from nas_data.gap.evidence import windows
 from nas_data.gap.nominal_parameters import MAX_LOG_CHANGE
 from nas_data.gap.search.fit import Fit, fit
@@ -156,7 +157,7 @@ def as_effects(search: Search, plain: Hypothesis) -> Description:
 
 def is_unseen(effect: Effect, floor: Mapping[str, float]) -> bool:
     """Whether an effect is an offset of less than a noise floor [rad]."""
-    return effect.name() == "joint_offset" and abs(effect.offset) < floor[effect.joint or ""]
+    return isinstance(effect, JointOffset) and abs(effect.offset) < floor[effect.joint or ""]
 
 
 def clipped(name: str, joint: str, parameter: str, value: float) -> Effect:

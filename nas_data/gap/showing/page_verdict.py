@@ -50,10 +50,11 @@ def partly_explained(report: Report) -> str:
 def unexplained(report: Report) -> str:
     """Say that no name fits."""
     gap = report["gap"]
+    how = "when all its smooth parameters are fitted" if gap.get("delivered") == "plain" else "when its own are retuned"
     return (
         f"Something is missing in {model(report)} that no effect in the catalogue explains{places(report)}. On "
-        f"held-out episodes it errs by {degrees(gap['before'])}, {degrees(gap['after'])} when its own numbers are "
-        f"{'fitted' if gap.get('delivered') == 'plain' else 'retuned'}; the noise of the readings is {degrees(gap['noise_floor'])}."
+        f"held-out episodes it errs by {degrees(gap['before'])}, {degrees(gap['after'])} {how}; "
+        f"the noise of the readings is {degrees(gap['noise_floor'])}."
     )
 
 
