@@ -110,8 +110,9 @@ def name(train: Task, held: Task, say: Callable[[str], None] = lambda text: None
         say: Told what is going on.
     """
     search = Search.begin(train, held, say)
-    with search.aside():
-        plain, fine = fit_plain(search), search.sub.fine
+    first = search.round
+    plain, fine = fit_plain(search), search.sub.fine
+    search.return_to(first)
     kept = decide(search, replace(train, fine=search.sub.fine), withdraw(search, choose(search, plain)))
     null = Final((), search.null.fit.factors, ())
     say("last fit, on all training episodes")

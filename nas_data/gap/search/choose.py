@@ -31,15 +31,17 @@ def choose(search: Search, plain: Hypothesis, without: Container[str] = ()) -> H
     """
     if not search.excited:
         return search.null
+    first = search.round
     down = descend(search, plain, without)
     if is_explained(search, down) and len(drop.parts(down)) <= 1:
         return review(search, down, without)
     if len(drop.parts(down)) > MANY * len(search.excited):
         return climb(search, down, without)
+    search.return_to(first)
     up = climb(search, search.null, without, down if is_explained(search, down) else None)
     if is_explained(search, up) and up.score <= search.rescore(down).score:
         return up
-    down = climb(search, search.rescore(down), without)
+    down = climb(search, search.relinearise(down), without)
     up = search.rescore(up)
     search.report("up from the model", up)
     search.report("down from the plain fit", down)

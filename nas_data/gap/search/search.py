@@ -1,7 +1,6 @@
 """The state of a search: the objective, the episodes it works on, and hypotheses fitted to and judged by them."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,6 +19,23 @@ SCREENED_ROWS = 1800  # rows on which they are compared at least, where episodes
 ODD = 3.0  # times the usual error of a joint from which an episode is odd, and looked at besides
 ODDEST = 2  # odd episodes at most
 FAR_BEHIND = 60.0  # nats by which a rival may lie behind after a few steps and still be fitted to the end
+
+
+@dataclass(frozen=True)
+class Round:
+    """An objective of a search.
+
+    Attributes:
+        sub: Model and episodes that are fitted.
+        held: Model and held-out episodes.
+        nominal: The model as it is, scored by it.
+        null: The model with its own parameters fitted.
+    """
+
+    sub: Task
+    held: Task
+    nominal: Hypothesis
+    null: Hypothesis
 
 
 @dataclass
@@ -125,12 +141,14 @@ class Search:
         self.nominal, self.null = self.rescore(self.nominal), self.rescore(self.null)
         return self.rescore(self.judge(description, found))
 
-    @contextmanager
-    def aside(self) -> Iterator[None]:
-        """Try something that changes the objective, and go back to the present one afterwards."""
-        kept = self.sub, self.held, self.nominal, self.null
-        yield
-        self.sub, self.held, self.nominal, self.null = kept
+    @property
+    def round(self) -> Round:
+        """The present objective with what is scored by it, to come back to."""
+        return Round(self.sub, self.held, self.nominal, self.null)
+
+    def return_to(self, round_: Round) -> None:
+        """Go back to an earlier objective; what was found since is to be rescored."""
+        self.sub, self.held, self.nominal, self.null = vars(round_).values()
         self._cache.clear()
 
     def rescore(self, h: Hypothesis) -> Hypothesis:
