@@ -24,7 +24,7 @@ class Arm:
 
     Attributes:
         name: What it is called in the dataset.
-        xml: Plain MJCF: serial, no contacts, no joint limits, position servos, a sensor `<joint>.pos` each.
+        xml: Plain MJCF: serial, no contacts, no joint limits, a servo or motor and a sensor `<joint>.pos` each.
         joints: Names from the base on.
     """
 

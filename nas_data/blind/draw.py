@@ -23,7 +23,7 @@ def draw_case(family: str, plant: str, number: int, seed: int, faint: bool = Fal
         number: Of the case.
         seed: Master seed.
         faint: Draw marks from 0.3 floors upwards instead of the setting's least.
-        setting: File of `settings/`: `xl320`, or `any` for other arms and recordings.
+        setting: File of `settings/`: `xl320`, `any` for other arms and recordings, `far`, `poor`, or `torque`.
 
     Raises:
         UnknownName: there is no such family, plant or setting.
