@@ -32,7 +32,6 @@ from nas_data.dataset.versions import new_version
 from nas_data.effects.base import parse
 from nas_data.errors import DatasetInvalid, WorkerLost
 from nas_data.gap.add import write_effects
-from nas_data.gap.evidence import Evidence
 from nas_data.models.holding_out import hold_out, rows_of
 from nas_data.models.presets import preset
 
@@ -433,13 +432,6 @@ def test_what_judges_must_not_train(place, here):
 
 
 # with effects
-
-
-def test_minutes_start_in_motion_where_episodes_start_at_rest(swings):
-    resting, moving = Evidence.of(swings), Evidence.of(swings, moving=True)
-    np.testing.assert_array_equal(resting.speeds, 0)
-    np.testing.assert_array_equal(moving.speeds, swings.states[swings.starts, 1:])
-    np.testing.assert_array_equal(resting.starts, moving.starts)
 
 
 @pytest.mark.slow

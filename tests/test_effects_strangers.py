@@ -14,6 +14,7 @@ from nas_data.errors import ModelFileError
 from nas_data.explicit import explicit
 from nas_data.gap.evidence import Evidence
 from nas_data.gap.nominal import Nominal
+from nas_data.gap.nominal_parameters import base_parameters
 from nas_data.gap.search.scales import scales
 from nas_data.robots.base import find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -168,7 +169,8 @@ def test_a_payload_is_at_the_outermost_joint_in_whatever_order_actuators_are_lis
     spec.delete(spec.body("payload"))
     evidence = Evidence(order, 0.01, np.zeros((1, 3)), *np.zeros((2, 1, 20, 3)), np.ones((1, 20), bool), np.zeros(1))
     spec.body("wrist_link").geoms[0].mass = 0.7
-    nominal = Nominal(find_robot("ergojr"), explicit(spec), order, 0.01, base_parameters(explicit(spec), order))
+    full = explicit(spec)
+    nominal = Nominal(find_robot("ergojr"), full, full, order, 0.01, base_parameters(full, order))
     nominal = replace(nominal, robot=replace(nominal.robot, joints=order))
     assert {each.mass for each in scales(nominal, evidence, evidence.measured)} == {0.7}
 

@@ -127,9 +127,9 @@ def test_episodes_of_unequal_length_do_not_disturb_each_other(monkeypatch):
 
 def test_the_source_is_rolled_out_without_much_padding_and_to_the_same_bits(monkeypatch):
     dataset, simulator, rows = without(paired_pendulum((3, 40, 1, 25, 38, 17))), pendulum(), []
-    roll = simulator.rollout
+    roll = simulator.rollout_settled
     monkeypatch.setattr(
-        simulator, "rollout", lambda first, commands: rows.append(commands.shape) or roll(first, commands)
+        simulator, "rollout_settled", lambda first, commands: rows.append(commands.shape) or roll(first, commands)
     )
     together = evaluation_module.open_loop_source(dataset, simulator)
     assert sum(size * steps for size, steps, _ in rows) == dataset.lengths.sum() + 2  # 40 and 38 are one batch

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, TIME, Feature, 
 from nas_data.dataset.transitions import estimate_velocities
 from nas_data.effects.base import parse
 from nas_data.errors import DatasetInvalid
+from nas_data.gap.add import write_model
 from nas_data.gap.evidence import Evidence
 from nas_data.gap.finding.driven import TORQUE, while_driven
 from nas_data.gap.finding.find import Found, find
@@ -20,6 +22,7 @@ from nas_data.gap.finding.repeatability import repeatability
 from nas_data.gap.finding.significance import episodes_needed, grouped_chance, holm, paired_chance
 from nas_data.gap.floor import noise_floor
 from nas_data.gap.nominal import Nominal
+from nas_data.models.evaluation import evaluate
 from nas_data.simulators.mujoco import MujocoSimulator
 
 RATE = 100.0  # [Hz]
@@ -87,6 +90,22 @@ def test_a_model_has_no_gap_on_its_own_recording():
     assert all(entry.ok for entry in found.audit)
     assert found.undecidable == ()
     assert "nowhere in particular" in found.text()
+
+
+@pytest.mark.parametrize("rows", [STEPS, STEPS // 4], ids=["whole", "cut in motion"])
+@pytest.mark.parametrize("effects", [(), ("backlash:joint=m3,half_width=0.05", "command_delay:delay=0.03")])
+def test_the_open_loop_gap_is_the_one_that_evaluate_reports(effects: tuple[str, ...], rows: int, tmp_path: Path):
+    """Both start episodes at the same velocity, play and delays settled alike."""
+    whole = recording(("viscous_friction:joint=m2,coefficient=0.1",))
+    dataset = replace(whole, lengths=np.full(whole.n_frames // rows, rows))
+    evidence = Evidence.of(dataset)
+    assert (evidence.speeds != 0).any() == (rows < STEPS)
+    plain = Nominal.load("ergojr", evidence)
+    model, _ = write_model(tmp_path, plain, [parse(text) for text in effects], {})
+    found = find(dataset, evidence, Nominal.load(model, evidence), noise_floor(evidence))
+    told = evaluate(dataset, MujocoSimulator.load(model, 1 / RATE, dataset.joints), None).open_loop
+    assert {joint: gap.open_loop for joint, gap in found.joints.items()} == pytest.approx(told["source"].per_joint)
+    assert {joint: gap.open_loop_hold for joint, gap in found.joints.items()} == pytest.approx(told["hold"].per_joint)
 
 
 def test_a_gap_stands_at_its_joint_and_in_its_regime():

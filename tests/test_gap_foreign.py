@@ -1,8 +1,6 @@
 """Models and recordings as others make them: rates, lengths, damping ratios, gears, several actuators a joint."""
 
-from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -14,7 +12,6 @@ from nas_data.effects.base import add_effects, parse
 from nas_data.gap.add import write_model
 from nas_data.gap.evidence import Evidence, windows
 from nas_data.gap.nominal import Nominal
-from nas_data.gap.search import opening
 from nas_data.gap.search.scales import scales
 from nas_data.gap.search.screen import STRETCHES, stretched
 
@@ -153,31 +150,3 @@ def test_a_torque_limit_is_never_sought_above_what_the_model_gives(share: float,
     found = stretched(guess, stretch, guess.idle(size))
     assert 0 < found.torque < size.torque <= 2.0
     assert stretched(guess, 1.0, guess.idle(size)).torque == pytest.approx(guess.torque)
-
-
-@dataclass
-class Guess:
-    """What `opened` knows of a hypothesis: its effects, and its worth."""
-
-    effects: tuple[str, ...]
-    loss: float
-    fit: None = None
-
-
-@pytest.mark.parametrize(("lead", "expected"), [(-900.0, "soft"), (-700.0, "band")])
-def test_what_several_joints_lack_is_told_by_where_it_leads(
-    lead: float, expected: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    kept, one = Guess((), 0.0), Guess(("band",), -100.0)
-    band, soft = Guess(("band", "band"), -500.0), Guess(("soft", "soft"), -450.0)
-    after = {id(band): [Guess(("band", "band", "rub"), -800.0)], id(soft): [Guess(("soft", "soft", "rub"), lead)]}
-    monkeypatch.setattr(opening, "worth", lambda h: h.loss)
-    monkeypatch.setattr(opening, "promising", lambda search, before, h: True)
-    monkeypatch.setattr(opening, "extensions", lambda search, h, around: after[id(h)])
-    search = SimpleNamespace(report=lambda word, h: None)
-    ranked = opening.opened(search, kept, [band, soft, one])
-    assert ranked[0].effects == (expected, expected, "rub")
-    assert ranked[1:] == [band, soft, one]
-    after[id(band)], after[id(soft)] = [], [Guess(("soft", "soft", "rub"), -400.0)]  # nothing helps either further
-    assert opening.opened(search, kept, [band, soft, one])[0] is band
-    assert opening.opened(search, kept, [one, band, soft])[0] is one  # one joint alone explains most: nothing to decide

@@ -28,7 +28,7 @@ def problem(tmp_path: Path, *effects: str) -> Problem:
 def outcome(given: Problem, folder: Path, *effects: str) -> Outcome:
     folder.mkdir()
     known = Final(tuple(parse(text) for text in effects), {}, ())
-    return added(given, known, Final((), {}, ()), folder)
+    return added(given, known, Final((), {}, ()), Final((), {}, ()), folder)
 
 
 def error(given: Problem, predicted: np.ndarray) -> float:

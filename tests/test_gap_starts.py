@@ -6,22 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from nas_data.gap.start_speeds import CLEAR, start_speeds
 from test_gap_core import QUANTUM, commanded
 
-from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import (
-    ACTION,
-    ENVIRONMENT,
-    NEXT_STATE,
-    STATE,
-    effort_feature,
-    position_feature,
-    state_feature,
-)
-from nas_data.dataset.transitions import estimate_velocities
+from nas_data.dataset.features import ENVIRONMENT
 from nas_data.effects.base import Effect, parse
 from nas_data.envs.base import find_task
 from nas_data.experiments.pipeline.sizes import RECORDINGS
@@ -33,7 +20,7 @@ from nas_data.gap.finding.recorded import Recorded
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.problem import Problem
 from nas_data.gap.search.final import Final
-from nas_data.gap.search.fit import Task
+from nas_data.gap.search.objective import Task
 from nas_data.recorders.recipe import Recipe
 from nas_data.simulators.settled import Hold
 
@@ -55,7 +42,7 @@ def played(effect: Effect, hold: Hold) -> tuple[Nominal, Evidence]:
 def test_the_start_is_told_by_the_first_second(text: str, hold: Hold):
     effect = parse(text)
     nominal, evidence = played(effect, hold)
-    told = Task(nominal, evidence, FLOOR).begun([effect], {})
+    told = Task(nominal, evidence, FLOOR).with_initial_load([effect], {})
     assumed = np.sqrt(evidence.mean_squares(nominal.predict(evidence, [effect])))[:, 1] / FLOOR[1]
     rest = np.sqrt(told.evidence.mean_squares(nominal.predict(told.evidence, [effect])))[:, 1] / FLOOR[1]
     assert np.all(rest < 1.5)
@@ -67,7 +54,7 @@ def test_a_model_without_memory_has_one_start():
     nominal, evidence = played(effect, Hold.NOTHING)
     task = Task(nominal, evidence, FLOOR)
     assert not nominal.simulator([effect]).remembers
-    assert (task.begun([effect], {}).evidence.holds == Hold.WEIGHT).all()
+    assert (task.with_initial_load([effect], {}).evidence.holds == Hold.WEIGHT).all()
     positions = [nominal.predict(evidence.begun(hold), [effect]) for hold in Hold]
     assert all(np.array_equal(positions[0], other) for other in positions)
 
@@ -78,76 +65,6 @@ def test_how_all_episodes_began_is_told_by_the_fitted_ones(hold: Hold):
     nominal, evidence = played(effect, hold)
     task = Task(nominal, evidence, FLOOR)
     assert usual_hold(task, Final((effect,), {}, ())) == hold
-
-
-# Starts in motion
-
-
-def readings(start: float, noise: float, quantum: float, formula: str, effort: bool = False) -> Dataset:
-    """Ten episodes of a joint that begins at a speed [rad/s] and is then driven to and fro, as a sensor shows it.
-
-    The velocities are a sensor's own, with so much noise [rad/s], or computed from noisy positions by a formula.
-    """
-    rng = np.random.default_rng(round(1e6 * (start + noise + quantum)))
-    count, steps, rate = 10, 201, 100.0
-    times = np.arange(steps) / rate
-    swing, turns = rng.uniform(0.3, 0.9, (count, 1)), rng.uniform(0.5, 2.0, (count, 1))
-    positions = start * times + swing * (1 - np.cos(turns * 2 * np.pi * times))
-    velocities = start + swing * turns * 2 * np.pi * np.sin(turns * 2 * np.pi * times)
-    shown = positions + (noise / rate if formula else 0.0) * rng.standard_normal(positions.shape)
-    shown = np.round(shown / quantum) * quantum if quantum else shown
-    steps_taken = np.diff(shown, axis=1) * rate
-    computed = {
-        "": velocities + noise * rng.standard_normal(velocities.shape),
-        "backward": np.pad(steps_taken, ((0, 0), (1, 0)), mode="edge"),
-        "forward": np.pad(steps_taken, ((0, 0), (0, 1)), mode="edge"),
-        "central": np.gradient(shown, 1 / rate, axis=1),
-        "quadratic": estimate_velocities(shown.T, rate).T,
-    }[formula]
-    states = np.stack([shown, computed], axis=-1).astype(np.float32)
-    joints = ("joint",)
-    features = {
-        STATE: state_feature(joints),
-        ACTION: (effort_feature if effort else position_feature)(joints),
-        NEXT_STATE: state_feature(joints),
-    }
-    columns = {
-        STATE: states[:, :-1].reshape(-1, 2),
-        ACTION: states[:, 1:, :1].reshape(-1, 1),
-        NEXT_STATE: states[:, 1:].reshape(-1, 2),
-    }
-    return Dataset(features, columns, np.full(count, steps - 1), rate)
-
-
-@given(
-    noise=st.floats(0.0, 0.5),
-    quantum=st.sampled_from([0.0, 0.0015, QUANTUM]),
-    formula=st.sampled_from(["backward", "forward", "central", "quadratic"]),
-    start=st.sampled_from([0.0, 0.5]),
-    effort=st.booleans(),
-)
-@settings(max_examples=60, deadline=None)
-def test_velocities_computed_from_positions_start_nothing(noise, quantum, formula, start, effort):
-    dataset = readings(start, noise, quantum, formula, effort)
-    assert np.array_equal(start_speeds(dataset), np.zeros((10, 1)))
-    assert np.array_equal(Evidence.of(dataset).initial[:, 1], np.zeros(10))
-
-
-@given(noise=st.floats(0.001, 0.5), quantum=st.sampled_from([0.0, QUANTUM]))
-@settings(max_examples=30, deadline=None)
-def test_a_noisy_sensor_of_speed_starts_an_arm_in_motion_but_none_at_rest(noise: float, quantum: float):
-    assert np.array_equal(start_speeds(readings(0.0, noise, quantum, "")), np.zeros((10, 1)))
-    start = 3 * CLEAR * (noise + 0.02)  # the motion itself, up to 2 Hz, looks a little like noise
-    moving = readings(start, noise, quantum, "")
-    assert np.array_equal(start_speeds(moving)[:, 0], moving.states[moving.starts, 1].astype(float))
-
-
-def test_an_arm_under_torques_starts_at_what_is_more_than_rounding():
-    slow = readings(0.01, 0.0, 0.0, "", effort=True)
-    assert (start_speeds(slow) > 0).all()
-    states = slow.states.copy()
-    states[:, 1] = np.round(states[:, 1] / 0.05) * 0.05 + 0.05
-    assert (start_speeds(replace(slow, columns={**slow.columns, STATE: states})) == 0).all()
 
 
 # Scenes
@@ -164,7 +81,7 @@ def scene(name: str, dynamics: str = "backlash") -> Problem:
 def errors(problem: Problem, evidence: Evidence, effects: tuple[Effect, ...]) -> np.ndarray:
     """Root mean squared error of each joint [rad], episodes begun as their first second tells, shape (n,)."""
     nominal = problem.train.nominal
-    begun = Task(nominal, evidence, problem.train.floor).begun(effects, {}).evidence
+    begun = Task(nominal, evidence, problem.train.floor).with_initial_load(effects, {}).evidence
     return np.sqrt(begun.mean_squares(nominal.predict(begun, effects)).mean(axis=0))
 
 

@@ -76,7 +76,7 @@ def test_the_report_keeps_the_contract(hidden: tuple[Path, dict]):
     folder, report = hidden
     contract = {"schema", "verdict", "effects", "retuned", "unexplained", "gap", "next_experiment", "episodes"}
     assert contract <= set(report)
-    assert report["schema"] == 1
+    assert report["schema"] == 2
     assert report["verdict"] == "explained"
     assert report["gap"]["after"] < 0.3 * report["gap"]["before"]
     assert not set(report["episodes"]["train"]) & set(report["episodes"]["heldout"])

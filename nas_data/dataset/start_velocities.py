@@ -97,7 +97,8 @@ def fit_velocity(positions: np.ndarray, row: int, noise: float, fps: float) -> t
 
     Quadratics are fitted to more and more readings around the row. A wide fit averages the noise away, a narrow one
     follows the motion; the one of least uncertainty counts. Its uncertainty is that of the cubic fitted to the same
-    readings, and how far the two slopes lie apart, which tells what a quadratic misses.
+    readings, and how far the two slopes lie apart, there or over the next wider window, which tells what a quadratic
+    misses: in one window alone the two may agree by chance, and of many windows the least uncertain one would be that.
 
     Args:
         positions: Of one joint in one episode [rad; m], shape (T,).
@@ -111,23 +112,29 @@ def fit_velocity(positions: np.ndarray, row: int, noise: float, fps: float) -> t
     if len(positions) < WIDTHS[0]:
         slope = float(positions[-1] - positions[0]) * fps / max(1, len(positions) - 1)
         return slope, abs(slope) + noise * fps
-    best = (0.0, np.inf)
+    found = []
     for first, quadratic, cubic in slopes(len(positions), row, max(WIDTHS[0], round(LONGEST * fps))):
         readings = positions[first : first + len(quadratic)] - positions[first]
-        slope = float(quadratic @ readings)
-        doubt = float(np.hypot(noise * np.linalg.norm(cubic), slope - cubic @ readings))
-        if doubt < best[1]:
-            best = slope, doubt
-    return best[0] * fps, best[1] * fps
+        moved = quadratic @ readings
+        found.append((moved, noise * np.linalg.norm(cubic), abs(moved - cubic @ readings)))
+    slope, chance, missed = np.array(found).T
+    doubts = np.hypot(chance, np.maximum(missed, np.append(missed[1:], missed[-1])))
+    best = int(doubts[: max(1, len(found) - 1)].argmin())  # the last window only judges the one before it
+    return float(slope[best]) * fps, float(doubts[best]) * fps
 
 
 def slopes(length: int, row: int, longest: int) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-    """Yield windows about a row: first reading, and the weights whose sums are the slopes per row there."""
+    """Yield windows about a row: first reading, and the weights whose sums are the slopes per row there.
+
+    The last window is the first that is longer than `longest`, where the episode has room for it.
+    """
+    narrower = 0
     for width in WIDTHS:
-        if width > min(length, longest):
+        if width > length or narrower > longest:
             return
         first = int(np.clip(row - width // 2, 0, length - width))
         yield first, slope_weights(width, row - first, 2), slope_weights(width, row - first, 3)
+        narrower = width
 
 
 @cache
