@@ -6,7 +6,6 @@ import mujoco
 import numpy as np
 import pytest
 from effect_samples import PERIOD
-from nas_data.gap.base import base_parameters
 from test_effects import NAMES, OF_OBJECTS, typical
 
 from nas_data.effects.base import Effect, add_effects, find_effect
