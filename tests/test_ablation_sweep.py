@@ -139,7 +139,7 @@ def test_normalisation_and_weights_know_nothing_of_what_is_not_in_the_subset(pla
     for name, data in (("as recorded", dataset), ("spoilt", spoilt)):
         (folder := tmp_path / name).mkdir()
         subset = rows_of(data, draw(data, divide(data.n_episodes, 0.2, 0)[0], amount, 0))
-        lesson = Lesson(subset, False, place.paired, Material(place.paired).source(), None, TINY, folder)
+        lesson = Lesson(subset, place.paired, Material(place.paired).source(), None, TINY, folder)
         learned.append(find_kind(kind).learn(lesson).model)
     assert same(*learned)
     own = hold_out(rows_of(dataset, runs), TINY.validation, 0).train

@@ -46,6 +46,15 @@ def seen(
     return Dataset(features, columns, np.full(len(positions), positions.shape[1] - 1), rate)
 
 
+def derived_torques(positions: np.ndarray, torques: np.ndarray, rate: float) -> Dataset:
+    """Return positions [rad] and torques [N·m] of one joint 'spindle', shape (E, T), as transitions; speeds derived."""
+    dataset = seen(positions, np.zeros_like(positions), rate, effort=True)
+    joints = ("spindle",)
+    features = {STATE: state_feature(joints), ACTION: effort_feature(joints), NEXT_STATE: state_feature(joints)}
+    told = torques[:, :-1].reshape(-1, 1).astype(np.float32)
+    return replace(dataset, features=features, columns={**dataset.columns, ACTION: told})
+
+
 def swings(rate: float, start: float = 0.0, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Return positions [rad] and velocities [rad/s] of a joint that begins at a speed and is driven to and fro."""
     rng = np.random.default_rng(seed)
