@@ -49,7 +49,7 @@ def find_start_velocities(dataset: Dataset) -> StartVelocities:
 
     A velocity counts that stands out of its uncertainty. Where a third of the episodes begin with one, the recording
     was cut out of motions, and all velocities count. So they do under torque commands: nothing holds such an arm at
-    rest.
+    rest. An episode whose first velocities are all exactly zero begins at rest.
 
     Args:
         dataset: Transitions with 2n-states.
@@ -69,6 +69,9 @@ def find_start_velocities(dataset: Dataset) -> StartVelocities:
         else:
             values[begun, joint] = [rows[0, joint] for rows in velocities]
             deviations[begun, joint] = velocity_noise([rows[:, joint] for rows in velocities], dataset.commands_effort)
+    rest = np.zeros((dataset.n_episodes, 1), bool)  # of which the recorder itself says that it began at rest
+    rest[begun] = [[not rows[0].any()] for rows in velocities]
+    values, deviations = np.where(rest, 0.0, values), np.where(rest, 0.0, deviations)
     least = np.where(derived, SLOW * large_speeds(positions, dataset.fps), 0.0)
     moving = np.abs(values) > np.maximum(CLEAR * deviations, least)
     if not dataset.commands_effort and moving.any(axis=1).sum() < max(CUT * len(begun), 1):

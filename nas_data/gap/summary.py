@@ -39,13 +39,14 @@ def summary(report: Mapping[str, object], folder: Path) -> str:
     ]
     if changed:
         lines.append("retuned: " + ", ".join(changed))
+    plain = f"plain fit {degrees(gap['plain'])}, " if "plain" in gap else ""
     lines.append(
         f"open-loop error on held-out episodes: {degrees(gap['before'])} → {degrees(gap['after'])} "
-        f"(plain fit {degrees(gap['plain'])}, noise floor {degrees(gap['noise_floor'])}), "
+        f"({plain}noise floor {degrees(gap['noise_floor'])}), "
         f"in {number(report['seconds']):.0f} s"
     )
-    if gap["delivered"] != "names":
-        lines.append(DELIVERED[str(gap["delivered"])])
+    if (delivered := str(gap.get("delivered"))) in DELIVERED:
+        lines.append(DELIVERED[delivered])
     if report.get("next_experiment"):
         lines.append(f"record next: {report['next_experiment']}")
     if (folder / "phi").is_dir() and not mapping(report["shares"]).get("learned"):
