@@ -35,7 +35,7 @@ def weak_servo(monkeypatch, tmp_path):
 
 
 def test_every_baseline_can_be_found_by_its_name():
-    assert registry.names("blind.baselines") == ("one_step", "phi", "sysid")
+    assert registry.names("blind.baselines") == ("one_step", "phi", "plain", "sysid")
     assert all(callable(find_baseline(name)) for name in registry.names("blind.baselines"))
 
 

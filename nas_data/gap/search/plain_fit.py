@@ -36,7 +36,10 @@ def fit_plain(search: Search) -> Hypothesis:
     """
     description = describe(search)
     parameters = description.parameters(search.train.nominal.base)
+    count = f"{parameters.size} numbers of {len(search.excited)} joints"
+    search.say(f"plain fit: {count}, on windows of {SHORT:g} s")
     found = begin_on_short_windows(search, description)
+    search.say(f"plain fit: {count}, on the episodes of the search")
     whole = fit(search.sub, parameters, found.theta if found else parameters.start(), steps=8, jacobian_refreshes=2)
     if whole is None:
         return search.null

@@ -61,7 +61,9 @@ def extensions(search: Search, kept: Hypothesis, around: Fit) -> list[Hypothesis
     ratios = zip(search.train.nominal.joints, search.ratio(kept), strict=True)
     wanted = {joint for joint, ratio in ratios if ratio > AT_FLOOR} | joints_beyond_prior(kept)
     wanted &= search.excited
+    search.say(f"  screening every effect at {', '.join(sorted(wanted)) or 'no joint'}")
     found, reach = search.screened(around, kept, wanted)
+    search.say(f"  fitting the best of {len(found)} candidates")
     chosen = shortlist(found, reach.nats - PROMISE, SLACK if around is search.nominal.fit else 0.0)
     chosen += [c for c in found if c not in chosen and frees_base_parameter(kept, c.effect)]
     ranked = fit_candidates(search, kept, around, chosen)

@@ -33,6 +33,7 @@ def drop_one(search: Search, h: Hypothesis) -> Hypothesis:
     Short fits tell which. All without which alone the score falls are dropped together where that is better yet; where
     it falls without none, the best is fitted to its end before it is given up.
     """
+    search.say(f"  dropping one of {len(parts(h))} parts, if one is not worth its price")
     losses = estimate_losses(search, h)
     doubted = sorted(losses, key=lambda part: losses[part])[:TRIED]
     found = side_by_side(lambda part: fit_without(search, h, [part]), doubted)
