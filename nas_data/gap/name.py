@@ -113,10 +113,11 @@ def name(train: Task, held: Task, say: Callable[[str], None] = lambda text: None
     first = search.round
     plain, fine = fit_plain(search), search.sub.fine
     search.return_to(first)
-    kept = decide(search, replace(train, fine=search.sub.fine), withdraw(search, choose(search, plain)))
+    train = replace(search.train, fine=search.sub.fine)
+    kept = decide(search, train, withdraw(search, choose(search, plain)))
     null = Final((), search.null.fit.factors, ())
     say("last fit, on all training episodes")
-    final = finish(replace(train, fine=search.sub.fine), kept.description, kept.fit.factors)
+    final = finish(train, kept.description, kept.fit.factors)
     judged = [judge(search, kept, final, number) for number in range(len(kept.effects))]
     order = sorted(range(len(judged)), key=lambda number: -judged[number][0].confidence)
     findings, rivals = [judged[number][0] for number in order], [judged[number][1] for number in order]

@@ -2,10 +2,11 @@
 
 from collections.abc import Container
 
-from nas_data.gap.search.hypothesis import Hypothesis, joints_beyond_prior
+from nas_data.gap.search.fit import fit
+from nas_data.gap.search.hypothesis import Hypothesis
 from nas_data.gap.search.moves import add, drop, line_scan, restart
 from nas_data.gap.search.moves.base import find_move
-from nas_data.gap.search.plain_fit import as_effects
+from nas_data.gap.search.plain_fit import as_effects, columns_as_effects
 from nas_data.gap.search.search import Search
 
 ROUND = ("swap", "merge_joints", "shift_delay", "optional_parameters")  # after each addition
@@ -29,7 +30,7 @@ def choose(search: Search, plain: Hypothesis, without: Container[str] = ()) -> H
         plain: The plain fit.
         without: Names of moves that are left out.
     """
-    if not search.excited:
+    if not search.above_floor(search.null):
         return search.null
     first = search.round
     down = descend(search, plain, without)
@@ -57,7 +58,7 @@ def climb(search: Search, h: Hypothesis, without: Container[str] = (), rival: Hy
         without: Names of moves that are left out.
         rival: What there is already; the climb ends when a round does not come near it.
     """
-    while len(h.effects) < MOST * len(search.excited) and needs_more(search, h):
+    while len(h.effects) < MOST * len(search.excited) and search.above_floor(h):
         larger = add.apply(search, h)
         if larger is h:
             break
@@ -76,11 +77,16 @@ def review(search: Search, h: Hypothesis, without: Container[str] = ()) -> Hypot
 
 def descend(search: Search, plain: Hypothesis, without: Container[str] = ()) -> Hypothesis:
     """Name what the plain fit does, and drop what is not worth its price."""
+    search.say("  writing the plain fit as effects")
     description = as_effects(search, plain)
-    found = search.fitted(description, plain.fit.factors, plain.fit)
+    parameters = description.parameters(search.train.nominal.base)
+    known = columns_as_effects(plain.fit, parameters)
+    found = fit(search.sub, parameters, parameters.start(plain.fit.factors), known, jacobian_refreshes=0)
     if found is None:
         return search.rescore(plain)
-    return apply_moves(search, search.relinearise(found), ("share_value", "drop"), without)
+    named = search.relinearise(search.judge(description, found))
+    search.report("  as effects", named)
+    return apply_moves(search, named, ("share_value", "drop"), without)
 
 
 def is_explained(search: Search, h: Hypothesis) -> bool:
@@ -94,11 +100,6 @@ def apply_moves(search: Search, h: Hypothesis, names: tuple[str, ...], without: 
         if name not in without:
             h = find_move(name)(search, h)
     return h
-
-
-def needs_more(search: Search, h: Hypothesis) -> bool:
-    """Whether a joint that moved is above the noise floor, or bends the model further than a real arm's is off."""
-    return bool(search.ratio(h)[excited(search)].max() > add.AT_FLOOR or joints_beyond_prior(h))
 
 
 def persist(search: Search, h: Hypothesis, without: Container[str]) -> Hypothesis:

@@ -11,7 +11,6 @@ from nas_data.gap.nominal_parameters import TOLERANCE, own_size
 from nas_data.gap.search.fit import Fit, fit, normal_equations
 from nas_data.gap.search.hypothesis import Description, reuse_jacobian
 from nas_data.gap.search.objective import Task
-from nas_data.gap.search.timestep import choose_timestep
 
 ROUNDS = 2  # fits, each with the correction for finer steps computed where the last one ended
 LIKENESS = 0.01  # standard deviation of a parameter between two descriptions of one effect, as a part of it
@@ -65,7 +64,6 @@ def finish(task: Task, description: Description, factors: dict[str, float], roun
         found, theta = better, better.theta
     if found is None:
         return Final(description.effects, factors, tuple({} for _ in description.effects))
-    task, found = choose_timestep(task, found)
     return Final(
         effects=found.effects,
         factors=found.factors,
