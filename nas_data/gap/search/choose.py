@@ -15,6 +15,7 @@ REVIEW = ("share_value", "simplify", "drop", "replace_by_rival", "shift_delay", 
 LITTLE = 0.05  # of all that was gained, which then is too little to go on
 EXPLAINED = 1.5  # noise floors of rest up to which a joint counts as explained
 MANY = 2  # parts of the pruned plain fit for each joint from which nearly everything is missing
+FEW = 3  # parts of the pruned plain fit that are believed where they bring every joint to the floor
 MOST = 4  # effects for each joint of an arm
 
 
@@ -23,7 +24,7 @@ def choose(search: Search, plain: Hypothesis, without: Container[str] = ()) -> H
 
     What is left of the plain fit when all that is not worth its price is dropped decides where to begin. Where it holds
     many parts, nearly everything is missing everywhere: adding one thing at a time to the model goes astray, and the
-    search goes on from there alone. Where it explains everything with one part, there is nothing to search for.
+    search goes on from there alone. Where it brings every joint to the floor with few parts, it is only reviewed.
 
     Args:
         search: Search.
@@ -34,10 +35,10 @@ def choose(search: Search, plain: Hypothesis, without: Container[str] = ()) -> H
         return search.null
     first = search.round
     down = descend(search, plain, without)
-    if is_explained(search, down) and len(drop.parts(down)) <= 1:
-        return review(search, down, without)
     if len(drop.parts(down)) > MANY * len(search.excited):
         return climb(search, down, without)
+    if not search.above_floor(down) and len(drop.parts(down)) <= FEW:
+        return review(search, apply_moves(search, down, ("merge_joints", "one_for_several"), without), without)
     search.return_to(first)
     up = climb(search, search.null, without, down if is_explained(search, down) else None)
     if is_explained(search, up) and up.score <= search.rescore(down).score:

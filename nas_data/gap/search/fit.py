@@ -96,7 +96,7 @@ def measure_jacobian(
     jacobian = np.zeros((len(columns), *predicted.shape))
     for group, change in zip(groups, side_by_side(difference, groups), strict=True):
         for column in group:
-            seen = task.reach[parameters.labels[column][0]] if len(group) > 1 else slice(None)
+            seen = slice(None) if len(group) == 1 else moved_joints(task, parameters, column)
             jacobian[place[column]][..., seen] = change[..., seen] / steps[column]
     return jacobian
 
@@ -105,7 +105,7 @@ def group_columns(task: Task, parameters: FreeParameters, columns: Sequence[int]
     """Return groups of numbers of which no two move the same joint, as far as the task knows whom they move."""
     groups: list[tuple[list[int], np.ndarray]] = []
     for column in columns:
-        seen = None if is_loose(parameters, column) else task.reach.get(parameters.labels[column][0])
+        seen = moved_joints(task, parameters, column)
         fitting = [] if seen is None else [group for group in groups if not (group[1] & seen).any()]
         if fitting:
             fitting[0][0].append(column)
@@ -115,10 +115,27 @@ def group_columns(task: Task, parameters: FreeParameters, columns: Sequence[int]
     return [group for group, _ in groups]
 
 
+def moved_joints(task: Task, parameters: FreeParameters, column: int) -> np.ndarray | None:
+    """Return which joints a number moves, shape (n,); None where that is not known."""
+    label = parameters.labels[column]
+    if not is_loose(parameters, column):
+        return task.reach.get(label[0])
+    return task.reach_of_joints.get(label[1] if len(label) > 1 else str(label[0]).rsplit(".", 1)[0])
+
+
 def is_loose(parameters: FreeParameters, column: int) -> bool:
     """Whether a number is an effect's, or of a parameter of the model that may be anything."""
     base = column - len(parameters.of_effects)
     return base < 0 or parameters.base[base].is_free
+
+
+def reach_of_joints(task: Task, parameters: FreeParameters) -> Reach:
+    """Return which joints are moved by what is changed at each joint, masses apart, by its name."""
+    found: dict[str | None, np.ndarray] = {}
+    for parameter in parameters.base:
+        if parameter.kind != "mass" and parameter.name in task.reach:
+            found[parameter.joint] = found.get(parameter.joint, False) | task.reach[parameter.name]
+    return found
 
 
 def measure_reach(task: Task, parameters: FreeParameters, predicted: np.ndarray, jacobian: np.ndarray) -> Reach:

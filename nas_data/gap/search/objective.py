@@ -21,7 +21,7 @@ FURTHEST = 3.0  # standard deviations by which an initial velocity may be moved
 
 OBJECTIVES = count()
 
-Reach = Mapping[str | None, np.ndarray]  # which joints a parameter of the model moves, shape (n,), by its name
+Reach = Mapping[str | None, np.ndarray]  # which joints something moves, shape (n,), by its name
 
 
 class ObjectiveMismatch(AssertionError):
@@ -79,6 +79,7 @@ class Task:
         fine: Whether the recording obeys finer physics steps than the model's own.
         coarseness: Errors of each joint that do not matter yet, while larger ones are explained [rad], shape (n,).
         reach: Which joints parameters of the model move as long as they are bound, where that is known.
+        reach_of_joints: Which joints effects and freed parameters move, by their joint, where that is known.
         objective: Which objective this is; losses are compared within one alone. Episodes and tolerance make another.
     """
 
@@ -89,6 +90,7 @@ class Task:
     coarseness: np.ndarray | float = 0.0
     fine: bool = True
     reach: Reach = field(default_factory=dict, compare=False)
+    reach_of_joints: Reach = field(default_factory=dict, compare=False)
     objective: int = field(default_factory=lambda: next(OBJECTIVES), compare=False)
 
     def select(self, episodes: Sequence[int] | np.ndarray) -> "Task":

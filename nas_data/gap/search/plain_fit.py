@@ -12,7 +12,7 @@ from nas_data.effects.edits.servo import stiffness
 from nas_data.effects.joint_offset import JointOffset
 from nas_data.gap.evidence import windows
 from nas_data.gap.nominal_parameters import MAX_LOG_CHANGE
-from nas_data.gap.search.fit import Fit, fit, is_loose
+from nas_data.gap.search.fit import Fit, fit, is_loose, reach_of_joints
 from nas_data.gap.search.hypothesis import PRICE, Description, Hypothesis, reuse_jacobian
 from nas_data.gap.search.objective import Task
 from nas_data.gap.search.parameters import FreeParameters, Label
@@ -51,6 +51,9 @@ def fit_plain(search: Search) -> Hypothesis:
     search.say(f"plain fit: {count}, on windows of {SHORT:g} s")
     found = begin_on_short_windows(search, description)
     search.say(f"plain fit: {count}, on the episodes of the search")
+    if not found:  # the model is near, and what moves which joint stays as it is there
+        base = Description().parameters(search.train.nominal.base)
+        search.sub = replace(search.sub, reach_of_joints=reach_of_joints(search.sub, base))
     start = found.theta if found else parameters.start(search.null.fit.factors)
     known = {} if found else reuse_jacobian(search.null.fit, parameters, len(description.effects))
     known = {column: rows for column, rows in known.items() if not is_loose(parameters, column)}

@@ -69,6 +69,11 @@ def parts(h: Hypothesis) -> list[Part]:
     return [*h.effects, *sorted(h.description.freed)]
 
 
+def joint_of(part: Part) -> str | None:
+    """Return the joint of an effect or of a freed parameter; None for an effect of the arm."""
+    return part.rsplit(".", 1)[0] if isinstance(part, str) else part.joint
+
+
 def price(part: Part) -> float:
     """Return what an effect or a freed parameter must bring [nats]."""
     return PRICE if isinstance(part, str) else effect_cost(part)
