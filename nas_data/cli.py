@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from nas_data import __version__
 from nas_data.errors import NasError, OptionError
+from nas_data.visible import visible
 
 if TYPE_CHECKING:
     from nas_data.commands.base import Command
@@ -26,7 +27,7 @@ ARGUMENT = 4  # columns by which tyro indents an option that is missing; its hel
 
 def command_files() -> dict[str, Path]:
     """Return the file of every command by its words, for example 'policy train'."""
-    files = sorted(path for path in COMMANDS.glob("*.py") if path.stem != "base" and path.stem[0] != "_")
+    files = [path for path in visible(COMMANDS, "*.py") if path.stem != "base" and path.stem[0] != "_"]
     return {path.stem.rstrip("_").replace("_", " "): path for path in files}
 
 

@@ -11,6 +11,7 @@ from nas_data.importing.formats import FORMATS
 from nas_data.importing.layout import Layout, parse_layout
 from nas_data.importing.map import ALIGNMENTS, Clock, Map, Quantity, Resample, Source, Thresholds
 from nas_data.importing.section import Section
+from nas_data.visible import visible
 
 MAPS = Path(__file__).parent / "maps"
 VELOCITIES = ("measured", "derive")
@@ -26,7 +27,7 @@ def load_map(name_or_path: str | Path) -> Map:
         UnknownName: a word that is neither a file nor a shipped map.
     """
     path = Path(name_or_path)
-    shipped = {file.stem: file for file in MAPS.glob("*.toml")}
+    shipped = {file.stem: file for file in visible(MAPS, "*.toml")}
     if not path.is_file() and not path.suffix and len(path.parts) == 1:
         if str(name_or_path) not in shipped:
             raise UnknownName("map", str(name_or_path), [*shipped, "or the path of a TOML file"])

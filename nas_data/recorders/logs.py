@@ -29,6 +29,7 @@ from nas_data.importing.map import Map
 from nas_data.importing.reading import ENOUGH, read_log
 from nas_data.importing.recording import Recording
 from nas_data.importing.resampling import resample
+from nas_data.visible import visible
 
 MAP_ATTACHMENT = "meta/import_map.toml"
 REGISTER = "velocity"  # signal that keeps the register where velocities are derived
@@ -104,12 +105,12 @@ def _expand(path: Path, mapping: Map) -> list[Path]:
         wanted = list(files.values())
         if not path.is_dir() or any((path / name).is_file() for name in wanted):
             return [path]
-        logs = sorted(folder for folder in path.iterdir() if any((folder / name).is_file() for name in wanted))
+        logs = [folder for folder in visible(path) if any((folder / name).is_file() for name in wanted)]
     elif path.is_file():
         return [path]
     else:
         wanted = list(find_format(mapping.layout.format).SUFFIXES)
-        logs = sorted(file for file in path.glob(mapping.layout.pattern) if file.suffix.lower() in wanted)
+        logs = [file for file in visible(path, mapping.layout.pattern) if file.suffix.lower() in wanted]
     if not logs:
         raise LogError(f"{path} holds no log ({' or '.join(wanted)}), which the map {mapping.name} reads.")
     return logs

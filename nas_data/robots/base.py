@@ -14,6 +14,7 @@ from nas_data.drives import driven_joint
 from nas_data.engine_warnings import heard_warnings, pass_on
 from nas_data.errors import ModelFileError
 from nas_data.servos import add_position_servos
+from nas_data.visible import visible
 
 FOLDER = Path(__file__).parent
 MISSING = re.compile(r"Error opening file '([^']+)'")  # how MuJoCo speaks of meshes, textures and included files
@@ -94,7 +95,7 @@ def _parsed(path: Path) -> mujoco.MjSpec:
 
 def _models_in(folder: Path) -> str:
     """Name a few model files of a folder, where there are some."""
-    files = sorted(file.name for file in folder.iterdir() if file.suffix in (*KNOWN, ".mjcf"))
+    files = [file.name for file in visible(folder) if file.suffix in (*KNOWN, ".mjcf")]
     return f" in it, such as {folder / files[0]}" if files else ""
 
 
