@@ -113,6 +113,9 @@ def unknown(arguments: Sequence[str]) -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program and return its exit code: 0 success, 1 a negative answer, 2 bad input, 130 interrupted."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal whose locale lacks φ gets "?" instead, and every result
     try:
         return answer(list(sys.argv[1:] if arguments is None else arguments))
     except BrokenPipeError:

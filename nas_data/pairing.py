@@ -1,5 +1,7 @@
 """Pairing: what the source predicts for every measured transition, in batched rollouts."""
 
+import sys
+
 import mujoco
 import numpy as np
 
@@ -12,7 +14,6 @@ from nas_data.simulators.base import Simulator
 PROBES = 500  # transitions that tell one source from another
 SAME_SOURCE = 1e-5  # [rad] engines of other versions and machines differ by less
 MARGIN = 0.05  # [rad or m] by which calibrations of real arms and their models differ
-WIDEST = 4 * np.pi  # [rad] two turns; a range of degrees that were read as radians is wider at once
 
 
 def pair(dataset: Dataset, simulator: Simulator) -> Dataset:
@@ -109,12 +110,15 @@ def check_source(dataset: Dataset, simulator: Simulator) -> None:
         )
 
 
-def range_warnings(dataset: Dataset, model: mujoco.MjModel) -> list[str]:
-    """Say of each joint whose range the measured positions leave, or whose range is none, that the model may be wrong.
+def warn_of_ranges(dataset: Dataset, model: mujoco.MjModel) -> list[str]:
+    """Say on stderr of each joint whose range the measured positions leave that the model may be wrong.
 
     Args:
         dataset: Transitions with 2n-states, n joints that the model has.
         model: The source, without its effects.
+
+    Returns:
+        What was said, a sentence each.
     """
     found = []
     for place, joint in enumerate(dataset.joints):
@@ -124,12 +128,14 @@ def range_warnings(dataset: Dataset, model: mujoco.MjModel) -> list[str]:
             continue
         positions = dataset.states[:, place]
         furthest = float(positions[np.argmax(np.maximum(positions - high, low - positions))])
-        unit, ask = ("rad", "; is the model in degrees?") if hinge else ("m", "; is the model in metres?")
-        reach, limits = f"measured positions of {joint} reach {furthest:.3g} {unit}", f"{low:.3g} to {high:.3g} {unit}"
         if not low - MARGIN <= furthest <= high + MARGIN:
-            found.append(f"{reach}, outside the model's range {limits}{ask}")
-        elif hinge and high - low > WIDEST:
-            found.append(f"{reach}, the model's range is {limits}{ask}")
+            unit, right = ("rad", "the unit that its compiler's angle= says") if hinge else ("m", "metres")
+            found.append(
+                f"measured positions of {joint} reach {furthest:.3g} {unit}, outside the model's range "
+                f"{low:.3g} to {high:.3g} {unit}; is the model in {right}?"
+            )
+    for warning in found:
+        print(f"nas: warning: {warning}", file=sys.stderr)
     return found
 
 

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
+from numbers import Real
 from pathlib import Path
 from typing import ClassVar, Self
 
@@ -12,7 +13,7 @@ from nas_data import registry
 from nas_data.drives import driven_joint
 from nas_data.effects.edits.damping_ratio import settle_damping
 from nas_data.effects.edits.hook import StepHook
-from nas_data.errors import JointMismatch, OptionError
+from nas_data.errors import JointMismatch, NasError, OptionError
 
 HARDLY = 1e-3  # of its spread by which a detail is put beside its neutral zero to be sought
 
@@ -202,15 +203,30 @@ def make_effect(name: str, joint: str | None, values: Mapping[str, float]) -> Ef
         )
     if joint is None and not kind.whole_arm:
         raise OptionError(f"{name} sits in a joint; say which (joint=NAME).")
+    texts = [f"{key} is {value!r}" for key, value in values.items() if not is_number(value)]
+    if texts:
+        raise OptionError(f"{name}: {texts[0]}; a number is needed.")
     return kind(joint=joint, **{key: float(value) for key, value in values.items()})
 
 
+def is_number(value: object) -> bool:
+    """Whether a value is a number; a text or a truth value, which Python would take for one, is none."""
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
 def from_json(entry: Mapping[str, object]) -> Effect:
-    """Read one entry of `effects.json`; parameters are numbers or objects with a `value`."""
+    """Read one entry of `effects.json`; parameters are numbers or objects with a `value`.
+
+    Raises:
+        UnknownName: there is no such effect.
+        OptionError: the entry has another form.
+    """
+    if not isinstance(entry, Mapping):
+        raise OptionError(f"{entry!r} is no effect; an object with 'effect', 'joint' and 'parameters' is needed.")
     parameters = entry.get("parameters", {})
     if not isinstance(parameters, Mapping):
         raise OptionError(f"The parameters of {entry.get('effect')} must be an object of numbers.")
-    values = {key: item["value"] if isinstance(item, Mapping) else item for key, item in parameters.items()}
+    values = {key: item.get("value") if isinstance(item, Mapping) else item for key, item in parameters.items()}
     joint = entry.get("joint")
     return make_effect(str(entry.get("effect")), None if joint is None else str(joint), values)
 
@@ -246,8 +262,12 @@ def read_effects(path: Path) -> tuple[Effect, ...]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         entries = content["effects"] if isinstance(content, dict) else content
+        if not isinstance(entries, list):
+            raise TypeError("it is no list")
         return tuple(from_json(entry) for entry in entries)
-    except (OSError, json.JSONDecodeError, KeyError, TypeError, AttributeError) as error:
+    except NasError as error:
+        raise OptionError(f"{path}: {error}") from None
+    except (OSError, ValueError, KeyError, TypeError) as error:
         raise OptionError(f"{path} is not a list of effects ({error}); see the effects.json of a gap report.") from None
 
 

@@ -13,6 +13,7 @@ from nas_data import registry
 from nas_data.drives import driven_joint
 from nas_data.engine_warnings import heard_warnings, pass_on
 from nas_data.errors import ModelFileError
+from nas_data.robots.doubts import angle_doubts, say_once
 from nas_data.servos import add_position_servos
 from nas_data.visible import visible
 
@@ -150,6 +151,8 @@ def find_robot(name_or_path: str | Path) -> Robot:
     named = str(name_or_path) in registry.names("robots")
     if path.suffix or path.is_file() or (path.is_dir() and not named):
         spec = read_spec(path)
+        for doubt in angle_doubts(path, spec.compile(), bool(spec.compiler.degree)):
+            say_once(doubt)
         if path.suffix == ".urdf" and movable_joints(spec):
             return Robot(name=path.stem, mjcf=path, joints=movable_joints(spec), edit=add_position_servos)
         joints = actuated_joints(spec)
