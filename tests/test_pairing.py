@@ -348,7 +348,7 @@ def test_another_source_that_predicts_the_same_is_another_version(here, capsys, 
     ],
 )
 def test_a_model_in_the_wrong_unit_is_warned_of(here, capsys, compiler, limits, said):
-    write(recorded_on(pendulum(), wander((40,), size=0.8)), here / "raw", SIMULATED)
+    write(recorded_on(pendulum(), wander((40, 40), size=0.8)), here / "raw", SIMULATED)
     model = hinge().replace('"hinge"', '"pendulum"').replace("axis=", f'range="{limits}" axis=')
     Path("arm.xml").write_text(model.replace("<option", f'<compiler angle="{compiler}"/><option'))
     assert main(["pair", "raw", "--model", "arm.xml", "--out", "paired", "--json"]) == 0
