@@ -10,10 +10,11 @@ from pathlib import Path
 import mujoco
 
 from nas_data import registry
+from nas_data.angle_doubts import angle_doubts
+from nas_data.caution import say_once
 from nas_data.drives import driven_joint
 from nas_data.engine_warnings import heard_warnings, pass_on
 from nas_data.errors import ModelFileError
-from nas_data.robots.doubts import angle_doubts, say_once
 from nas_data.servos import add_position_servos
 from nas_data.visible import visible
 
@@ -138,6 +139,11 @@ def movable_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
     """Return the names of the hinges and slides."""
     moving = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
     return tuple(joint.name for joint in spec.joints if joint.type in moving)
+
+
+def slide_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
+    """Return the names of the slides."""
+    return tuple(joint.name for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def find_robot(name_or_path: str | Path) -> Robot:

@@ -1,10 +1,7 @@
 """Whether a model's angles may be in another unit than the one in which they are read."""
 
-import functools
 import math
-import multiprocessing
 import re
-import sys
 from pathlib import Path
 
 import mujoco
@@ -33,10 +30,3 @@ def angle_doubts(path: Path, model: mujoco.MjModel, degree: bool) -> list[str]:
     if not degree and high - low > 2 * TURN:
         return [f'{limits} is read in radians: if degrees are meant, write <compiler angle="degree"/>']
     return []
-
-
-@functools.cache
-def say_once(doubt: str) -> None:
-    """Say a doubt on stderr, once however often the model is loaded, and not in every worker process."""
-    if multiprocessing.parent_process() is None:
-        print(f"nas: warning: {doubt}", file=sys.stderr)
