@@ -1,10 +1,24 @@
 """Pairing: what the source predicts for every measured transition, in batched rollouts."""
 
+import sys
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 
+from nas_data.caution import say_once
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import ENVIRONMENT, SIM_ENVIRONMENT, SIM_STATE, state_feature
+from nas_data.dataset.features import (
+    ACTION,
+    ENVIRONMENT,
+    NEXT_STATE,
+    SIM_ENVIRONMENT,
+    SIM_STATE,
+    STATE,
+    effort_feature,
+    position_feature,
+    state_feature,
+)
 from nas_data.dataset.start_velocities import find_start_velocities
 from nas_data.errors import JointMismatch
 from nas_data.simulators.base import Simulator
@@ -12,7 +26,6 @@ from nas_data.simulators.base import Simulator
 PROBES = 500  # transitions that tell one source from another
 SAME_SOURCE = 1e-5  # [rad] engines of other versions and machines differ by less
 MARGIN = 0.05  # [rad or m] by which calibrations of real arms and their models differ
-WIDEST = 4 * np.pi  # [rad] two turns; a range of degrees that were read as radians is wider at once
 
 
 def pair(dataset: Dataset, simulator: Simulator) -> Dataset:
@@ -33,12 +46,47 @@ def pair(dataset: Dataset, simulator: Simulator) -> Dataset:
         JointMismatch: joints, rate or kind of command differ.
     """
     check_fits(dataset, simulator)
+    dataset = with_model_units(dataset, simulator)
     predicted = simulator.predict(scene_states(dataset, simulator), dataset.commands).astype(np.float32)
     width = dataset.states.shape[1]
-    paired = dataset.with_column(SIM_STATE, state_feature(dataset.joints), predicted[:, :width])
+    paired = dataset.with_column(SIM_STATE, state_feature(dataset.joints, simulator.slides), predicted[:, :width])
     if predicted.shape[1] == width:
         return paired
     return paired.with_column(SIM_ENVIRONMENT, simulator.object_feature, predicted[:, width:])
+
+
+def with_model_units(dataset: Dataset, simulator: Simulator) -> Dataset:
+    """Return a dataset that tells hinges and slides apart as a model does; no value changes.
+
+    Where a recording says nothing, or calls the metres of a slide radians, as one that was imported without a model
+    does, the model knows better.
+
+    Args:
+        dataset: Transitions with 2n-states of a simulator's joints.
+        simulator: The model.
+
+    Raises:
+        JointMismatch: the dataset has a joint in metres that the model turns.
+    """
+    turned = [joint for joint in simulator.joints if joint in dataset.slides and joint not in simulator.slides]
+    if turned:
+        raise JointMismatch(
+            f"The dataset has {turned[0]} in metres, but the model's {turned[0]} is a hinge, in radians; "
+            "give the model of this robot, or correct 'unit' in the map and import again."
+        )
+    wrong = [joint for joint in simulator.slides if joint not in dataset.slides]
+    if not wrong:
+        return dataset
+    if any(dataset.features[STATE].units):
+        say_once(f"the dataset calls {', '.join(wrong)} an angle, the model a slide: taken as metres and newtons")
+    command = effort_feature if dataset.commands_effort else position_feature
+    known = {STATE: state_feature, ACTION: command, NEXT_STATE: state_feature, SIM_STATE: state_feature}
+    features = {
+        key: replace(make(dataset.joints, simulator.slides), dtype=dataset.features[key].dtype)
+        for key, make in known.items()
+        if key in dataset.features
+    }
+    return replace(dataset, features={**dataset.features, **features})
 
 
 def scene_states(dataset: Dataset, simulator: Simulator, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
@@ -109,12 +157,15 @@ def check_source(dataset: Dataset, simulator: Simulator) -> None:
         )
 
 
-def range_warnings(dataset: Dataset, model: mujoco.MjModel) -> list[str]:
-    """Say of each joint whose range the measured positions leave, or whose range is none, that the model may be wrong.
+def warn_of_ranges(dataset: Dataset, model: mujoco.MjModel) -> list[str]:
+    """Say on stderr of each joint whose range the measured positions leave that the model may be wrong.
 
     Args:
         dataset: Transitions with 2n-states, n joints that the model has.
         model: The source, without its effects.
+
+    Returns:
+        What was said, a sentence each.
     """
     found = []
     for place, joint in enumerate(dataset.joints):
@@ -124,12 +175,14 @@ def range_warnings(dataset: Dataset, model: mujoco.MjModel) -> list[str]:
             continue
         positions = dataset.states[:, place]
         furthest = float(positions[np.argmax(np.maximum(positions - high, low - positions))])
-        unit, ask = ("rad", "; is the model in degrees?") if hinge else ("m", "; is the model in metres?")
-        reach, limits = f"measured positions of {joint} reach {furthest:.3g} {unit}", f"{low:.3g} to {high:.3g} {unit}"
         if not low - MARGIN <= furthest <= high + MARGIN:
-            found.append(f"{reach}, outside the model's range {limits}{ask}")
-        elif hinge and high - low > WIDEST:
-            found.append(f"{reach}, the model's range is {limits}{ask}")
+            unit, right = ("rad", "the unit that its compiler's angle= says") if hinge else ("m", "metres")
+            found.append(
+                f"measured positions of {joint} reach {furthest:.3g} {unit}, outside the model's range "
+                f"{low:.3g} to {high:.3g} {unit}; is the model in {right}?"
+            )
+    for warning in found:
+        print(f"nas: warning: {warning}", file=sys.stderr)
     return found
 
 

@@ -60,6 +60,7 @@ class LinearSimulator:
     a: np.ndarray
     b: np.ndarray
     period: float = 0.02
+    slides: tuple[str, ...] = ()
     commands_effort: bool = False
     remembers: bool = False
     object_feature: Feature = field(default_factory=lambda: Feature(names=()))

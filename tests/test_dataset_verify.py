@@ -127,6 +127,13 @@ def test_a_rate_that_the_clock_denies_is_a_problem(tmp_path):
     assert "come at 85 Hz" in found.problems[0]
 
 
+def test_an_hour_whose_float32_stamps_are_as_near_as_they_can_be_is_sound(tmp_path):
+    root = write(recorded(lengths=(180_000,), joints=("m1",)), tmp_path / "d", RECORDED)
+    assert verify(root) == []
+    change_column(data_file(root), "timestamp", lambda column: pa.compute.add(column, pa.scalar(1e-3, pa.float32())))
+    assert any("timestamp is not frame_index / fps" in problem for problem in verify(root))
+
+
 def test_late_rows_are_counted_in_a_note(tmp_path):
     times = np.arange(200) / 50
     times[90:] += 0.013

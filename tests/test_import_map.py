@@ -85,7 +85,15 @@ WRONG = {
         r"'velocity' is 'measured' but there is no \[read.velocity\]",
     ),
     "time unit": (map_text(time='column = "t"\nunit = "min"'), "'unit' is 'min'; choose one of: s, ms, us, ns"),
-    "position unit": (map_text(position='column = "q"\nunit = "m"'), "'unit' is 'm'; choose one of: rad, deg"),
+    "position unit": (
+        map_text(position='column = "q"\nunit = "inch"'),
+        "choose one of: rad, deg, turn, m, cm, mm, tic",
+    ),
+    "command unit": (map_text(command='column = "goal"\nunit = "lbf"'), "m, cm, mm, ticks, normalised, N·m, .* N, A"),
+    "slide in rad/s": (map_text(position='column = "q"\nunit = "mm"'), "choose one of: m/s, cm/s, mm/s, ticks"),
+    "unknown slide": (map_text(top='slides = ["grip"]'), "'slides' names 'grip'; the joints are: shoulder, elbow"),
+    "slide in rad": (map_text(top='slides = ["elbow"]'), "'elbow' is a slide .* is 'rad'; choose one of: m, cm, mm"),
+    "amperes without scale": (map_text(command='column = "goal"\nunit = "A"'), "the key 'scale' is missing"),
     "unit missing": (map_text(position='column = "q"'), "the key 'unit' is missing"),
     "sign": (map_text(position='column = "q"\nunit = "rad"\nsign = 2'), "'sign' is 2; it must be 1 or -1"),
     "list too short": (

@@ -114,7 +114,7 @@ class Train(Command):
     ) -> "tuple[Simulator | None, Mapping[str, bytes]]":
         """Return the source and the files that keep it with the checkpoint; None, with a note, where there is none."""
         from nas_data.errors import ModelFileError
-        from nas_data.pairing import check_source
+        from nas_data.pairing import check_source, warn_of_ranges
         from nas_data.robots.base import find_robot
         from nas_data.sources import find_source, kept_files, source_files
 
@@ -130,7 +130,11 @@ class Train(Command):
             return None, {}
         if self.kind == "delta" and dataset.paired:
             check_source(dataset, simulator)
-        return simulator, kept_files(root) if self.model is None else source_files(find_robot(self.model))
+        if self.model is None:
+            return simulator, kept_files(root)
+        robot = find_robot(self.model)
+        warn_of_ranges(dataset, robot.spec().compile())
+        return simulator, source_files(robot)
 
 
 def report(line: str) -> None:

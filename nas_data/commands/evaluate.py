@@ -35,6 +35,8 @@ class Evaluate(Command):
         from nas_data.errors import ModelFileError, OptionError
         from nas_data.models import checkpoint
         from nas_data.models.evaluation import evaluate
+        from nas_data.pairing import warn_of_ranges
+        from nas_data.robots.base import find_robot
         from nas_data.sources import find_source
 
         alone = self.checkpoint.is_file()  # a checkpoint is a folder
@@ -55,6 +57,8 @@ class Evaluate(Command):
             if self.model is not None or model is None or model.kind == "delta":
                 raise
             simulator = None
+        if simulator is not None and (given := str(folder) if alone else self.model) is not None:
+            warn_of_ranges(dataset, find_robot(given).spec().compile())
         evaluation = evaluate(dataset, simulator, model, Counting("rolling out"))
         seen = None if model is None else model.provenance.get("dataset")
         name = seen.get("name") if isinstance(seen, dict) else "unknown"

@@ -62,7 +62,7 @@ def feature_lines(summary: "Summary") -> Iterator[str]:
     yield "ranges"
     for key, ranges in summary.ranges.items():
         for name, (low, high) in ranges.items():
-            yield f"  {key} {name}: {low:.4g} … {high:.4g}"
+            yield f"  {key} {name}: {low:.4g} … {high:.4g} {summary.units.get(name, '')}".rstrip()
 
 
 def provenance_lines(summary: "Summary") -> Iterator[str]:

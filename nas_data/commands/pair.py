@@ -46,7 +46,7 @@ class Pair(Command):
         from nas_data.dataset.transitions import as_transitions
         from nas_data.effects.base import parse
         from nas_data.gap.named import Named
-        from nas_data.pairing import object_warnings, pair, range_warnings
+        from nas_data.pairing import object_warnings, pair, warn_of_ranges
         from nas_data.robots.base import find_robot
         from nas_data.simulators.engines import load_simulator
 
@@ -75,9 +75,10 @@ class Pair(Command):
             contiguous=before.contiguous,
             notes=before.notes,
         )
-        warnings = [*range_warnings(dataset, robot.spec().compile()), *object_warnings(dataset, simulator)]
-        for warning in warnings:
+        lacking = object_warnings(dataset, simulator)
+        for warning in lacking:
             print(f"nas: warning: {warning}", file=sys.stderr)
+        warnings = [*warn_of_ranges(dataset, robot.spec().compile()), *lacking]
         files, remark = self._kept_source(robot, effects, paired)
         kept = {f"meta/{name}": content for name, content in files.items()}
         folder = versions.save(paired, provenance, out=self.out, parent=root, attachments=kept)

@@ -148,7 +148,8 @@ class RecordSim(Command):
 
     def _protocol(self) -> "Protocol":
         """Say what is to be played."""
-        from nas_data.envs.base import environment_id, find_task_file
+        from nas_data.environment_ids import environment_id
+        from nas_data.envs.base import find_task_file
         from nas_data.excitations.base import parse
         from nas_data.recorders.session import Protocol
 

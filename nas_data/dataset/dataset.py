@@ -8,6 +8,7 @@ import numpy as np
 
 from nas_data.dataset.features import ACTION, EFFORT, NEXT_STATE, POSITION, SIM_STATE, STATE, Feature
 from nas_data.errors import DatasetInvalid, JointMismatch
+from nas_data.joint_units import SLIDE
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,15 @@ class Dataset:
         """Names of the measured joints, from the position components of `observation.state`."""
         names = self._feature(STATE).names
         return tuple(name.removesuffix(POSITION) for name in names if name.endswith(POSITION))
+
+    @cached_property
+    def slides(self) -> frozenset[str]:
+        """Names of the joints that are slides: those whose positions are in metres."""
+        feature = self._feature(STATE)
+        pairs = zip(feature.names, feature.units, strict=False)  # without units, all are taken for hinges
+        return frozenset(
+            name.removesuffix(POSITION) for name, unit in pairs if name.endswith(POSITION) and unit == SLIDE.si
+        )
 
     @property
     def commands_effort(self) -> bool:

@@ -35,6 +35,7 @@ class Summary:
         features: Features that are read.
         left_out: Features that are not read (images, strings …) → what they are.
         ranges: State and action: component → smallest and largest value, in the feature's unit.
+        units: Unit of each component of state and action, by its name.
         derived: What has to be derived for use: feature → how.
         unusable: Why no transitions can be made of it; None where they can.
         paired: Whether the source's predictions are present.
@@ -54,6 +55,7 @@ class Summary:
     features: Mapping[str, Feature]
     left_out: Mapping[str, str]
     ranges: Mapping[str, Mapping[str, tuple[float, float]]]
+    units: Mapping[str, str]
     derived: Mapping[str, str]
     unusable: str | None
     paired: bool
@@ -99,6 +101,7 @@ def summarize(path: Path) -> Summary:
         features=dataset.features,
         left_out=layout.left_out(layout.read_info(root)),
         ranges={key: _ranges(shown, key) for key in (STATE, ACTION) if key in shown.features},
+        units={name: unit for key in (ACTION, STATE) for name, unit in _units(shown, key).items()},
         derived=derived,
         unusable=reason,
         paired=dataset.paired,
@@ -135,6 +138,12 @@ def _transitions(dataset: Dataset) -> tuple[Dataset | None, dict[str, str], str 
     except (DatasetInvalid, JointMismatch) as error:
         return None, {}, str(error)
     return usable, derived, None
+
+
+def _units(dataset: Dataset, key: str) -> dict[str, str]:
+    """Return the unit of each component, none where no units are known."""
+    feature = dataset.features.get(key)
+    return dict(zip(feature.names, feature.units, strict=True)) if feature and feature.units else {}
 
 
 def _ranges(dataset: Dataset, key: str) -> dict[str, tuple[float, float]]:

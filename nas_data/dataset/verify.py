@@ -137,7 +137,9 @@ def _indices(evidence: Evidence) -> Iterator[str]:
         if len(wrong):
             found = int(columns[key][wrong[0], 0])
             yield f"{key} is {found} where {int(expected[wrong[0]])} is due ({_place(dataset, wrong[0])})."
-    late = np.flatnonzero(np.abs(columns["timestamp"][:, 0] - frame / dataset.fps) > STAMP_TOLERANCE)
+    due = (frame / dataset.fps).astype(layout.AUTOMATIC["timestamp"])  # float32 is 0.1 ms coarse after half an hour
+    off = np.abs(columns["timestamp"][:, 0].astype(np.float64) - due)
+    late = np.flatnonzero(off > np.maximum(STAMP_TOLERANCE, np.spacing(due)))
     if len(late):
         yield f"timestamp is not frame_index / fps ({_place(dataset, late[0])}); LeRobot's loaders rely on it."
 

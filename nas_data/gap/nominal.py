@@ -17,7 +17,7 @@ from nas_data.gap.integrator import FINE, make_implicit, whole_step
 from nas_data.gap.nominal_parameters import NominalParameter, apply_base, base_parameters
 from nas_data.gap.side_by_side import shares_cores
 from nas_data.meshless import colliding_shapes, meshless, needs_files
-from nas_data.robots.base import Robot, find_robot
+from nas_data.robots.base import Robot, find_robot, slide_joints
 from nas_data.simulators.mujoco import MujocoSimulator
 
 
@@ -73,6 +73,12 @@ class Nominal:
         notes = adapt(spec, evidence.joints, evidence.period)
         base = base_parameters(spec, evidence.joints)
         return cls(robot, spec, without_meshes(spec), evidence.joints, evidence.period, base, notes)
+
+    @property
+    def slides(self) -> tuple[str, ...]:
+        """Names of the measured joints that are slides."""
+        found = slide_joints(self.spec)
+        return tuple(joint for joint in self.joints if joint in found)
 
     def edited(self, factors: Mapping[str, float], lean: bool = False) -> mujoco.MjSpec:
         """Return the model with parameters multiplied by factors, by name.

@@ -14,7 +14,7 @@ from nas_data.gap.floor import noise_floor, step_errors
 from nas_data.gap.gains import with_relative_gains
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.search.objective import Task
-from nas_data.pairing import check_fits
+from nas_data.pairing import check_fits, warn_of_ranges
 
 TRAIN_STEPS = 120_000  # physics steps that one rollout of all training episodes may take, half a second of work
 HELD_STEPS = 60_000  # the same for the held-out episodes
@@ -74,6 +74,7 @@ class Problem:
         nominal = Nominal.load(model, evidence)
         simulator = nominal.simulator()
         check_fits(transitions, simulator)
+        warn_of_ranges(transitions, nominal.robot.spec().compile())
         evidence = evidence.with_objects(kept, simulator)
         floor = noise_floor(evidence, step_errors(kept, simulator))
         train, held = divide(evidence)

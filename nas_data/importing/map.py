@@ -65,7 +65,7 @@ class Thresholds:
     """What the audits compare with.
 
     Attributes:
-        max_speed: Speed that no joint can have [rad/s].
+        max_speed: Speed that no joint can have [rad/s; m/s].
         jitter: Largest deviation of a time step, as a share of the period.
         allow: Checks whose errors become warnings, because the user knows better.
     """
@@ -108,7 +108,8 @@ class Map:
         command: Commanded positions [rad] or torques [N·m].
         signals: What else is kept, as `nas.<name>`.
         episode: Column that tells the episodes of one log apart; None where a log is one episode.
-        limits: Limits [rad] by joint; joints without limits are absent.
+        slides: Joints that are slides: in metres and newtons, where others are in radians and newton metres.
+        limits: Limits [rad; m] by joint; joints without limits are absent.
         thresholds: What the audits compare with.
         resample: Even spacing in time; None where rows stay as recorded.
         constants: Keys of the log that go to provenance.
@@ -130,6 +131,7 @@ class Map:
     command: Quantity
     signals: Mapping[str, Quantity]
     episode: Source | None
+    slides: frozenset[str]
     limits: Mapping[str, tuple[float, float]]
     thresholds: Thresholds
     resample: Resample | None

@@ -2,15 +2,27 @@
 
 import string
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from nas_data.errors import MapError, UnknownName
-from nas_data.importing.conversion import FACTORS, SI, TIME_UNITS, Kind, check_encoding, parse_conversion
+from nas_data.importing.conversion import (
+    FACTORS,
+    NORMALISED,
+    OF_EITHER,
+    OF_SLIDES,
+    SI,
+    TIME_UNITS,
+    Kind,
+    check_encoding,
+    parse_conversion,
+)
 from nas_data.importing.formats import FORMATS
 from nas_data.importing.layout import Layout, parse_layout
 from nas_data.importing.map import ALIGNMENTS, Clock, Map, Quantity, Resample, Source, Thresholds
 from nas_data.importing.section import Section
+from nas_data.visible import visible
 
 MAPS = Path(__file__).parent / "maps"
 VELOCITIES = ("measured", "derive")
@@ -26,7 +38,7 @@ def load_map(name_or_path: str | Path) -> Map:
         UnknownName: a word that is neither a file nor a shipped map.
     """
     path = Path(name_or_path)
-    shipped = {file.stem: file for file in MAPS.glob("*.toml")}
+    shipped = {file.stem: file for file in visible(MAPS, "*.toml")}
     if not path.is_file() and not path.suffix and len(path.parts) == 1:
         if str(name_or_path) not in shipped:
             raise UnknownName("map", str(name_or_path), [*shipped, "or the path of a TOML file"])
@@ -70,6 +82,7 @@ def parse_map(top: Section, name: str, text: str) -> Map:
         command=_parse_command(read.table("command"), quantities),
         signals={key: quantities.parse(table, key, "signal") for key, table in top.table("signals").tables().items()},
         episode=_parse_episode(read.table("episode"), layout) if read.has("episode") else None,
+        slides=frozenset(),
         limits=_parse_limits(top.table("limits"), joints),
         thresholds=_parse_thresholds(top.table("audit")),
         resample=_parse_resample(top.table("resample")) if top.has("resample") else None,
@@ -77,9 +90,30 @@ def parse_map(top: Section, name: str, text: str) -> Map:
         task=_parse_task(top, constants),
         joint_names=top.text("joint_names", ""),
     )
+    slides = _find_slides(top, parsed)
     read.finish()
     top.finish()
-    return parsed
+    return replace(parsed, slides=slides)
+
+
+def _find_slides(top: Section, parsed: Map) -> frozenset[str]:
+    """Find out which joints are slides: those in a unit of length, and those that `slides` names."""
+    named = top.texts("slides", ())
+    unknown = [joint for joint in named if joint not in parsed.joints]
+    if unknown:
+        raise top.error(f"'slides' names '{unknown[0]}'; the joints are: {', '.join(parsed.joints)}.")
+    units = dict(zip(parsed.joints, parsed.position.conversion.units, strict=True))
+    slides = frozenset(joint for joint, unit in units.items() if joint in named or unit in OF_SLIDES)
+    for quantity in filter(None, (parsed.position, parsed.velocity, parsed.command)):
+        for joint, unit in zip(parsed.joints, quantity.conversion.units, strict=True):
+            slide = joint in slides
+            if unit not in OF_EITHER and (unit in OF_SLIDES) != slide:
+                fitting = [one for one in FACTORS[quantity.kind] if one in OF_EITHER or (one in OF_SLIDES) == slide]
+                raise top.error(
+                    f"'{joint}' is {'a slide' if slide else 'a hinge'} by 'slides' and the unit of its positions, but "
+                    f"its unit in [read.{quantity.name}] is '{unit}'; choose one of: {', '.join(fitting)}."
+                )
+    return slides
 
 
 class _Quantities:
@@ -109,8 +143,15 @@ class _Quantities:
 
 
 def _parse_command(section: Section, quantities: _Quantities) -> Quantity:
-    """Read the commands: positions, or torques where their unit is one of torque."""
-    effort = section.values.get("unit") in FACTORS["effort"]
+    """Read the commands: positions, or torques and forces where their unit is one of these."""
+    joints = section.values.get("joints")
+    tables = [section.values, *(joints.values() if isinstance(joints, Mapping) else ())]
+    units = {table["unit"] for table in tables if isinstance(table, Mapping) and isinstance(table.get("unit"), str)}
+    known = (*FACTORS["position"], NORMALISED, *FACTORS["effort"])
+    wrong = sorted(units - set(known))
+    if wrong:
+        raise section.error(f"'unit' is '{wrong[0]}'; choose one of: {', '.join(known)}.")
+    effort = bool(units & set(FACTORS["effort"]))
     return quantities.parse(section, "command", "effort" if effort else "position")
 
 
@@ -171,7 +212,7 @@ def _parse_clock(section: Section) -> Clock:
 
 
 def _parse_limits(section: Section, joints: Sequence[str]) -> dict[str, tuple[float, float]]:
-    """Read joint limits [rad]."""
+    """Read joint limits [rad; m]."""
     limits = {}
     for joint in joints:
         if section.has(joint):

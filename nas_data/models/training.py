@@ -8,6 +8,7 @@ import torch
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.errors import DatasetInvalid, JointMismatch, OptionError
+from nas_data.joint_units import kinds_of
 from nas_data.metrics import Errors
 from nas_data.models.episodes import cut, join, pad, read_episodes
 from nas_data.models.evaluation import open_loop_model
@@ -103,7 +104,8 @@ class Training:
     @property
     def criterion(self) -> str:
         """What early stopping looks at, with its unit."""
-        return "open-loop position RMSE [rad]" if self.free else "one-step normalised MSE"
+        units = "; ".join(unit.si for unit, _ in kinds_of(self.rollouts.joints, self.rollouts.slides))
+        return f"open-loop position RMSE [{units}]" if self.free else "one-step normalised MSE"
 
     def validation_error(self, model: DynamicsModel | None = None) -> float:
         """Return the error of the model, or of another state of it, on the held-out episodes."""
@@ -125,7 +127,7 @@ class Training:
         predicted = open_loop_model(self.rollouts, self.simulator, model)
         measured = [self.rollouts.next_states[rows] for rows in self.rollouts.episodes()]
         model.to(self.device)
-        error = Errors.of(self.rollouts.joints, predicted, measured).overall
+        error = Errors.of(self.rollouts.joints, predicted, measured).pooled
         return error if np.isfinite(error) else float("inf")
 
     def _one_step_error(self, model: DynamicsModel) -> float:

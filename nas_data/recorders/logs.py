@@ -29,6 +29,8 @@ from nas_data.importing.map import Map
 from nas_data.importing.reading import ENOUGH, read_log
 from nas_data.importing.recording import Recording
 from nas_data.importing.resampling import resample
+from nas_data.joint_units import unit_at
+from nas_data.visible import visible
 
 MAP_ATTACHMENT = "meta/import_map.toml"
 REGISTER = "velocity"  # signal that keeps the register where velocities are derived
@@ -104,12 +106,12 @@ def _expand(path: Path, mapping: Map) -> list[Path]:
         wanted = list(files.values())
         if not path.is_dir() or any((path / name).is_file() for name in wanted):
             return [path]
-        logs = sorted(folder for folder in path.iterdir() if any((folder / name).is_file() for name in wanted))
+        logs = [folder for folder in visible(path) if any((folder / name).is_file() for name in wanted)]
     elif path.is_file():
         return [path]
     else:
         wanted = list(find_format(mapping.layout.format).SUFFIXES)
-        logs = sorted(file for file in path.glob(mapping.layout.pattern) if file.suffix.lower() in wanted)
+        logs = [file for file in visible(path, mapping.layout.pattern) if file.suffix.lower() in wanted]
     if not logs:
         raise LogError(f"{path} holds no log ({' or '.join(wanted)}), which the map {mapping.name} reads.")
     return logs
@@ -150,9 +152,9 @@ def _finish(recording: Recording, mapping: Map) -> Recording:
 def _dataset(recordings: Sequence[Recording], mapping: Map) -> Dataset:
     """Put recordings of N rows into N−1 transitions each."""
     features = {
-        STATE: state_feature(mapping.joints),
-        ACTION: (effort_feature if mapping.commands_effort else position_feature)(mapping.joints),
-        NEXT_STATE: state_feature(mapping.joints),
+        STATE: state_feature(mapping.joints, mapping.slides),
+        ACTION: (effort_feature if mapping.commands_effort else position_feature)(mapping.joints, mapping.slides),
+        NEXT_STATE: state_feature(mapping.joints, mapping.slides),
         TIME: time_feature(),
     }
     columns = {
@@ -175,7 +177,7 @@ def _dataset(recordings: Sequence[Recording], mapping: Map) -> Dataset:
 
 
 def _states(recording: Recording) -> np.ndarray:
-    """Return positions [rad] then velocities [rad/s], shape (N, 2n)."""
+    """Return positions [rad; m] then velocities [rad/s; m/s], shape (N, 2n)."""
     assert recording.velocities is not None
     return np.hstack([recording.positions, recording.velocities])
 
@@ -186,6 +188,8 @@ def _signal_feature(name: str, mapping: Map) -> Feature:
     assert signal is not None
     width = len(signal.conversion.gain)
     names = tuple(f"{joint}.{name}" for joint in mapping.joints) if width == len(mapping.joints) else (name,)
+    if signal is mapping.velocity:
+        return Feature(names, tuple(unit_at(signal.unit, joint in mapping.slides) for joint in mapping.joints))
     return Feature(names=names, units=(signal.unit,) * width)
 
 

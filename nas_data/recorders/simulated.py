@@ -88,9 +88,9 @@ def to_dataset(session: Session, measured: Sequence[np.ndarray]) -> Dataset:
     after = np.concatenate([episode[1:] for episode in measured]).astype(np.float32)
     n = len(joints)
     features = {
-        STATE: state_feature(joints),
-        ACTION: effort_feature(joints) if simulator.commands_effort else position_feature(joints),
-        NEXT_STATE: state_feature(joints),
+        STATE: state_feature(joints, simulator.slides),
+        ACTION: (effort_feature if simulator.commands_effort else position_feature)(joints, simulator.slides),
+        NEXT_STATE: state_feature(joints, simulator.slides),
         TIME: time_feature(),
     }
     columns = {

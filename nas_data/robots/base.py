@@ -10,10 +10,13 @@ from pathlib import Path
 import mujoco
 
 from nas_data import registry
+from nas_data.angle_doubts import angle_doubts
+from nas_data.caution import say_once
 from nas_data.drives import driven_joint
 from nas_data.engine_warnings import heard_warnings, pass_on
 from nas_data.errors import ModelFileError
 from nas_data.servos import add_position_servos
+from nas_data.visible import visible
 
 FOLDER = Path(__file__).parent
 MISSING = re.compile(r"Error opening file '([^']+)'")  # how MuJoCo speaks of meshes, textures and included files
@@ -94,7 +97,7 @@ def _parsed(path: Path) -> mujoco.MjSpec:
 
 def _models_in(folder: Path) -> str:
     """Name a few model files of a folder, where there are some."""
-    files = sorted(file.name for file in folder.iterdir() if file.suffix in (*KNOWN, ".mjcf"))
+    files = [file.name for file in visible(folder) if file.suffix in (*KNOWN, ".mjcf")]
     return f" in it, such as {folder / files[0]}" if files else ""
 
 
@@ -138,6 +141,11 @@ def movable_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
     return tuple(joint.name for joint in spec.joints if joint.type in moving)
 
 
+def slide_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
+    """Return the names of the slides."""
+    return tuple(joint.name for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_SLIDE)
+
+
 def find_robot(name_or_path: str | Path) -> Robot:
     """Return a robot of ours by name, or any user's model by its file; a URDF is given position servos.
 
@@ -149,6 +157,8 @@ def find_robot(name_or_path: str | Path) -> Robot:
     named = str(name_or_path) in registry.names("robots")
     if path.suffix or path.is_file() or (path.is_dir() and not named):
         spec = read_spec(path)
+        for doubt in angle_doubts(path, spec.compile(), bool(spec.compiler.degree)):
+            say_once(doubt)
         if path.suffix == ".urdf" and movable_joints(spec):
             return Robot(name=path.stem, mjcf=path, joints=movable_joints(spec), edit=add_position_servos)
         joints = actuated_joints(spec)

@@ -70,6 +70,7 @@ class Simulator(Protocol):
 
     Attributes:
         joints: Measured and commanded joints.
+        slides: Those of them that are slides: in metres and newtons, where others are in radians and newton metres.
         period: Control period [s].
         commands_effort: Whether it takes torques.
         remembers: Whether it has a state that is not measured (play, a command under way), which a reset forgets.
@@ -77,6 +78,7 @@ class Simulator(Protocol):
     """
 
     joints: tuple[str, ...]
+    slides: tuple[str, ...]
     period: float
     commands_effort: bool
     remembers: bool

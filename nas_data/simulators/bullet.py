@@ -49,7 +49,7 @@ class BulletSimulator:
         self.robot, self.effects, self.period = robot, self.compiled.effects, period
         self.model, self.layout = self.compiled.model, self.compiled.layout
         self.substeps, self.hooks = self.compiled.substeps, self.compiled.hooks
-        self.joints = self.layout.joints
+        self.joints, self.slides = self.layout.joints, self.compiled.slides
         self.commands_effort = self.layout.commands_effort
         self.remembers = self.compiled.remembers
         self.object_feature = self.layout.objects.feature

@@ -72,6 +72,12 @@ class Compiled:
         hidden = self.model.nq > len(self.layout.joints) + len(self.layout.objects.qpos) or self.model.na > 0
         return bool(hidden or (self.model.actuator_history[:, 0] > 0).any())
 
+    @property
+    def slides(self) -> tuple[str, ...]:
+        """Names of the measured joints that are slides."""
+        slide = int(mujoco.mjtJoint.mjJNT_SLIDE)
+        return tuple(joint for joint in self.layout.joints if int(self.model.joint(joint).type[0]) == slide)
+
     def check(self, states: np.ndarray, commands: np.ndarray) -> None:
         """Refuse states and commands of another number of joints; states may go on with those of the objects.
 
@@ -96,5 +102,5 @@ class Compiled:
             "engine_version": version,
             "timestep": self.model.opt.timestep,
             "substeps": self.substeps,
-            "effects": [effect.to_json() for effect in self.effects],
+            "effects": [effect.to_json(self.slides) for effect in self.effects],
         }

@@ -46,7 +46,7 @@ class Found:
         }
 
     def text(self) -> str:
-        """Return a short table in degrees, and what was noticed."""
+        """Return a short table in degrees and millimetres, and what was noticed."""
         return found_text(self.joints, self.regimes, self.audit, self.undecidable)
 
 

@@ -12,7 +12,10 @@ WITHIN = 2.0  # a servo that lags or sags follows with another amplitude, but no
 
 
 def check(recording: Recording, mapping: Map) -> list[Finding]:
-    """Refuse commands whose amplitude is about 57 times the position's or the inverse; report opposite signs."""
+    """Refuse commands whose amplitude is off by the factor between two units; report opposite signs.
+
+    That factor is about 57 between degrees and radians, 1,000 between millimetres and metres.
+    """
     if mapping.commands_effort:
         return []
     found = []
@@ -23,11 +26,13 @@ def check(recording: Recording, mapping: Map) -> list[Finding]:
             continue
         likeness = float(np.corrcoef(command, position)[0, 1])
         factor = spread[0] / spread[1]
-        slip = any(1 / WITHIN < factor / wanted < WITHIN for wanted in (DEGREES, 1 / DEGREES))
+        slide = joint in mapping.slides
+        ratio, units = (1e3, "millimetres and metres") if slide else (DEGREES, "degrees and radians")
+        slip = any(1 / WITHIN < factor / wanted < WITHIN for wanted in (ratio, 1 / ratio))
         if slip and abs(likeness) >= ALIKE:
             message = (
                 f"the command of {joint} moves {factor:.3g} times as far as the position that follows it, about the "
-                "factor between degrees and radians; correct the unit in [read.command] or [read.position]."
+                f"factor between {units}; correct the unit in [read.command] or [read.position]."
             )
             found.append(Finding("command_scale", recording.place, message, error=True))
         elif likeness <= -ALIKE:

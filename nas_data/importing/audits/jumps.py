@@ -6,6 +6,7 @@ from nas_data.importing.finding import Finding, row_numbers
 from nas_data.importing.map import Map
 from nas_data.importing.recording import Recording
 from nas_data.importing.rows import rows_text
+from nas_data.joint_units import unit_at
 
 WHOLE_TURN = 2 * np.pi  # [rad]
 
@@ -24,11 +25,12 @@ def check(recording: Recording, mapping: Map) -> list[Finding]:
     for index, joint in enumerate(recording.joints):
         rows = row_numbers(recording.rows, fast[:, index])
         if rows:
-            wraps = np.abs(np.abs(moves[:, index]) - WHOLE_TURN) < 0.1 * WHOLE_TURN
+            wraps = (np.abs(np.abs(moves[:, index]) - WHOLE_TURN) < 0.1 * WHOLE_TURN) & (joint not in mapping.slides)
+            unit = unit_at("rad/s", joint in mapping.slides)
             hint = "; jumps of a whole turn are an encoder's wrap: unwrap it first" if wraps.any() else ""
             message = (
-                f"{joint} reaches {speeds[:, index].max():.4g} rad/s in {rows_text(rows)}, "
-                f"more than {mapping.thresholds.max_speed:g} rad/s{hint}."
+                f"{joint} reaches {speeds[:, index].max():.4g} {unit} in {rows_text(rows)}, "
+                f"more than {mapping.thresholds.max_speed:g} {unit}{hint}."
             )
             found.append(Finding("jump", recording.place, message, rows))
     return found

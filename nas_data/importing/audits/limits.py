@@ -6,8 +6,9 @@ from nas_data.importing.finding import Finding, row_numbers
 from nas_data.importing.map import Map
 from nas_data.importing.recording import Recording
 from nas_data.importing.rows import rows_text
+from nas_data.joint_units import joint_unit
 
-TOLERANCE = 1e-6  # [rad]; limits and logs are written with so many digits
+TOLERANCE = 1e-6  # [rad; m]; limits and logs are written with so many digits
 
 
 def check(recording: Recording, mapping: Map) -> list[Finding]:
@@ -29,8 +30,9 @@ def _beyond(recording: Recording, mapping: Map, index: int, what: str, values: n
     rows = row_numbers(recording.rows, excess > TOLERANCE)
     if not rows:
         return []
+    unit = joint_unit(joint, mapping.slides).si
     message = (
-        f"the {what} of {joint} is up to {excess.max():.3g} rad beyond its limits "
-        f"{low:.4g} … {high:.4g} rad in {rows_text(rows)}."
+        f"the {what} of {joint} is up to {excess.max():.3g} {unit} beyond its limits "
+        f"{low:.4g} … {high:.4g} {unit} in {rows_text(rows)}."
     )
     return [Finding(f"{what}_beyond_limits", recording.place, message, rows)]

@@ -1,13 +1,19 @@
-"""Unit slips: degrees read as radians, radians read as degrees."""
+"""Unit slips: degrees read as radians, radians read as degrees, millimetres read as metres."""
 
 import numpy as np
 
+from nas_data.dataset.joints import LARGEST_LENGTH
 from nas_data.importing.finding import Finding, row_numbers
 from nas_data.importing.map import Map, Quantity
 from nas_data.importing.recording import Recording
 from nas_data.importing.rows import rows_text
+from nas_data.joint_units import joint_unit
 
 LARGEST = 4 * np.pi  # [rad]; two turns, more than any joint of an arm makes
+FURTHEST = {  # by whether a joint is a slide: how far it goes at most, in words too, and what else the log may hold
+    False: (LARGEST, "two turns", "degrees or ticks"),
+    True: (LARGEST_LENGTH, "any arm's slide goes", "millimetres or ticks"),
+}
 BEYOND = 0.5  # share of the range by which a measured position cannot exceed its limits
 SMALLEST_LIKELY = 3.5  # [°]; a whole log within this many degrees of zero holds radians
 AT_REST = 0.02  # [°]; a log that spans less does not move, whatever its unit
@@ -15,23 +21,24 @@ AT_REST = 0.02  # [°]; a log that spans less does not move, whatever its unit
 
 def check(recording: Recording, mapping: Map) -> list[Finding]:
     """Refuse positions and commands that cannot be what the map says they are."""
-    found = _too_large(recording, "position", recording.positions)
+    found = _too_large(recording, mapping, "position", recording.positions)
     if not mapping.commands_effort:
-        found += _too_large(recording, "command", recording.commands)
+        found += _too_large(recording, mapping, "command", recording.commands)
     if not found:
         found = _far_beyond(recording, mapping)
     return found + _too_small(recording, mapping)
 
 
-def _too_large(recording: Recording, what: str, values: np.ndarray) -> list[Finding]:
+def _too_large(recording: Recording, mapping: Map, what: str, values: np.ndarray) -> list[Finding]:
     found = []
     for index, joint in enumerate(recording.joints):
         size = np.abs(values[:, index])
-        rows = row_numbers(recording.rows, size > LARGEST)
+        most, told, units = FURTHEST[joint in mapping.slides]
+        rows = row_numbers(recording.rows, size > most)
         if rows:
             message = (
-                f"the {what} of {joint} reaches {size.max():.4g} rad in {rows_text(rows)}, more than two turns; "
-                f"if the log is in degrees or ticks, say so: unit in [read.{what}]."
+                f"the {what} of {joint} reaches {size.max():.4g} {joint_unit(joint, mapping.slides).si} in "
+                f"{rows_text(rows)}, more than {told}; if the log is in {units}, say so: unit in [read.{what}]."
             )
             found.append(Finding("unit_slip", recording.place, message, rows, error=True))
     return found
@@ -45,9 +52,10 @@ def _far_beyond(recording: Recording, mapping: Map) -> list[Finding]:
         excess = np.maximum(values - high, low - values)
         rows = row_numbers(recording.rows, excess > BEYOND * (high - low))
         if rows:
+            unit, units = joint_unit(joint, mapping.slides).si, FURTHEST[joint in mapping.slides][2]
             message = (
-                f"the position of {joint} is {excess.max():.3g} rad beyond its limits {low:.4g} … {high:.4g} rad in "
-                f"{rows_text(rows)}; if the log is in degrees or ticks, say so: unit in [read.position]."
+                f"the position of {joint} is {excess.max():.3g} {unit} beyond its limits {low:.4g} … {high:.4g} {unit} "
+                f"in {rows_text(rows)}; if the log is in {units}, say so: unit in [read.position]."
             )
             found.append(Finding("unit_slip", recording.place, message, rows, error=True))
     return found
