@@ -4,13 +4,18 @@ import mujoco
 import numpy as np
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import ENVIRONMENT, SIM_ENVIRONMENT, SIM_STATE, state_feature
+from nas_data.dataset.features import EFFORT, ENVIRONMENT, POSITION, SIM_ENVIRONMENT, SIM_STATE, VELOCITY, state_feature
 from nas_data.dataset.start_velocities import find_start_velocities
 from nas_data.errors import JointMismatch
 from nas_data.simulators.base import Simulator
+from nas_data.simulators.held import refuse_standing
+from nas_data.simulators.mujoco import MujocoSimulator
 
+ACTUATORS = {POSITION: "a <position>", VELOCITY: "a <velocity>", EFFORT: "a <motor>"}
+POSTURES = 100  # in which is looked whether a robot whose base is held stands on something
 PROBES = 500  # transitions that tell one source from another
 SAME_SOURCE = 1e-5  # [rad] engines of other versions and machines differ by less
+SAME_PLACE = 0.01  # [rad or m] two readings of one place differ by less
 MARGIN = 0.05  # [rad or m] by which calibrations of real arms and their models differ
 WIDEST = 4 * np.pi  # [rad] two turns; a range of degrees that were read as radians is wider at once
 
@@ -33,12 +38,22 @@ def pair(dataset: Dataset, simulator: Simulator) -> Dataset:
         JointMismatch: joints, rate or kind of command differ.
     """
     check_fits(dataset, simulator)
-    predicted = simulator.predict(scene_states(dataset, simulator), dataset.commands).astype(np.float32)
+    states, continues = scene_states(dataset, simulator), continuing(dataset)
+    predicted = simulator.predict(states, dataset.commands, continues).astype(np.float32)
     width = dataset.states.shape[1]
     paired = dataset.with_column(SIM_STATE, state_feature(dataset.joints), predicted[:, :width])
     if predicted.shape[1] == width:
         return paired
     return paired.with_column(SIM_ENVIRONMENT, simulator.object_feature, predicted[:, width:])
+
+
+def continuing(dataset: Dataset) -> np.ndarray:
+    """Return which frames begin where the one before ended, shape (N,): it is the same motion."""
+    n, result = len(dataset.joints), np.zeros(dataset.n_frames, bool)
+    ends, begins = dataset.next_states[:-1, :n], dataset.states[1:, :n]
+    result[1:] = (np.abs(begins - ends) <= SAME_PLACE).all(axis=1)
+    result[dataset.starts[dataset.lengths > 0]] = False
+    return result
 
 
 def scene_states(dataset: Dataset, simulator: Simulator, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
@@ -100,7 +115,8 @@ def check_source(dataset: Dataset, simulator: Simulator) -> None:
     """
     check_fits(dataset, simulator)
     n, rows = len(dataset.joints), slice(0, PROBES)
-    predicted = simulator.predict(scene_states(dataset, simulator, rows), dataset.commands[rows])
+    states = scene_states(dataset, simulator, rows)
+    predicted = simulator.predict(states, dataset.commands[rows], continuing(dataset)[rows])
     apart = float(np.abs(predicted[:, :n] - dataset.sim_states[rows, :n]).mean())
     if not apart < SAME_SOURCE:
         raise JointMismatch(
@@ -143,11 +159,17 @@ def check_fits(dataset: Dataset, simulator: Simulator) -> None:
         raise JointMismatch(
             f"The simulator has the joints {', '.join(simulator.joints)}; the dataset {', '.join(dataset.joints)}."
         )
+    if isinstance(simulator, MujocoSimulator) and simulator.robot.bases:
+        rows = np.unique(np.linspace(0, dataset.n_frames - 1, min(dataset.n_frames, POSTURES)).astype(int))
+        refuse_standing(
+            simulator.model, simulator.layout, dataset.states[rows, : len(dataset.joints)], str(simulator.robot.mjcf)
+        )
     if abs(simulator.period * dataset.fps - 1) > 1e-6:
         raise JointMismatch(f"The simulator steps at {1 / simulator.period:g} Hz, the dataset at {dataset.fps:g} Hz.")
-    if simulator.commands_effort != dataset.commands_effort:
-        kinds = {True: "torques", False: "positions"}
-        raise JointMismatch(
-            f"The dataset commands {kinds[dataset.commands_effort]}, the model's actuators take "
-            f"{kinds[simulator.commands_effort]}; give a model with the other kind of actuator."
-        )
+    names = {POSITION: "positions", VELOCITY: "velocities", EFFORT: "torques"}
+    for joint, given, taken in zip(dataset.joints, dataset.kinds, simulator.kinds, strict=True):
+        if given != taken:
+            raise JointMismatch(
+                f"The dataset commands {names[given]} of {joint}, the model's actuator takes {names[taken]}; give a "
+                f"model with {ACTUATORS[given]} there."
+            )

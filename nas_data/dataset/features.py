@@ -89,6 +89,12 @@ def effort_feature(joints: Sequence[str]) -> Feature:
     return Feature(names=tuple(joint + EFFORT for joint in joints), units=("N·m",) * len(joints))
 
 
+def action_feature(joints: Sequence[str], kinds: Sequence[str]) -> Feature:
+    """What each joint is asked for: a position, a velocity or a torque, by its kind (`.pos`, `.vel`, `.effort`)."""
+    names = tuple(joint + kind for joint, kind in zip(joints, kinds, strict=True))
+    return Feature(names=names, units=tuple(unit_of(name) for name in names))
+
+
 def time_feature() -> Feature:
     """Seconds since the episode's start by the recorder's clock; float64, which holds microseconds for years."""
     return Feature(names=("time",), units=("s",), dtype="float64")

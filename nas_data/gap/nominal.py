@@ -12,12 +12,12 @@ from nas_data.effects.edits.damping_ratio import settle_damping
 from nas_data.effects.edits.servo import position_servo, scale_stiffness
 from nas_data.explicit import explicit
 from nas_data.gap.evidence import Evidence
-from nas_data.gap.held import hold_others
 from nas_data.gap.integrator import FINE, make_implicit, whole_step
 from nas_data.gap.nominal_parameters import NominalParameter, apply_base, base_parameters
 from nas_data.gap.side_by_side import shares_cores
 from nas_data.meshless import colliding_shapes, meshless, needs_files
 from nas_data.robots.base import Robot, find_robot
+from nas_data.simulators.held import hold_others
 from nas_data.simulators.mujoco import MujocoSimulator
 
 
@@ -95,7 +95,7 @@ class Nominal:
     def simulator(self, effects: Sequence[Effect] = (), factors: Mapping[str, float] | None = None) -> MujocoSimulator:
         """Return the model with effects and changed base parameters, ready to simulate."""
         known = {name: getattr(self.robot, name) for name in ("name", "mjcf", "joints", "rate", "rest")}
-        robot = PreparedRobot(**known, prepared=self.edited(factors or {}, lean=True))
+        robot = PreparedRobot(**known, prepared=self.edited(factors or {}, lean=True), adapted=True)
         simulator = MujocoSimulator(robot, self.period, self.joints, effects, 1 if shares_cores() else None)
         simulator.model.opt.disableflags |= unneeded(simulator.model)
         return simulator

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import mujoco
 import numpy as np
 
-from nas_data.drives import BAND, DAMPING, GAIN, GOAL, PARTS, driven_joint
+from nas_data.drives import BAND, DAMPING, GAIN, GOAL, PARTS, REST_SHIFT, driven_joint
 from nas_data.effects.base import joint_actuator
 from nas_data.errors import ModelFileError
 
@@ -121,11 +121,24 @@ def part(spec: mujoco.MjSpec, joint: str, name: str) -> mujoco.MjsActuator:
     return spec.actuator(joint + name)
 
 
-def shift_rest(actuator: mujoco.MjsActuator, offset: float) -> None:
-    """Let a servo come to rest at its command plus an offset of the joint [rad]."""
-    bias = actuator.biasprm.copy()
-    bias[0] += feedback(actuator) * float(actuator.gear[0]) * offset
+def shift_rest(spec: mujoco.MjSpec, joint: str, actuator: mujoco.MjsActuator, offset: float) -> None:
+    """Let a servo come to rest at its command plus an offset of the joint [rad].
+
+    Where the gain is not the feedback, a constant force may be where the control's own unit begins, so that the model
+    is given a number that tells both apart (see `rest_shift`).
+    """
+    bias, force = actuator.biasprm.copy(), feedback(actuator) * float(actuator.gear[0]) * offset
+    bias[0] += force
     actuator.biasprm = bias
+    if actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED and actuator.gainprm[0] != feedback(actuator):
+        number = spec.numeric(joint + REST_SHIFT) or spec.add_numeric(name=joint + REST_SHIFT, size=1, data=[0.0])
+        number.data = [number.data[0] + force]
+
+
+def rest_shift(model: mujoco.MjModel, joint: str) -> float:
+    """Return what of the constant force of a joint's servo is an effect's, as `shift_rest` says [N·m over the gear]."""
+    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, joint + REST_SHIFT)
+    return 0.0 if number < 0 else float(model.numeric_data[model.numeric_adr[number]])
 
 
 def torque_limits(actuator: mujoco.MjsActuator) -> tuple[float, float] | None:
