@@ -30,7 +30,6 @@ def motor_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
 
     MuJoCo makes of `<mimic>` an equality constraint whose first joint follows the second.
     """
-    joint_equality = (mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtObj.mjOBJ_JOINT)
-    followers = {each.name1 for each in spec.equalities if (each.type, each.objtype) == joint_equality and each.name2}
+    followers = {each.name1 for each in spec.equalities if each.type == mujoco.mjtEq.mjEQ_JOINT and each.name2}
     moving = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
     return tuple(joint.name for joint in spec.joints if joint.type in moving and joint.name not in followers)

@@ -51,10 +51,9 @@ def test_a_joint_that_is_no_hinge_is_refused(write):
         MujocoSimulator.load(path, 0.02, ("shoulder", "ball"))
 
 
-def test_position_and_torque_actuators_in_one_arm_are_refused(write):
+def test_joints_of_one_arm_may_take_positions_and_torques(write):
     path = write(CONTACTS.replace('<position name="servo2" joint="elbow" kp="2" kv="0.05"/>', '<motor joint="elbow"/>'))
-    with pytest.raises(ModelFileError, match=r"model\.xml .*torque"):
-        MujocoSimulator.load(path, 0.02)
+    assert MujocoSimulator.load(path, 0.02).kinds == (POSITION, EFFORT)
 
 
 def test_kinds_of_command_are_told_apart(write):

@@ -1,6 +1,6 @@
 """Which component of a state or action belongs to which joint, whoever named them."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,5 +101,5 @@ def matching_joints(state: Components, action: Components) -> tuple[str, ...]:
     return joints
 
 
-def _listed(names: Mapping[str, int]) -> str:
+def _listed(names: Iterable[str]) -> str:
     return ", ".join(names) or "no joint"

@@ -29,7 +29,7 @@ class Summary:
         name: Its name and version.
         robot: Robot's name.
         joints: Joints with a measured position; empty where the dataset is not usable.
-        commands: `position`, `velocity`, `torque`, or several of them with `and` between; empty where the dataset is not usable.
+        commands: `position`, `velocity` or `torque`, joined where joints differ; empty where the dataset is not usable.
         rate: Control rate [Hz].
         lengths: Frames of each episode.
         tasks: Task → number of episodes.

@@ -128,7 +128,9 @@ class Nominal:
         predicted = np.zeros(evidence.measured.shape)
         for nominal, chosen in self.by_gain(evidence):
             rows = evidence.counts & np.isin(np.arange(len(evidence.counts)), chosen)[:, None]
-            predicted[rows] = nominal.simulator().predict(states[rows], evidence.commands[rows])[:, : len(self.joints)]
+            continues = np.broadcast_to(np.arange(rows.shape[1]) > 0, rows.shape)[rows]
+            stepped = nominal.simulator().predict(states[rows], evidence.commands[rows], continues)
+            predicted[rows] = stepped[:, : len(self.joints)]
         return predicted
 
     def by_gain(self, evidence: Evidence) -> Iterator[tuple["Nominal", np.ndarray]]:

@@ -59,7 +59,7 @@ class Compiled:
         spec.option.timestep = period / substeps
         joints = joints or robot.joints
         if not robot.adapted and lacks_joints(spec, joints):
-            hold_others(spec, joints)
+            hold_others(spec, joints, str(robot.mjcf), commanded=True)
         try:
             add_effects(spec, effects)
             model = spec.compile()

@@ -1,6 +1,6 @@
 """What an actuator is asked for: a position, a velocity or a torque, and what the engine's control is for it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import mujoco
@@ -59,7 +59,7 @@ class Controls:
     zero: np.ndarray
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, joints: Sequence[int], name: str) -> "Controls":
+    def of(cls, model: mujoco.MjModel, joints: Iterable[int], name: str) -> "Controls":
         """Find the controls of some joints of a compiled model; errors as of `commanded`."""
         found = [commanded(model, int(joint), name) for joint in joints]
         controls = [control for _, control in found]
@@ -196,7 +196,7 @@ def controller_input(inputs: int) -> Control:
 
 
 def is_linear(model: mujoco.MjModel, actuator: int) -> bool:
-    """Whether an actuator's force is linear in control, length and speed, its control at most filtered or integrated."""
+    """Whether a force is linear in control, length and speed, the control at most filtered or integrated."""
     gain, bias = int(model.actuator_gaintype[actuator]), int(model.actuator_biastype[actuator])
     fixed = gain == int(mujoco.mjtGain.mjGAIN_FIXED) or (
         gain == int(mujoco.mjtGain.mjGAIN_AFFINE) and not model.actuator_gainprm[actuator, 1:3].any()

@@ -9,8 +9,9 @@ import numpy as np
 from nas_data.dataset.features import POSITION
 from nas_data.drives import goal_joints, pad_joints
 from nas_data.effects.backlash import Backlash
+from nas_data.errors import ModelFileError
 from nas_data.free_name import free_name
-from nas_data.simulators.controls import UntoldControl, length_control
+from nas_data.simulators.controls import UntoldControl, length_control, length_feedback
 from nas_data.simulators.layout import Layout
 
 HELD = "_held"  # the constraint `<joint>_held`; without it the joint is as its author made it
@@ -21,23 +22,27 @@ GENERIC = 0.05  # [rad] or [m] off the reference, where no lever happens to be z
 INDEPENDENT = 1e-6  # singular value from which directions count as different
 
 
-def hold_others(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[str, ...]:
+def hold_others(
+    spec: mujoco.MjSpec, joints: Sequence[str], name: str = "the model", commanded: bool = False
+) -> tuple[str, ...]:
     """Hold the joints that neither the recording nor anything in the model moves or holds; return their names.
 
-    Left as they are: objects, servos that a zero command keeps at the reference, joints with springs or with play, and
+    Left as they are: objects, position servos that keep the reference, joints with springs or with play, and
     those that a constraint makes follow others (a gripper's second finger, a linkage). Held is what these and the
     measured joints together leave undetermined.
 
     Args:
         spec: Model; it is given a constraint for each joint that is held.
         joints: Measured joints.
+        name: What to call the model in an error.
+        commanded: Whether servos are commanded their reference; else, as in a file, all controls are zero.
     """
     model = spec.copy().compile()
-    layout = Layout.of(model, joints, "the model")
+    layout = Layout.of(model, joints, name)
     still, driven = steady(model, layout), pushed(model)
     loose = sorted(set(movable(model)) - still, key=lambda joint: (joint not in driven, joint))
     dofs = model.jnt_dofadr[loose]
-    known = [row[dofs] for row in (*followers(model), *servos(model), *tendon_springs(model))]
+    known = [row[dofs] for row in (*followers(model), *servos(model, commanded), *tendon_springs(model))]
     names = []
     for joint, row in zip(loose, np.eye(len(loose)), strict=True):
         if rank([*known, row]) > rank(known):
@@ -134,14 +139,14 @@ def pushed(model: mujoco.MjModel) -> set[int]:
     return {int(model.dof_jntid[dof]) for dof in np.flatnonzero(acting.any(axis=0))}
 
 
-def servos(model: mujoco.MjModel) -> Iterator[np.ndarray]:
-    """Yield the moments (nv,) of the position servos that a zero command keeps at the reference."""
+def servos(model: mujoco.MjModel, commanded: bool) -> Iterator[np.ndarray]:
+    """Yield the moments (nv,) of the position servos; of those that a zero command keeps at the reference, if not."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     for actuator, row in moments(model):
-        feedback = -float(model.actuator_biasprm[actuator, 1])
+        feedback = length_feedback(model, actuator)
         force = float(data.actuator_force[model.actuator_outadr[actuator]])
-        if holds_position(model, actuator) and feedback > 0 and abs(force) <= STILL * feedback:
+        if holds_position(model, actuator) and (commanded or abs(force) <= STILL * feedback):
             yield row
 
 
