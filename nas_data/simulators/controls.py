@@ -152,13 +152,13 @@ def length_control(model: mujoco.MjModel, actuator: int, shift: float = 0.0) -> 
     gain_type, dynamics = int(model.actuator_gaintype[actuator]), int(model.actuator_dyntype[actuator])
     inputs = int(model.actuator_ctrlspec[actuator])
     if unit := next((unit for bit, unit in UNTOLD_INPUTS.items() if inputs & bit), None):
-        raise UntoldControl(f"({kind_of(model, actuator)}) takes {unit}, which are no command of a joint")
+        raise UntoldControl(f"({kind_of(model, actuator)}) takes {unit} instead of a position, a velocity or a torque")
     if gain_type in CONTROLLERS:
         return controller_input(inputs)
     bias = model.actuator_biasprm[actuator, :3] * (model.actuator_biastype[actuator] != int(mujoco.mjtBias.mjBIAS_NONE))
     gain = float(model.actuator_gainprm[actuator, 0])
     if not is_linear(model, actuator) or not gain or bias[1] > 0 or bias[2] > 0:
-        raise UntoldControl(f"({kind_of(model, actuator)}) is none of which can be told what its control asks for")
+        raise UntoldControl(f"({kind_of(model, actuator)}) has a control that is no position, velocity or torque")
     if bias[1] < 0:
         scale = -float(bias[1]) / gain
         if dynamics == int(mujoco.mjtDyn.mjDYN_INTEGRATOR):
@@ -167,7 +167,7 @@ def length_control(model: mujoco.MjModel, actuator: int, shift: float = 0.0) -> 
             return Control(POSITION, 1.0)
         return Control(POSITION, scale, (shift - float(bias[0])) / gain)
     if dynamics == int(mujoco.mjtDyn.mjDYN_INTEGRATOR):
-        raise UntoldControl("(integrator) takes the rate of a force, which is no command of a joint")
+        raise UntoldControl("(integrator) takes the rate of a force instead of a position, a velocity or a torque")
     if inputs & VELOCITY_INPUT or (bias[2] < 0 and alike(gain, -float(bias[2]))):
         return Control(VELOCITY, -float(bias[2]) / gain)
     if bias[2] and not alike(gain, 1):
