@@ -1,7 +1,8 @@
 """The table of which features of a model are right, converted, held or refused, for both engines.
 
 One arm is written in every way there is. Ways of one group are the same arm, so that the same commands must move them
-alike; what they are compared with is played by plain MuJoCo, or by PyBullet on the first of the group. `python tests/model_features.py` writes the page.
+alike; what they are compared with is played by plain MuJoCo, or by PyBullet on the first of the group.
+`python tests/model_features.py` writes the page.
 """
 
 import re
