@@ -70,7 +70,8 @@ class Nominal:
         spec = explicit(robot.spec())
         settle_damping(spec)
         spec.option.timestep = whole_step(evidence.period, spec.option.timestep)
-        notes = adapt(spec, evidence.joints, evidence.period)
+        bases = [f"The base '{base}' would fall; it is held where the model has it." for base in robot.bases]
+        notes = (*bases, *adapt(spec, evidence.joints, evidence.period))
         base = base_parameters(spec, evidence.joints)
         return cls(robot, spec, without_meshes(spec), evidence.joints, evidence.period, base, notes)
 
