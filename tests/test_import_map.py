@@ -189,7 +189,7 @@ def test_torque_commands_become_efforts(tmp_path):
     log = write_log(tmp_path / "log.npz", columns)
     mapping = sample_map(tmp_path, command='column = "goal"\nunit = "N·m"\nscale = 0.1')
     dataset = import_logs([log], mapping).dataset
-    assert dataset.commands_effort
+    assert set(dataset.kinds) == {".effort"}
     assert dataset.features["action"].names == ("shoulder.effort", "elbow.effort")
     np.testing.assert_allclose(dataset.commands, 4 * truth.command[:-1], rtol=1e-5, atol=1e-6)
 

@@ -104,9 +104,9 @@ def test_torques_on_position_servos_and_the_reverse_are_refused(tmp_path):
     (tmp_path / "torque.xml").write_text(motors())
     (tmp_path / "servo.xml").write_text(motors().replace("<motor", '<position kp="1"'))
     torque, servo = (MujocoSimulator.load(tmp_path / f"{kind}.xml", 0.02, threads=1) for kind in ("torque", "servo"))
-    with pytest.raises(JointMismatch, match=r"commands torques.*take positions"):
+    with pytest.raises(JointMismatch, match=r"commands torques of hinge.*takes positions"):
         pair(recorded_on(torque, wander((5,), size=0.05)), servo)
-    with pytest.raises(JointMismatch, match=r"commands positions.*take torques"):
+    with pytest.raises(JointMismatch, match=r"commands positions of hinge.*takes torques"):
         pair(recorded_on(servo, wander((5,))), torque)
 
 

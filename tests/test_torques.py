@@ -276,7 +276,7 @@ def test_the_preset_learns_pushers_torques_and_knows_its_symmetry(tmp_path):
     ("kind", "effort", "updates", "said"),
     [
         ("forward", True, 40, "ψ corrects nothing"),
-        ("delta", False, 40, "this robot takes angles"),
+        ("delta", False, 40, "this robot does not take torques"),
         ("delta", True, 0, "free running, which takes the source"),
     ],
 )

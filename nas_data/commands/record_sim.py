@@ -45,7 +45,7 @@ class RecordSim(Command):
     excitation: str = "steps"
     """Command signal, NAME or NAME:PARAMETER=NUMBER,…: steps, babbling, ramps, sine, multisine, triangle or chirp."""
     commands: Path | None = None
-    """Play a CSV file instead: columns <joint>.pos [rad], one row a control step, optional column 'episode'."""
+    """Play a CSV file instead: columns <joint>.pos (or .vel, .effort, as the model takes them), perhaps 'episode'."""
     episodes: int = 200
     """Number of episodes."""
     seconds: float | None = None

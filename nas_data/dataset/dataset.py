@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from nas_data.dataset.features import ACTION, EFFORT, NEXT_STATE, POSITION, SIM_STATE, STATE, Feature
+from nas_data.dataset.features import ACTION, EFFORT, NEXT_STATE, POSITION, SIM_STATE, STATE, VELOCITY, Feature
 from nas_data.errors import DatasetInvalid, JointMismatch
 from nas_data.joint_units import SLIDE
 
@@ -73,9 +73,15 @@ class Dataset:
         )
 
     @property
-    def commands_effort(self) -> bool:
-        """Whether the action is a torque [N·m] rather than a position [rad]."""
-        return all(name.endswith(EFFORT) for name in self._feature(ACTION).names)
+    def kinds(self) -> tuple[str, ...]:
+        """What each joint is commanded: a position (`.pos`), a velocity (`.vel`) or a torque (`.effort`)."""
+        ends = VELOCITY, EFFORT
+        return tuple(next((e for e in ends if name.endswith(e)), POSITION) for name in self._feature(ACTION).names)
+
+    @property
+    def commands_positions(self) -> bool:
+        """Whether every joint is commanded positions."""
+        return set(self.kinds) <= {POSITION}
 
     @property
     def paired(self) -> bool:
@@ -89,7 +95,7 @@ class Dataset:
 
     @property
     def commands(self) -> np.ndarray:
-        """Commanded positions [rad] or torques [N·m], shape (N, n)."""
+        """What each joint is asked for (see `kinds`), shape (N, n)."""
         return self._column(ACTION)
 
     @property

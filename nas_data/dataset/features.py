@@ -100,6 +100,15 @@ def effort_feature(joints: Sequence[str], slides: Collection[str] = ()) -> Featu
     return joint_feature(joints, (EFFORT,), slides)
 
 
+def action_feature(joints: Sequence[str], kinds: Sequence[str], slides: Collection[str] = ()) -> Feature:
+    """What each joint is asked for: a position, a velocity or a torque, by its kind (`.pos`, `.vel`, `.effort`)."""
+    parts = list(zip(joints, kinds, strict=True))
+    return Feature(
+        names=tuple(joint + kind for joint, kind in parts),
+        units=tuple(unit_at(UNITS[kind], joint in slides) for joint, kind in parts),
+    )
+
+
 def time_feature() -> Feature:
     """Seconds since the episode's start by the recorder's clock; float64, which holds microseconds for years."""
     return Feature(names=("time",), units=("s",), dtype="float64")

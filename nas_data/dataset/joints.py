@@ -1,6 +1,6 @@
 """Which component of a state or action belongs to which joint, whoever named them."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,9 +50,14 @@ class Components:
                 bare[name] = place
             else:
                 found[suffix][name.removesuffix(suffix)] = place
-        if not found[POSITION] and not found[EFFORT]:
+        if not any(found.values()):
             found[POSITION], bare = bare, {}
         return cls(found[POSITION], found[VELOCITY], found[EFFORT], tuple(bare))
+
+    def commanded(self) -> dict[str, tuple[str, int]]:
+        """Return what an action commands each joint and in which component; of several a torque, then a position."""
+        kinds = {VELOCITY: self.velocities, POSITION: self.positions, EFFORT: self.efforts}
+        return {joint: (kind, place) for kind, places in kinds.items() for joint, place in places.items()}
 
 
 def check_units(dataset: Dataset, key: str, components: Components, slides: Collection[str]) -> bool:
@@ -106,7 +111,7 @@ def matching_joints(state: Components, action: Components) -> tuple[str, ...]:
         JointMismatch: state and action name different joints, or some have no position.
     """
     joints = tuple(state.positions)
-    commanded = action.efforts or action.positions
+    commanded = action.commanded()
     if not joints or set(commanded) != set(joints) or (state.velocities and set(state.velocities) != set(joints)):
         raise JointMismatch(
             f"'{STATE}' has positions of {_listed(state.positions)}"
@@ -116,5 +121,5 @@ def matching_joints(state: Components, action: Components) -> tuple[str, ...]:
     return joints
 
 
-def _listed(names: Mapping[str, int]) -> str:
+def _listed(names: Iterable[str]) -> str:
     return ", ".join(names) or "no joint"

@@ -9,13 +9,14 @@ import numpy as np
 from nas_data.dataset import layout
 from nas_data.dataset.content import content_hash
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import ACTION, STATE, Feature
+from nas_data.dataset.features import ACTION, EFFORT, POSITION, STATE, VELOCITY, Feature
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.versions import identity, resolve
 from nas_data.errors import DatasetInvalid, JointMismatch
 
+KINDS = {POSITION: "position", VELOCITY: "velocity", EFFORT: "torque"}
 LONGEST_CHAIN = 100  # generations; a chain that names itself must end
 
 
@@ -28,7 +29,7 @@ class Summary:
         name: Its name and version.
         robot: Robot's name.
         joints: Joints with a measured position; empty where the dataset is not usable.
-        commands: `position` or `torque`; empty where the dataset is not usable.
+        commands: `position`, `velocity` or `torque`, joined where joints differ; empty where the dataset is not usable.
         rate: Control rate [Hz].
         lengths: Frames of each episode.
         tasks: Task → number of episodes.
@@ -94,7 +95,7 @@ def summarize(path: Path) -> Summary:
         name=identity(root),
         robot=dataset.robot_type,
         joints=usable.joints if usable else (),
-        commands="" if usable is None else "torque" if usable.commands_effort else "position",
+        commands="" if usable is None else " and ".join(dict.fromkeys(map(KINDS.__getitem__, usable.kinds))),
         rate=dataset.fps,
         lengths=tuple(dataset.lengths.tolist()),
         tasks={task: dataset.tasks.count(task) for task in dict.fromkeys(dataset.tasks)},

@@ -6,7 +6,7 @@ two frames use the quadratic of the nearest whole window. Being centred it has n
 knows the two positions that follow it: one-step errors on such recordings are flattered, open-loop errors are not.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -16,10 +16,11 @@ from nas_data.dataset.features import (
     ACTION,
     ENVIRONMENT,
     NEXT_STATE,
+    POSITION,
     SIM_STATE,
     STATE,
     Feature,
-    effort_feature,
+    action_feature,
     position_feature,
     state_feature,
 )
@@ -94,9 +95,13 @@ def _arrange(
     dataset: Dataset, key: str, components: Components, joints: tuple[str, ...], slides: Collection[str]
 ) -> Dataset:
     """Give a feature the contract's names and order; a state without velocities keeps its positions only."""
-    if key == ACTION and components.efforts:
-        feature, groups = effort_feature(joints, slides), [components.efforts]
-    elif key == ACTION or not components.velocities:
+    groups: list[Mapping[str, int]]
+    if key == ACTION:
+        commanded = components.commanded()
+        groups = [{joint: place for joint, (_, place) in commanded.items()}]
+        kinds = [commanded[joint][0] if joint in commanded else POSITION for joint in joints]
+        feature = action_feature(joints, kinds, slides)
+    elif not components.velocities:
         feature, groups = position_feature(joints, slides), [components.positions]
     else:
         feature, groups = state_feature(joints, slides), [components.positions, components.velocities]

@@ -174,5 +174,5 @@ def check_fits(model: DynamicsModel, dataset: Dataset, folder: Path) -> None:
         )
     if abs(model.fps / dataset.fps - 1) > 1e-3:
         raise JointMismatch(f"The checkpoint {folder} steps at {model.fps:g} Hz, the dataset at {dataset.fps:g} Hz.")
-    if model.commands_effort != dataset.commands_effort:
+    if model.commands_effort == dataset.commands_positions:
         raise JointMismatch(f"The checkpoint {folder} and the dataset take different commands: position and torque.")

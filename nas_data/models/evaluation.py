@@ -145,7 +145,7 @@ def baselines(
         rollouts["source"] = open_loop_source(dataset, simulator)
     one_step["hold"] = [dataset.states[row] for row in rows]
     rollouts["hold"] = [np.repeat(dataset.states[row.start][None], row.stop - row.start, axis=0) for row in rows]
-    if not dataset.commands_effort:
+    if dataset.commands_positions:
         one_step["command"] = rollouts["command"] = [dataset.commands[row] for row in rows]
     return one_step, rollouts
 

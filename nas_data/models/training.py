@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import EFFORT
 from nas_data.errors import DatasetInvalid, JointMismatch, OptionError
 from nas_data.joint_units import kinds_of
 from nas_data.metrics import Errors
@@ -94,7 +95,7 @@ class Training:
             layers=options.layers,
             relative=options.relative,
             shortcut=options.shortcut,
-            commands_effort=dataset.commands_effort,
+            commands_effort=not dataset.commands_positions,
             fps=float(dataset.fps),
             provenance={**provenance, "training": asdict(options), "validation": self.split.what},
             corrects=options.corrects,
@@ -141,8 +142,8 @@ def check_torques(kind: Kind, dataset: Dataset, options: TrainingOptions, simula
     Raises:
         OptionError: it is ψ, commands are no torques, the source is missing, or updates are 0.
     """
-    if kind != "delta" or not dataset.commands_effort:
-        reason = "ψ corrects nothing" if kind != "delta" else "this robot takes angles"
+    if kind != "delta" or set(dataset.kinds) != {EFFORT}:
+        reason = "ψ corrects nothing" if kind != "delta" else "this robot does not take torques"
     elif simulator is None or not options.updates:
         reason = "it is trained in free running, which takes the source and --updates"
     else:

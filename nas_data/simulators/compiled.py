@@ -11,6 +11,7 @@ from nas_data.effects.base import Effect, add_effects
 from nas_data.effects.edits.hook import StepHook
 from nas_data.errors import JointMismatch, ModelFileError, NasError
 from nas_data.robots.base import Robot
+from nas_data.simulators.held import hold_others, lacks_joints, refuse_standing
 from nas_data.simulators.hooks import find_hooks
 from nas_data.simulators.layout import Layout
 
@@ -56,6 +57,9 @@ class Compiled:
         spec = robot.spec()
         substeps = max(1, math.ceil(period / spec.option.timestep - 1e-6))
         spec.option.timestep = period / substeps
+        joints = joints or robot.joints
+        if not robot.adapted and lacks_joints(spec, joints):
+            hold_others(spec, joints, str(robot.mjcf), commanded=True)
         try:
             add_effects(spec, effects)
             model = spec.compile()
@@ -63,7 +67,9 @@ class Compiled:
             raise
         except (ValueError, mujoco.FatalError) as error:
             raise ModelFileError(f"{robot.mjcf} does not compile with its effects: {error}") from None
-        layout = Layout.of(model, joints or robot.joints, str(robot.mjcf))
+        layout = Layout.of(model, joints, str(robot.mjcf))
+        if robot.bases:
+            refuse_standing(model, layout, np.zeros((1, len(joints))), str(robot.mjcf))
         return cls(robot, effects, model, layout, substeps, find_hooks(effects, model))
 
     @property

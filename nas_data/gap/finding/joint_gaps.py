@@ -56,7 +56,7 @@ def find_joint_gaps(
     evidence = recorded.evidence
     stepped = nominal.step(evidence, np.concatenate([recorded.positions, recorded.velocities, evidence.objects], -1))
     open_loop = rmse(evidence, predicted)
-    commands = None if nominal.simulator().commands_effort else rmse(evidence, evidence.commands)
+    commands = None if not nominal.simulator().layout.inputs.positional.all() else rmse(evidence, evidence.commands)
     repeats = repeatability(evidence, floor)
     one_step = rmse(evidence, stepped)
     one_step_hold = rmse(evidence, recorded.positions)

@@ -1,4 +1,4 @@
-"""Joints of the arm that a recording lacks, held at their reference in the model itself, as a file must."""
+"""What of a model a recording does not tell: joints that it lacks are held, and a base that would fall is."""
 
 import copy
 from collections.abc import Iterator, Sequence
@@ -6,10 +6,13 @@ from collections.abc import Iterator, Sequence
 import mujoco
 import numpy as np
 
+from nas_data.dataset.features import POSITION
 from nas_data.drives import goal_joints, pad_joints
 from nas_data.effects.backlash import Backlash
+from nas_data.errors import ModelFileError
 from nas_data.free_name import free_name
-from nas_data.simulators.layout import Layout, takes_effort
+from nas_data.simulators.controls import UntoldControl, length_control, length_feedback
+from nas_data.simulators.layout import Layout
 
 HELD = "_held"  # the constraint `<joint>_held`; without it the joint is as its author made it
 RIGID = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # impedance, the engine's largest
@@ -19,29 +22,75 @@ GENERIC = 0.05  # [rad] or [m] off the reference, where no lever happens to be z
 INDEPENDENT = 1e-6  # singular value from which directions count as different
 
 
-def hold_others(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[str, ...]:
+def hold_others(
+    spec: mujoco.MjSpec, joints: Sequence[str], name: str = "the model", commanded: bool = False
+) -> tuple[str, ...]:
     """Hold the joints that neither the recording nor anything in the model moves or holds; return their names.
 
-    Left as they are: objects, servos that a zero command keeps at the reference, joints with springs or with play, and
+    Left as they are: objects, position servos that keep the reference, joints with springs or with play, and
     those that a constraint makes follow others (a gripper's second finger, a linkage). Held is what these and the
     measured joints together leave undetermined.
 
     Args:
         spec: Model; it is given a constraint for each joint that is held.
         joints: Measured joints.
+        name: What to call the model in an error.
+        commanded: Whether servos are commanded their reference; else, as in a file, all controls are zero.
     """
     model = spec.copy().compile()
-    layout = Layout.of(model, joints, "the model")
+    layout = Layout.of(model, joints, name)
     still, driven = steady(model, layout), pushed(model)
     loose = sorted(set(movable(model)) - still, key=lambda joint: (joint not in driven, joint))
     dofs = model.jnt_dofadr[loose]
-    known = [row[dofs] for row in (*followers(model), *servos(model), *tendon_springs(model))]
+    known = [row[dofs] for row in (*followers(model), *servos(model, commanded), *tendon_springs(model))]
     names = []
     for joint, row in zip(loose, np.eye(len(loose)), strict=True):
         if rank([*known, row]) > rank(known):
             known.append(row)
             names.append(hold(spec, spec.joints[joint]))
     return tuple(names)
+
+
+def lacks_joints(spec: mujoco.MjSpec, joints: Sequence[str]) -> bool:
+    """Whether a model has hinges or slides that are not measured."""
+    moving = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+    return any(joint.type in moving and joint.name not in joints for joint in spec.joints)
+
+
+def refuse_standing(model: mujoco.MjModel, layout: Layout, positions: np.ndarray, name: str) -> None:
+    """Refuse a robot whose base is held although what its measured joints move stands on something.
+
+    Args:
+        model: Compiled model, its base fastened to the world.
+        layout: Its measured joints.
+        positions: Of the joints, shape (N, n).
+        name: What to call the model in the error.
+
+    Raises:
+        ModelFileError: names what touches what.
+    """
+    data = mujoco.MjData(model)
+    moved = [any(model.dof_bodyid[dof] in above(model, body) for dof in layout.dof) for body in range(model.nbody)]
+    for row in positions:
+        data.qpos[layout.qpos] = row
+        mujoco.mj_fwdPosition(model, data)
+        for contact in data.contact:
+            bodies = model.geom_bodyid[contact.geom]
+            if contact.dist < 0 and (model.body_weldid[bodies] == 0).any() and any(moved[body] for body in bodies):
+                foot = next(int(body) for body in bodies if moved[body])
+                raise ModelFileError(
+                    f"{name} stands on the ground with its '{model.body(foot).name}', so that its base moves, and no "
+                    "joint tells how: it can be simulated only where it hangs in the air or its base is fixed; take "
+                    "the ground out of the model, or raise the base, if that is how it was recorded."
+                )
+
+
+def above(model: mujoco.MjModel, body: int) -> set[int]:
+    """Return a body and those that carry it."""
+    found = {body}
+    while body:
+        found.add(body := int(model.body_parentid[body]))
+    return found
 
 
 def hold(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> str:
@@ -90,15 +139,23 @@ def pushed(model: mujoco.MjModel) -> set[int]:
     return {int(model.dof_jntid[dof]) for dof in np.flatnonzero(acting.any(axis=0))}
 
 
-def servos(model: mujoco.MjModel) -> Iterator[np.ndarray]:
-    """Yield the moments (nv,) of the position servos that a zero command keeps at the reference."""
+def servos(model: mujoco.MjModel, commanded: bool) -> Iterator[np.ndarray]:
+    """Yield the moments (nv,) of the position servos; of those that a zero command keeps at the reference, if not."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     for actuator, row in moments(model):
-        feedback = -float(model.actuator_biasprm[actuator, 1])
+        feedback = length_feedback(model, actuator)
         force = float(data.actuator_force[model.actuator_outadr[actuator]])
-        if not takes_effort(model, actuator) and feedback > 0 and abs(force) <= STILL * feedback:
+        if holds_position(model, actuator) and (commanded or abs(force) <= STILL * feedback):
             yield row
+
+
+def holds_position(model: mujoco.MjModel, actuator: int) -> bool:
+    """Whether an actuator is a position servo."""
+    try:
+        return bool(model.actuator_ctrlnum[actuator]) and length_control(model, actuator).kind == POSITION
+    except UntoldControl:
+        return False
 
 
 def moments(model: mujoco.MjModel) -> Iterator[tuple[int, np.ndarray]]:
