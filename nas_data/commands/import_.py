@@ -13,7 +13,7 @@ from nas_data.commands.base import Command, Outcome
 from nas_data.errors import LogError, OptionError
 
 if TYPE_CHECKING:
-    from nas_data.importing.finding import Finding
+    from nas_data.dataset.audits.base import Finding
     from nas_data.recorders.logs import Import
 
 PATIENCE = 2.0  # [s] after which progress is shown

@@ -57,8 +57,8 @@ def feature_lines(summary: "Summary") -> Iterator[str]:
     for key, feature in summary.features.items():
         units = ", ".join(dict.fromkeys(feature.units)) or "no unit stored"
         yield f"  {key}: {feature.width} × {feature.dtype} [{units}]"
-    for key, kind in summary.left_out.items():
-        yield f"  {key}: {kind}, left out"
+    for key, kind in summary.carried.items():
+        yield f"  {key}: {kind}, carried along"
     yield "ranges"
     for key, ranges in summary.ranges.items():
         for name, (low, high) in ranges.items():

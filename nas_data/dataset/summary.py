@@ -33,7 +33,7 @@ class Summary:
         lengths: Frames of each episode.
         tasks: Task → number of episodes.
         features: Features that are read.
-        left_out: Features that are not read (images, strings …) → what they are.
+        carried: Features that are only carried along (images, strings …) → what they are.
         ranges: State and action: component → smallest and largest value, in the feature's unit.
         derived: What has to be derived for use: feature → how.
         unusable: Why no transitions can be made of it; None where they can.
@@ -52,7 +52,7 @@ class Summary:
     lengths: tuple[int, ...]
     tasks: Mapping[str, int]
     features: Mapping[str, Feature]
-    left_out: Mapping[str, str]
+    carried: Mapping[str, str]
     ranges: Mapping[str, Mapping[str, tuple[float, float]]]
     derived: Mapping[str, str]
     unusable: str | None
@@ -97,7 +97,7 @@ def summarize(path: Path) -> Summary:
         lengths=tuple(dataset.lengths.tolist()),
         tasks={task: dataset.tasks.count(task) for task in dict.fromkeys(dataset.tasks)},
         features=dataset.features,
-        left_out=layout.left_out(layout.read_info(root)),
+        carried=layout.left_out(layout.read_info(root)),
         ranges={key: _ranges(shown, key) for key in (STATE, ACTION) if key in shown.features},
         derived=derived,
         unusable=reason,

@@ -9,7 +9,7 @@ from nas_data.errors import MapError, UnknownName
 from nas_data.importing.conversion import FACTORS, SI, TIME_UNITS, Kind, check_encoding, parse_conversion
 from nas_data.importing.formats import FORMATS
 from nas_data.importing.layout import Layout, parse_layout
-from nas_data.importing.map import ALIGNMENTS, Clock, Map, Quantity, Resample, Source, Thresholds
+from nas_data.importing.map import ALIGNMENTS, Clock, Map, Quantity, Resample, Servo, Source, Thresholds
 from nas_data.importing.section import Section
 
 MAPS = Path(__file__).parent / "maps"
@@ -27,6 +27,8 @@ def load_map(name_or_path: str | Path) -> Map:
     """
     path = Path(name_or_path)
     shipped = {file.stem: file for file in MAPS.glob("*.toml")}
+    shipped |= {name.removesuffix("_lerobot"): file for name, file in shipped.items() if name.endswith("_lerobot")}
+    shipped.pop("example", None)
     if not path.is_file() and not path.suffix and len(path.parts) == 1:
         if str(name_or_path) not in shipped:
             raise UnknownName("map", str(name_or_path), [*shipped, "or the path of a TOML file"])
@@ -49,33 +51,35 @@ def parse_map(top: Section, name: str, text: str) -> Map:
     if not joints or len(set(joints)) < len(joints):
         raise top.error(f"'joints' is {list(joints)}; it must name each joint once.")
     layout = parse_layout(top, FORMATS)
+    lerobot = layout.format == "lerobot"
     quantities = _Quantities(joints, layout)
     read = top.table("read")
     derive = top.text("velocity", choices=VELOCITIES) == "derive"
     if not derive and not read.has("velocity"):
         raise top.error("'velocity' is 'measured' but there is no [read.velocity]; add it, or say 'derive'.")
-    constants = top.texts("constants", ())
+    constants = top.texts("constants", ("task",) if lerobot else ())
     parsed = Map(
         name=name,
         text=text,
         layout=layout,
         robot=top.text("robot"),
         joints=joints,
-        rate=top.positive("rate"),
+        rate=top.positive("rate") if not lerobot or top.has("rate") else 0.0,
         alignment=top.text("alignment", choices=ALIGNMENTS),
         derive_velocity=derive,
-        clock=_parse_clock(read.table("time")),
+        clock=_parse_clock(read.table("time")) if not lerobot or read.has("time") else Clock("timestamp", "s"),
         position=quantities.parse(read.table("position"), "position", "position"),
         velocity=quantities.parse(read.table("velocity"), "velocity", "velocity") if read.has("velocity") else None,
         command=_parse_command(read.table("command"), quantities),
         signals={key: quantities.parse(table, key, "signal") for key, table in top.table("signals").tables().items()},
-        episode=_parse_episode(read.table("episode"), layout) if read.has("episode") else None,
+        episode=_parse_episode(read, layout),
         limits=_parse_limits(top.table("limits"), joints),
         thresholds=_parse_thresholds(top.table("audit")),
         resample=_parse_resample(top.table("resample")) if top.has("resample") else None,
         constants=constants,
-        task=_parse_task(top, constants),
+        task=_parse_task(top, constants, "{task}" if lerobot and "task" in constants else "{log}"),
         joint_names=top.text("joint_names", ""),
+        servo=_parse_servo(top.table("servo")) if lerobot and top.has("servo") else None,
     )
     read.finish()
     top.finish()
@@ -117,6 +121,9 @@ def _parse_command(section: Section, quantities: _Quantities) -> Quantity:
 def _parse_source(section: Section, layout: Layout, width: int, may_be_constant: bool) -> Source:
     """Read where a quantity stands: `column`, `columns` or, for signals, `constant`; and in which file."""
     keys = ["column", "columns", "constant"] if may_be_constant else ["column", "columns"]
+    standard = {"position": "observation.state", "command": "action"}.get(section.name.rpartition(".")[2])
+    if layout.format == "lerobot" and standard and not any(section.has(key) for key in keys):
+        return Source((standard,), names=_parse_names(section, width))
     given = [key for key in keys if section.has(key)]
     if len(given) != 1:
         raise section.error(f"exactly one of {' or '.join(repr(key) for key in keys)} is needed.")
@@ -131,7 +138,25 @@ def _parse_source(section: Section, layout: Layout, width: int, may_be_constant:
         raise section.error(f"'components' picks {width} components out of one 'column', one a joint.")
     if not may_be_constant:
         _refuse_twice(section, "components", components)
-    return Source(columns, _parse_table_name(section, layout), components, constant=given == ["constant"])
+    table = _parse_table_name(section, layout)
+    named = section.has("names") and not components and given == ["column"]
+    names = _parse_names(section, width) if named else ()
+    return Source(columns, table, components, constant=given == ["constant"], names=names)
+
+
+def _parse_names(section: Section, width: int) -> tuple[str, ...]:
+    """Read what the components of a vector are called in the log."""
+    names = section.texts("names", ())
+    if names and (len(names) != width or len(set(names)) < len(names)):
+        raise section.error(f"'names' is {list(names)}; it must name {width} different components, one a joint.")
+    return names
+
+
+def _parse_servo(section: Section) -> Servo:
+    """Read what LeRobot's units mean in ticks."""
+    servo = Servo(resolution=int(section.positive("resolution", 4096.0)), drive_mode=section.flag("drive_mode"))
+    section.finish()
+    return servo
 
 
 def _refuse_twice(section: Section, key: str, chosen: Sequence[str | int]) -> None:
@@ -150,8 +175,11 @@ def _parse_table_name(section: Section, layout: Layout) -> str:
     return section.text("file", choices=tuple(layout.files))
 
 
-def _parse_episode(section: Section, layout: Layout) -> Source:
-    """Read which column tells episodes apart."""
+def _parse_episode(read: Section, layout: Layout) -> Source | None:
+    """Read which column tells episodes apart; a dataset always has one."""
+    if not read.has("episode"):
+        return Source(("episode_index",)) if layout.format == "lerobot" else None
+    section = read.table("episode")
     source = Source((section.text("column"),), _parse_table_name(section, layout))
     section.finish()
     return source
@@ -207,9 +235,9 @@ def _parse_resample(section: Section) -> Resample:
     return resample
 
 
-def _parse_task(top: Section, constants: Sequence[str]) -> str:
+def _parse_task(top: Section, constants: Sequence[str], default: str) -> str:
     """Read what an episode does; braces may hold `log` and the constants only."""
-    task = top.text("task", "{log}")
+    task = top.text("task", default)
     try:
         fields = [
             f"{field}{':' if spec else ''}{spec}{'!' if conversion else ''}{conversion or ''}"

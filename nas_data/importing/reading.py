@@ -1,5 +1,6 @@
 """Reading one log by its map: files to tables, tables to quantities in SI, quantities to recordings."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -9,15 +10,17 @@ import pyarrow as pa
 
 from nas_data.errors import LogError, MapError
 from nas_data.importing.conversion import TIME_UNITS, decode
-from nas_data.importing.formats import read_table
+from nas_data.importing.formats import folder_kind, read_table
 from nas_data.importing.gaps import divide
 from nas_data.importing.joining import common_rows, match_rows
 from nas_data.importing.map import Map, Quantity, Source
-from nas_data.importing.recording import Recording
-from nas_data.importing.rows import rows_text
+from nas_data.dataset.features import EFFORT, POSITION, VELOCITY
+from nas_data.dataset.recording import Recording
+from nas_data.dataset.rows import rows_text
 from nas_data.importing.table import Table
 
 ENOUGH = 3  # rows; two transitions
+SUFFIXES = {"position": POSITION, "velocity": VELOCITY, "effort": EFFORT}  # of the names of components, by kind
 
 
 def read_log(log: Path, mapping: Map) -> list[Recording]:
@@ -49,7 +52,8 @@ def read_log(log: Path, mapping: Map) -> list[Recording]:
         shared = common_rows({tables[key].path: rows for key, rows in partners.items()}, log, mapping.layout.tolerance)
 
     def read(quantity: Quantity) -> np.ndarray:
-        values = _read_quantity(tables[quantity.source.table], quantity, len(times[quantity.source.table]))
+        table = tables[quantity.source.table]
+        values = _read_quantity(table, _placed(table, quantity, mapping.joints), len(times[quantity.source.table]))
         rows = partners.get(quantity.source.table)
         return (values if rows is None else values[rows])[shared]
 
@@ -63,9 +67,12 @@ def read_log(log: Path, mapping: Map) -> list[Recording]:
         commands=read(mapping.command),
         signals={name: read(signal) for name, signal in mapping.signals.items()},
         rows=np.arange(len(time))[shared],
-        constants={name: _constant(tables, name, mapping) for name in mapping.constants},
     )
     episodes = _split(whole, tables, mapping) if mapping.episode else [whole]
+    episodes = [
+        replace(part, constants={name: _constant(tables, name, mapping, part.rows) for name in mapping.constants})
+        for part in episodes
+    ]
     recordings = [part for episode in episodes for part in divide(episode, mapping.rate)]
     for recording in recordings:
         if len(recording) < ENOUGH:
@@ -85,7 +92,7 @@ def _read_tables(log: Path, mapping: Map) -> dict[str, Table]:
     """Read the log's files, by the keys of `[files]`."""
     files = mapping.layout.files
     if files is None:
-        if log.is_dir():
+        if log.is_dir() and not folder_kind(mapping.layout.format):
             raise LogError(f"{log} is a folder, but the map reads single {mapping.layout.format} files.")
         return {"": read_table(log, mapping.layout)}
     if not log.is_dir():
@@ -123,6 +130,29 @@ def _any_column(mapping: Map, table: str) -> str:
     """Return a column that the map reads from a table."""
     read = [mapping.position, mapping.command, *mapping.signals.values()]
     return next(quantity.source.columns[0] for quantity in read if quantity.source.table == table)
+
+
+def _placed(table: Table, quantity: Quantity, joints: Sequence[str]) -> Quantity:
+    """Find the components of a quantity by their names, where the log has such.
+
+    Raises:
+        MapError: a joint is not among them; names those there are.
+    """
+    source = quantity.source
+    there = table.names.get(source.columns[0]) if len(source.columns) == 1 else None
+    if there is None or source.components or len(quantity.conversion.gain) != len(joints):
+        return quantity
+    suffix = SUFFIXES.get(quantity.kind)
+    if suffix is None and not source.names:
+        return quantity
+    wanted = source.names or tuple(joint if joint in there else f"{joint}{suffix}" for joint in joints)
+    missing = next((name for name in wanted if name not in there), None)
+    if missing is not None:
+        raise MapError(
+            f"{table.path}: '{source.columns[0]}' has no component '{missing}'; it has: {', '.join(there)}. "
+            f"Name them in 'joints' of the map, or with names = […] in [read.{quantity.name}]."
+        )
+    return replace(quantity, source=replace(source, components=tuple(there.index(name) for name in wanted)))
 
 
 def _read_quantity(table: Table, quantity: Quantity, count: int) -> np.ndarray:
@@ -181,11 +211,11 @@ def _check_register(table: Table, quantity: Quantity, raw: np.ndarray) -> None:
         )
 
 
-def _constant(tables: dict[str, Table], name: str, mapping: Map) -> object:
-    """Return what the log holds once, from whichever of its files has it."""
-    for table in tables.values():
+def _constant(tables: dict[str, Table], name: str, mapping: Map, rows: np.ndarray) -> object:
+    """Return what the log, or an episode of it, holds once, from whichever of its files has it."""
+    for key, table in tables.items():
         if name in table.constants or name in table.columns:
-            return table.constant(name)
+            return table.constant(name, rows if key == mapping.position.source.table else slice(None))
     return tables[mapping.position.source.table].constant(name)
 
 

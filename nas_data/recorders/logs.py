@@ -22,12 +22,12 @@ from nas_data.dataset.features import (
 from nas_data.dataset.provenance import Provenance
 from nas_data.dataset.transitions import VELOCITIES_DERIVED, estimate_velocities
 from nas_data.errors import LogError
-from nas_data.importing.audits import audit
-from nas_data.importing.finding import Finding
+from nas_data.importing.auditing import audit
+from nas_data.dataset.audits.base import Finding
 from nas_data.importing.formats import find_format
 from nas_data.importing.map import Map
 from nas_data.importing.reading import ENOUGH, read_log
-from nas_data.importing.recording import Recording
+from nas_data.dataset.recording import Recording
 from nas_data.importing.resampling import resample
 
 MAP_ATTACHMENT = "meta/import_map.toml"

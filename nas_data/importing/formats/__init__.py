@@ -15,6 +15,7 @@ class Format(Protocol):
     """What a file of this folder defines."""
 
     SUFFIXES: tuple[str, ...]
+    FOLDER: str  # what a log that is a folder is called; a module without it reads files only
 
     def read(self, path: Path, layout: Layout) -> Table:
         """Read a file; any of `LogError`, `ValueError`, `OSError` says that it is none of this format."""
@@ -25,6 +26,16 @@ def find_format(name: str) -> Format:
     return cast(Format, registry.module("importing.formats", name, "format"))
 
 
+def folder_kind(name: str) -> str:
+    """Return what a log of a format is called where it is a folder; empty where logs are files."""
+    return str(getattr(find_format(name), "FOLDER", ""))
+
+
+def is_folder_log(path: Path, name: str) -> bool:
+    """Return whether a folder is one log of a format."""
+    return bool(folder_kind(name)) and path.is_dir() and bool(getattr(find_format(name), "is_log")(path))  # noqa: B009
+
+
 def read_table(path: Path, layout: Layout) -> Table:
     """Read one file of a log.
 
@@ -32,14 +43,17 @@ def read_table(path: Path, layout: Layout) -> Table:
         LogError: no such file, another ending than the format's, or content that cannot be read as it.
     """
     known = find_format(layout.format)
-    if not path.is_file():
+    folder = is_folder_log(path, layout.format)
+    if not folder and folder_kind(layout.format) and not known.SUFFIXES:
+        raise LogError(f"{path} is no {folder_kind(layout.format)[2:]}; give the folder of one.")
+    if not path.is_file() and not folder:
         raise LogError(f"There is no file {path}; give a recorded log.")
-    if path.suffix.lower() not in known.SUFFIXES:
+    if not folder and path.suffix.lower() not in known.SUFFIXES:
         raise LogError(
             f"{path} does not end in {' or '.join(known.SUFFIXES)}, but the map says format = '{layout.format}'; "
             "give the log that belongs to the map, or another map."
         )
-    if path.stat().st_size == 0:
+    if not folder and path.stat().st_size == 0:
         raise LogError(f"{path} is empty; give a log with recorded rows.")
     try:
         return known.read(path, layout)

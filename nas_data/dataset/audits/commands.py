@@ -2,18 +2,17 @@
 
 import numpy as np
 
-from nas_data.importing.finding import Finding
-from nas_data.importing.map import Map
-from nas_data.importing.recording import Recording
+from nas_data.dataset.audits.base import Expected, Finding
+from nas_data.dataset.recording import Recording
 
 ALIKE = 0.7  # correlation from which the position follows the command
 DEGREES = 180 / np.pi
 WITHIN = 2.0  # a servo that lags or sags follows with another amplitude, but not by this factor
 
 
-def check(recording: Recording, mapping: Map) -> list[Finding]:
+def check(recording: Recording, expected: Expected) -> list[Finding]:
     """Refuse commands whose amplitude is about 57 times the position's or the inverse; report opposite signs."""
-    if mapping.commands_effort:
+    if expected.effort:
         return []
     found = []
     for index, joint in enumerate(recording.joints):
@@ -25,15 +24,14 @@ def check(recording: Recording, mapping: Map) -> list[Finding]:
         factor = spread[0] / spread[1]
         slip = any(1 / WITHIN < factor / wanted < WITHIN for wanted in (DEGREES, 1 / DEGREES))
         if slip and abs(likeness) >= ALIKE:
-            message = (
+            what = (
                 f"the command of {joint} moves {factor:.3g} times as far as the position that follows it, about the "
-                "factor between degrees and radians; correct the unit in [read.command] or [read.position]."
+                "factor between degrees and radians"
             )
-            found.append(Finding("command_scale", recording.place, message, error=True))
+            remedy = "correct the unit in [read.command] or [read.position]"
+            found.append(Finding("command_scale", recording.place, what, remedy, error=True))
         elif likeness <= -ALIKE:
-            message = (
-                f"the position of {joint} moves against its command (correlation {likeness:.2f}); "
-                "check 'sign' in [read.command] and [read.position]."
-            )
-            found.append(Finding("command_sign", recording.place, message))
+            what = f"the position of {joint} moves against its command (correlation {likeness:.2f})"
+            remedy = "check 'sign' in [read.command] and [read.position]"
+            found.append(Finding("command_sign", recording.place, what, remedy))
     return found

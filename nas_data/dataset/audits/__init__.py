@@ -1,0 +1,54 @@
+"""Audits of recordings: each file of the folder checks one thing, and one set of them serves logs and datasets.
+
+`nas import` runs them over the rows of a log as they were recorded, `nas gap find`, `nas verify` and the commands that
+read LeRobot's datasets over the rows of a dataset.
+"""
+
+from collections.abc import Sequence
+from typing import Protocol, cast
+
+from nas_data import registry
+from nas_data.dataset.audits.base import Expected, Finding
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.recording import Recording, recordings
+
+FIRST = ("finite", "timing")  # the others need finite values in rows whose time goes on
+
+
+class Audit(Protocol):
+    """What a file of this folder defines."""
+
+    def check(self, recording: Recording, expected: Expected) -> list[Finding]:
+        """Look at one recording as it was recorded: in SI, nothing resampled."""
+
+
+def find_audit(name: str) -> Audit:
+    """Return an audit by its name."""
+    return cast(Audit, registry.module("dataset.audits", name, "audit"))
+
+
+def audit_dataset(dataset: Dataset) -> tuple[Finding, ...]:
+    """Run every audit over each episode of a dataset.
+
+    Args:
+        dataset: Transitions, or states and commands of named joints.
+    """
+    expected = Expected(rate=dataset.fps, effort=dataset.commands_effort)
+    return tuple(finding for recording in recordings(dataset) for finding in audit(recording, expected))
+
+
+def audit(recording: Recording, expected: Expected) -> list[Finding]:
+    """Run every audit over one recording.
+
+    Returns:
+        Findings. Where values or times are unusable, only that is reported, because everything else would follow.
+    """
+    found = run(FIRST, recording, expected)
+    if any(finding.error for finding in found):
+        return found
+    return found + run([name for name in registry.names("dataset.audits") if name not in FIRST], recording, expected)
+
+
+def run(names: Sequence[str], recording: Recording, expected: Expected) -> list[Finding]:
+    """Run some audits over one recording."""
+    return [finding for name in names for finding in find_audit(name).check(recording, expected)]
