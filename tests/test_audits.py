@@ -126,6 +126,12 @@ def frozen(values: np.ndarray) -> np.ndarray:
     return np.hstack([values[:, :1], np.concatenate([values[:half, 1:], np.repeat(values[half : half + 1, 1:], half, 0)])])
 
 
+def late(values: np.ndarray) -> np.ndarray:
+    """Delay the register by 40 ms or two rows."""
+    rows = max(2, round(0.04 * len(values) / 6))
+    return np.concatenate([np.repeat(values[:1], rows, 0), values[:-rows]])
+
+
 def jitter(values: np.ndarray) -> np.ndarray:
     period = values[1, 0] - values[0, 0]
     return values + (np.arange(len(values)) % 3)[:, None] * 0.35 * period
@@ -147,7 +153,7 @@ FAULTS: dict[str, dict[str, Callable[[np.ndarray], np.ndarray]]] = {
     "frozen_reading": {"positions": frozen, "velocities": lambda values: frozen(values) * [1, 0]},
     "position_contradicts_velocity": {"positions": frozen},
     "velocity_scale": {"velocities": np.degrees},
-    "velocity_lag": {"velocities": lambda values: np.concatenate([values[:2], values[:-2]])},
+    "velocity_lag": {"velocities": late},
 }
 
 

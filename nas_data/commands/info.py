@@ -69,6 +69,8 @@ def provenance_lines(summary: "Summary") -> Iterator[str]:
     """Say what has to be derived and where the dataset comes from."""
     if summary.unusable:
         yield f"not usable as it is: {summary.unusable}"
+    for warning in summary.warnings:
+        yield f"warning: {warning}"
     for key, how in summary.derived.items():
         yield f"derived when used: {key}: {how}"
     if not summary.provenance:

@@ -10,9 +10,9 @@ from nas_data.dataset import layout
 from nas_data.dataset.content import content_hash
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION, STATE, Feature
+from nas_data.dataset.foreign import take_in
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
-from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.versions import identity, resolve
 from nas_data.errors import DatasetInvalid, JointMismatch
 
@@ -37,6 +37,7 @@ class Summary:
         ranges: State and action: component → smallest and largest value, in the feature's unit.
         derived: What has to be derived for use: feature → how.
         unusable: Why no transitions can be made of it; None where they can.
+        warnings: What the audits noticed where others recorded it.
         paired: Whether the source's predictions are present.
         source: The source model, where provenance names one.
         content_hash: SHA-256 of the content.
@@ -56,6 +57,7 @@ class Summary:
     ranges: Mapping[str, Mapping[str, tuple[float, float]]]
     derived: Mapping[str, str]
     unusable: str | None
+    warnings: tuple[str, ...]
     paired: bool
     source: Mapping[str, object] | None
     content_hash: str
@@ -85,7 +87,7 @@ def summarize(path: Path) -> Summary:
     root = resolve(path)
     dataset = read(root)
     chain = provenance_chain(root)
-    usable, derived, reason = _transitions(dataset)
+    usable, derived, reason, noticed = _transitions(root, dataset)
     shown = usable or dataset
     return Summary(
         dataset=root,
@@ -101,6 +103,7 @@ def summarize(path: Path) -> Summary:
         ranges={key: _ranges(shown, key) for key in (STATE, ACTION) if key in shown.features},
         derived=derived,
         unusable=reason,
+        warnings=noticed,
         paired=dataset.paired,
         source=chain[0][1].source if chain else None,
         content_hash=content_hash(dataset),
@@ -128,13 +131,13 @@ def provenance_chain(root: Path) -> tuple[tuple[str, Provenance], ...]:
     return tuple(chain)
 
 
-def _transitions(dataset: Dataset) -> tuple[Dataset | None, dict[str, str], str | None]:
-    """Return the dataset as commands use it and what has to be derived, or why it cannot be used."""
+def _transitions(root: Path, dataset: Dataset) -> tuple[Dataset | None, dict[str, str], str | None, tuple[str, ...]]:
+    """Return the dataset as commands use it, what has to be derived, or why it cannot be used, and warnings."""
     try:
-        usable, derived = as_transitions(dataset)
+        usable, derived, noticed = take_in(root, dataset)
     except (DatasetInvalid, JointMismatch) as error:
-        return None, {}, str(error)
-    return usable, derived, None
+        return None, {}, str(error), ()
+    return usable, derived, None, noticed
 
 
 def _ranges(dataset: Dataset, key: str) -> dict[str, tuple[float, float]]:

@@ -15,9 +15,10 @@ def audit(recording: Recording, mapping: Map) -> list[Finding]:
     Returns:
         Findings; errors that the map allows have become warnings.
     """
-    found = audits.audit(recording, expected_of(mapping))
-    if not any(finding.check in ("not_finite", "time_backwards", "repeated_time", "rate") for finding in found):
-        found += degrees.check(recording, mapping)
+    expected = expected_of(mapping)
+    found = audits.run(audits.FIRST, recording, expected)
+    if not any(finding.error for finding in found):
+        found += [*degrees.check(recording, mapping), *audits.run(audits.others(), recording, expected)]
     allowed = mapping.thresholds.allow
     return [replace(finding, error=finding.error and finding.check not in allowed) for finding in found]
 

@@ -12,7 +12,7 @@ from nas_data.dataset.audits.base import Expected, Finding
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.recording import Recording, recordings
 
-FIRST = ("finite", "timing")  # the others need finite values in rows whose time goes on
+FIRST = ("finite", "timing")
 
 
 class Audit(Protocol):
@@ -46,7 +46,12 @@ def audit(recording: Recording, expected: Expected) -> list[Finding]:
     found = run(FIRST, recording, expected)
     if any(finding.error for finding in found):
         return found
-    return found + run([name for name in registry.names("dataset.audits") if name not in FIRST], recording, expected)
+    return found + run(others(), recording, expected)
+
+
+def others() -> list[str]:
+    """Return the audits that need finite values in rows whose time goes on."""
+    return [name for name in registry.names("dataset.audits") if name not in FIRST]
 
 
 def run(names: Sequence[str], recording: Recording, expected: Expected) -> list[Finding]:

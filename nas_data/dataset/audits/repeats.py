@@ -3,6 +3,7 @@
 import numpy as np
 
 from nas_data.dataset.audits.base import Expected, Finding, row_numbers
+from nas_data.dataset.audits.torque_off import SIGNAL as TORQUE
 from nas_data.dataset.noise import SMALLEST, quantum
 from nas_data.dataset.recording import Recording
 from nas_data.dataset.rows import rows_text, spans
@@ -104,13 +105,14 @@ def _held(recording: Recording, expected: Expected, same: np.ndarray) -> np.ndar
 def _stuck(recording: Recording, expected: Expected, said: np.ndarray) -> list[Finding]:
     """Report joints whose reading alone stands still for long while their own command goes far away and back."""
     found = []
+    released = (recording.signals.get(TORQUE, np.ones((len(recording), 1))) == 0).any(axis=1)
     for index, joint in enumerate(recording.joints):
         position, command = recording.positions[:, index], recording.commands[:, index]
         stuck = np.zeros(len(recording), bool)
         for first, last in spans(np.flatnonzero(np.diff(position) == 0) + 1):
             if (last - first + 1) / expected.rate >= STUCK and np.ptp(command[first - 1 : last]) > AWAY:
                 stuck[first : last + 1] = True
-        rows = row_numbers(recording.rows, stuck & ~said)
+        rows = row_numbers(recording.rows, stuck & ~said & ~released)
         if rows:
             what = (
                 f"the reading of {joint} stands still in {rows_text(rows)} while its command moves: a servo that is "

@@ -27,7 +27,7 @@ def check(recording: Recording, expected: Expected) -> list[Finding]:
         if not recording.velocities[:, index].any():
             continue
         fit = fit_register(recording, index, 1 / expected.rate)
-        delays = [fit.delay] if fit else np.arange(-1.0, LATEST + STEP, STEP).tolist()
+        delays = [fit.delay] if fit else np.arange(-1.0, LATEST + STEP, STEP).tolist()  # [periods]
         fits = [Fit(fit.factor if fit else 1.0, delay) for delay in delays]
         wrong = min((_contradicting(recording, expected, index, one) for one in fits), key=np.count_nonzero)
         wrong |= _frozen(recording, expected, index)

@@ -7,14 +7,15 @@ import numpy as np
 from nas_data.dataset.audits.base import Expected, Finding
 from nas_data.dataset.recording import Recording
 
-ALIKE = 0.6  # 1 − median distance as a share of the median speed, from which both are the same motion
+UNLIKE = 0.44  # distance as a share of the speed from which they are not the same motion: a correlation of 0.9
+KEPT = 0.95  # share of the rows that are compared
+TOLD = 0.02  # by how much the distance must shrink for a delay to be believed
 AROUND = 0.05  # [s] on either side over which velocities are averaged: one quantum is not a motion
 STEADY = 0.25  # share by which both halves of a span may differ
 SLOWEST = 0.1  # share of the greatest speed from which a row counts
-TINY = 1e-30  # [rad/s]
 ENOUGH = 50  # rows in motion from which a factor is worth naming
-LATEST = 6.0  # [periods] latest register that is looked for
-STEP = 0.25  # [periods]
+LATEST, LONGEST = 6.0, 0.06  # [periods], [s] latest register that is looked for
+STEP, FINEST = 0.25, 2.5e-3  # [periods], [s] between the delays that are tried
 LATE = 0.6  # [periods] delay that is reported
 FACTOR_NOTED = 1.15  # a register filters what it measures, which costs it a few percent of the amplitude
 WHILE = 0.2  # [s]
@@ -66,7 +67,7 @@ def check(recording: Recording, expected: Expected) -> list[Finding]:
         if (fit := fit_register(recording, index, 1 / expected.rate)) is not None
     }
     found = _silent(recording, expected) + _scales(recording, fits)
-    late = {joint: fit.delay for joint, fit in fits.items() if fit.delay >= LATE + (fit.way > OVERSHOT)}
+    late = {joint: fit.delay for joint, fit in fits.items() if fit.delay >= LATE + (fit.way > FAST)}
     if late and not expected.derived:
         delay = float(np.median(list(late.values())))
         what = (
@@ -102,18 +103,37 @@ def fit_register(recording: Recording, index: int, period: float) -> Fit | None:
     steady &= np.abs(speed) > SLOWEST * np.abs(speed).max()
     travel = np.concatenate([[0.0], np.cumsum((register[1:] + register[:-1]) / 2 * np.diff(time))])
     told = (travel[2 * reach :] - travel[: -2 * reach]) / spans
-    best: tuple[float, Fit] | None = None
-    for delay in np.arange(-1.0, LATEST + STEP, STEP):
-        rows = np.flatnonzero(np.interp(middles - delay * period, middles, steady, left=0, right=0) == 1)
+    way, step = _way(recording, index), max(STEP * period, FINEST)
+    found: list[tuple[float, float, float]] = []
+    for delay in np.arange(-1, max(LATEST * period, LONGEST) / step + 1) * step:
+        rows = np.flatnonzero(np.interp(middles - delay, middles, steady, left=0, right=0) == 1)
         if len(rows) < ENOUGH // 2:
             continue
-        earlier, later = np.interp(middles[rows] - delay * period, middles, speed), told[rows]
-        # Medians: single wrong samples are the finding of another audit.
-        factor = float(np.median(later / earlier))
-        likeness = 1 - float(np.median(np.abs(later - factor * earlier)) / (np.median(np.abs(later)) + TINY))
-        if best is None or likeness > best[0]:
-            best = likeness, Fit(factor, float(delay), _way(recording, index))
-    return best[1] if best is not None and best[0] >= ALIKE else None
+        earlier, later = np.interp(middles[rows] - delay, middles, speed), told[rows]
+        factor, apart = _fit(earlier, later)
+        found.append((apart, delay / period, factor))
+    if not found or min(found)[0] > UNLIKE:
+        return None
+    apart, delay, factor = min(found)
+    undelayed = min(found, key=lambda one: abs(one[1]))
+    if undelayed[0] - apart < TOLD:  # so steady a motion that its delay does not show
+        _, delay, factor = undelayed
+    return Fit(factor, delay, way)
+
+
+def _fit(earlier: np.ndarray, later: np.ndarray) -> tuple[float, float]:
+    """Return the factor between speeds, and how far they are apart beside it as a share; without the worst rows.
+
+    Single wrong samples are the finding of another audit.
+    """
+    rest = np.abs(later - float(np.median(later / earlier)) * earlier)
+    kept = rest <= np.quantile(rest, KEPT)
+    earlier, later = earlier[kept], later[kept]
+    size = float(np.sqrt(np.mean(later**2)))
+    if size == 0:
+        return 0.0, 1.0
+    factor = float(earlier @ later) / float(earlier @ earlier)
+    return factor, float(np.sqrt(np.mean((later - factor * earlier) ** 2))) / size
 
 
 def _silent(recording: Recording, expected: Expected) -> list[Finding]:
@@ -151,7 +171,7 @@ def _scales(recording: Recording, fits: dict[str, Fit]) -> list[Finding]:
         if fit.explained() and known is None:
             continue
         reason = f", the factor between {known}" if known else ""
-        what = f"the velocity of {joint} is {size:.4g} times the differenced position{reason}"
+        what = f"the velocity of {joint} is {size:.3g} times the differenced position{reason}"
         remedy = "correct the unit or 'scale' in [read.velocity], [read.position] or [read.time]"
         found.append(Finding("velocity_scale", recording.place, what, remedy, error=known is not None))
     return found
