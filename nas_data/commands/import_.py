@@ -97,7 +97,7 @@ class ImportLogs(Command):
             path = self.logs[0]
             if not is_dataset(path):
                 raise OptionError(f"{path} is no LeRobot dataset; give --map, which says what a log's columns mean.")
-            text = map_text(path)
+            text = map_text(path, self.unit)
             mapping = parse_map(Section(tomllib.loads(text), f"the map of {path}"), "generated", text)
         else:
             mapping = load_map(self.map)

@@ -53,7 +53,7 @@ class Components:
 
 
 def check_radians(dataset: Dataset, key: str, components: Components) -> bool:
-    """Refuse angles that are not in radians.
+    """Refuse angles that are not in radians. Where the unit is stored it is believed: a joint may make several turns.
 
     Returns:
         Whether the units are stored; where they are not, radians are assumed.
@@ -71,7 +71,7 @@ def check_radians(dataset: Dataset, key: str, components: Components) -> bool:
                 raise DatasetInvalid(f"'{key}' of joint {joint} is in {unit}, {wanted} is needed; {REMEDY}.")
     for joint, place in components.positions.items():
         largest = float(np.abs(column[:, place]).max(initial=0.0))
-        if largest > LARGEST_ANGLE:
+        if largest > LARGEST_ANGLE and not feature.units:
             raise DatasetInvalid(
                 f"'{key}' of joint {joint} reaches {largest:.4g}, which cannot be radians (degrees or servo units?); "
                 f"{REMEDY}."

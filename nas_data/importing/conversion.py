@@ -16,7 +16,7 @@ TURN = 2 * np.pi  # [rad]
 FACTORS: Mapping[Kind, Mapping[str, float]] = {
     "position": {"rad": 1.0, "deg": DEGREE, "turn": TURN, "ticks": 1.0},
     "velocity": {"rad/s": 1.0, "deg/s": DEGREE, "turn/s": TURN, "rpm": TURN / 60, "ticks": 1.0},
-    "effort": {"N·m": 1.0, "N*m": 1.0, "Nm": 1.0},
+    "effort": {"N·m": 1.0, "N*m": 1.0, "Nm": 1.0, "mN·m": 1e-3, "A": 1.0},
     "signal": {},
 }
 SI: Mapping[Kind, str] = {"position": "rad", "velocity": "rad/s", "effort": "N·m"}
@@ -100,7 +100,7 @@ def _parse_line(section: Section, kind: Kind) -> tuple[float, float, str]:
 
 def _scaled(section: Section, factor: float, unit: str, kind: Kind) -> tuple[float, float]:
     """Read `scale` and `zero`: value = factor · scale · (raw − zero); ticks mean nothing without them."""
-    scale = section.number("scale", None if unit == "ticks" else 1.0)
+    scale = section.number("scale", None if unit in ("ticks", "A") else 1.0)  # what a tick or an ampere means
     if scale == 0:
         raise section.error("'scale' is 0; it must be another number.")
     zero = section.number("zero", None if unit == "ticks" and kind == "position" else 0.0)

@@ -105,8 +105,10 @@ def settle(mapping: Map, paths: Sequence[Path], said: Said) -> tuple[Map, tuple[
     return in_unit(mapping, unit, motors), (f"Read as {words} ({why}).",)
 
 
-def map_text(path: Path) -> str:
-    """Return the text of a map for a dataset whose joints are all in degrees, named as in the dataset.
+def map_text(path: Path, unit: str | None) -> str:
+    """Return the text of a map for a dataset whose joints are all in one unit, named as in the dataset.
+
+    Where radians are asked for, joints may make several turns.
 
     Raises:
         JointMismatch: its components have no names.
@@ -126,6 +128,7 @@ def map_text(path: Path) -> str:
         f'format = "lerobot"\nrobot = "{dataset.robot_type}"\njoints = [{names}]\n'
         'alignment = "action_follows_state"\nvelocity = "derive"\n'
         '[servo]\nresolution = 4096\ndrive_mode = true\n[read.position]\nunit = "deg"\n[read.command]\nunit = "deg"\n'
+        + ('[audit]\nallow = ["unit_slip"]\n' if unit == "rad" else "")
     )
 
 

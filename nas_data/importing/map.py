@@ -1,7 +1,7 @@
 """The map: where in a log each quantity stands and what its numbers mean."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from nas_data.dataset.lateness import LATE
 from nas_data.importing.conversion import Conversion, Kind
@@ -57,10 +57,12 @@ class Clock:
     Attributes:
         column: Empty where the log has no time: its rows are said to be one period apart.
         unit: A key of `conversion.TIME_UNITS`.
+        columns: Columns of those tables that have another one.
     """
 
     column: str
     unit: str
+    columns: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

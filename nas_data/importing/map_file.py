@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from nas_data.errors import MapError, UnknownName
-from nas_data.importing.conversion import FACTORS, SI, TIME_UNITS, Kind, check_encoding, parse_conversion
+from nas_data.importing.conversion import FACTORS, NORMALISED, SI, TIME_UNITS, Kind, check_encoding, parse_conversion
 from nas_data.importing.formats import FORMATS
 from nas_data.importing.layout import Layout, parse_layout
 from nas_data.importing.map import ALIGNMENTS, Clock, Map, Quantity, Resample, Servo, Source, Thresholds
@@ -114,7 +114,11 @@ class _Quantities:
 
 def _parse_command(section: Section, quantities: _Quantities) -> Quantity:
     """Read the commands: positions, or torques where their unit is one of torque."""
-    effort = section.values.get("unit") in FACTORS["effort"]
+    unit = section.values.get("unit")
+    effort = unit in FACTORS["effort"]
+    known = (*FACTORS["position"], NORMALISED, *FACTORS["effort"])
+    if isinstance(unit, str) and unit not in known:
+        raise section.error(f"'unit' is '{unit}'; choose one of: {', '.join(known)}.")
     return quantities.parse(section, "command", "effort" if effort else "position")
 
 
@@ -168,11 +172,10 @@ def _refuse_twice(section: Section, key: str, chosen: Sequence[str | int]) -> No
 
 def _parse_table_name(section: Section, layout: Layout) -> str:
     """Read which of the log's files is meant."""
-    if not layout.files:
+    key, tables = ("topic", layout.topics) if layout.topics else ("file", layout.files)
+    if not tables:
         return ""
-    if len(layout.files) == 1:
-        return section.text("file", next(iter(layout.files)), choices=tuple(layout.files))
-    return section.text("file", choices=tuple(layout.files))
+    return section.text(key, next(iter(tables)) if len(tables) == 1 else None, choices=tuple(tables))
 
 
 def _parse_episode(read: Section, layout: Layout) -> Source | None:
@@ -191,7 +194,9 @@ def _parse_clock(section: Section) -> Clock:
     if section.flag("uniform"):
         clock = Clock("", "s")
     elif given:
-        clock = Clock(section.text("column"), section.text("unit", choices=tuple(TIME_UNITS)))
+        others = section.table("columns")
+        columns = {key: others.text(key) for key in others.values}
+        clock = Clock(section.text("column"), section.text("unit", choices=tuple(TIME_UNITS)), columns)
     else:
         raise section.error("'column' is missing; name the time column, or say uniform = true where the log has none.")
     section.finish()

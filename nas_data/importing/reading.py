@@ -6,14 +6,14 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 
 from nas_data.errors import LogError, MapError
 from nas_data.importing.conversion import TIME_UNITS, decode
-from nas_data.importing.formats import folder_kind, read_table
+from nas_data.importing.formats import folder_kind, read_table, read_tables
 from nas_data.importing.gaps import divide
 from nas_data.importing.joining import common_rows, match_rows
 from nas_data.importing.map import Map, Quantity, Source
+from nas_data.importing.naming import arrange
 from nas_data.dataset.features import EFFORT, POSITION, VELOCITY
 from nas_data.dataset.recording import Recording
 from nas_data.dataset.rows import rows_text
@@ -39,7 +39,6 @@ def read_log(log: Path, mapping: Map) -> list[Recording]:
     """
     tables = _read_tables(log, mapping)
     reference = tables[mapping.position.source.table]
-    _check_joint_names(reference, mapping)
     times = _read_times(tables, mapping)
     time = times[mapping.position.source.table]
     if not len(time):
@@ -94,10 +93,14 @@ def _read_tables(log: Path, mapping: Map) -> dict[str, Table]:
     if files is None:
         if log.is_dir() and not folder_kind(mapping.layout.format):
             raise LogError(f"{log} is a folder, but the map reads single {mapping.layout.format} files.")
-        return {"": read_table(log, mapping.layout)}
+        tables = read_tables(log, mapping.layout)
+        named = {key for key, table in tables.items() if mapping.joint_names in table.columns}
+        return {key: arrange(table, mapping, must=not named) for key, table in tables.items()}
     if not log.is_dir():
         raise LogError(f"{log} is no folder, but the map reads {', '.join(files.values())} out of one.")
-    return {key: read_table(log / name, mapping.layout) for key, name in files.items()}
+    read = {key: read_table(log / name, mapping.layout) for key, name in files.items()}
+    where = mapping.position.source.table
+    return {key: arrange(table, mapping, must=key == where) for key, table in read.items()}
 
 
 def _read_times(tables: dict[str, Table], mapping: Map) -> dict[str, np.ndarray]:
@@ -108,7 +111,8 @@ def _read_times(tables: dict[str, Table], mapping: Map) -> dict[str, np.ndarray]
         if len(set(counts.values())) > 1:
             raise MapError(f"{tables[reference].path.parent}: files without a time column need equally many rows.")
         return {key: np.arange(count) / mapping.rate for key, count in counts.items()}
-    ticks = {key: table.ticks(mapping.clock.column, mapping.clock.unit) for key, table in tables.items()}
+    clock = mapping.clock
+    ticks = {key: table.ticks(clock.columns.get(key, clock.column), clock.unit) for key, table in tables.items()}
     finite = ticks[reference][np.isfinite(ticks[reference])]
     origin = finite[0] if len(finite) else 0
     return {key: (values - origin) * TIME_UNITS[mapping.clock.unit] for key, values in ticks.items()}
@@ -217,23 +221,6 @@ def _constant(tables: dict[str, Table], name: str, mapping: Map, rows: np.ndarra
         if name in table.constants or name in table.columns:
             return table.constant(name, rows if key == mapping.position.source.table else slice(None))
     return tables[mapping.position.source.table].constant(name)
-
-
-def _check_joint_names(table: Table, mapping: Map) -> None:
-    """Compare the log's own joint names with the map's."""
-    if not mapping.joint_names:
-        return
-    column = table.constants.get(mapping.joint_names)
-    if column is None:
-        column = table.column(mapping.joint_names)
-    names = np.asarray(column.to_pylist() if isinstance(column, pa.Array) else column).ravel()
-    found = tuple(str(name) for name in names)
-    if found != mapping.joints:
-        order = "in this order" if set(found) == set(mapping.joints) else "so"
-        raise MapError(
-            f"{table.path} has the joints {', '.join(found)}, but the map {', '.join(mapping.joints)}; "
-            f"name them {order} in 'joints' of the map, and what it lists by joint with them."
-        )
 
 
 def _split(whole: Recording, tables: dict[str, Table], mapping: Map) -> list[Recording]:

@@ -10,6 +10,7 @@ from typing import Protocol, cast
 from nas_data import registry
 from nas_data.dataset.audits.base import Expected, Finding
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import STATE
 from nas_data.dataset.recording import Recording, recordings
 
 FIRST = ("finite", "timing")
@@ -33,7 +34,9 @@ def audit_dataset(dataset: Dataset) -> tuple[Finding, ...]:
     Args:
         dataset: Transitions, or states and commands of named joints.
     """
-    expected = Expected(rate=dataset.fps, effort=dataset.commands_effort)
+    # Where units are stored, someone knows them: as_transitions refuses others than rad.
+    known = bool(dataset.features[STATE].units)
+    expected = Expected(rate=dataset.fps, effort=dataset.commands_effort, turns=known)
     return tuple(finding for recording in recordings(dataset) for finding in audit(recording, expected))
 
 

@@ -18,6 +18,7 @@ class Expected:
         jitter: Largest deviation of a time step, as a share of the period.
         limits: Limits [rad] by joint; joints without limits are absent.
         effort: Whether commands are torques [N·m] rather than positions [rad].
+        turns: Whether joints may turn farther than two turns.
         resampled: Whether rows are spaced evenly before they are used.
         derived: Whether velocities are derived from the positions, whatever a register says.
         promise: Who promises the rate, and says so.
@@ -28,6 +29,7 @@ class Expected:
     jitter: float = LATE
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     effort: bool = False
+    turns: bool = False
     resampled: bool = False
     derived: bool = False
     promise: str = "the dataset promises"

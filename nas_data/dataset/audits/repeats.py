@@ -13,7 +13,7 @@ FASTER = 0.2  # … nor one that moves this share of its largest moves, where re
 AROUND = 0.05  # [s] on either side over which a speed is averaged where no register tells it
 COMMANDED = 0.02  # [rad] or [N·m]; a command that moves this far while all readings repeat is worth a word
 LASTING = 0.1  # [s] such repeats that are shorter are ordinary rests of a quantised reading
-STUCK = 0.5  # [s] a joint that is still for so long …
+STUCK = 1.0  # [s] a joint that is still for so long …
 AWAY = 0.2  # … [rad] while its own command moves so far, does not follow it
 TOLERATED = 0.02  # share of the rows in motion that may repeat: a lost answer now and then
 REGULAR = 0.7  # share of the gaps between repeats that are alike where the device has a rate of its own
@@ -110,9 +110,10 @@ def _stuck(recording: Recording, expected: Expected, said: np.ndarray) -> list[F
         position, command = recording.positions[:, index], recording.commands[:, index]
         stuck = np.zeros(len(recording), bool)
         for first, last in spans(np.flatnonzero(np.diff(position) == 0) + 1):
-            if (last - first + 1) / expected.rate >= STUCK and np.ptp(command[first - 1 : last]) > AWAY:
+            known = (said | released)[first : last + 1].any()
+            if (last - first + 1) / expected.rate >= STUCK and np.ptp(command[first - 1 : last]) > AWAY and not known:
                 stuck[first : last + 1] = True
-        rows = row_numbers(recording.rows, stuck & ~said & ~released)
+        rows = row_numbers(recording.rows, stuck)
         if rows:
             what = (
                 f"the reading of {joint} stands still in {rows_text(rows)} while its command moves: a servo that is "

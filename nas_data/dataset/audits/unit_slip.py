@@ -12,8 +12,8 @@ BEYOND = 0.5  # share of the range by which a measured position cannot exceed it
 
 def check(recording: Recording, expected: Expected) -> list[Finding]:
     """Refuse positions and commands that cannot be radians."""
-    found = _too_large(recording, "position", recording.positions)
-    if not expected.effort:
+    found = [] if expected.turns else _too_large(recording, "position", recording.positions)
+    if not expected.effort and not expected.turns:
         found += _too_large(recording, "command", recording.commands)
     return found or _far_beyond(recording, expected)
 

@@ -15,7 +15,7 @@ STEADY = 0.25  # share by which both halves of a span may differ
 SLOWEST = 0.1  # share of the greatest speed from which a row counts
 ENOUGH = 50  # rows in motion from which a factor is worth naming
 LATEST, LONGEST = 6.0, 0.06  # [periods], [s] latest register that is looked for
-STEP, FINEST = 0.25, 2.5e-3  # [periods], [s] between the delays that are tried
+STEP, FINEST = 0.25, 1e-3  # [periods], [s] between the delays that are tried
 LATE = 0.6  # [periods] delay that is reported
 FACTOR_NOTED = 1.15  # a register filters what it measures, which costs it a few percent of the amplitude
 WHILE = 0.2  # [s]
@@ -111,7 +111,7 @@ def fit_register(recording: Recording, index: int, period: float) -> Fit | None:
             continue
         earlier, later = np.interp(middles[rows] - delay, middles, speed), told[rows]
         factor, apart = _fit(earlier, later)
-        found.append((apart, delay / period, factor))
+        found.append((apart, float(delay / period), factor))
     if not found or min(found)[0] > UNLIKE:
         return None
     apart, delay, factor = min(found)

@@ -1,13 +1,15 @@
 """File formats of logs: each file of the folder reads one and says which endings its files have."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol, cast
+from typing import Protocol, TypeVar, cast
 
 from nas_data import registry
-from nas_data.errors import LogError, NasError
+from nas_data.errors import LogError, MissingPackage, NasError
 from nas_data.importing.layout import Layout
 from nas_data.importing.table import Table
 
+Content = TypeVar("Content")
 FORMATS = registry.names("importing.formats")
 
 
@@ -19,6 +21,13 @@ class Format(Protocol):
 
     def read(self, path: Path, layout: Layout) -> Table:
         """Read a file; any of `LogError`, `ValueError`, `OSError` says that it is none of this format."""
+
+
+class Bag(Protocol):
+    """What a file of this folder defines whose logs are messages of several topics, in place of `read`."""
+
+    def read_topics(self, path: Path, layout: Layout) -> dict[str, Table]:
+        """Read the topics that a map names, by the keys of its `[topics]`."""
 
 
 def find_format(name: str) -> Format:
@@ -36,16 +45,29 @@ def is_folder_log(path: Path, name: str) -> bool:
     return bool(folder_kind(name)) and path.is_dir() and bool(getattr(find_format(name), "is_log")(path))  # noqa: B009
 
 
-def read_table(path: Path, layout: Layout) -> Table:
-    """Read one file of a log.
+def read_tables(path: Path, layout: Layout) -> dict[str, Table]:
+    """Read one log that is one file or folder: one table, or one for each topic that the map names.
 
     Raises:
         LogError: no such file, another ending than the format's, or content that cannot be read as it.
     """
+    if layout.topics:
+        return _read(path, layout, cast(Bag, find_format(layout.format)).read_topics)
+    return {"": read_table(path, layout)}
+
+
+def read_table(path: Path, layout: Layout) -> Table:
+    """Read one file of a log; raises as `read_tables` does."""
+    return _read(path, layout, find_format(layout.format).read)
+
+
+def _read(path: Path, layout: Layout, reader: Callable[[Path, Layout], Content]) -> Content:
+    """Read a file or folder after it was found to be one, and say in a sentence where it cannot be read."""
     known = find_format(layout.format)
     folder = is_folder_log(path, layout.format)
-    if not folder and folder_kind(layout.format) and not known.SUFFIXES:
-        raise LogError(f"{path} is no {folder_kind(layout.format)[2:]}; give the folder of one.")
+    if not folder and folder_kind(layout.format) and not (path.is_file() and known.SUFFIXES):
+        there = "there is no such folder" if not path.exists() else f"it is no {folder_kind(layout.format)[2:]}"
+        raise LogError(f"{path} cannot be read: {there}; give {folder_kind(layout.format)}.")
     if not path.is_file() and not folder:
         raise LogError(f"There is no file {path}; give a recorded log.")
     if not folder and path.suffix.lower() not in known.SUFFIXES:
@@ -56,9 +78,11 @@ def read_table(path: Path, layout: Layout) -> Table:
     if not folder and path.stat().st_size == 0:
         raise LogError(f"{path} is empty; give a log with recorded rows.")
     try:
-        return known.read(path, layout)
+        return reader(path, layout)
     except NasError:
         raise
+    except ImportError as error:
+        raise MissingPackage(f"{path} needs the package {error.name}: pip install {error.name}.") from None
     except (ValueError, OSError, EOFError, KeyError) as error:
         reason = (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")
         raise LogError(f"{path} cannot be read as {layout.format}: {reason}.") from None
