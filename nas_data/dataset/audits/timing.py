@@ -56,19 +56,23 @@ def _divided(recording: Recording) -> list[Finding]:
 
 
 def _rate(recording: Recording, steps: np.ndarray, expected: Expected) -> list[Finding]:
-    """Compare the usual step with the promised rate; where steps alternate, the mean tells the rate."""
+    """Compare the usual rate with the promised one."""
     whole = steps[(steps > 0) & ~find_holes(steps, max(float(np.median(steps)), 1 / expected.rate))]
     if not whole.size:
         return []
-    rates = [float(1 / np.median(whole)), len(steps) / float(recording.time[-1] - recording.time[0])]
-    off = min(abs(rate / expected.rate - 1) for rate in rates)
+    rates = [float(1 / np.median(whole))]
+    if len(whole) == len(steps):  # where steps alternate, their median is none that counts: the line through all is
+        rates.append(1 / float(np.polyfit(np.arange(len(recording)), recording.time, 1)[0]))
+    nearest = min(rates, key=lambda rate: abs(rate / expected.rate - 1))
+    off = abs(nearest / expected.rate - 1)
     ratio = rates[0] / expected.rate
     gross = not 1 / RATE_FACTOR_REFUSED < ratio < RATE_FACTOR_REFUSED
     if off <= RATE_NOTED or (expected.resampled and not gross):
         return []
-    what = f"rows come at {rates[0]:.6g} Hz, but {expected.promise} {expected.rate:.6g} Hz"
+    refused = gross or off > RATE_REFUSED
+    what = f"rows come at {rates[0] if refused else nearest:.6g} Hz, but {expected.promise} {expected.rate:.6g} Hz"
     remedy = "correct 'rate' or the unit of [read.time]" + ("" if gross else ", or add [resample]")
-    return [Finding("rate", recording.place, what, remedy, error=gross or off > RATE_REFUSED)]
+    return [Finding("rate", recording.place, what, remedy, error=refused)]
 
 
 def _steps(recording: Recording, steps: np.ndarray, expected: Expected) -> list[Finding]:
