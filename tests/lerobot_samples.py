@@ -47,8 +47,9 @@ def write_lerobot(
     joints: tuple[str, ...] = JOINTS,
     robot: str = "arm2",
     camera: bool = False,
+    matrix: bool = True,
 ) -> Path:
-    """Write a dataset by LeRobot itself; with a camera it has a video, a picture, a text and a matrix as well."""
+    """Write a dataset by LeRobot itself; with a camera it has a video, a picture, and a text and a matrix as well."""
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
     vector = {"dtype": "float32", "shape": (len(joints),), "names": [f"{joint}.pos" for joint in joints]}
@@ -58,6 +59,9 @@ def write_lerobot(
         features |= {
             "observation.images.front": {"dtype": "video", "shape": (64, 96, 3), "names": names},
             "observation.images.wrist": {"dtype": "image", "shape": (16, 16, 3), "names": names},
+        }
+    if camera and matrix:
+        features |= {
             "language": {"dtype": "string", "shape": (1,), "names": None},
             "grid": {"dtype": "float32", "shape": (2, 2), "names": None},
         }
@@ -68,7 +72,7 @@ def write_lerobot(
         for row, (state, command) in enumerate(zip(states, commands, strict=True)):
             frame = {"observation.state": state.astype(np.float32), "action": command.astype(np.float32)}
             if camera:
-                frame |= pictures(row)
+                frame |= {key: value for key, value in pictures(row).items() if key in features}
             target.add_frame({**frame, "task": f"pick {number % 2}"})
         target.save_episode()
     target.finalize()

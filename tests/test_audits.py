@@ -123,7 +123,9 @@ def held(every: int) -> Callable[[np.ndarray], np.ndarray]:
 def frozen(values: np.ndarray) -> np.ndarray:
     """Stop the second joint's reading in the second half."""
     half = len(values) // 2
-    return np.hstack([values[:, :1], np.concatenate([values[:half, 1:], np.repeat(values[half : half + 1, 1:], half, 0)])])
+    return np.hstack(
+        [values[:, :1], np.concatenate([values[:half, 1:], np.repeat(values[half : half + 1, 1:], half, 0)])]
+    )
 
 
 def late(values: np.ndarray) -> np.ndarray:

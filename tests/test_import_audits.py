@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from import_samples import RATE, Motion, columns_of, map_text, motion, write_log, write_map
 
 from nas_data import registry
-from nas_data.errors import LogError
-from nas_data.importing.auditing import audit
 from nas_data.dataset.audits import find_audit
 from nas_data.dataset.audits.base import Finding
+from nas_data.errors import LogError
+from nas_data.importing.auditing import audit
 from nas_data.importing.map_file import ALLOWABLE, load_map
 from nas_data.importing.reading import read_log
 from nas_data.recorders.logs import import_logs

@@ -12,7 +12,11 @@ from nas_data.errors import LogError, MapError
 from nas_data.importing.map_file import load_map
 from nas_data.recorders.logs import import_logs
 
-NAMED = {"same": lambda row: (0, 1), "swapped": lambda row: (1, 0), "changes": lambda row: (0, 1) if row < 50 else (1, 0)}
+NAMED = {
+    "same": lambda row: (0, 1),
+    "swapped": lambda row: (1, 0),
+    "changes": lambda row: (0, 1) if row < 50 else (1, 0),
+}
 
 
 def plain_map(suffix: str, extra: str = "") -> str:

@@ -153,14 +153,18 @@ def simulated(root: Path, lengths: tuple[int, ...] = (200,), fps: float = 50.0) 
     time = np.arange(total)[:, None] / fps
     positions = (0.5 * np.sin(time * [2.0, 3.0])).astype(np.float32)
     features = {key: position_feature(("j1", "j2")) for key in (STATE, ACTION)}
-    dataset = Dataset(features, {STATE: positions, ACTION: positions + np.float32(0.01)}, np.array(lengths), fps, "arm2")
+    dataset = Dataset(
+        features, {STATE: positions, ACTION: positions + np.float32(0.01)}, np.array(lengths), fps, "arm2"
+    )
     write(dataset, root, Provenance(how="simulated", robot="arm2", contiguous=True))
     return root
 
 
 def commands_in(text: str) -> list[list[str]]:
     """The commands that a sentence names, without `nas`."""
-    return [shlex.split(found) for found in re.findall(r"[`'(]?nas ([a-z]+ [^`';()]+?)[`').;]*(?: first|$|[`')])", text)]
+    return [
+        shlex.split(found) for found in re.findall(r"[`'(]?nas ([a-z]+ [^`';()]+?)[`').;]*(?: first|$|[`')])", text)
+    ]
 
 
 def refused(capsys, *arguments: str) -> str:

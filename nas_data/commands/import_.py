@@ -49,7 +49,8 @@ class ImportLogs(Command):
     calibration: Path | None = None
     """LeRobot's calibration file of the robot that recorded, a JSON file; −100 … 100 mean nothing without it."""
     model: str | None = None
-    """A model of the robot, to check sign and zero of each joint against its limits and its gravity."""
+    """A model of the robot, to check sign and zero of each joint against its limits and its gravity, and for the range
+    of a gripper where there is no map."""
     rate: float | None = None
     """Rows a second [Hz] of a LeRobot dataset, in place of its own fps."""
     uniform: bool = False
@@ -97,7 +98,7 @@ class ImportLogs(Command):
             path = self.logs[0]
             if not is_dataset(path):
                 raise OptionError(f"{path} is no LeRobot dataset; give --map, which says what a log's columns mean.")
-            text = map_text(path, self.unit)
+            text = map_text(path, self.unit, self.model)
             mapping = parse_map(Section(tomllib.loads(text), f"the map of {path}"), "generated", text)
         else:
             mapping = load_map(self.map)

@@ -23,7 +23,9 @@ def find_gaps(dataset: Dataset) -> list[tuple[int, float]]:
         if not len(steps) or not np.isfinite(steps).all() or not (steps >= 0).all() or not steps.any():
             continue
         period = max(1 / dataset.fps, float(np.median(steps[steps > 0])))
-        found += [(frames.start + int(place) + 1, float(steps[place])) for place in np.flatnonzero(find_holes(steps, period))]
+        found += [
+            (frames.start + int(place) + 1, float(steps[place])) for place in np.flatnonzero(find_holes(steps, period))
+        ]
     return found
 
 
@@ -40,9 +42,7 @@ def cut_every(dataset: Dataset, seconds: float) -> Dataset:
             f"{SHORTEST / dataset.fps:.2g} s."
         )
     starts = [
-        start
-        for frames in dataset.episodes()
-        for start in range(frames.start + size, frames.stop - size + 1, size)
+        start for frames in dataset.episodes() for start in range(frames.start + size, frames.stop - size + 1, size)
     ]
     return cut_at(dataset, starts)
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from nas_data.dataset.audits import audit_dataset
 from nas_data.dataset.audits.base import Finding
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import STATE
 from nas_data.dataset.joints import REMEDY
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.transitions import as_transitions
@@ -18,6 +19,7 @@ from nas_data.errors import DatasetInvalid
 
 OURS = {"simulated", "hardware", "imported", "paired"}
 MAPS = Path(__file__).parents[1] / "importing" / "maps"
+REFUSED = ("rate", "time_gap", "time_backwards", "repeated_time", "not_finite", "unit_slip")
 LEROBOT = "_lerobot"  # how the names of maps of LeRobot's datasets end
 
 
@@ -53,8 +55,8 @@ def is_ours(provenance: Provenance | None) -> bool:
 
 
 def refuse(root: Path, findings: Sequence[Finding], dataset: Dataset) -> None:
-    """Raise DatasetInvalid where an audit found an error, with the command that imports the dataset."""
-    error = next((finding for finding in findings if finding.error), None)
+    """Raise DatasetInvalid where the clock or the unit cannot be right, with the command that imports the dataset."""
+    error = next((finding for finding in findings if finding.error and finding.check in REFUSED), None)
     if error is None:
         return
     where = shlex.quote(str(root))
@@ -81,7 +83,8 @@ def in_its_unit(root: Path, dataset: Dataset) -> str:
     name = map_for(dataset.robot_type)
     if name:
         return f"import it: nas import {where} --map {name}"
-    return f"import it: nas import {where} --unit deg"
+    gripper = any("gripper" in joint for joint in dataset.features[STATE].names)
+    return f"import it: nas import {where} --unit deg" + (" --model MODEL.xml" if gripper else "")
 
 
 def map_for(robot_type: str) -> str | None:

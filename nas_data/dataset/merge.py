@@ -114,7 +114,9 @@ def _check_joints(a: Original, b: Original) -> None:
 
 def _check_features(a: Original, b: Original) -> None:
     carried = [original.dataset.carried.features if original.dataset.carried else {} for original in (a, b)]
-    other = next((key for key in {**carried[0], **carried[1]} if _kind(carried[0], key) != _kind(carried[1], key)), None)
+    other = next(
+        (key for key in {**carried[0], **carried[1]} if _kind(carried[0], key) != _kind(carried[1], key)), None
+    )
     if other is not None:
         raise DatasetInvalid(
             f"{b.root} and {a.root} differ in '{other}' (its type, shape or whether it is there); "

@@ -101,7 +101,10 @@ def _files(
     with ThreadPoolExecutor(max_workers=1) as beside:
         statistics_later = beside.submit(statistics, columns, dataset.lengths)
         for number, episodes in enumerate(files):
-            yield layout.numbered(layout.DATA_TEMPLATE, number), data_file(columns, dataset.lengths, episodes, dataset.carried)
+            yield (
+                layout.numbered(layout.DATA_TEMPLATE, number),
+                data_file(columns, dataset.lengths, episodes, dataset.carried),
+            )
         found = statistics_later.result()
     table = episode_table(dataset, files, found)
     table = pa.table({**{key: table[key] for key in table.column_names}, **{k: pa.array(v) for k, v in places.items()}})

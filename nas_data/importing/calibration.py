@@ -71,7 +71,9 @@ def motors_of(mapping: Map, calibration: Mapping[str, Motor], path: Path) -> lis
     names = [name.removesuffix(".pos") for name in mapping.position.source.names or mapping.joints]
     missing = next((name for name in names if name not in calibration), None)
     if missing is not None:
-        raise LogError(f"{path} has no motor '{missing}'; it has: {', '.join(calibration)}. Give this robot's own file.")
+        raise LogError(
+            f"{path} has no motor '{missing}'; it has: {', '.join(calibration)}. Give this robot's own file."
+        )
     empty = next((name for name in names if calibration[name].low >= calibration[name].high), None)
     if empty is not None:
         raise LogError(f"{path} says an empty range for '{empty}'; calibrate the robot again.")
@@ -129,9 +131,7 @@ def in_unit(mapping: Map, unit: str, motors: Sequence[Motor]) -> Map:
 
     def converted(quantity: Quantity) -> Quantity:
         lines = zip(quantity.conversion.gain, quantity.conversion.bias, quantity.conversion.units, strict=True)
-        changed = [
-            _line(line, unit, servo, motors[index] if motors else None) for index, line in enumerate(lines)
-        ]
+        changed = [_line(line, unit, servo, motors[index] if motors else None) for index, line in enumerate(lines)]
         gain, bias, units = zip(*changed, strict=True)
         return replace(quantity, conversion=replace(quantity.conversion, gain=gain, bias=bias, units=units))
 

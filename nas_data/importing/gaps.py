@@ -9,7 +9,6 @@ from nas_data.dataset.audits.timing import find_holes
 from nas_data.dataset.recording import Recording
 
 
-
 def divide(recording: Recording, rate: float) -> list[Recording]:
     """Divide a recording where rows are missing; a transition over a hole would be a robot that leaps.
 

@@ -105,31 +105,54 @@ def settle(mapping: Map, paths: Sequence[Path], said: Said) -> tuple[Map, tuple[
     return in_unit(mapping, unit, motors), (f"Read as {words} ({why}).",)
 
 
-def map_text(path: Path, unit: str | None) -> str:
+def map_text(path: Path, unit: str | None, model: str | None) -> str:
     """Return the text of a map for a dataset whose joints are all in one unit, named as in the dataset.
 
-    Where radians are asked for, joints may make several turns.
+    Where radians are asked for, joints may make several turns. LeRobot gives a gripper as 0 … 100 of its range, which
+    is taken from the model.
 
     Raises:
         JointMismatch: its components have no names.
-        OptionError: it has a gripper, whose 0 … 100 mean nothing without its range.
+        OptionError: it has a gripper, and there is no model that says its range.
     """
     root = resolve(path)
     dataset = read(root)
     joints = tuple(Components.of("observation.state", dataset.features["observation.state"]).positions)
-    gripper = next((joint for joint in joints if "gripper" in joint), None)
-    if gripper is not None:
-        raise OptionError(
-            f"{path} has a joint '{gripper}', which LeRobot gives as 0 … 100 of its range: write that range into a copy "
-            "of the map example_lerobot, and give it with --map."
-        )
+    grippers = [joint for joint in joints if "gripper" in joint] if unit != "rad" else []
+    tables = ""
+    for gripper in grippers:
+        low, high = _range_of(path, gripper, model)
+        line = f'unit = "normalised"\nrange = [0.0, 100.0]\nlow = {low!r}\nhigh = {high!r}\n'
+        tables += "".join(f"[read.{what}.joints.{gripper}]\n{line}" for what in ("position", "command"))
     names = ", ".join(f'"{joint}"' for joint in joints)
     return (
         f'format = "lerobot"\nrobot = "{dataset.robot_type}"\njoints = [{names}]\n'
         'alignment = "action_follows_state"\nvelocity = "derive"\n'
         '[servo]\nresolution = 4096\ndrive_mode = true\n[read.position]\nunit = "deg"\n[read.command]\nunit = "deg"\n'
+        + tables
         + ('[audit]\nallow = ["unit_slip"]\n' if unit == "rad" else "")
     )
+
+
+def _range_of(path: Path, joint: str, model: str | None) -> tuple[float, float]:
+    """Return the range of a gripper in a model [rad; m].
+
+    Raises:
+        OptionError: there is no model, or it has no such joint or no range.
+    """
+    if model is None:
+        raise OptionError(
+            f"{path} has a joint '{joint}', which LeRobot gives as 0 … 100 of its range: add --model MODEL.xml, whose "
+            "joint of that name says the range."
+        )
+    from nas_data.robots.base import find_robot
+
+    spec = find_robot(model).spec().compile()
+    names = [spec.joint(index).name for index in range(spec.njnt)]
+    if joint not in names or not spec.jnt_limited[spec.joint(joint).id]:
+        raise OptionError(f"{model} has no joint '{joint}' with a range; give one in the model, or write a map.")
+    low, high = spec.joint(joint).range
+    return float(low), float(high)
 
 
 def import_dataset(path: Path, said: Said) -> tuple[Dataset, Provenance, tuple[Finding, ...]]:

@@ -60,7 +60,7 @@ def _table(path: Path, topic: str, rows: list[dict[str, object]]) -> Table:
     if not rows:
         raise LogError(f"{path} has no messages of '{topic}'; give the bag that has, or correct [topics] of the map.")
     shared = [key for key in rows[0] if all(key in row for row in rows)]
-    return Table(path.with_name(f"{path.name}:{topic}"), {key: _column([row[key] for row in rows]) for key in shared})
+    return Table(Path(f"{path}:{topic}"), {key: _column([row[key] for row in rows]) for key in shared})
 
 
 def _column(values: list[object]) -> np.ndarray:

@@ -7,6 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.dataset.features import EFFORT, POSITION, VELOCITY
+from nas_data.dataset.recording import Recording
+from nas_data.dataset.rows import rows_text
 from nas_data.errors import LogError, MapError
 from nas_data.importing.conversion import TIME_UNITS, decode
 from nas_data.importing.formats import folder_kind, read_table, read_tables
@@ -14,9 +17,6 @@ from nas_data.importing.gaps import divide
 from nas_data.importing.joining import common_rows, match_rows
 from nas_data.importing.map import Map, Quantity, Source
 from nas_data.importing.naming import arrange
-from nas_data.dataset.features import EFFORT, POSITION, VELOCITY
-from nas_data.dataset.recording import Recording
-from nas_data.dataset.rows import rows_text
 from nas_data.importing.table import Table
 
 ENOUGH = 3  # rows; two transitions

@@ -10,8 +10,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from nas_data.errors import LogError, MapError
 from nas_data.dataset.rows import rows_text
+from nas_data.errors import LogError, MapError
 
 Column: TypeAlias = pa.Array | pa.ChunkedArray | np.ndarray
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.dataset.audits.base import Finding
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import (
     ACTION,
@@ -24,15 +25,14 @@ from nas_data.dataset.features import (
 from nas_data.dataset.merge import joined
 from nas_data.dataset.provenance import Parent, Provenance
 from nas_data.dataset.read import read
+from nas_data.dataset.recording import Recording
 from nas_data.dataset.transitions import VELOCITIES_DERIVED, estimate_velocities
 from nas_data.dataset.versions import parent_of, resolve
 from nas_data.errors import LogError
 from nas_data.importing.auditing import audit
-from nas_data.dataset.audits.base import Finding
 from nas_data.importing.formats import find_format, is_folder_log
 from nas_data.importing.map import Map
 from nas_data.importing.reading import ENOUGH, read_log
-from nas_data.dataset.recording import Recording
 from nas_data.importing.resampling import resample
 
 MAP_ATTACHMENT = "meta/import_map.toml"

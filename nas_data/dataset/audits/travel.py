@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from nas_data.dataset.audits.velocity import LATEST, STEP, Fit, fit_register
 from nas_data.dataset.audits.base import Expected, Finding, row_numbers
+from nas_data.dataset.audits.velocity import LATEST, STEP, Fit, fit_register
 from nas_data.dataset.recording import Recording
 from nas_data.dataset.rows import rows_text, spans
 

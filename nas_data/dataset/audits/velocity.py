@@ -167,7 +167,9 @@ def _scales(recording: Recording, fits: dict[str, Fit]) -> list[Finding]:
         if 1 / FACTOR_NOTED < size < FACTOR_NOTED:
             continue
         near = EXACTLY if fit.explained() else NEAR
-        known = next((name for factor, name in KNOWN.items() if _is(size, factor, near) or _is(size, 1 / factor, near)), None)
+        known = next(
+            (name for factor, name in KNOWN.items() if _is(size, factor, near) or _is(size, 1 / factor, near)), None
+        )
         if fit.explained() and known is None:
             continue
         reason = f", the factor between {known}" if known else ""

@@ -21,7 +21,7 @@ def read(path: Path, layout: Layout) -> Table:
         content = loadmat(path, struct_as_record=True, chars_as_strings=True)
     except NotImplementedError:
         raise LogError(f"{path} is of MATLAB's format 7.3; save it with save(…, '-v7').") from None
-    except (MatReadError, TypeError, IndexError) as error:
+    except (MatReadError, ValueError, TypeError, IndexError) as error:
         raise LogError(f"{path} cannot be read as mat ({error}); save it again with save(…, '-v7').") from None
     columns: dict[str, np.ndarray] = {}
     constants: dict[str, object] = {}

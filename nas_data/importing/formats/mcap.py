@@ -20,7 +20,9 @@ def read_topics(path: Path, layout: Layout) -> dict[str, Table]:
         return to_tables(path, dict(layout.topics), _messages(path, layout))
     except McapError as error:
         reason = (str(error) or type(error).__name__).splitlines()[0].rstrip(".")
-        raise LogError(f"{path} is damaged or cut off ({reason}); repair it with 'mcap recover', or copy it again.") from None
+        raise LogError(
+            f"{path} is damaged or cut off ({reason}); repair it with 'mcap recover', or copy it again."
+        ) from None
 
 
 def _messages(path: Path, layout: Layout) -> Iterator[tuple[str, int, object]]:
@@ -32,7 +34,9 @@ def _messages(path: Path, layout: Layout) -> Iterator[tuple[str, int, object]]:
         there = {channel.topic for channel in summary.channels.values()} if (summary := reader.get_summary()) else set()
         missing = next((topic for topic in layout.topics.values() if summary and topic not in there), None)
         if missing is not None:
-            raise LogError(f"{path} has no topic '{missing}', which [topics] of the map names; it has: {_listed(there)}.")
+            raise LogError(
+                f"{path} has no topic '{missing}', which [topics] of the map names; it has: {_listed(there)}."
+            )
         for _, channel, message, decoded in reader.iter_decoded_messages(topics=list(layout.topics.values())):
             yield channel.topic, message.log_time, decoded
 

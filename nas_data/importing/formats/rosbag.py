@@ -27,7 +27,9 @@ def read_topics(path: Path, layout: Layout) -> dict[str, Table]:
         return to_tables(path, dict(layout.topics), _messages(path, layout))
     except (AnyReaderError, Reader1Error, Reader2Error) as error:
         reason = (str(error) or type(error).__name__).splitlines()[0].rstrip(".")
-        raise LogError(f"{path} cannot be read as a bag: {reason}; copy it again, or run 'ros2 bag reindex' on it.") from None
+        raise LogError(
+            f"{path} cannot be read as a bag: {reason}; copy it again, or run 'ros2 bag reindex' on it."
+        ) from None
 
 
 def _messages(path: Path, layout: Layout) -> Iterator[tuple[str, int, object]]:
