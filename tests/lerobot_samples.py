@@ -1,4 +1,4 @@
-"""Datasets as LeRobot's own writer makes them, of a two-joint arm or of an SO-101's joints, in any unit, with a camera."""
+"""Datasets as LeRobot's own writer makes them, of a two-joint arm or of an SO-101, in any unit, with cameras."""
 
 import os
 
@@ -15,11 +15,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 RATE = 50  # [Hz]
-ARM = """<mujoco><compiler angle="radian" autolimits="true"/><option timestep="0.002" integrator="implicitfast"/><worldbody>
+ARM = """<mujoco><compiler angle="radian" autolimits="true"/>
+<option timestep="0.002" integrator="implicitfast"/><worldbody>
 <body pos="0 0 0.5"><joint name="j1" axis="0 1 0" damping="0.05" armature="0.002" range="-2 2"/>
 <geom type="capsule" fromto="0 0 0 0.15 0 0" size="0.01" mass="0.05" contype="0" conaffinity="0"/>
 <body pos="0.15 0 0"><joint name="j2" axis="0 1 0" damping="0.05" armature="0.002" range="-2 2"/>
-<geom type="capsule" fromto="0 0 0 0.1 0 0" size="0.01" mass="0.03" contype="0" conaffinity="0"/></body></body></worldbody>
+<geom type="capsule" fromto="0 0 0 0.1 0 0" size="0.01" mass="0.03" contype="0" conaffinity="0"/>
+</body></body></worldbody>
 <actuator><position joint="j1" kp="2" kv="0.1"/><position joint="j2" kp="2" kv="0.1"/></actuator></mujoco>"""
 JOINTS = ("j1", "j2")
 SO101 = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")

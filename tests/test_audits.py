@@ -1,4 +1,4 @@
-"""The audits of recordings: silent on exact data at any rate, and each speaks on its fault, in import, find and verify."""
+"""The audits of recordings: silent on exact data at any rate, and each speaks on its fault."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -34,7 +34,8 @@ ARM = """<mujoco><compiler angle="radian"/><option timestep="0.001" integrator="
 <body pos="0 0 0.5"><joint name="j1" axis="0 1 0" damping="0.05" armature="0.002"/>
 <geom type="capsule" fromto="0 0 0 0.15 0 0" size="0.01" mass="0.05" contype="0" conaffinity="0"/>
 <body pos="0.15 0 0"><joint name="j2" axis="0 1 0" damping="0.05" armature="0.002"/>
-<geom type="capsule" fromto="0 0 0 0.1 0 0" size="0.01" mass="0.03" contype="0" conaffinity="0"/></body></body></worldbody>
+<geom type="capsule" fromto="0 0 0 0.1 0 0" size="0.01" mass="0.03" contype="0" conaffinity="0"/>
+</body></body></worldbody>
 <actuator><position joint="j1" kp="20" kv="0.3"/><position joint="j2" kp="20" kv="0.3"/></actuator></mujoco>"""
 
 

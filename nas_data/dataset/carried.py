@@ -111,7 +111,7 @@ class Carried:
 
     def statistics(self, starts: np.ndarray) -> list[Mapping[str, object]]:
         """Return the statistics that the source holds of the episode in which each begins, by their column."""
-        found = []
+        found: list[Mapping[str, object]] = []
         for start in starts:
             source, row = self._source_of(int(self.rows[start]))
             entry = source.episode(row)

@@ -114,12 +114,12 @@ def _check_joints(a: Original, b: Original) -> None:
 
 def _check_features(a: Original, b: Original) -> None:
     carried = [original.dataset.carried.features if original.dataset.carried else {} for original in (a, b)]
-    other = next(
+    unlike = next(
         (key for key in {**carried[0], **carried[1]} if _kind(carried[0], key) != _kind(carried[1], key)), None
     )
-    if other is not None:
+    if unlike is not None:
         raise DatasetInvalid(
-            f"{b.root} and {a.root} differ in '{other}' (its type, shape or whether it is there); "
+            f"{b.root} and {a.root} differ in '{unlike}' (its type, shape or whether it is there); "
             "only datasets with the same cameras and texts are merged."
         )
     for poor, rich in ((a, b), (b, a)):

@@ -28,7 +28,8 @@ def load_map(name_or_path: str | Path) -> Map:
     path = Path(name_or_path)
     shipped = {file.stem: file for file in MAPS.glob("*.toml")}
     robots = [name.rpartition("_")[0] for name in shipped]
-    shipped |= {robot: shipped[f"{robot}_lerobot"] for robot in robots if robots.count(robot) == 1 and f"{robot}_lerobot" in shipped}
+    alone = [robot for robot in robots if robots.count(robot) == 1 and f"{robot}_lerobot" in shipped]
+    shipped |= {robot: shipped[f"{robot}_lerobot"] for robot in alone}
     if not path.is_file() and not path.suffix and len(path.parts) == 1:
         if str(name_or_path) not in shipped:
             raise UnknownName("map", str(name_or_path), [*shipped, "or the path of a TOML file"])

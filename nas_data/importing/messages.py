@@ -66,13 +66,13 @@ def _table(path: Path, topic: str, rows: list[dict[str, object]]) -> Table:
 def _column(values: list[object]) -> np.ndarray:
     """Return a column as an array; lists of different lengths, and texts, as objects."""
     listed = [value.tolist() if isinstance(value, np.ndarray) else value for value in values]
-    if isinstance(listed[0], list | tuple):
-        widths = {len(value) for value in listed if isinstance(value, list | tuple)}
-        numbers = all(not isinstance(item, str) for value in listed[:1] for item in value)
-        if len(widths) == 1 and numbers and 0 not in widths:
-            return np.array(listed)
-        column = np.empty(len(listed), object)
-        for row, value in enumerate(listed):
-            column[row] = list(value)
-        return column
-    return np.array(listed, object) if isinstance(listed[0], str) else np.array(listed)
+    lists = [list(value) for value in listed if isinstance(value, list | tuple)]
+    if len(lists) < len(listed):
+        return np.array(listed, object) if isinstance(listed[0], str) else np.array(listed)
+    widths = {len(row) for row in lists}
+    if len(widths) == 1 and 0 not in widths and not isinstance(lists[0][0], str):
+        return np.array(lists)
+    column = np.empty(len(lists), object)
+    for number, row in enumerate(lists):
+        column[number] = row
+    return column

@@ -1,7 +1,8 @@
-"""Joint names that a log has: once, to be compared with the map's, or in every row, by which its vectors are put in order."""
+"""Joint names that a log has: once, to be compared with the map's, or in every row, where they put vectors in order."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 import pyarrow as pa
@@ -41,7 +42,7 @@ def arrange(table: Table, mapping: Map, must: bool) -> Table:
 def _lists(column: object) -> tuple[str, ...] | list[tuple[str, ...]]:
     """Return the names of the whole table, or those of each row."""
     values = column.to_pylist() if isinstance(column, pa.Array | pa.ChunkedArray) else column
-    listed = values.tolist() if isinstance(values, np.ndarray) else list(values)  # type: ignore[call-overload]
+    listed = values.tolist() if isinstance(values, np.ndarray) else list(cast(Iterable[object], values))
     if any(isinstance(value, list | tuple) for value in listed):
         return [tuple(text(name) for name in value or ()) for value in listed]
     return tuple(text(name) for name in listed)
@@ -73,12 +74,11 @@ def _ordered(table: Table, mapping: Map, rows: list[tuple[str, ...]]) -> Table:
             f"{table.path}: no row names a joint of the map ({', '.join(mapping.joints)}); the first names "
             f"{', '.join(rows[0][:SHOWN]) or 'none'}. Name them so in 'joints' of the map."
         )
-    partial = next((row for row, names in enumerate(rows) if kept[row] and -1 in kinds[names]), None)  # type: ignore[operator]
+    partial = next((row for row, names in enumerate(rows) if -1 in (kinds[names] or ())), None)
     if partial is not None:
         missing = next(joint for joint in mapping.joints if joint not in rows[partial])
-        raise LogError(
-            f"{table.path}: {rows_text([partial])} lacks the joint '{missing}'; it has {', '.join(rows[partial][:SHOWN])}."
-        )
+        there = ", ".join(rows[partial][:SHOWN])
+        raise LogError(f"{table.path}: {rows_text([partial])} lacks the joint '{missing}'; it has {there}.")
     places = np.array([kinds[names] for names, keep in zip(rows, kept, strict=True) if keep])
     widths = [len(names) for names, keep in zip(rows, kept, strict=True) if keep]
     columns: dict[str, Column] = {}

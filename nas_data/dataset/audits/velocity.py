@@ -1,6 +1,6 @@
 """The velocity register against the differenced position: its unit, its sign, its delay."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -66,7 +66,11 @@ def check(recording: Recording, expected: Expected) -> list[Finding]:
         for index, joint in enumerate(recording.joints)
         if (fit := fit_register(recording, index, 1 / expected.rate)) is not None
     }
+    if expected.effort:  # how soon a joint is done with a torque, nothing tells
+        fits = {joint: replace(fit, way=1.0) for joint, fit in fits.items()}
     found = _silent(recording, expected) + _scales(recording, fits)
+    if expected.derived:  # the register is only kept beside the velocities
+        found = [replace(finding, error=False) for finding in found]
     late = {joint: fit.delay for joint, fit in fits.items() if fit.delay >= LATE + (fit.way > FAST)}
     if late and not expected.derived:
         delay = float(np.median(list(late.values())))
@@ -103,22 +107,25 @@ def fit_register(recording: Recording, index: int, period: float) -> Fit | None:
     steady &= np.abs(speed) > SLOWEST * np.abs(speed).max()
     travel = np.concatenate([[0.0], np.cumsum((register[1:] + register[:-1]) / 2 * np.diff(time))])
     told = (travel[2 * reach :] - travel[: -2 * reach]) / spans
-    way, step = _way(recording, index), max(STEP * period, FINEST)
-    found: list[tuple[float, float, float]] = []
-    for delay in np.arange(-1, max(LATEST * period, LONGEST) / step + 1) * step:
+
+    def compare(delay: float) -> tuple[float, float, float]:
+        """Return how far register and delayed motion are apart as a share, the delay [s] and the factor."""
         rows = np.flatnonzero(np.interp(middles - delay, middles, steady, left=0, right=0) == 1)
         if len(rows) < ENOUGH // 2:
-            continue
-        earlier, later = np.interp(middles[rows] - delay, middles, speed), told[rows]
-        factor, apart = _fit(earlier, later)
-        found.append((apart, float(delay / period), factor))
-    if not found or min(found)[0] > UNLIKE:
-        return None
-    apart, delay, factor = min(found)
-    undelayed = min(found, key=lambda one: abs(one[1]))
-    if undelayed[0] - apart < TOLD:  # so steady a motion that its delay does not show
-        _, delay, factor = undelayed
-    return Fit(factor, delay, way)
+            return float(np.inf), delay, 1.0
+        factor, apart = _fit(np.interp(middles[rows] - delay, middles, speed), told[rows])
+        return apart, delay, factor
+
+    best = compare(0.0)
+    if best[0] > TOLD:  # else no delay can bring them clearly nearer
+        step = max(STEP * period, FINEST)
+        delayed = min(
+            compare(float(number * step)) for number in range(-1, int(max(LATEST * period, LONGEST) / step) + 2)
+        )
+        # So steady may the motion be that its delay does not show.
+        best = delayed if delayed[0] < best[0] - TOLD else best
+    apart, delay, factor = best
+    return None if apart > UNLIKE else Fit(factor, delay / period, _way(recording, index))
 
 
 def _fit(earlier: np.ndarray, later: np.ndarray) -> tuple[float, float]:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Protocol, TypeVar, cast
 
 from nas_data import registry
-from nas_data.errors import LogError, MissingPackage, NasError
+from nas_data.errors import LogError, NasError
 from nas_data.importing.layout import Layout
 from nas_data.importing.table import Table
 
@@ -81,8 +81,6 @@ def _read(path: Path, layout: Layout, reader: Callable[[Path, Layout], Content])
         return reader(path, layout)
     except NasError:
         raise
-    except ImportError as error:
-        raise MissingPackage(f"{path} needs the package {error.name}: pip install {error.name}.") from None
     except (ValueError, OSError, EOFError, KeyError) as error:
         reason = (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")
         raise LogError(f"{path} cannot be read as {layout.format}: {reason}.") from None

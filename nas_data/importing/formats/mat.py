@@ -1,4 +1,4 @@
-"""MAT: the variables of a MATLAB file, rows first; fields of a struct are named with a dot, single values are constants."""
+"""MAT: variables of a MATLAB file, rows first; fields of a struct are named with a dot, single values are constants."""
 
 from collections.abc import Iterator
 from pathlib import Path

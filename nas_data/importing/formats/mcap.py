@@ -4,6 +4,12 @@ import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from mcap.decoder import DecoderFactory
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap.records import Schema
+from mcap_ros2.decoder import DecoderFactory as Ros2
+
 from nas_data.errors import LogError
 from nas_data.importing.layout import Layout
 from nas_data.importing.messages import to_tables
@@ -14,8 +20,6 @@ SUFFIXES = (".mcap",)
 
 def read_topics(path: Path, layout: Layout) -> dict[str, Table]:
     """Read the topics that a map names."""
-    from mcap.exceptions import McapError
-
     try:
         return to_tables(path, dict(layout.topics), _messages(path, layout))
     except McapError as error:
@@ -26,11 +30,8 @@ def read_topics(path: Path, layout: Layout) -> dict[str, Table]:
 
 
 def _messages(path: Path, layout: Layout) -> Iterator[tuple[str, int, object]]:
-    from mcap.reader import make_reader
-    from mcap_ros2.decoder import DecoderFactory
-
     with path.open("rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory(), _Json()])
+        reader = make_reader(file, decoder_factories=[Ros2(), _Json()])
         there = {channel.topic for channel in summary.channels.values()} if (summary := reader.get_summary()) else set()
         missing = next((topic for topic in layout.topics.values() if summary and topic not in there), None)
         if missing is not None:
@@ -45,9 +46,9 @@ def _listed(topics: set[str]) -> str:
     return ", ".join(sorted(topics)) or "none"
 
 
-class _Json:
+class _Json(DecoderFactory):
     """Decodes messages that are JSON."""
 
-    def decoder_for(self, message_encoding: str, schema: object) -> Callable[[bytes], object] | None:
+    def decoder_for(self, message_encoding: str, schema: Schema | None) -> Callable[[bytes], object] | None:
         """Return the decoder of an encoding; None for others."""
         return json.loads if message_encoding == "json" else None

@@ -3,6 +3,11 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.rosbag1 import ReaderError as Reader1Error
+from rosbags.rosbag2 import ReaderError as Reader2Error
+from rosbags.typesys import Stores, get_typestore
+
 from nas_data.errors import LogError
 from nas_data.importing.layout import Layout
 from nas_data.importing.messages import to_tables
@@ -19,10 +24,6 @@ def is_log(path: Path) -> bool:
 
 def read_topics(path: Path, layout: Layout) -> dict[str, Table]:
     """Read the topics that a map names."""
-    from rosbags.highlevel import AnyReaderError
-    from rosbags.rosbag1 import ReaderError as Reader1Error
-    from rosbags.rosbag2 import ReaderError as Reader2Error
-
     try:
         return to_tables(path, dict(layout.topics), _messages(path, layout))
     except (AnyReaderError, Reader1Error, Reader2Error) as error:
@@ -33,9 +34,6 @@ def read_topics(path: Path, layout: Layout) -> dict[str, Table]:
 
 
 def _messages(path: Path, layout: Layout) -> Iterator[tuple[str, int, object]]:
-    from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_typestore
-
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
         wanted = [connection for connection in reader.connections if connection.topic in layout.topics.values()]
         there = sorted({connection.topic for connection in reader.connections})
