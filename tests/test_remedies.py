@@ -103,6 +103,10 @@ slow = log(t=lambda time: time * 2, dq=lambda values: values / 2)
 wide = log(q=lambda values: np.hstack([values, values[:, :1]]))
 encoded = {"register": 'column = "dq"\nunit = "rad/s"\nencoding = "int16"'}
 turns = log(q=forty, dq=forty, goal=forty)
+TURNED = 'column = "dq"\nunit = "rad/s"\nsign = -1'
+IN_DEGREES = 'column = "dq"\nunit = "deg/s"'
+PICKED = 'column = "q"\nunit = "rad"\ncomponents = [0, 1]'
+SEMICOLON = 'delimiter = ";"'
 ALLOWED = '[audit]\nallow = ["unit_slip"]'
 FAST = "[audit]\nmax_speed = 1e3\n"
 FAULTS = {
@@ -118,10 +122,10 @@ FAULTS = {
     "few degrees": Fault("add allow = ['unit_slip']", log(), map_text(**DEGREES), map_text(extra=ALLOWED, **DEGREES)),
     "silent register": Fault("velocity = 'derive'", log(dq=np.zeros_like), map_text(), map_text(velocity='"derive"')),
     "sign": Fault(
-        "correct 'sign'", log(dq=np.negative), map_text(), map_text(register='column = "dq"\nunit = "rad/s"\nsign = -1')
+        "correct 'sign'", log(dq=np.negative), map_text(), map_text(register=TURNED)
     ),
     "register unit": Fault(
-        "correct the unit", log(dq=np.degrees), map_text(extra=FAST), map_text(register='column = "dq"\nunit = "deg/s"')
+        "correct the unit", log(dq=np.degrees), map_text(extra=FAST), map_text(register=IN_DEGREES)
     ),
     "rows": Fault("sort the rows", log(t=swapped_rows), map_text(), map_text(), log()),
     "order": Fault(
@@ -131,14 +135,14 @@ FAULTS = {
         map_text(top='joint_names = "n"', joints='["elbow", "shoulder"]'),
     ),
     "components": Fault(
-        "pick with 'components'", wide, map_text(), map_text(position='column = "q"\nunit = "rad"\ncomponents = [0, 1]')
+        "pick with 'components'", wide, map_text(), map_text(position=PICKED)
     ),
     "encoding": Fault("take 'encoding' out", log(), map_text(**encoded), map_text()),
     "delimiter": Fault(
-        "say delimiter = ';'", text_log(lambda text: text.replace(",", ";")), csv_map(), csv_map(top='delimiter = ";"')
+        "say delimiter = ';'", text_log(lambda text: text.replace(",", ";")), csv_map(), csv_map(top=SEMICOLON)
     ),
     "comma": Fault(
-        "write numbers with a decimal point", text_log(german), csv_map(top='delimiter = ";"'), csv_map(), text_log(str)
+        "write numbers with a decimal point", text_log(german), csv_map(top=SEMICOLON), csv_map(), text_log(str)
     ),
     "utf-16": Fault("save it in that encoding", text_log(str, "utf-16"), csv_map(), csv_map(), text_log(str)),
     "twice": Fault(
@@ -182,9 +186,13 @@ def test_the_tolerance_and_the_method_of_a_join_can_be_changed_as_is_said(here, 
     top = '[files]\nstate = "state.csv"\ncontrol = "control.csv"\n[join]\nmethod = "{}"\ntolerance = {}'
 
     def joined(method: str, tolerance: float) -> int:
-        text = map_text(".csv", top=top.format(method, tolerance), position='file = "state"\ncolumn = "q"\nunit = "rad"',
-                        register='file = "state"\ncolumn = "dq"\nunit = "rad/s"',
-                        command='file = "control"\ncolumn = "goal"\nunit = "rad"')  # fmt: skip
+        text = map_text(
+            ".csv",
+            top=top.format(method, tolerance),
+            position='file = "state"\ncolumn = "q"\nunit = "rad"',
+            register='file = "state"\ncolumn = "dq"\nunit = "rad/s"',
+            command='file = "control"\ncolumn = "goal"\nunit = "rad"',
+        )
         write_map(here, text)
         return main(["import", "log", "--map", "map.toml", "--out", f"{method}{tolerance}"])
 

@@ -44,8 +44,8 @@ class ImportLogs(Command):
     """Mapping file (TOML), or the name of a shipped one such as so101_npz or so101_lerobot. None for a LeRobot dataset
     in radians."""
     unit: str | None = None
-    """Unit of a LeRobot dataset: deg, range (−100 … 100, with --calibration) or rad. Told by the readings where a map is
-    given and this is not; without a map, every joint is in this unit."""
+    """Unit of a LeRobot dataset: deg, range (−100 … 100, with --calibration) or rad. Told by the readings where a map
+    is given and this is not; without a map, every joint is in this unit."""
     calibration: Path | None = None
     """LeRobot's calibration file of the robot that recorded, a JSON file; −100 … 100 mean nothing without it."""
     model: str | None = None

@@ -63,8 +63,8 @@ def refuse(root: Path, findings: Sequence[Finding], dataset: Dataset) -> None:
     if error.check == "rate":
         median = error.what.partition(" come at ")[2].partition(" Hz")[0]
         remedy = (
-            f"if they are right, import it at their rate (nas import {where} --rate {median}), if the dataset's rate is, "
-            f"without them (nas import {where} --uniform)"
+            f"if they are right, import it at their rate (nas import {where} --rate {median}), if the dataset's rate "
+            f"is, without them (nas import {where} --uniform)"
         )
     elif error.check == "time_gap":
         remedy = f"nas import {where} divides the episodes there"

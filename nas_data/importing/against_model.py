@@ -94,8 +94,8 @@ def _gravity(dataset: Dataset, model: mujoco.MjModel) -> list[Finding]:
         likeness = product / float(np.linalg.norm(pull[loaded, index]) * np.linalg.norm(held[loaded, index]))
         if likeness <= AGAINST:
             what = (
-                f"{joint} hangs upwards: where it rests, its command lies on the side to which the model's gravity pulls "
-                f"(correlation {likeness:.2f})"
+                f"{joint} hangs upwards: where it rests, its command lies on the side to which the model's gravity "
+                f"pulls (correlation {likeness:.2f})"
             )
             remedy = f"check sign and zero of {joint} in the map"
             found.append(Finding("model_gravity", "the dataset", what, remedy))

@@ -41,10 +41,11 @@ def arrange(table: Table, mapping: Map, must: bool) -> Table:
 
 def _lists(column: object) -> tuple[str, ...] | list[tuple[str, ...]]:
     """Return the names of the whole table, or those of each row."""
-    values = column.to_pylist() if isinstance(column, pa.Array | pa.ChunkedArray) else column
-    listed = values.tolist() if isinstance(values, np.ndarray) else list(cast(Iterable[object], values))
+    plain = column.to_pylist() if isinstance(column, pa.Array | pa.ChunkedArray) else column
+    listed: list[object] = plain.tolist() if isinstance(plain, np.ndarray) else list(cast(Iterable[object], plain))
     if any(isinstance(value, list | tuple) for value in listed):
-        return [tuple(text(name) for name in value or ()) for value in listed]
+        rows = [cast(Sequence[object], value) or () for value in listed]
+        return [tuple(text(name) for name in row) for row in rows]
     return tuple(text(name) for name in listed)
 
 
