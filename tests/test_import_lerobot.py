@@ -331,3 +331,23 @@ def test_a_gripper_of_a_robot_without_a_map_takes_its_range_from_the_model(here,
     dataset = read(imported("d", "--unit", "deg", "--model", "arm.xml"))
     wanted = -2 + 4 * episodes[0][0][:59, 1] / 100
     np.testing.assert_allclose(dataset.states[:59, 1], wanted, atol=1e-5)
+
+
+def test_radians_by_the_map_of_degrees_are_refused_and_the_remedy_works(here, capsys):
+    episodes = [(np.resize(s, (60, 6)), np.resize(c, (60, 6))) for s, c in motions()]
+    for states, commands in episodes:
+        states[:, 5] = commands[:, 5] = 50 + 10 * states[:, 5]  # the gripper, in 0 … 100
+    write_lerobot(here / "d", episodes, SO101, "so101_follower")
+    assert "say --unit rad" in refused(capsys, "import", "d", "--map", "so101_lerobot")
+    dataset = read(imported("d", "--map", "so101_lerobot", "--unit", "rad"))
+    np.testing.assert_allclose(dataset.states[:59, :5], episodes[0][0][:59, :5], atol=1e-6)
+
+
+def test_joints_of_several_turns_are_taken_where_it_is_said_and_used_throughout(here, capsys):
+    write_lerobot(here / "d", scaled(20.0))
+    assert main(["pair", "d", "--model", "arm.xml", "--out", "p"]) == 2
+    folder = imported("d", "--unit", "rad")
+    assert np.abs(read(folder).states[:, :2]).max() > 4 * np.pi
+    assert verify(folder) == []
+    for command in (["pair", str(folder), "--out", "p"], ["gap", "find", str(folder)]):
+        assert main([*command, "--model", "arm.xml"]) == 0

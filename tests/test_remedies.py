@@ -121,12 +121,8 @@ FAULTS = {
     "radians": Fault("say unit = 'rad' in [read.position]", log(), map_text(**DEGREES), map_text()),
     "few degrees": Fault("add allow = ['unit_slip']", log(), map_text(**DEGREES), map_text(extra=ALLOWED, **DEGREES)),
     "silent register": Fault("velocity = 'derive'", log(dq=np.zeros_like), map_text(), map_text(velocity='"derive"')),
-    "sign": Fault(
-        "correct 'sign'", log(dq=np.negative), map_text(), map_text(register=TURNED)
-    ),
-    "register unit": Fault(
-        "correct the unit", log(dq=np.degrees), map_text(extra=FAST), map_text(register=IN_DEGREES)
-    ),
+    "sign": Fault("correct 'sign'", log(dq=np.negative), map_text(), map_text(register=TURNED)),
+    "register unit": Fault("correct the unit", log(dq=np.degrees), map_text(extra=FAST), map_text(register=IN_DEGREES)),
     "rows": Fault("sort the rows", log(t=swapped_rows), map_text(), map_text(), log()),
     "order": Fault(
         "name them in this order",
@@ -134,9 +130,7 @@ FAULTS = {
         map_text(top='joint_names = "n"'),
         map_text(top='joint_names = "n"', joints='["elbow", "shoulder"]'),
     ),
-    "components": Fault(
-        "pick with 'components'", wide, map_text(), map_text(position=PICKED)
-    ),
+    "components": Fault("pick with 'components'", wide, map_text(), map_text(position=PICKED)),
     "encoding": Fault("take 'encoding' out", log(), map_text(**encoded), map_text()),
     "delimiter": Fault(
         "say delimiter = ';'", text_log(lambda text: text.replace(",", ";")), csv_map(), csv_map(top=SEMICOLON)

@@ -114,7 +114,8 @@ def choose_unit(mapping: Map, raw: np.ndarray, motors: Sequence[Motor]) -> tuple
     if ends or any(fit is False and _has_step(raw[:, index]) for fit, index in zip(degrees, body, strict=True)):
         raise OptionError(
             "The readings are no degrees of these servos (another step, or cut off at 100), so they are −100 … 100, "
-            f"which mean nothing without the calibration: add --calibration FILE ({WHERE}); or say --unit deg."
+            f"which mean nothing without the calibration: add --calibration FILE ({WHERE}); or say --unit "
+            "deg or --unit rad, if they are."
         )
     return "deg", "LeRobot's default; say --unit range --calibration FILE if they are −100 … 100"
 

@@ -24,10 +24,8 @@ def check(recording: Recording, mapping: Map) -> list[Finding]:
             f"the {quantity.name} stays within {np.abs(degrees).max():.3g} as logged, in all joints: as degrees the "
             "robot hardly moved"
         )
-        remedy = (
-            f"if these are radians, say unit = 'rad' in [read.{quantity.name}], if they are degrees, add "
-            "allow = ['unit_slip'] to [audit]"
-        )
+        radians = "--unit rad" if mapping.layout.format == "lerobot" else f"unit = 'rad' in [read.{quantity.name}]"
+        remedy = f"if these are radians, say {radians}, if they are degrees, add allow = ['unit_slip'] to [audit]"
         found.append(Finding("unit_slip", recording.place, what, remedy, error=True))
     return found
 
