@@ -49,7 +49,7 @@ def write_lerobot(
     joints: tuple[str, ...] = JOINTS,
     robot: str = "arm2",
     camera: bool = False,
-    matrix: bool = True,
+    only_video: bool = False,
 ) -> Path:
     """Write a dataset by LeRobot itself; with a camera it has a video, a picture, and a text and a matrix as well."""
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
@@ -58,12 +58,10 @@ def write_lerobot(
     features = {"observation.state": vector, "action": dict(vector)}
     if camera:
         names = ["height", "width", "channels"]
+        features["observation.images.front"] = {"dtype": "video", "shape": (64, 96, 3), "names": names}
+    if camera and not only_video:
         features |= {
-            "observation.images.front": {"dtype": "video", "shape": (64, 96, 3), "names": names},
             "observation.images.wrist": {"dtype": "image", "shape": (16, 16, 3), "names": names},
-        }
-    if camera and matrix:
-        features |= {
             "language": {"dtype": "string", "shape": (1,), "names": None},
             "grid": {"dtype": "float32", "shape": (2, 2), "names": None},
         }

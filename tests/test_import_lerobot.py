@@ -309,7 +309,7 @@ def said_by_checkers(root: Path) -> set[tuple[str, str]]:
 def test_two_public_checkers_find_nothing_wrong_with_what_we_write(here):
     time = np.arange(150)[:, None] / RATE
     angles = [40 * np.sin(time * [2.1, 2.9] + number) for number in range(3)]
-    theirs = write_lerobot(here / "d", [(angle, angle + 1) for angle in angles], camera=True, matrix=False)
+    theirs = write_lerobot(here / "d", [(angle, angle + 1) for angle in angles], camera=True, only_video=True)
     folder = imported("d", "--unit", "deg")
     assert main(["split", str(folder), "--episodes", "1", "--names", "one", "rest"]) == 0
     (one,) = (here / "datasets/one").iterdir()

@@ -16,7 +16,8 @@ SLOWEST = 0.1  # share of the greatest speed from which a row counts
 ENOUGH = 50  # rows in motion from which a factor is worth naming
 LATEST, LONGEST = 6.0, 0.06  # [periods], [s] latest register that is looked for
 STEP, FINEST = 0.25, 1e-3  # [periods], [s] between the delays that are tried
-LATE = 0.6  # [periods] delay that is reported
+LATE, LEAST = 0.6, 3e-3  # [periods], [s] delay that is reported
+ALIKE = 0.9  # correlation from which register and difference are the same motion
 FACTOR_NOTED = 1.15  # a register filters what it measures, which costs it a few percent of the amplitude
 WHILE = 0.2  # [s]
 SURELY_MOVING = 0.3  # [rad/s] mean speed over that while which any register shows; the STS3215's step is 0.08 rad/s
@@ -71,7 +72,8 @@ def check(recording: Recording, expected: Expected) -> list[Finding]:
     found = _silent(recording, expected) + _scales(recording, fits)
     if expected.derived:  # the register is only kept beside the velocities
         found = [replace(finding, error=False) for finding in found]
-    late = {joint: fit.delay for joint, fit in fits.items() if fit.delay >= LATE + (fit.way > FAST)}
+    least = LEAST * expected.rate
+    late = {joint: fit.delay for joint, fit in fits.items() if fit.delay >= max(LATE + (fit.way > FAST), least)}
     if late and not expected.derived:
         delay = float(np.median(list(late.values())))
         what = (
@@ -125,7 +127,24 @@ def fit_register(recording: Recording, index: int, period: float) -> Fit | None:
         # So steady may the motion be that its delay does not show.
         best = delayed if delayed[0] < best[0] - TOLD else best
     apart, delay, factor = best
-    return None if apart > UNLIKE else Fit(factor, delay / period, _way(recording, index))
+    if apart > UNLIKE:
+        return None
+    way = _way(recording, index)
+    if apart > TOLD and way <= FAST:  # else a delay of the register and one of the motion between rows look alike
+        delay = _delay(time, position, register, period) or delay
+    return Fit(factor, delay / period, way)
+
+
+def _delay(time: np.ndarray, position: np.ndarray, register: np.ndarray, period: float) -> float | None:
+    """Return the delay [s] at which register and differenced position are most alike over all rows; None if nowhere."""
+    difference, middles = np.diff(position) / np.diff(time), (time[1:] + time[:-1]) / 2
+    best: tuple[float, float | None] = (ALIKE, None)
+    for delay in np.arange(-1.0, LATEST + STEP, STEP) * period:
+        delayed = np.interp(time - delay, middles, difference)
+        size = float(np.linalg.norm(delayed) * np.linalg.norm(register))
+        likeness = abs(float(delayed @ register)) / size if size else 0.0
+        best = (likeness, float(delay)) if likeness > best[0] else best
+    return best[1]
 
 
 def _fit(earlier: np.ndarray, later: np.ndarray) -> tuple[float, float]:
