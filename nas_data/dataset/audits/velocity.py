@@ -118,19 +118,19 @@ def fit_register(recording: Recording, index: int, period: float) -> Fit | None:
         factor, apart = _fit(np.interp(middles[rows] - delay, middles, speed), told[rows])
         return apart, delay, factor
 
-    best = compare(0.0)
-    if best[0] > TOLD:  # else no delay can bring them clearly nearer
+    best = undelayed = compare(0.0)
+    if undelayed[0] > TOLD:  # else no delay can bring them clearly nearer
         step = max(STEP * period, FINEST)
         delayed = min(
             compare(float(number * step)) for number in range(-1, int(max(LATEST * period, LONGEST) / step) + 2)
         )
         # So steady may the motion be that its delay does not show.
-        best = delayed if delayed[0] < best[0] - TOLD else best
+        best = delayed if delayed[0] < undelayed[0] - TOLD else undelayed
     apart, delay, factor = best
     if apart > UNLIKE:
         return None
     way = _way(recording, index)
-    if apart > TOLD and way <= FAST:  # else a delay of the register and one of the motion between rows look alike
+    if undelayed[0] > TOLD and way <= FAST:  # else a delay of the register and one of the motion between rows look alike
         delay = _delay(time, position, register, period) or delay
     return Fit(factor, delay / period, way)
 
