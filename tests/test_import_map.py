@@ -32,8 +32,8 @@ def test_both_so101_maps_mean_the_same_robot():
 
 
 def test_an_unknown_map_lists_the_shipped_ones():
-    with pytest.raises(UnknownName, match=r"no map 'so100'.*so101_npz"):
-        load_map("so100")
+    with pytest.raises(UnknownName, match=r"no map 'so99'.*so101_npz"):
+        load_map("so99")
 
 
 def test_a_missing_file_lists_the_shipped_ones(tmp_path):
@@ -70,7 +70,10 @@ WRONG = {
     "component twice": (map_text(position='column = "q"\ncomponents = [1, 1]\nunit = "rad"'), "names 1 twice"),
     "missing key": (map_text().replace('robot = "sample"', ""), "the key 'robot' is missing"),
     "missing table": (map_text().replace("[read.command]", "[read.commands]"), r"\[read.command\]: exactly one of"),
-    "format": (map_text(format='"xlsx"'), "'format' is 'xlsx'; choose one of: csv, json, npz, parquet"),
+    "format": (
+        map_text(format='"xlsx"'),
+        "'format' is 'xlsx'; choose one of: csv, json, lerobot, mat, mcap, npz, parquet, pt, rosbag",
+    ),
     "no joints": (map_text(joints="[]"), "'joints' is .*name each joint once"),
     "joint twice": (map_text(joints='["a", "a"]'), "name each joint once"),
     "joints no list": (map_text(joints='"a"'), "'joints' is 'a'; it must be a list of texts"),

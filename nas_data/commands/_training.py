@@ -55,9 +55,9 @@ class Train(Command):
     def run(self) -> Outcome:
         """Train, evaluate on the held-out episodes beside the baselines, and say where the checkpoint lies."""
         from nas_data.dataset import versions
+        from nas_data.dataset.foreign import take_in, warn
         from nas_data.dataset.provenance import read_provenance
         from nas_data.dataset.read import read
-        from nas_data.dataset.transitions import as_transitions
         from nas_data.models.evaluation import evaluate
         from nas_data.models.presets import preset
         from nas_data.models.run import CHECKPOINT, TrainingRun
@@ -76,7 +76,8 @@ class Train(Command):
         full = read(root)
         if self.kind == "delta":
             versions.check_paired(root, full, "A delta model")
-        dataset, derived = as_transitions(full.select(self.episodes) if self.episodes else full)
+        dataset, derived, noticed = take_in(root, full.select(self.episodes) if self.episodes else full)
+        warn(noticed)
         notes = [f"derived {key}: {how}" for key, how in derived.items()]
         parent = versions.parent_of(root, full)
         provenance: dict[str, object] = {

@@ -30,8 +30,8 @@ class Evaluate(Command):
     def run(self) -> Outcome:
         """Evaluate and return the tables."""
         from nas_data.dataset import versions
+        from nas_data.dataset.foreign import take_in, warn
         from nas_data.dataset.read import read
-        from nas_data.dataset.transitions import as_transitions
         from nas_data.errors import ModelFileError, OptionError
         from nas_data.models import checkpoint
         from nas_data.models.evaluation import evaluate
@@ -44,7 +44,8 @@ class Evaluate(Command):
         model = None if alone else checkpoint.load_frozen(folder)
         root = versions.resolve(self.dataset)
         dataset = read(root)
-        dataset, derived = as_transitions(dataset.select(self.episodes) if self.episodes else dataset)
+        dataset, derived, noticed = take_in(root, dataset.select(self.episodes) if self.episodes else dataset)
+        warn(noticed)
         if model is not None:
             checkpoint.check_fits(model, dataset, folder)
         elif self.model is not None:

@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from nas_data.dataset.carried import Carried
 from nas_data.dataset.features import ACTION, EFFORT, NEXT_STATE, POSITION, SIM_STATE, STATE, VELOCITY, Feature
 from nas_data.errors import DatasetInvalid, JointMismatch
 from nas_data.joint_units import SLIDE
@@ -22,6 +23,7 @@ class Dataset:
         fps: Control rate [Hz].
         robot_type: Robot's name as LeRobot stores it.
         tasks: What each episode does, one sentence or word an episode.
+        carried: What is carried along unused: cameras, texts, matrices; None where there is nothing of the kind.
     """
 
     features: Mapping[str, Feature]
@@ -30,6 +32,7 @@ class Dataset:
     fps: float
     robot_type: str = "unknown"
     tasks: tuple[str, ...] = field(default=())
+    carried: Carried | None = None
 
     def __post_init__(self) -> None:
         total = int(self.lengths.sum())
@@ -123,11 +126,22 @@ class Dataset:
         if beyond:
             raise DatasetInvalid(f"There is no episode {beyond[0]}; the dataset has 0 to {self.n_episodes - 1}.")
         rows = np.concatenate([np.arange(self.n_frames)[self.episode(index)] for index in episodes])
+        return self.take(rows, self.lengths[list(episodes)], tuple(self.tasks[index] for index in episodes))
+
+    def take(self, rows: np.ndarray, lengths: np.ndarray, tasks: Sequence[str]) -> "Dataset":
+        """Return a dataset of some frames.
+
+        Args:
+            rows: Their numbers, in their new order.
+            lengths: Frames of each new episode, shape (E,).
+            tasks: What each new episode does.
+        """
         return replace(
             self,
             columns={key: column[rows] for key, column in self.columns.items()},
-            lengths=self.lengths[list(episodes)],
-            tasks=tuple(self.tasks[index] for index in episodes),
+            lengths=lengths,
+            tasks=tuple(tasks),
+            carried=self.carried and self.carried.take(rows),
         )
 
     def with_column(self, key: str, feature: Feature, column: np.ndarray) -> "Dataset":

@@ -66,8 +66,6 @@ class Original:
                 f"{self.root} was changed after nas wrote it (LeRobot appended episodes?): "
                 "its provenance may not hold for all episodes."
             )
-        for key, kind in layout.left_out(layout.read_info(self.root)).items():
-            yield f"{self.root}: '{key}' ({kind}) is left out."
 
 
 @dataclass(frozen=True)

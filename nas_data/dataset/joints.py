@@ -63,6 +63,8 @@ class Components:
 def check_units(dataset: Dataset, key: str, components: Components, slides: Collection[str]) -> bool:
     """Refuse what is not in SI: radians for hinges, metres for slides.
 
+    Where the unit is stored it is believed: a joint may make several turns.
+
     Args:
         dataset: What is looked at.
         key: Which of its features.
@@ -91,7 +93,7 @@ def check_units(dataset: Dataset, key: str, components: Components, slides: Coll
             if joint in slides
             else (LARGEST_ANGLE, "radians (degrees or servo units?)")
         )
-        if largest > most:
+        if largest > most and not feature.units:
             raise DatasetInvalid(f"'{key}' of joint {joint} reaches {largest:.4g}, which cannot be {what}; {REMEDY}.")
     return bool(feature.units)
 

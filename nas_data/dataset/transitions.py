@@ -168,12 +168,9 @@ def _with_next(dataset: Dataset) -> Dataset:
         raise DatasetInvalid("Every episode has a single frame, which makes no transition; record longer episodes.")
     rows = np.flatnonzero(kept)
     whole = dataset.lengths > 1
-    columns = {key: column[rows] for key, column in dataset.columns.items()}
-    moving = [key for key in (STATE, ENVIRONMENT) if key in columns and f"next.{key}" not in columns]
-    return replace(
-        dataset,
-        features=dict(dataset.features) | {f"next.{key}": dataset.features[key] for key in moving},
-        columns=columns | {f"next.{key}": dataset.columns[key][rows + 1] for key in moving},
-        lengths=dataset.lengths[whole] - 1,
-        tasks=tuple(task for task, long in zip(dataset.tasks, whole, strict=True) if long),
-    )
+    tasks = [task for task, long in zip(dataset.tasks, whole, strict=True) if long]
+    shorter = dataset.take(rows, dataset.lengths[whole] - 1, tasks)
+    moving = [key for key in (STATE, ENVIRONMENT) if key in dataset.columns and f"next.{key}" not in dataset.columns]
+    for key in moving:
+        shorter = shorter.with_column(f"next.{key}", dataset.features[key], dataset.columns[key][rows + 1])
+    return shorter

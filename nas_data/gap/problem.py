@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.foreign import take_in, warn
 from nas_data.dataset.read import read
-from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.versions import resolve
 from nas_data.errors import DatasetInvalid
 from nas_data.gap.evidence import Evidence, divide, windows
@@ -48,7 +48,8 @@ class Problem:
             NasError: one of them cannot be used; the sentence names it.
         """
         root = resolve(Path(dataset))
-        recorded, _ = as_transitions(read(root))
+        recorded, _, noticed = take_in(root, read(root))
+        warn(noticed)
         return cls.of(recorded, model, root)
 
     @classmethod
@@ -69,7 +70,7 @@ class Problem:
         if len(evidence) < 2:
             raise DatasetInvalid(
                 f"{root} has {len(evidence)} episode; at least two are needed, one to fit and one to judge by: "
-                "record more, or cut it with 'nas split'."
+                f"record more, or cut it in time: nas split {root} --seconds 3."
             )
         nominal = Nominal.load(model, evidence)
         simulator = nominal.simulator()

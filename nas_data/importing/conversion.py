@@ -19,7 +19,7 @@ FACTORS: Mapping[Kind, Mapping[str, float]] = {
         "rad/s": 1.0, "deg/s": DEGREE, "turn/s": TURN, "rpm": TURN / 60,
         "m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "ticks": 1.0,
     },
-    "effort": {"N·m": 1.0, "N*m": 1.0, "Nm": 1.0, "N": 1.0, "A": 1.0},
+    "effort": {"N·m": 1.0, "N*m": 1.0, "Nm": 1.0, "mN·m": 1e-3, "N": 1.0, "A": 1.0},
     "signal": {},
 }  # fmt: skip
 SI: Mapping[Kind, str] = {"position": "rad", "velocity": "rad/s", "effort": "N·m"}  # of hinges; slides see `unit_at`

@@ -20,7 +20,7 @@ from nas_data.importing.conversion import (
 )
 from nas_data.importing.formats import FORMATS
 from nas_data.importing.layout import Layout, parse_layout
-from nas_data.importing.map import ALIGNMENTS, Clock, Map, Quantity, Resample, Source, Thresholds
+from nas_data.importing.map import ALIGNMENTS, Clock, Map, Quantity, Resample, Servo, Source, Thresholds
 from nas_data.importing.section import Section
 from nas_data.visible import visible
 
@@ -39,6 +39,9 @@ def load_map(name_or_path: str | Path) -> Map:
     """
     path = Path(name_or_path)
     shipped = {file.stem: file for file in visible(MAPS, "*.toml")}
+    robots = [name.rpartition("_")[0] for name in shipped]
+    alone = [robot for robot in robots if robots.count(robot) == 1 and f"{robot}_lerobot" in shipped]
+    shipped |= {robot: shipped[f"{robot}_lerobot"] for robot in alone}
     if not path.is_file() and not path.suffix and len(path.parts) == 1:
         if str(name_or_path) not in shipped:
             raise UnknownName("map", str(name_or_path), [*shipped, "or the path of a TOML file"])
@@ -61,22 +64,23 @@ def parse_map(top: Section, name: str, text: str) -> Map:
     if not joints or len(set(joints)) < len(joints):
         raise top.error(f"'joints' is {list(joints)}; it must name each joint once.")
     layout = parse_layout(top, FORMATS)
+    lerobot = layout.format == "lerobot"
     quantities = _Quantities(joints, layout)
     read = top.table("read")
     derive = top.text("velocity", choices=VELOCITIES) == "derive"
     if not derive and not read.has("velocity"):
         raise top.error("'velocity' is 'measured' but there is no [read.velocity]; add it, or say 'derive'.")
-    constants = top.texts("constants", ())
+    constants = top.texts("constants", ("task",) if lerobot else ())
     parsed = Map(
         name=name,
         text=text,
         layout=layout,
         robot=top.text("robot"),
         joints=joints,
-        rate=top.positive("rate"),
+        rate=top.positive("rate") if not lerobot or top.has("rate") else 0.0,
         alignment=top.text("alignment", choices=ALIGNMENTS),
         derive_velocity=derive,
-        clock=_parse_clock(read.table("time")),
+        clock=_parse_clock(read.table("time")) if not lerobot or read.has("time") else Clock("timestamp", "s"),
         position=quantities.parse(read.table("position"), "position", "position"),
         velocity=quantities.parse(read.table("velocity"), "velocity", "velocity") if read.has("velocity") else None,
         command=_parse_command(read.table("command"), quantities),
@@ -87,8 +91,9 @@ def parse_map(top: Section, name: str, text: str) -> Map:
         thresholds=_parse_thresholds(top.table("audit")),
         resample=_parse_resample(top.table("resample")) if top.has("resample") else None,
         constants=constants,
-        task=_parse_task(top, constants),
+        task=_parse_task(top, constants, "{task}" if lerobot and "task" in constants else "{log}"),
         joint_names=top.text("joint_names", ""),
+        servo=_parse_servo(top.table("servo")) if lerobot and top.has("servo") else None,
     )
     slides = _find_slides(top, parsed)
     read.finish()
@@ -158,6 +163,9 @@ def _parse_command(section: Section, quantities: _Quantities) -> Quantity:
 def _parse_source(section: Section, layout: Layout, width: int, may_be_constant: bool) -> Source:
     """Read where a quantity stands: `column`, `columns` or, for signals, `constant`; and in which file."""
     keys = ["column", "columns", "constant"] if may_be_constant else ["column", "columns"]
+    standard = {"position": "observation.state", "command": "action"}.get(section.name.rpartition(".")[2])
+    if layout.format == "lerobot" and standard and not any(section.has(key) for key in keys):
+        return Source((standard,), names=_parse_names(section, width))
     given = [key for key in keys if section.has(key)]
     if len(given) != 1:
         raise section.error(f"exactly one of {' or '.join(repr(key) for key in keys)} is needed.")
@@ -172,7 +180,25 @@ def _parse_source(section: Section, layout: Layout, width: int, may_be_constant:
         raise section.error(f"'components' picks {width} components out of one 'column', one a joint.")
     if not may_be_constant:
         _refuse_twice(section, "components", components)
-    return Source(columns, _parse_table_name(section, layout), components, constant=given == ["constant"])
+    table = _parse_table_name(section, layout)
+    named = section.has("names") and not components and given == ["column"]
+    names = _parse_names(section, width) if named else ()
+    return Source(columns, table, components, constant=given == ["constant"], names=names)
+
+
+def _parse_names(section: Section, width: int) -> tuple[str, ...]:
+    """Read what the components of a vector are called in the log."""
+    names = section.texts("names", ())
+    if names and (len(names) != width or len(set(names)) < len(names)):
+        raise section.error(f"'names' is {list(names)}; it must name {width} different components, one a joint.")
+    return names
+
+
+def _parse_servo(section: Section) -> Servo:
+    """Read what LeRobot's units mean in ticks."""
+    servo = Servo(resolution=int(section.positive("resolution", 4096.0)), drive_mode=section.flag("drive_mode"))
+    section.finish()
+    return servo
 
 
 def _refuse_twice(section: Section, key: str, chosen: Sequence[str | int]) -> None:
@@ -184,15 +210,17 @@ def _refuse_twice(section: Section, key: str, chosen: Sequence[str | int]) -> No
 
 def _parse_table_name(section: Section, layout: Layout) -> str:
     """Read which of the log's files is meant."""
-    if not layout.files:
+    key, tables = ("topic", layout.topics) if layout.topics else ("file", layout.files)
+    if not tables:
         return ""
-    if len(layout.files) == 1:
-        return section.text("file", next(iter(layout.files)), choices=tuple(layout.files))
-    return section.text("file", choices=tuple(layout.files))
+    return section.text(key, next(iter(tables)) if len(tables) == 1 else None, choices=tuple(tables))
 
 
-def _parse_episode(section: Section, layout: Layout) -> Source:
-    """Read which column tells episodes apart."""
+def _parse_episode(read: Section, layout: Layout) -> Source | None:
+    """Read which column tells episodes apart; a dataset always has one."""
+    if not read.has("episode"):
+        return Source(("episode_index",)) if layout.format == "lerobot" else None
+    section = read.table("episode")
     source = Source((section.text("column"),), _parse_table_name(section, layout))
     section.finish()
     return source
@@ -204,7 +232,9 @@ def _parse_clock(section: Section) -> Clock:
     if section.flag("uniform"):
         clock = Clock("", "s")
     elif given:
-        clock = Clock(section.text("column"), section.text("unit", choices=tuple(TIME_UNITS)))
+        others = section.table("columns")
+        columns = {key: others.text(key) for key in others.values}
+        clock = Clock(section.text("column"), section.text("unit", choices=tuple(TIME_UNITS)), columns)
     else:
         raise section.error("'column' is missing; name the time column, or say uniform = true where the log has none.")
     section.finish()
@@ -248,9 +278,9 @@ def _parse_resample(section: Section) -> Resample:
     return resample
 
 
-def _parse_task(top: Section, constants: Sequence[str]) -> str:
+def _parse_task(top: Section, constants: Sequence[str], default: str) -> str:
     """Read what an episode does; braces may hold `log` and the constants only."""
-    task = top.text("task", "{log}")
+    task = top.text("task", default)
     try:
         fields = [
             f"{field}{':' if spec else ''}{spec}{'!' if conversion else ''}{conversion or ''}"

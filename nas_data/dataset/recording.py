@@ -1,10 +1,16 @@
-"""A recording: one episode of a log in SI units, row by row as it was recorded."""
+"""A recording: one episode in SI units, row by row as it was recorded, of a log or of a dataset."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import TIME
+from nas_data.dataset.start_velocities import differenced
+
+SIGNAL = "nas."  # how the keys of further signals begin
 
 
 @dataclass(frozen=True)
@@ -12,7 +18,7 @@ class Recording:
     """One episode of N rows and n joints.
 
     Attributes:
-        file: The log it comes from, as the user named it.
+        file: The log it comes from, as the user named it, or the episode of a dataset.
         episode: Which of the log's episodes; empty where it holds one.
         joints: Joint names.
         time: Recorder's time since the first row [s], shape (N,).
@@ -74,3 +80,44 @@ class Recording:
         if alignment == "action_follows_state":
             return self
         return replace(self.take(slice(None, -1)), commands=self.commands[1:])
+
+
+def recordings(dataset: Dataset) -> Iterator[Recording]:
+    """Iterate over the episodes of a dataset as recordings.
+
+    Args:
+        dataset: States and commands of named joints. Velocities that were computed from the positions say nothing
+            about a register and are left out; without a recorder's clock the rows count as evenly spaced.
+    """
+    n = len(dataset.joints)
+    measured = dataset.states.shape[1] == 2 * n and not are_derived(dataset)
+    signals = {
+        key.removeprefix(SIGNAL): column
+        for key, column in dataset.columns.items()
+        if key.startswith(SIGNAL) and key != TIME and column.dtype.kind in "bfiu"
+    }
+    for index, frames in enumerate(dataset.episodes()):
+        count = frames.stop - frames.start
+        even = np.arange(count) / dataset.fps
+        time = dataset.columns[TIME][frames, 0].astype(np.float64) if TIME in dataset.columns else even
+        states = dataset.states[frames].astype(np.float64)
+        yield Recording(
+            file=f"episode {index}",
+            episode="",
+            joints=dataset.joints,
+            time=time,
+            positions=states[:, :n],
+            velocities=states[:, n:] if measured else None,
+            commands=dataset.commands[frames].astype(np.float64),
+            signals={name: column[frames] for name, column in signals.items()},
+            rows=np.arange(count),
+        )
+
+
+def are_derived(dataset: Dataset) -> bool:
+    """Whether the velocities of a dataset with 2n-states were computed from its positions."""
+    n = len(dataset.joints)
+    if not np.isfinite(dataset.states).all():
+        return False
+    episodes = [dataset.states[frames].astype(np.float64) for frames in dataset.episodes()]
+    return bool(differenced([rows[:, :n] for rows in episodes], [rows[:, n:] for rows in episodes], dataset.fps).all())

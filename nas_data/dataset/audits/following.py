@@ -2,19 +2,19 @@
 
 import numpy as np
 
-from nas_data.importing.finding import Finding
-from nas_data.importing.map import Map
-from nas_data.importing.recording import Recording
+from nas_data.dataset.audits.base import Expected, Finding
+from nas_data.dataset.recording import Recording
 
+ENOUGH = 20  # rows from which a correlation says something
 MOVED = 0.05  # [rad] standard deviation of a position that is more than sag or play
 ALIKE = 0.9  # correlation from which a position follows a command
 UNLIKE = 0.5  # correlation up to which it does not
 CLOSER = 0.5  # how much less a position must differ from another joint's command than from its own
 
 
-def check(recording: Recording, mapping: Map) -> list[Finding]:
+def check(recording: Recording, expected: Expected) -> list[Finding]:
     """Report commands that are the measured positions, and joints that follow another joint's command."""
-    if mapping.commands_effort:
+    if expected.effort or len(recording) < ENOUGH:
         return []
     return _copied(recording) + _swapped(recording)
 
@@ -26,11 +26,9 @@ def _copied(recording: Recording) -> list[Finding]:
     if not same.any():
         return []
     names = ", ".join(joint for joint, copied in zip(recording.joints, same, strict=True) if copied)
-    message = (
-        f"the command of {names} equals the measured position in all rows; "
-        "check that [read.command] names the commands, not the positions."
-    )
-    return [Finding("command_is_position", recording.place, message)]
+    what = f"the command of {names} equals the measured position in all rows"
+    remedy = "check that [read.command] names the commands, not the positions"
+    return [Finding("command_is_position", recording.place, what, remedy)]
 
 
 def _swapped(recording: Recording) -> list[Finding]:
@@ -44,11 +42,12 @@ def _swapped(recording: Recording) -> list[Finding]:
             continue
         own = _likeness(position, recording.commands[:, index])
         if _likeness(position, recording.commands[:, other]) >= ALIKE and own <= UNLIKE:
-            message = (
+            what = (
                 f"the position of {joint} follows the command of {recording.joints[other]} in all rows, not its own "
-                f"(correlation {own:.2f}); check the order of the columns in [read.position] and [read.command]."
+                f"(correlation {own:.2f})"
             )
-            found.append(Finding("joints_swapped", recording.place, message))
+            remedy = "check the order of the columns in [read.position] and [read.command]"
+            found.append(Finding("joints_swapped", recording.place, what, remedy))
     return found
 
 

@@ -2,13 +2,12 @@
 
 import numpy as np
 
-from nas_data.importing.finding import Finding, row_numbers
-from nas_data.importing.map import Map
-from nas_data.importing.recording import Recording
-from nas_data.importing.rows import rows_text
+from nas_data.dataset.audits.base import Expected, Finding, row_numbers
+from nas_data.dataset.recording import Recording
+from nas_data.dataset.rows import rows_text
 
 
-def check(recording: Recording, mapping: Map) -> list[Finding]:
+def check(recording: Recording, expected: Expected) -> list[Finding]:
     """Refuse values that are no finite numbers, by quantity and row."""
     columns = {
         "time": recording.time,
@@ -24,9 +23,7 @@ def check(recording: Recording, mapping: Map) -> list[Finding]:
         bad = ~np.isfinite(values.reshape(len(recording), -1)).all(axis=1)
         if bad.any():
             rows = row_numbers(recording.rows, bad)
-            message = (
-                f"the {name} is empty, NaN or infinite in {rows_text(rows)}; "
-                "take these rows out, or split the log there."
-            )
-            found.append(Finding("not_finite", recording.place, message, rows, error=True))
+            what = f"the {name} is empty, NaN or infinite in {rows_text(rows)}"
+            remedy = "take these rows out, or split the log there"
+            found.append(Finding("not_finite", recording.place, what, remedy, rows, error=True))
     return found
