@@ -15,7 +15,7 @@ from nas_data.errors import OptionError
 if TYPE_CHECKING:
     from nas_data.dataset.growing import Growing
     from nas_data.dataset.provenance import Provenance
-    from nas_data.recorders.ergojr_plan import Plan
+    from nas_data.recorders.arm_plan import Plan
     from nas_data.recorders.session import Protocol
     from nas_data.xl320.configuration import Configuration
     from nas_data.xl320.joints import Joints
@@ -108,23 +108,22 @@ class RecordErgojr(Command):
             return self._finish(growing, name)
 
     def _record(self, growing: "Growing", protocol: "Protocol", configuration: "Configuration") -> None:
-        from nas_data.recorders.ergojr import Job, Recording, look
-        from nas_data.recorders.ergojr_ways import Ways
+        from nas_data.recorders.arm import Job, Recording, look
+        from nas_data.recorders.arm_ways import Ways
         from nas_data.recorders.guarded import Setup
         from nas_data.recorders.schedule import MonotonicClock, SteppedClock
         from nas_data.recorders.stopping import stoppable
         from nas_data.robots.base import find_robot
         from nas_data.virtual_bus.ports import port_of
+        from nas_data.xl320.arm import Xl320
 
         with port_of(self.port, self.effect, self.fault, self.lockstep) as port, stoppable():
-            joints = self._joints()
-            look(port, joints)  # before the plan is drawn, which takes a while
+            driver = Xl320(port=port, joints=self._joints(), configuration=configuration)
+            look(driver)  # before the plan is drawn, which takes a while
             setup = Setup(
-                port=port,
-                joints=joints,
+                driver=driver,
                 ways=Ways(find_robot(NAME)),
                 rate=self.rate,
-                configuration=configuration,
                 largest_step=self.largest_step,
             )
             plan, provenance = self._plan(growing, protocol), self._provenance(protocol)
@@ -138,8 +137,8 @@ class RecordErgojr(Command):
         Raises:
             OptionError: the recording under way has another plan.
         """
-        from nas_data.recorders.ergojr import PLAN
-        from nas_data.recorders.ergojr_plan import Plan, draw_plan, plan_key
+        from nas_data.recorders.arm import PLAN
+        from nas_data.recorders.arm_plan import Plan, draw_plan, plan_key
         from nas_data.recorders.under_way import begun_with
         from nas_data.robots.base import find_robot
 
@@ -158,7 +157,7 @@ class RecordErgojr(Command):
         from nas_data.dataset.content import content_hash
         from nas_data.dataset.provenance import read_provenance
         from nas_data.dataset.read import read
-        from nas_data.recorders.ergojr_tally import Tally, summary, told
+        from nas_data.recorders.arm_tally import Tally, summary, told
         from nas_data.recorders.under_way import complete
 
         dataset, provenance = read(growing.root), read_provenance(growing.root)

@@ -80,3 +80,5 @@ REGISTERS = {
         Register("punch", 51, 2, 32, 0, 1023),
     )
 }
+FLEETING = ("registered", "moving", "hardware_error", "goal_position", "led")  # registers that are no settings
+SETTINGS = tuple(r for r in REGISTERS.values() if not r.name.startswith("present") and r.name not in FLEETING)
