@@ -6,6 +6,8 @@ import time
 from collections.abc import Mapping
 from typing import Protocol, cast
 
+import numpy as np
+
 from nas_data.errors import ArmError
 
 SLOW = 0.15  # [rad/s] below which the torque may go without a jerk
@@ -16,8 +18,11 @@ OPENER = "opener"  # what a charge calls the function that opens the arm, as `mo
 class Stoppable(Protocol):
     """What can be made safe; its methods raise ArmError where the line fails."""
 
-    def hold(self) -> None:
-        """Read where the arm stands, and command it to stay there."""
+    def where(self) -> np.ndarray:
+        """Return where the arm stands, as `stay` takes it, shape (n,)."""
+
+    def stay(self, there: np.ndarray) -> None:
+        """Command the arm to stay somewhere."""
 
     def speed(self) -> float:
         """Return the speed of the fastest joint [rad/s]."""
@@ -35,9 +40,10 @@ class Stoppable(Protocol):
 def make_safe(arm: Stoppable) -> str:
     """Hold the arm where it is, wait until it is slow, switch the torque off; return what could not be done."""
     with contextlib.suppress(ArmError):  # what keeps the arm from being read has been said, or is said below
-        until = time.monotonic() + PATIENCE
-        arm.hold()
+        until, here = time.monotonic() + PATIENCE, arm.where()
+        arm.stay(here)
         while time.monotonic() < until and arm.speed() > SLOW:
+            arm.stay(here)
             time.sleep(0.01)
     try:
         arm.torque_off()

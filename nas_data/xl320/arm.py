@@ -157,9 +157,13 @@ class Arm:
             for joint, answer in zip(self.joints.names, answers, strict=True)
         }
 
-    def hold(self) -> None:
-        """Command the arm to stay where it is; raises as `read` does."""
-        self.command(self.read().positions)
+    def where(self) -> np.ndarray:
+        """Return the positions [rad], shape (n,); raises as `read` does."""
+        return self.read().positions
+
+    def stay(self, there: np.ndarray) -> None:
+        """Command positions [rad], shape (n,); raises as `command` does."""
+        self.command(there)
 
     def speed(self) -> float:
         """Return the speed of the fastest joint [rad/s]; raises as `read` does."""

@@ -38,11 +38,6 @@ class Register:
     high: int = 255
     writable: bool = True
 
-    @property
-    def eeprom(self) -> bool:
-        """Whether it outlives a loss of power, and is locked while the torque is on."""
-        return self.address < RAM
-
 
 REGISTERS = {
     register.name: register

@@ -60,11 +60,11 @@ def open_port(path: str, baud: int = BAUD) -> Port:
     try:
         port.setBaudRate(baud)
     except (OSError, ValueError) as error:
-        raise _refusal(path, error) from None
+        raise refusal(path, error) from None
     return port
 
 
-def _refusal(path: str, error: OSError | ValueError) -> ArmError:
+def refusal(path: str, error: OSError | ValueError) -> ArmError:
     """Say why a port could not be opened, and what to do."""
     code = getattr(error, "errno", None)
     if code in {errno.ENOENT, errno.ENODEV, errno.ENXIO} or not Path(path).exists():
