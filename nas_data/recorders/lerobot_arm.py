@@ -1,8 +1,8 @@
 """An arm that LeRobot drives, as the recorder uses it: LeRobot's robot commands and sets up, its bus is read whole."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -49,7 +49,6 @@ class Family:
         load_sign: Its sign bit; −1 for a two's complement.
         voltage: Register of the supply.
         errors: Register of the hardware errors.
-        closed: Whether errors lie among what is read every time.
     """
 
     sdk: str

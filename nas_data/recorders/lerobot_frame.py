@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -69,12 +68,7 @@ def frame_of(
     for joint in (*reverse, *zero):
         if joint not in names:
             raise JointMismatch(f"The arm has no joint '{joint}'; it has: {', '.join(names)}.")
-    missing = [name for name in names if name not in robot.joints]
-    if missing:
-        raise JointMismatch(
-            f"{Path(robot.mjcf).name} has no actuated joint '{missing[0]}'; rename its joints as LeRobot names the "
-            f"motors: {', '.join(names)}."
-        )
+    refuse_other_joints(robot, names)
     model = robot.spec().compile()
     low, high = excitable_limits(*command_limits(model, names, robot.name), names, effort=False)
     zeros, ticks = np.empty(len(names)), np.empty(len(names))
@@ -95,6 +89,20 @@ def frame_of(
     ends = np.array([[calibration[name].range_min, calibration[name].range_max] for name in names]).T
     first, last = np.sort((ends - zeros) * ticks, axis=0)
     return Frame(names, zeros, ticks, np.maximum(low, first), np.minimum(high, last))
+
+
+def refuse_other_joints(robot: Robot, names: Sequence[str]) -> None:
+    """Refuse a model that lacks the joint of a motor.
+
+    Raises:
+        JointMismatch: it does.
+    """
+    missing = [name for name in names if name not in robot.joints]
+    if missing:
+        raise JointMismatch(
+            f"{robot.mjcf.name} has no actuated joint '{missing[0]}'; rename its joints as LeRobot names the motors: "
+            f"{', '.join(names)}."
+        )
 
 
 def full_range(robot: Robot, names: Sequence[str], turn: int, offsets: Sequence[int]) -> dict[str, MotorCalibration]:

@@ -11,19 +11,27 @@ from pathlib import Path
 
 import draccus
 import lerobot.robots
+import numpy as np
 from lerobot.robots import Robot as LeRobot
 from lerobot.robots import RobotConfig, make_robot_from_config
 
 from nas_data.errors import OptionError, UnknownName
 from nas_data.recorders.lerobot_arm import LeRobotDriver, family_of
-from nas_data.recorders.lerobot_frame import Frame, frame_of, full_range
+from nas_data.recorders.lerobot_frame import Frame, frame_of, full_range, refuse_other_joints
 from nas_data.robots.base import Robot
 from nas_data.virtual_bus.arm import Mounted
 from nas_data.virtual_bus.options import Options
 from nas_data.virtual_bus.ports import VIRTUAL, port_of
 
-ADDED, TAKEN_OFF = "DynamixelMotorsBus", "FeetechMotorsBus"  # what makers do with the homing offset when they count
+ASIDE = 0.1  # [rad] from its rest as a hand left the virtual arm
 SPREAD, STEP = 1001, 317  # counts by which the virtual horns are off: a number of its own for every servo
+
+
+@dataclass
+class Chosen:
+    """What draccus reads LeRobot's options into."""
+
+    robot: RobotConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +105,7 @@ def virtual_arm(wish: Wish, robot: LeRobot, period: float) -> Options:
     names = tuple(bus.motors)
     turn = max(bus.model_resolution_table[motor.model] for motor in bus.motors.values())
     offsets = [place * STEP % SPREAD - SPREAD // 2 for place in range(1, len(names) + 1)]
-    _refuse_other_joints(wish, names)
+    refuse_other_joints(wish.model, names)
     known = full_range(wish.model, names, turn, offsets)
     for name, motor in bus.motors.items():
         known[name].id = motor.id
@@ -124,7 +132,10 @@ def virtual_arm(wish: Wish, robot: LeRobot, period: float) -> Options:
                 registers=registers,
             )
         )
-    return Options(model=str(wish.model.mjcf), mounted=tuple(mounted), period=period)
+    rest = dict(zip(wish.model.joints, wish.model.rest, strict=False))
+    lying = np.clip([rest.get(name, 0.0) + ASIDE for name in names], frame.low, frame.high)
+    path = str(wish.model.mjcf.absolute())
+    return Options(model=path, mounted=tuple(mounted), lying=tuple(lying.tolist()), period=period)
 
 
 def make_robot(wish: Wish, port: str, options: Mapping[str, str] | None = None) -> LeRobot:
@@ -143,9 +154,8 @@ def make_robot(wish: Wish, port: str, options: Mapping[str, str] | None = None) 
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
-            arguments = [f"--type={wish.kind}", *(f"--{name}={value}" for name, value in given.items())]
-            config = draccus.parse(config_class=RobotConfig, args=arguments)
-            robot = make_robot_from_config(config)
+            arguments = [f"--robot.{name}={value}" for name, value in {"type": wish.kind, **given}.items()]
+            robot = make_robot_from_config(draccus.parse(config_class=Chosen, args=arguments).robot)
     except SystemExit:
         raise OptionError(f"LeRobot does not take these options of a {wish.kind}: {_last(said.getvalue())}.") from None
     except (draccus.utils.DraccusException, ValueError, TypeError, ImportError) as error:
@@ -215,17 +225,6 @@ def _refuse_other_robots(wish: Wish, robot: LeRobot) -> None:
     if getattr(robot, "cameras", None):
         raise OptionError("nas records joints, not pictures; leave --robot.cameras out.")
     family_of(bus)
-
-
-def _refuse_other_joints(wish: Wish, names: Sequence[str]) -> None:
-    from nas_data.errors import JointMismatch
-
-    missing = [name for name in names if name not in wish.model.joints]
-    if missing:
-        raise JointMismatch(
-            f"{Path(wish.model.mjcf).name} has no actuated joint '{missing[0]}'; rename its joints as LeRobot names "
-            f"the motors: {', '.join(names)}."
-        )
 
 
 def _last(text: str) -> str:

@@ -10,7 +10,6 @@ import numpy as np
 from nas_data.effects.base import Effect
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.engines import load_simulator
-from nas_data.simulators.limits import command_limits, excitable_limits
 from nas_data.virtual_bus.body import Body, Mounting
 from nas_data.virtual_bus.chain import Chain
 from nas_data.virtual_bus.kinds.base import find_kind
@@ -18,7 +17,6 @@ from nas_data.virtual_bus.servo import Servo
 from nas_data.xl320.ergojr import ergojr_joints
 
 LYING = np.array([0.2, -1.31, 0.72, -0.15, 0.94, 0.28])  # [rad] about Poppy's rest pose, as a hand would leave it
-ASIDE = 0.1  # [rad] from rest as a hand would leave any other arm
 TURN = np.radians(150)  # [rad] from the middle to either end, XL-320 e-manual
 STEP = 0.002  # [s] by which an arm advances, where its model's own step is not longer
 
@@ -121,22 +119,19 @@ class VirtualArm:
         return cls(effects, [Servo(identity) for identity in joints.ids], robot, joints, LYING)
 
     @classmethod
-    def of(cls, effects: Sequence[Effect], model: str, mounted: Sequence[Mounted]) -> Self:
+    def of(cls, effects: Sequence[Effect], model: str, mounted: Sequence[Mounted], lying: Sequence[float]) -> Self:
         """Put calibrated servos into a model.
 
         Args:
             effects: What the simulated arm has and its model lacks.
             model: The model, a robot's name or a file.
             mounted: One servo a joint.
+            lying: How a hand left it [rad], shape (n,).
         """
-        joints = tuple(one.joint for one in mounted)
         known = find_robot(model)
-        low, high = command_limits(known.spec().compile(), joints, known.name)
-        low, high = excitable_limits(low, high, joints, effort=False)
-        rest = np.array([dict(zip(known.joints, known.rest, strict=True)).get(joint, 0.0) for joint in joints])
-        lying = np.clip(rest + ASIDE, low + ASIDE, high - ASIDE) if known.rest else np.clip(ASIDE, low, high)
+        joints = tuple(one.joint for one in mounted)
         robot = replace(known, joints=joints, edit=_in_turn(known.edit, _turn_freely))
-        return cls(effects, [one.servo() for one in mounted], robot, Encoders.of(mounted), lying)
+        return cls(effects, [one.servo() for one in mounted], robot, Encoders.of(mounted), np.array(lying))
 
 
 def _free(spec: mujoco.MjSpec) -> None:

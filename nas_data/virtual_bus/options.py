@@ -28,6 +28,7 @@ class Options:
         offsets: Ticks by which an ErgoJr's horns were mounted off the middle; none where empty.
         model: Model of another arm than the ErgoJr, a robot's name or a file.
         mounted: The servos of such an arm.
+        lying: How a hand left it [rad], shape (n,).
         seed: Of what the faults hit.
         honest: Whether the line takes its time; answers at once otherwise.
         lockstep: Whether the arm moves a period with every goal instead of by the clock.
@@ -39,6 +40,7 @@ class Options:
     offsets: tuple[int, ...] = ()
     model: str = ""
     mounted: tuple[Mounted, ...] = ()
+    lying: tuple[float, ...] = ()
     seed: int = 0
     honest: bool = True
     lockstep: bool = False
@@ -86,5 +88,5 @@ class Options:
 
     def _arm(self, effects: Sequence[Effect]) -> VirtualArm:
         if self.mounted:
-            return VirtualArm.of(effects, self.model, self.mounted)
+            return VirtualArm.of(effects, self.model, self.mounted, self.lying)
         return VirtualArm.ergojr(effects, self.offsets)
