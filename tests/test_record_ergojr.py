@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from xl320_samples import torques, virtual
 
+from nas_data.arms.base import Reading
 from nas_data.cli import main
 from nas_data.command_file import write_commands
 from nas_data.dataset.alone import alone
@@ -36,7 +37,6 @@ from nas_data.simulators.contact import contact_counts
 from nas_data.simulators.mujoco import MujocoSimulator
 from nas_data.virtual_bus.options import Options
 from nas_data.virtual_bus.process import VirtualBus
-from nas_data.arms.base import Reading
 from nas_data.xl320.arm import Arm, Xl320
 from nas_data.xl320.ergojr import ergojr_joints
 from nas_data.xl320.units import SPEED_UNIT, TICK

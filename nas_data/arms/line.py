@@ -17,12 +17,13 @@ from typing import Any, Self
 import numpy as np
 
 from nas_data.arms.safety import OPENER
-from nas_data.errors import AdapterLost, ArmError, BadReply, PortBusy, ServoRefused, ServoSilent
-from nas_data.xl320.port import lost, refusal
+from nas_data.errors import ArmError, BadReply, ServoRefused, ServoSilent
+from nas_data.xl320.port import busy, lost, refusal
 
 ATTEMPTS = 3
 QUIET = 0.04  # [s] of silence after which nothing late is expected any more
 LONGEST = 0.5  # [s] that silence is waited for
+LISTENING = 5.0  # [ms] in which a second servo of the same identity would answer as well
 SUCCESS = 0  # what both SDKs call COMM_SUCCESS
 
 
@@ -92,7 +93,10 @@ class Table:
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Self:
         """Read what `asdict` made."""
-        return cls(**{key: Register(**value) if isinstance(value, Mapping) else value for key, value in values.items()})
+        kinds: dict[str, Any] = {
+            key: Register(**value) if isinstance(value, Mapping) else value for key, value in values.items()
+        }
+        return cls(**kinds)
 
 
 class Line:
@@ -122,9 +126,7 @@ class Line:
             fcntl.flock(port.ser.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             port.closePort()
-            raise PortBusy(
-                f"{port.port_name} is used by another program; close that program (a recorder, a monitor) and try again."
-            ) from None
+            raise busy(port.port_name) from None
 
     def read(self, identity: int, register: Register) -> int:
         """Return a register; raises as `read_bytes` does."""
@@ -142,7 +144,7 @@ class Line:
                 data, result, _ = self._packets.readTxRx(self.port, identity, address, length)
                 if result == SUCCESS and len(data) == length:
                     return bytes(data)
-                self._failed()
+                self.calm()
         if self.ping(identity):
             raise BadReply(
                 f"Servo {identity} answers, but not reliably; check its plugs, the supply, and that no two servos have "
@@ -164,7 +166,7 @@ class Line:
             answers = [bytes(group.data_dict[identity] or ()) for identity in self.ids]
             if result == SUCCESS and all(len(answer) == length for answer in answers):
                 return answers
-            self._failed()
+            self.calm()
         return None
 
     def write(self, identity: int, register: Register, value: int) -> None:
@@ -202,19 +204,27 @@ class Line:
                 model, result, _ = self._packets.ping(self.port, identity)
                 if result == SUCCESS:
                     return int(model)
-                self._failed()
+                self.calm()
         return None
 
-    def voices(self, identity: int, register: Register) -> tuple[int, int]:
-        """Ask one servo, and return how many bytes came, and how many should have."""
+    def voices(self, identity: int, address: int, length: int) -> tuple[int, bool]:
+        """Ask one servo, and listen to everything that comes.
+
+        Returns:
+            How many sound replies of that identity came, and whether something unsound came.
+        """
+        newer = self.table.protocol >= 2
+        fast, who = ((False,), 4) if newer else ((), 2)  # how the SDKs receive, and where a packet says who speaks
         with self._using():
-            self._packets.readTx(self.port, identity, register.address, register.size)
-            heard, until = b"", time.monotonic() + QUIET
-            while time.monotonic() < until:
-                heard += self.port.readPort(256)
-                time.sleep(0.001)
-        overhead = 11 if self.table.protocol >= 2 else 6  # bytes of an answer beside its data
-        return len(heard), overhead + register.size
+            self._packets.readTx(self.port, identity, address, length)
+            sound, damaged = 0, False
+            while True:
+                packet, result = self._packets.rxPacket(self.port, *fast)
+                if result != SUCCESS:
+                    return sound, damaged or bool(packet)
+                sound += packet[who] == identity
+                damaged |= packet[who] != identity
+                self.port.setPacketTimeoutMillis(LISTENING)
 
     def where(self) -> np.ndarray:
         """Return the positions as the servos count them, shape (n,); raises as `read` does."""
@@ -247,7 +257,7 @@ class Line:
         except ArmError:
             return False
 
-    def _failed(self) -> None:
+    def calm(self) -> None:
         """Wait until the line is silent: what comes late must not be taken for what is asked next."""
         self.failures += 1
         until, silent = time.monotonic() + LONGEST, time.monotonic() + QUIET

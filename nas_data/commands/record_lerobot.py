@@ -49,7 +49,7 @@ class RecordLerobot(RecordArm):
     port: str = ""
     """Instead of --robot.port; 'virtual' for a simulated arm."""
     model: str | None = None
-    """Model that tells what the arm would touch, and that a virtual arm moves as; ours where not given and we have one."""
+    """Model that tells what the arm would touch, and that a virtual arm moves as; ours of this name by default."""
     reverse: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """A joint that turns in the model against what LeRobot takes for forwards; may be given several times."""
     zero: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()

@@ -39,7 +39,7 @@ def to_dataset(episode: Episode, joints: Sequence[str], rate: float, task: str, 
     loads = np.array([reading.loads for reading in episode.readings])
     columns = {
         STATE: states[:-1],
-        ACTION: np.array(episode.commands),
+        ACTION: episode.held(),
         NEXT_STATE: states[1:],
         TIME: (times[:-1] - times[0])[:, None],
         LOAD: loads[:-1],

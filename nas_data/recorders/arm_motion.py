@@ -53,6 +53,15 @@ class Episode:
     temperatures: list[np.ndarray] = field(default_factory=list)
     unheard: set[int] = field(default_factory=set)
 
+    def held(self) -> np.ndarray:
+        """Return the commands that the servos held in each step [rad], shape (T, n).
+
+        Where they are read back, the reading after a command tells them: one that was lost on the line did not count.
+        """
+        after = [reading.goals for reading in self.readings[1:]]
+        pairs = zip(self.commands, after, strict=True)
+        return np.array([sent if goals is None else goals for sent, goals in pairs])
+
     def delays(self) -> np.ndarray:
         """Return how long after its time each reading was made [s], shape (T + 1,)."""
         return np.array([reading.time for reading in self.readings]) - np.array(self.due)

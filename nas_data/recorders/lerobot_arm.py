@@ -12,7 +12,7 @@ from lerobot.robots import Robot as LeRobot
 from lerobot.utils.errors import DeviceNotConnectedError
 
 from nas_data.arms.base import Health, Reading
-from nas_data.arms.line import Line, Register, Table, charge, said_where_lost
+from nas_data.arms.line import ATTEMPTS, Line, Register, Table, charge, said_where_lost
 from nas_data.errors import (
     ArmError,
     BadReply,
@@ -91,14 +91,20 @@ class LeRobotArm:
         retries: Readings that needed more than one attempt.
     """
 
-    def __init__(self, robot: LeRobot, frame: Frame, now: Callable[[], float]) -> None:
+    def __init__(self, robot: LeRobot, kind: str, frame: Frame, now: Callable[[], float]) -> None:
         """Open the port; nothing moves.
+
+        Args:
+            robot: LeRobot's.
+            kind: Its `--robot.type`, which several types share.
+            frame: How its servos and the model's joints go together.
+            now: Clock that stamps the readings [s].
 
         Raises:
             ArmError: the port cannot be opened.
         """
-        self.robot, self.frame, self._now = robot, frame, now
-        self.bus: SerialMotorsBus = robot.bus  # type: ignore[attr-defined]  # robots without one were refused
+        self.robot, self.frame, self._kind, self._now = robot, frame, kind, now
+        self.bus: SerialMotorsBus = robot.bus
         self.sequential, self.retries = False, 0
         self._registers = {name: register_of(self.bus, name) for name in control_table(self.bus)}
         self._family = family_of(self.bus)
@@ -108,6 +114,8 @@ class LeRobotArm:
             cause = error.__cause__ if isinstance(error.__cause__, OSError | ValueError) else error
             raise refusal(self.bus.port, cause) from None
         self.line = Line(table_of(self.bus), self.ids, self.bus.port_handler, self.bus.packet_handler)
+        self.bus.write = self._patiently(type(self.bus).write)
+        self.bus.read = self._patiently(type(self.bus).read)
         self._start, self._end = self._stretch()
         self._last: list[bytes] = []
 
@@ -130,7 +138,6 @@ class LeRobotArm:
             OptionError: the servos hold another calibration than LeRobot's file.
         """
         self._refuse_strangers()
-        self._refuse_duplicates()
         for place in range(len(self.names)):
             self.look_after(place)
         self._refuse_other_calibration()
@@ -312,6 +319,20 @@ class LeRobotArm:
             wanted.append(share * 100 if motor.norm_mode is MotorNormMode.RANGE_0_100 else share * 200 - 100)
         return wanted
 
+    def _patiently(self, exchange: Callable[..., object]) -> Callable[..., object]:
+        """Let LeRobot's line ask again where a servo is not heard: its classes ask once, sixty times in a row."""
+
+        def ask(*arguments: object, **options: object) -> object:
+            for _ in range(ATTEMPTS - 1):
+                try:
+                    return exchange(self.bus, *arguments, **options)
+                except ConnectionError:
+                    self.line.calm()
+                    self.line.port.is_using = False
+            return exchange(self.bus, *arguments, **options)
+
+        return ask
+
     def _through_lerobot(self, do: Callable[[], object]) -> None:
         """Do something that only LeRobot does, and say in our words what may go wrong.
 
@@ -328,6 +349,8 @@ class LeRobotArm:
             except (ConnectionError, RuntimeError) as error:
                 if isinstance(error, ArmError):
                     raise
+                for place in range(len(self.names)):  # a servo that shut down answers with an error
+                    self.look_after(place)
                 said = " ".join(str(error).split()).rstrip(".")
                 raise BadReply(f"LeRobot could not set a servo up or command it: {said}.") from None
 
@@ -336,6 +359,13 @@ class LeRobotArm:
         here = [identity for identity, model in found.items() if model is not None]
         if not here:
             raise nobody(self.bus.port)
+        for identity in here:
+            heard = [self.line.voices(identity, self._start, self._end - self._start) for _ in range(TRIES)]
+            if any(sound > 1 for sound, _ in heard) or all(damaged and not sound for sound, damaged in heard):
+                raise DuplicateId(
+                    f"Two servos answer as {identity}; unplug all but one of them and give it its own identity "
+                    "(lerobot-setup-motors)."
+                )
         missing = [str(identity) for identity in self.ids if identity not in here]
         if missing:
             raise ServoSilent(
@@ -350,15 +380,6 @@ class LeRobotArm:
                     "the servo."
                 )
 
-    def _refuse_duplicates(self) -> None:
-        for identity in self.ids:
-            heard = [self.line.voices(identity, self.line.table.position) for _ in range(TRIES)]
-            if sum(came > due for came, due in heard) > 1:
-                raise DuplicateId(
-                    f"Two servos answer as {identity}; unplug all but one of them and give it its own identity "
-                    "(lerobot-setup-motors)."
-                )
-
     def _refuse_other_calibration(self) -> None:
         for name, motor in self.bus.motors.items():
             known = self.bus.calibration[name]
@@ -369,7 +390,7 @@ class LeRobotArm:
                 if held != value:
                     raise OptionError(
                         f"{self._name(motor.id)} holds {held} for {register}, its calibration file says {value}; "
-                        f"calibrate it again: lerobot-calibrate --robot.type={self.robot.config.type} "  # type: ignore[attr-defined]
+                        f"calibrate it again: lerobot-calibrate --robot.type={self._kind} "
                         f"--robot.port={self.bus.port} --robot.id={self.robot.id}."
                     )
 
@@ -464,18 +485,20 @@ class LeRobotDriver:
 
     Attributes:
         robot: LeRobot's.
+        kind: Its `--robot.type`.
         frame: How its servos and the model's joints go together.
         speed: Speed that commands are limited to [rad/s]; 0 for none.
     """
 
     robot: LeRobot
+    kind: str
     frame: Frame
     speed: float = 0.0
 
     @property
     def bus(self) -> Any:
         """LeRobot's line to the servos."""
-        return self.robot.bus  # type: ignore[attr-defined]
+        return self.robot.bus
 
     @property
     def port(self) -> str:
@@ -489,7 +512,7 @@ class LeRobotDriver:
 
     def open(self, now: Callable[[], float] = time.monotonic) -> LeRobotArm:
         """Open the port; see `LeRobotArm`."""
-        return LeRobotArm(self.robot, self.frame, now)
+        return LeRobotArm(self.robot, self.kind, self.frame, now)
 
     def charge(self) -> dict[str, object]:
         """Return what a guard needs."""

@@ -81,8 +81,8 @@ def driver_of(
     if port != VIRTUAL:
         with port_of(port, effects, faults, lockstep) as path:
             robot = make_robot(wish, path)
-            refuse_uncalibrated(robot, path)
-            yield LeRobotDriver(robot=robot, frame=_frame(wish, robot), speed=speed)
+            refuse_uncalibrated(robot, wish.kind, path)
+            yield LeRobotDriver(robot=robot, kind=wish.kind, frame=_frame(wish, robot), speed=speed)
         return
     with tempfile.TemporaryDirectory() as folder:
         options = {**wish.options, "calibration_dir": folder}
@@ -90,8 +90,8 @@ def driver_of(
         arm = virtual_arm(wish, robot, 1 / rate)
         with port_of(VIRTUAL, effects, faults, lockstep, arm) as path:
             calibrated = make_robot(wish, path, options)
-            calibrated.calibration = calibrated.bus.calibration = robot.calibration  # type: ignore[attr-defined]
-            yield LeRobotDriver(robot=calibrated, frame=_frame(wish, calibrated), speed=speed)
+            calibrated.calibration = calibrated.bus.calibration = robot.calibration
+            yield LeRobotDriver(robot=calibrated, kind=wish.kind, frame=_frame(wish, calibrated), speed=speed)
 
 
 def virtual_arm(wish: Wish, robot: LeRobot, period: float) -> Options:
@@ -101,7 +101,7 @@ def virtual_arm(wish: Wish, robot: LeRobot, period: float) -> Options:
         UnknownName: one of its motors cannot be simulated.
         JointMismatch: the model has other joints.
     """
-    bus = robot.bus  # type: ignore[attr-defined]
+    bus = robot.bus
     names = tuple(bus.motors)
     turn = max(bus.model_resolution_table[motor.model] for motor in bus.motors.values())
     offsets = [place * STEP % SPREAD - SPREAD // 2 for place in range(1, len(names) + 1)]
@@ -115,7 +115,9 @@ def virtual_arm(wish: Wish, robot: LeRobot, period: float) -> Options:
     for place, (name, motor) in enumerate(bus.motors.items()):
         calibration, size = known[name], bus.model_ctrl_table[motor.model]["Homing_Offset"][1]
         encoded = bus._encode_sign("Homing_Offset", {motor.id: calibration.homing_offset})[motor.id]
-        counted = 1 if family_of(bus).sdk == "scservo_sdk" else -1  # a Feetech takes its offset off, a Dynamixel adds it
+        counted = (
+            1 if family_of(bus).sdk == "scservo_sdk" else -1
+        )  # a Feetech takes its offset off, a Dynamixel adds it
         registers = {
             "homing_offset": encoded % 256**size,
             "lowest_position": calibration.range_min,
@@ -164,18 +166,18 @@ def make_robot(wish: Wish, port: str, options: Mapping[str, str] | None = None) 
     return robot
 
 
-def refuse_uncalibrated(robot: LeRobot, port: str) -> None:
+def refuse_uncalibrated(robot: LeRobot, kind: str, port: str) -> None:
     """Refuse a robot that has no calibration.
 
     Raises:
         OptionError: it has none, or one of another arm.
     """
-    names = set(robot.bus.motors)  # type: ignore[attr-defined]
+    names = set(robot.bus.motors)
     if set(robot.calibration) != names:
-        kind = robot.config.type  # type: ignore[attr-defined]
         raise OptionError(
             f"There is no calibration of this arm at {robot.calibration_fpath}; calibrate it: lerobot-calibrate "
-            f"--robot.type={kind} --robot.port={port} --robot.id={robot.id or 'NAME'}, and give the same --robot.id here."
+            f"--robot.type={kind} --robot.port={port} --robot.id={robot.id or 'NAME'}, and give "
+            "the same --robot.id here."
         )
 
 
@@ -200,7 +202,7 @@ def default_model(kind: str, model: str | None) -> Robot:
 
 
 def _frame(wish: Wish, robot: LeRobot) -> Frame:
-    return frame_of(wish.model, robot.bus, robot.calibration, wish.reverse, wish.zero)  # type: ignore[attr-defined]
+    return frame_of(wish.model, robot.bus, robot.calibration, wish.reverse, wish.zero)
 
 
 def _register(kind: str) -> None:

@@ -60,7 +60,8 @@ class Body:
         self._step_time = simulator.period
         self._gain, self._strength = gains_and_strengths(robot, self.servos)
         self._duty = np.zeros(len(self.servos))
-        self._goal, self._pace = self.positions.copy(), np.zeros(len(self.servos))
+        self._goal: np.ndarray = self.positions.copy()
+        self._pace: np.ndarray = np.zeros(len(self.servos))
         self._drives: list[Drive] = []
         self.sense()
 

@@ -4,6 +4,7 @@ import contextlib
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
@@ -74,7 +75,9 @@ class Options:
         """Read what `to_json` wrote."""
         values = json.loads(line)
         mounted = tuple(Mounted(**one) for one in values.pop("mounted"))
-        kinds = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
+        kinds: dict[str, Any] = {
+            key: tuple(value) if isinstance(value, list) else value for key, value in values.items()
+        }
         return cls(mounted=mounted, **kinds)
 
     def open(self) -> Terminal:

@@ -36,6 +36,8 @@ def port_of(
             raise OptionError(f"Effects, faults and lock-step belong to --port {VIRTUAL}; {name} is a real arm.")
         yield name
         return
-    chosen = {"effects": tuple(effects), "faults": tuple(faults), "honest": not lockstep, "lockstep": lockstep}
-    with VirtualBus(replace(arm or Options(), **chosen)) as bus:
+    options = replace(
+        arm or Options(), effects=tuple(effects), faults=tuple(faults), honest=not lockstep, lockstep=lockstep
+    )
+    with VirtualBus(options) as bus:
         yield bus.port

@@ -32,4 +32,3 @@ class Protocol:
 
 PROTOCOL_2 = Protocol(2, packet.Reader, packet.status, names_model=True, complains=True)
 FEETECH = Protocol(1, feetech_packet.Reader, feetech_packet.status, names_model=False, complains=False)
-

@@ -19,6 +19,7 @@ from nas_data.xl320.port import open_port
 from nas_data.xl320.survey import Found, nobody, survey
 from nas_data.xl320.units import HIGHEST, VOLT
 
+
 class Arm:
     """An arm on a port; a context that leaves it without torque.
 
@@ -151,7 +152,9 @@ class Arm:
 
     def registers(self) -> dict[str, dict[str, int]]:
         """Read the settings of every servo, by joint and register; raises as `Bus.read` does."""
-        answers = [self.bus.read(identity, 0, max(r.address + r.size for r in SETTINGS)) for identity in self.joints.ids]
+        answers = [
+            self.bus.read(identity, 0, max(r.address + r.size for r in SETTINGS)) for identity in self.joints.ids
+        ]
         return {
             joint: {register.name: answer.register(register.name, 0) for register in SETTINGS}
             for joint, answer in zip(self.joints.names, answers, strict=True)

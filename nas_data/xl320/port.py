@@ -75,7 +75,7 @@ def refusal(path: str, error: OSError | ValueError) -> ArmError:
             "(sudo usermod -aG dialout $USER) and log in again."
         )
     if code in {errno.EBUSY, errno.EAGAIN} or "lock" in str(error):
-        return PortBusy(f"{path} is used by another program; close that program (a recorder, a monitor) and try again.")
+        return busy(path)
     return ArmError(f"{path} cannot be used as a serial port; give the adapter's port, one of: {_ports()}.")
 
 
@@ -83,6 +83,11 @@ def _ports() -> str:
     """Return the ports that are there, for a sentence."""
     found = sorted(str(path) for kind in KINDS for path in Path("/dev").glob(kind))
     return ", ".join([*found, "virtual"])
+
+
+def busy(path: str) -> PortBusy:
+    """Return what to raise where another program has a port."""
+    return PortBusy(f"{path} is used by another program; close that program (a recorder, a monitor) and try again.")
 
 
 def lost(path: str) -> AdapterLost:

@@ -157,7 +157,7 @@ class Kind(ABC):
         """Say what a register refuses beside values out of its range."""
         return Error.NONE
 
-    def started(self, servo: "Servo") -> None:
+    def started(self, servo: "Servo") -> None:  # noqa: B027  # many have nothing to do
         """Do what is done when the power comes on."""
 
     def error_byte(self, servo: "Servo", error: Error) -> int:
