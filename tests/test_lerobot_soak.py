@@ -48,7 +48,6 @@ LARGEST_STEP = 0.15  # [rad] of an arm in a period: commands go at 2 rad/s, and 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1]))
     return tmp_path
 
 

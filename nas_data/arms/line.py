@@ -16,9 +16,9 @@ from typing import Any, Self
 
 import numpy as np
 
+from nas_data.arms.port_errors import busy, lost, refusal
 from nas_data.arms.safety import OPENER
 from nas_data.errors import ArmError, BadReply, ServoRefused, ServoSilent
-from nas_data.xl320.port import busy, lost, refusal
 
 ATTEMPTS = 3
 QUIET = 0.04  # [s] of silence after which nothing late is expected any more

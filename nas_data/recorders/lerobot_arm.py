@@ -13,6 +13,7 @@ from lerobot.utils.errors import DeviceNotConnectedError
 
 from nas_data.arms.base import Health, Reading
 from nas_data.arms.line import ATTEMPTS, Line, Register, Table, charge, said_where_lost
+from nas_data.arms.port_errors import lost, refusal
 from nas_data.errors import (
     ArmError,
     BadReply,
@@ -28,7 +29,6 @@ from nas_data.errors import (
 )
 from nas_data.recorders.lerobot_frame import Frame
 from nas_data.xl320.fitness import MARGIN
-from nas_data.xl320.port import lost, refusal
 
 VOLT = 0.1  # [V] a unit of both makers' voltages
 VOLTAGE, OVERHEAT, OVERLOAD = 1, 4, 32  # bits of both makers' hardware errors
