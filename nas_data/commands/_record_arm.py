@@ -101,19 +101,19 @@ class RecordArm(Command):
         from nas_data.dataset.versions import check_place
         from nas_data.recorders.under_way import place
 
-        protocol = self._protocol()
+        protocol, step = self._protocol(), self.step
         task = self.commands.stem if self.commands else protocol.excitation.name()
         name = self.name or f"{self.kind}_{task}"
         check_place(out=self.out, name=name)
         with alone(root := place(name, self.out)):
             growing = Growing(root)
             if not self.finish:
-                self._record(growing, protocol)
+                self._record(growing, protocol, step)
             elif not growing.episodes:
                 raise OptionError(f"Nothing is saved in {growing.root} that could be finished; record first.")
             return self._finish(growing, name)
 
-    def _record(self, growing: "Growing", protocol: "Protocol") -> None:
+    def _record(self, growing: "Growing", protocol: "Protocol", step: float) -> None:
         from nas_data.recorders.arm import Job, Recording, look
         from nas_data.recorders.arm_ways import Ways
         from nas_data.recorders.guarded import Setup
@@ -127,7 +127,7 @@ class RecordArm(Command):
                 driver=driver,
                 ways=Ways(robot_of(robot, driver)),
                 rate=self.rate,
-                largest_step=self.step,
+                largest_step=step,
             )
             plan, provenance = self._plan(growing, protocol, robot_of(robot, driver)), self._provenance(protocol)
             job = Job(setup=setup, plan=plan, hot=self.hot, provenance=provenance)
