@@ -155,7 +155,7 @@ def parse(name: str, rest: list[str]) -> "Command":
     heard = contextlib.redirect_stderr(said) if "--json" in rest else contextlib.nullcontext()
     try:
         with heard:
-            return tyro.cli(kind, args=rest, prog=f"nas {name}", config=(tyro.conf.FlagCreatePairsOff,))
+            return tyro.cli(kind, args=kind.spell(rest), prog=f"nas {name}", config=(tyro.conf.FlagCreatePairsOff,))
     except SystemExit as stop:
         if stop.code and said.getvalue():
             raise OptionError(f"{unboxed(said.getvalue())}; see: nas {name} --help") from None

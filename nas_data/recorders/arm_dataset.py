@@ -1,4 +1,6 @@
-"""Episodes of the ErgoJr as a dataset: what was read and sent, with flags on what came late or twice."""
+"""Episodes of an arm as a dataset: what was read and sent, with flags on what came late or twice."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,8 +15,7 @@ from nas_data.dataset.features import (
     state_feature,
     time_feature,
 )
-from nas_data.recorders.ergojr_motion import Episode
-from nas_data.xl320.joints import Joints
+from nas_data.recorders.arm_motion import Episode
 
 LOAD = "nas.load"
 VOLTAGE = "nas.voltage"
@@ -23,21 +24,22 @@ LATE = "nas.late"
 REPEATED = "nas.repeated"
 
 
-def to_dataset(episode: Episode, joints: Joints, rate: float, task: str) -> Dataset:
+def to_dataset(episode: Episode, joints: Sequence[str], rate: float, task: str, robot: str) -> Dataset:
     """Return one episode as a dataset.
 
     Args:
         episode: What was read and sent.
-        joints: The arm's joints.
+        joints: Names of the arm's joints.
         rate: Control rate [Hz].
         task: What the episode does, in a word.
+        robot: The arm's kind.
     """
     states = np.array([np.concatenate([reading.positions, reading.velocities]) for reading in episode.readings])
     times = np.array([reading.time for reading in episode.readings])
     loads = np.array([reading.loads for reading in episode.readings])
     columns = {
         STATE: states[:-1],
-        ACTION: np.array(episode.commands),
+        ACTION: episode.held(),
         NEXT_STATE: states[1:],
         TIME: (times[:-1] - times[0])[:, None],
         LOAD: loads[:-1],
@@ -52,17 +54,17 @@ def to_dataset(episode: Episode, joints: Joints, rate: float, task: str) -> Data
         columns={key: column.astype(features[key].dtype) for key, column in columns.items()},
         lengths=np.array([len(episode.commands)]),
         fps=rate,
-        robot_type="ergojr",
+        robot_type=robot,
         tasks=(task,),
     )
 
 
-def features_of(joints: Joints) -> dict[str, Feature]:
+def features_of(joints: Sequence[str]) -> dict[str, Feature]:
     """Return the features of such a dataset."""
     return {
-        STATE: state_feature(joints.names),
-        ACTION: position_feature(joints.names),
-        NEXT_STATE: state_feature(joints.names),
+        STATE: state_feature(joints),
+        ACTION: position_feature(joints),
+        NEXT_STATE: state_feature(joints),
         TIME: time_feature(),
         LOAD: _per_joint(joints, "load", "1"),
         VOLTAGE: _per_joint(joints, "voltage", "V"),
@@ -72,5 +74,5 @@ def features_of(joints: Joints) -> dict[str, Feature]:
     }
 
 
-def _per_joint(joints: Joints, what: str, unit: str) -> Feature:
-    return Feature(names=tuple(f"{name}.{what}" for name in joints.names), units=(unit,) * len(joints.names))
+def _per_joint(joints: Sequence[str], what: str, unit: str) -> Feature:
+    return Feature(names=tuple(f"{name}.{what}" for name in joints), units=(unit,) * len(joints))

@@ -1,23 +1,24 @@
-"""The recording of an ErgoJr: each episode is on the disk before the next begins, and the arm is safe at the end."""
+"""The recording of an arm: each episode is on the disk before the next begins, and the arm is safe at the end."""
 
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
+from nas_data.arms.base import Arm, Driver
 from nas_data.dataset.growing import Growing
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.errors import ArmError
-from nas_data.recorders.ergojr_dataset import to_dataset
-from nas_data.recorders.ergojr_motion import Episode, Motion
-from nas_data.recorders.ergojr_plan import Plan
-from nas_data.recorders.ergojr_tally import Tally
+from nas_data.recorders.arm_dataset import to_dataset
+from nas_data.recorders.arm_motion import Episode, Motion
+from nas_data.recorders.arm_plan import Plan
+from nas_data.recorders.arm_settings import Settings
+from nas_data.recorders.arm_tally import Tally
 from nas_data.recorders.guarded import GuardedArm, Setup
 from nas_data.recorders.schedule import Clock
 from nas_data.recorders.tolerance import PASSING
 from nas_data.recorders.under_way import SAVING, told
-from nas_data.xl320.arm import Arm
-from nas_data.xl320.joints import Joints
 
 PLAN = "meta/plan.npz"
 TRIES = 3  # times that an episode is begun before it is given up, or taken with readings that were missed
@@ -40,13 +41,13 @@ class Job:
     provenance: Provenance
 
 
-def look(port: str, joints: Joints) -> None:
+def look(driver: Driver) -> None:
     """Find out whether an arm could be recorded; nothing moves.
 
     Raises:
         ArmError: says why not.
     """
-    arm = Arm(port, joints)
+    arm = driver.open(time.monotonic)
     try:
         arm.check()
     finally:
@@ -74,6 +75,7 @@ class Recording:
         known = read_provenance(growing.root) if growing.episodes else None
         self.tally = Tally.of(known.target if known else None)
         self.tally.sittings += 1
+        self._settings = Settings.of(known.target if known else None)
 
     def run(self, progress: Callable[[int, float], None]) -> None:
         """Record what is not yet saved; leave the arm without torque, whatever happens.
@@ -133,6 +135,7 @@ class Recording:
         motion.approach(pose)
         if motion.vitals.temperature.max() >= self._job.hot:
             self._cool(motion, pose)
+        self._settings.note(number, motion.arm.registers())
         return motion.play(self._job.plan.commands[number])
 
     def _cool(self, motion: Motion, pose: np.ndarray) -> None:
@@ -149,13 +152,17 @@ class Recording:
     def _save(self, guarded: GuardedArm, episode: Episode) -> None:
         job = self._job
         guarded.promise(SAVING)
-        dataset = to_dataset(episode, job.setup.joints, job.setup.rate, job.plan.task)
+        dataset = to_dataset(episode, job.setup.driver.names, job.setup.rate, job.plan.task, job.provenance.robot)
         plan = {PLAN: job.plan.to_bytes()} if not self.growing.episodes else {}
         self.growing.append(dataset, self._provenance(guarded.arm), plan)
 
     def _provenance(self, arm: Arm) -> Provenance:
         known: Mapping[str, object] = self._job.provenance.target or {}
-        made = {"tally": asdict(self.tally), "drawn_again": self._job.plan.replaced}
+        made = {
+            "tally": asdict(self.tally),
+            "drawn_again": self._job.plan.replaced,
+            "registers": self._settings.to_json(),
+        }
         return replace(self._job.provenance, target={**arm.describe(), **known, **made})
 
     def _saved(self) -> str:

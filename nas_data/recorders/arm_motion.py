@@ -6,12 +6,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from nas_data.arms.base import Arm, Health, Reading
 from nas_data.dataset.lateness import late_readings
-from nas_data.recorders.ergojr_ways import Ways
+from nas_data.recorders.arm_ways import Ways
 from nas_data.recorders.schedule import Clock
 from nas_data.recorders.tolerance import Tolerance
-from nas_data.xl320.arm import Arm, Reading
-from nas_data.xl320.fitness import Health, refuse_unfit
 
 APPROACH = 0.6  # [rad/s] of a slow way
 SETTLE = 0.5  # [s] that a pose is held before what follows
@@ -53,6 +52,15 @@ class Episode:
     voltages: list[np.ndarray] = field(default_factory=list)
     temperatures: list[np.ndarray] = field(default_factory=list)
     unheard: set[int] = field(default_factory=set)
+
+    def held(self) -> np.ndarray:
+        """Return the commands that the servos held in each step [rad], shape (T, n).
+
+        Where they are read back, the reading after a command tells them: one that was lost on the line did not count.
+        """
+        after = [reading.goals for reading in self.readings[1:]]
+        pairs = zip(self.commands, after, strict=True)
+        return np.array([sent if goals is None else goals for sent, goals in pairs])
 
     def delays(self) -> np.ndarray:
         """Return how long after its time each reading was made [s], shape (T + 1,)."""
@@ -110,7 +118,7 @@ class Motion:
         self.tolerance = Tolerance()
         self._sent = arm.read().positions
         self._steps = 0
-        first = [arm.health(identity) for identity in arm.joints.ids]
+        first = [arm.look_after(place) for place in range(len(arm.names))]
         self.vitals = Vitals(
             np.array([health.voltage for health in first]), np.array([float(health.temperature) for health in first])
         )
@@ -204,9 +212,9 @@ class Motion:
         self.arm.refuse_alerts(reading)
         return reading
 
-    def _health(self, identity: int) -> Health:
+    def _health(self, place: int) -> Health:
         self._alive(self.period)
-        return self.arm.health(identity)
+        return self.arm.look_after(place)
 
     def _look_after(self) -> None:
         """Read supply and warmth of the next servo, now and then."""
@@ -214,10 +222,9 @@ class Motion:
         turn, rest = divmod(self._steps, LOOK)
         if rest:
             return
-        place = turn % len(self.arm.joints.ids)
-        health = self.tolerance.ask(lambda: self._health(self.arm.joints.ids[place]))
+        place = turn % len(self.arm.names)
+        health = self.tolerance.ask(lambda: self._health(place))
         self.vitals.voltage[place], self.vitals.temperature[place] = health.voltage, health.temperature
-        refuse_unfit(f"Servo {self.arm.joints.ids[place]} ({self.arm.joints.names[place]})", health)
 
 
 def slowly(begin: np.ndarray, end: np.ndarray, period: float) -> np.ndarray:

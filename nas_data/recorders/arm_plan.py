@@ -10,7 +10,7 @@ import numpy as np
 
 from nas_data.effects.base import Effect, make_effect
 from nas_data.errors import OptionError
-from nas_data.recorders.ergojr_ways import Ways
+from nas_data.recorders.arm_ways import Ways
 from nas_data.recorders.readings import Readings
 from nas_data.recorders.session import Protocol, Session, Target
 from nas_data.robots.base import Robot

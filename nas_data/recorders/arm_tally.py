@@ -8,7 +8,7 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import TIME
-from nas_data.recorders.ergojr_dataset import LATE, REPEATED, TEMPERATURE, VOLTAGE
+from nas_data.recorders.arm_dataset import LATE, REPEATED, TEMPERATURE, VOLTAGE
 
 SUSPICIOUS = 0.01  # share of repeated readings from which the servos' own rate is too low for the recorder's
 
