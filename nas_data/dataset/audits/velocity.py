@@ -130,7 +130,8 @@ def fit_register(recording: Recording, index: int, period: float) -> Fit | None:
     if apart > UNLIKE:
         return None
     way = _way(recording, index)
-    if undelayed[0] > TOLD and way <= FAST:  # else a delay of the register and one of the motion between rows look alike
+    # With a fast joint, a delay of the register and one of the motion between two rows look alike.
+    if undelayed[0] > TOLD and way <= FAST:
         delay = _delay(time, position, register, period) or delay
     return Fit(factor, delay / period, way)
 
