@@ -9,6 +9,7 @@ import numpy as np
 from lerobot.motors import MotorCalibration, MotorNormMode
 from lerobot.motors.motors_bus import SerialMotorsBus
 
+from nas_data.dataset.features import POSITION
 from nas_data.errors import JointMismatch, OptionError
 from nas_data.robots.base import Robot
 from nas_data.simulators.limits import command_limits, excitable_limits
@@ -70,7 +71,7 @@ def frame_of(
             raise JointMismatch(f"The arm has no joint '{joint}'; it has: {', '.join(names)}.")
     refuse_other_joints(robot, names)
     model = robot.spec().compile()
-    low, high = excitable_limits(*command_limits(model, names, robot.name), names, effort=False)
+    low, high = excitable_limits(*command_limits(model, names, robot.name), names, [POSITION] * len(names))
     zeros, ticks = np.empty(len(names)), np.empty(len(names))
     for place, name in enumerate(names):
         known, motor = calibration[name], bus.motors[name]
@@ -118,7 +119,7 @@ def full_range(robot: Robot, names: Sequence[str], turn: int, offsets: Sequence[
         OptionError: a joint can turn farther than a servo counts.
     """
     model = robot.spec().compile()
-    low, high = excitable_limits(*command_limits(model, names, robot.name), names, effort=False)
+    low, high = excitable_limits(*command_limits(model, names, robot.name), names, [POSITION] * len(names))
     found = {}
     for place, name in enumerate(names):
         slides = model.joint(name).type[0] == mujoco.mjtJoint.mjJNT_SLIDE
