@@ -7,7 +7,7 @@ from typing import ClassVar
 import mujoco
 
 from nas_data.effects.base import Effect, Parameter, Scales
-from nas_data.effects.edits.series import add_series_joint, angle
+from nas_data.effects.edits.series import WIDEST_PLAY, add_series_joint, angle
 
 HARD_STOP = (0.99, 0.999, 0.001, 0.5, 2.0)  # impedance: under the servo's torque the stop gives way by under 1e-4 rad
 
@@ -21,7 +21,7 @@ class Backlash(Effect):
 
     half_width: float
 
-    parameters: ClassVar = (Parameter("half_width", "rad", 0.0, 0.2, 0.0),)
+    parameters: ClassVar = (Parameter("half_width", "rad", 0.0, WIDEST_PLAY, 0.0),)
     late: ClassVar = 1
     equation: ClassVar = "q = q_servo + p, |p| ≤ half_width"
     source: ClassVar = "MuJoCo documentation, Modeling, Backlash: two hinges on one axis"

@@ -85,7 +85,7 @@ def parse_map(top: Section, name: str, text: str) -> Map:
         velocity=quantities.parse(read.table("velocity"), "velocity", "velocity") if read.has("velocity") else None,
         command=_parse_command(read.table("command"), quantities),
         signals={key: quantities.parse(table, key, "signal") for key, table in top.table("signals").tables().items()},
-        episode=_parse_episode(read.table("episode"), layout) if read.has("episode") else None,
+        episode=_parse_episode(read, layout),
         slides=frozenset(),
         limits=_parse_limits(top.table("limits"), joints),
         thresholds=_parse_thresholds(top.table("audit")),

@@ -8,7 +8,7 @@ import numpy as np
 
 from nas_data.dataset.features import POSITION
 from nas_data.drives import goal_joints, pad_joints
-from nas_data.effects.backlash import Backlash
+from nas_data.effects.edits.series import WIDEST_PLAY
 from nas_data.errors import ModelFileError
 from nas_data.free_name import free_name
 from nas_data.simulators.controls import UntoldControl, length_control, length_feedback
@@ -17,7 +17,6 @@ from nas_data.simulators.layout import Layout
 HELD = "_held"  # the constraint `<joint>_held`; without it the joint is as its author made it
 RIGID = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # impedance, the engine's largest
 STILL = 1e-6  # [rad] or [m] off its reference to which a servo without a command may go
-PLAY = Backlash.parameters[0].high  # [rad] half width up to which a hinge with stops is somebody's backlash
 GENERIC = 0.05  # [rad] or [m] off the reference, where no lever happens to be zero
 INDEPENDENT = 1e-6  # singular value from which directions count as different
 
@@ -130,7 +129,7 @@ def is_play(model: mujoco.MjModel, joint: int) -> bool:
     """Whether a joint is a hinge that can hardly turn."""
     hinge = int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_HINGE)
     turned = np.abs(model.jnt_range[joint] - model.qpos0[model.jnt_qposadr[joint]]).max()
-    return bool(hinge and model.jnt_limited[joint] and turned <= PLAY)
+    return bool(hinge and model.jnt_limited[joint] and turned <= WIDEST_PLAY)
 
 
 def pushed(model: mujoco.MjModel) -> set[int]:
