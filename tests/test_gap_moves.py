@@ -45,7 +45,9 @@ def rubbing() -> Search:
     return begun(arm(), VISCOUS, DRY)
 
 
-@pytest.fixture(scope="module", params=["a dead band for dry friction", "too much"])
+@pytest.fixture(
+    scope="module", params=["a dead band for dry friction", pytest.param("too much", marks=pytest.mark.slow)]
+)
 def half_way(request: pytest.FixtureRequest, rubbing: Search) -> tuple[Search, Hypothesis]:
     """A search, and a fitted hypothesis that is not the right one."""
     search = afresh(rubbing)
@@ -117,6 +119,7 @@ def test_a_beaten_effect_that_does_better_beside_the_others_comes_back(rubbing: 
     assert replace_by_rival.apply(search, better) is better
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wrong", "hidden"),
     [("torque_limit:joint=m2,torque=0.15", "load_friction"), ("load_friction:joint=m2,ratio=0.3", "torque_limit")],
@@ -146,6 +149,7 @@ def test_what_all_joints_have_alike_is_found_to_be_one_value(hidden: str):
     assert share_value.apply(search, one) is one, "and stays it"
 
 
+@pytest.mark.slow
 def test_what_joints_have_each_of_their_own_is_shared_by_none():
     own = [f"coulomb_friction:joint=j{n},torque={torque}" for n, torque in ((1, 0.01), (2, 0.02), (3, 0.03))]
     search = begun(arm(joints=3), *own)
@@ -164,7 +168,13 @@ def test_a_delay_of_every_joint_is_the_arms():
     assert whole.delay == pytest.approx(0.02, abs=1e-3)
 
 
-@pytest.mark.parametrize(("hidden", "apart"), [("payload:mass=0.04", False), ("payload:mass=0.04,y=0.04,z=0.06", True)])
+@pytest.mark.parametrize(
+    ("hidden", "apart"),
+    [
+        pytest.param("payload:mass=0.04", False, marks=pytest.mark.slow),
+        ("payload:mass=0.04,y=0.04,z=0.06", True),
+    ],
+)
 def test_the_place_of_a_payload_is_sought_where_the_data_tell_it(hidden: str, apart: bool):
     nominal, evidence = measured(hidden)
     task = Task(nominal, evidence, FLOOR)
@@ -180,7 +190,9 @@ def test_the_place_of_a_payload_is_sought_where_the_data_tell_it(hidden: str, ap
 STRIBECK = "stribeck_friction:joint=j1,torque={},kinetic_ratio={},stribeck_velocity={}"
 
 
-@pytest.mark.parametrize("beside", [(), ("coulomb_friction:joint=j1,torque=0.001",)])
+@pytest.mark.parametrize(
+    "beside", [(), pytest.param(("coulomb_friction:joint=j1,torque=0.001",), marks=pytest.mark.slow)]
+)
 def test_friction_that_does_not_fall_with_speed_is_dry_whether_two_names_share_it_or_not(beside: tuple[str, ...]):
     search = begun(arm(), DRY)
     kept = fitted(search, STRIBECK.format(0.03, 0.99, 0.5), *beside)
@@ -189,6 +201,7 @@ def test_friction_that_does_not_fall_with_speed_is_dry_whether_two_names_share_i
     assert friction.torque == pytest.approx(0.03, rel=0.03)
 
 
+@pytest.mark.slow
 def test_friction_that_falls_with_speed_stays_what_it_is():
     hidden = STRIBECK.format(0.05, 0.3, 0.3)
     search = begun(arm(), hidden)
@@ -196,6 +209,7 @@ def test_friction_that_falls_with_speed_stays_what_it_is():
     assert simplify.apply(search, kept) is kept
 
 
+@pytest.mark.slow
 def test_what_the_model_bent_to_is_undone_by_beginning_anew(rubbing: Search):
     """Each joint's gain went as far as it may for the dead band; without it, they let go of each other."""
     search = afresh(rubbing)
@@ -262,6 +276,7 @@ def recorded(name: str, steps: int) -> Task:
     return Task(nominal, evidence.with_objects(dataset, nominal.simulator()), floor, fine=False)
 
 
+@pytest.mark.slow
 def test_a_scan_along_the_parameters_finds_wide_play_that_no_slope_leads_to():
     task = recorded("striker", steps=30)
     parameters = FreeParameters(WIDE_PLAY, free_base(task.nominal.base, WIDE_PLAY))

@@ -258,9 +258,9 @@ def test_slopes_by_command_are_those_of_a_linear_arm():
 
 def test_the_preset_learns_pushers_torques_and_knows_its_symmetry(tmp_path):
     source = find_task("Pusher").simulator("source")
-    commands = [1.5 * episode for episode in wander((50,) * 24, 3)]
+    commands = [1.5 * episode for episode in wander((50,) * 12, 3)]
     dataset = pair(recorded_on(find_task("Pusher").simulator("backlash"), commands), source)
-    options = preset("symmetric", hidden=32, updates=120, frames=800, horizon=25)
+    options = preset("symmetric", hidden=32, updates=60, frames=800, horizon=25)
     trained = TrainingRun(Training("delta", dataset, options, source, device="cpu"), tmp_path / "a", print).run()
     rows = history(tmp_path / "a")
     assert min(row["validation"] for row in rows) < 0.8 * rows[0]["validation"]
