@@ -39,7 +39,10 @@ def test_another_number_seed_or_plant_gives_another_case():
     assert len(set(draws)) == len(names)
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize(
+    "family",
+    [pytest.param(name, marks=pytest.mark.slow if name in {"none", "two", EVERY} else ()) for name in FAMILIES],
+)
 def test_each_family_hides_as_many_visible_effects_as_it_says(family):
     case = shortened(family=family, plant="numpy", number=0, seed=0)
     kinds = OUTSIDE if family == "outside" else INSIDE
@@ -71,6 +74,7 @@ def test_every_joint_lacks_the_same_effect_in_about_the_same_size(setting):
     assert effects == set(EVERYWHERE) & set(sort.inside)
 
 
+@pytest.mark.slow
 def test_faint_cases_may_hide_less(monkeypatch):
     (mark,) = draw_case("one", "numpy", 0, 0, faint=True).marks
     assert mark >= 0.3

@@ -63,7 +63,7 @@ def experiment(arm):
 def test_the_file_is_played_by_the_recorder(experiment, tmp_path):
     write(experiment, tmp_path / "next.csv")
     (tmp_path / "arm.xml").write_text(ARM)
-    options = ("--robot", tmp_path / "arm.xml", "--commands", tmp_path / "next.csv")
+    options = ("--robot", tmp_path / "arm.xml", "--rate", "100", "--commands", tmp_path / "next.csv")
     done("record", "sim", *options, "--out", tmp_path / "recorded")
     recorded = read(tmp_path / "recorded")
     np.testing.assert_allclose(recorded.commands, experiment.commands, atol=1e-6)

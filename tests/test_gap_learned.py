@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from nas_data.gap.problem import Problem
 from nas_data.gap.summary import summary
 from nas_data.gap.workflow import learned
 from nas_data.models.checkpoint import find, load_frozen
+from nas_data.models.presets import preset
 from nas_data.simulators.mujoco import MujocoSimulator
 
 HIDDEN = "viscous_friction:joint=shoulder,coefficient=0.05"
@@ -29,7 +31,10 @@ def taught(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Mapping[str,
     out = folder / "report"
     out.mkdir()
     model, _ = write_model(out, problem.train.nominal, [parse(HIDDEN)], {})
-    return out, learned(problem, model, 10, lambda _: None)
+    with pytest.MonkeyPatch.context() as patch:
+        small = partial(preset, hidden=8, layers=1, horizon=20)
+        patch.setattr("nas_data.gap.learned.preset", small)
+        return out, learned(problem, model, 10, lambda _: None)
 
 
 def check_parts(shares: Mapping[str, float]) -> None:

@@ -118,7 +118,10 @@ def test_a_plants_description_follows_the_effects_and_not_their_folder(tmp_path)
 SOURCES = {"plain": (), "play": TRUE[:1], "true": TRUE, "limit": (LIMIT,), "friction": (DRAG,), "gain": ()}
 
 
-@pytest.mark.parametrize("own", SOURCES)
+@pytest.mark.parametrize(
+    "own",
+    [pytest.param(name, marks=pytest.mark.slow if name in {"play", "true", "limit"} else ()) for name in SOURCES],
+)
 def test_a_correction_is_used_on_its_own_source_only(tmp_path, own):
     plants = {"plain": Plant("ErgoReacher")}
     for name, effects in SOURCES.items():
