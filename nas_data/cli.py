@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from nas_data import __version__
 from nas_data.errors import NasError, OptionError
+from nas_data.visible import visible
 
 if TYPE_CHECKING:
     from nas_data.commands.base import Command
@@ -26,7 +27,7 @@ ARGUMENT = 4  # columns by which tyro indents an option that is missing; its hel
 
 def command_files() -> dict[str, Path]:
     """Return the file of every command by its words, for example 'policy train'."""
-    files = sorted(path for path in COMMANDS.glob("*.py") if path.stem != "base" and path.stem[0] != "_")
+    files = [path for path in visible(COMMANDS, "*.py") if path.stem != "base" and path.stem[0] != "_"]
     return {path.stem.rstrip("_").replace("_", " "): path for path in files}
 
 
@@ -112,6 +113,9 @@ def unknown(arguments: Sequence[str]) -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program and return its exit code: 0 success, 1 a negative answer, 2 bad input, 130 interrupted."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal whose locale lacks φ gets "?" instead, and every result
     try:
         return answer(list(sys.argv[1:] if arguments is None else arguments))
     except BrokenPipeError:
@@ -151,7 +155,7 @@ def parse(name: str, rest: list[str]) -> "Command":
     heard = contextlib.redirect_stderr(said) if "--json" in rest else contextlib.nullcontext()
     try:
         with heard:
-            return tyro.cli(kind, args=rest, prog=f"nas {name}", config=(tyro.conf.FlagCreatePairsOff,))
+            return tyro.cli(kind, args=kind.spell(rest), prog=f"nas {name}", config=(tyro.conf.FlagCreatePairsOff,))
     except SystemExit as stop:
         if stop.code and said.getvalue():
             raise OptionError(f"{unboxed(said.getvalue())}; see: nas {name} --help") from None

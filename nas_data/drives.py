@@ -12,13 +12,17 @@ PARTS = (GAIN, BAND, DAMPING)
 PRESSED = "_pressed_drive"  # a fixed tendon `<joint>_pressed_drive`: the joint and a pad that its servo presses
 PAD = "_pressed_pad"  # that pad's joint, in the body that holds the servo's
 STANDING = (DRIVE, PRESSED)  # ends of the names of fixed tendons that stand for a joint
+REST_SHIFT = (
+    "_rest_shift"  # a number `<joint>_rest_shift` of the model: what of its servo's constant force an effect added
+)
+ON_JOINT = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)  # alike for hinges and slides
 
 
 def driven_joint(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> str | None:
     """Return the name of the joint that an actuator with a control drives; None for passive and other actuators."""
     if actuator.ctrlspec == int(mujoco.mjtCtrlInput.mjINPUT_NONE):
         return None
-    if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT:
+    if actuator.trntype in ON_JOINT:
         return str(actuator.target)
     if actuator.trntype != mujoco.mjtTrn.mjTRN_TENDON:
         return None
@@ -31,7 +35,7 @@ def driving_actuators(model: mujoco.MjModel, joint: int) -> np.ndarray:
     name = model.joint(joint).name
     tendons = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, name + end) for end in STANDING]
     kind, target = model.actuator_trntype, model.actuator_trnid[:, 0]
-    direct = (kind == int(mujoco.mjtTrn.mjTRN_JOINT)) & (target == joint)
+    direct = np.isin(kind, [int(each) for each in ON_JOINT]) & (target == joint)
     by_tendon = (kind == int(mujoco.mjtTrn.mjTRN_TENDON)) & np.isin(target, [one for one in tendons if one >= 0])
     found = np.flatnonzero((direct | by_tendon) & (model.actuator_ctrlnum > 0))
     return found[np.argsort(model.actuator_biasprm[found, 1] == 0, kind="stable")]  # a servo feeds positions back
@@ -49,7 +53,7 @@ def leverage(model: mujoco.MjModel, actuator: int, joint: int) -> float:
     """Return the torque about a joint per unit of an actuator's force, which acts on it or on a fixed tendon."""
     gear = float(model.actuator_gear[actuator, 0])
     target = int(model.actuator_trnid[actuator, 0])
-    if model.actuator_trntype[actuator] == int(mujoco.mjtTrn.mjTRN_JOINT):
+    if mujoco.mjtTrn(model.actuator_trntype[actuator]) in ON_JOINT:
         return gear if target == joint else 0.0
     wraps = slice(int(model.tendon_adr[target]), int(model.tendon_adr[target] + model.tendon_num[target]))
     return gear * float(model.wrap_prm[wraps][model.wrap_objid[wraps] == joint].sum())

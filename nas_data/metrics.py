@@ -1,65 +1,106 @@
 """Errors of predicted against measured joint positions, in physical units."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from nas_data.joint_units import JointUnit, factors, kinds_of, table_unit
+
 
 @dataclass(frozen=True)
 class Errors:
-    """Root mean squared position errors [rad] of one predictor on E episodes of n joints.
+    """Root mean squared position errors [rad; slides m] of one predictor on E episodes of n joints.
+
+    A figure over all joints is one over the hinges, or over the slides of an arm that has no hinge: degrees and
+    millimetres have no mean. `overall_by_kind` has the figure of either kind.
 
     Attributes:
         joints: Names of the joints.
-        squared: Mean squared error of each episode and joint [rad²], shape (E, n); NaN where it diverged.
+        squared: Mean squared error of each episode and joint [rad²; m²], shape (E, n); NaN where it diverged.
         lengths: Frames of each episode, shape (E,).
+        slides: Names of the joints that are slides.
     """
 
     joints: tuple[str, ...]
     squared: np.ndarray
     lengths: np.ndarray
+    slides: frozenset[str] = frozenset()
 
     @classmethod
-    def of(cls, joints: Sequence[str], predicted: Sequence[np.ndarray], measured: Sequence[np.ndarray]) -> "Errors":
+    def of(
+        cls,
+        joints: Sequence[str],
+        predicted: Sequence[np.ndarray],
+        measured: Sequence[np.ndarray],
+        slides: Collection[str] = (),
+    ) -> "Errors":
         """Compare episodes.
 
         Args:
             joints: Names of the n joints.
             predicted: Predicted states or positions of each episode, shape (T, ≥n); the first n components count.
             measured: The same, measured.
+            slides: Which joints are slides.
         """
         n = len(joints)
         pairs = list(zip(predicted, measured, strict=True))
         squared = np.array([np.square(p[:, :n].astype(float) - m[:, :n]).mean(axis=0) for p, m in pairs])
-        return cls(tuple(joints), squared.reshape(len(pairs), n), np.array([len(m) for _, m in pairs]))
+        return cls(
+            tuple(joints), squared.reshape(len(pairs), n), np.array([len(m) for _, m in pairs]), frozenset(slides)
+        )
+
+    @property
+    def kinds(self) -> list[tuple[JointUnit, np.ndarray]]:
+        """The kinds of joints that there are, the one of the overall figures first, each with its joints' places."""
+        return kinds_of(self.joints, self.slides)
+
+    @property
+    def unit(self) -> JointUnit:
+        """Unit of the overall figures."""
+        return self.kinds[0][0]
+
+    @property
+    def overall_by_kind(self) -> list[tuple[JointUnit, float]]:
+        """RMSE over all frames of the joints of each kind, in its unit inside."""
+        return [
+            (unit, float(np.sqrt(np.average(self.squared[:, places].mean(axis=1), weights=self.lengths))))
+            for unit, places in self.kinds
+        ]
 
     @property
     def overall(self) -> float:
-        """RMSE over all frames and joints [rad]."""
+        """RMSE over all frames and all joints of the first kind."""
+        return self.overall_by_kind[0][1]
+
+    @property
+    def pooled(self) -> float:
+        """RMSE over all frames and joints, a metre beside a radian: it ranks models of one arm, and is never shown."""
         return float(np.sqrt(np.average(self.squared.mean(axis=1), weights=self.lengths)))
 
     @property
     def per_joint(self) -> dict[str, float]:
-        """RMSE of each joint over all frames [rad]."""
+        """RMSE of each joint over all frames [rad; slides m]."""
         values = np.sqrt(np.average(self.squared, axis=0, weights=self.lengths))
         return dict(zip(self.joints, values.tolist(), strict=True))
 
     @property
     def per_episode(self) -> list[float]:
-        """RMSE of each episode over its joints [rad]."""
-        return np.sqrt(self.squared.mean(axis=1)).tolist()
+        """RMSE of each episode over its joints of the first kind."""
+        return np.sqrt(self.squared[:, self.kinds[0][1]].mean(axis=1)).tolist()
 
     @property
     def mean_of_episodes(self) -> float:
-        """Mean of the episodes' RMSE [rad]: every episode counts alike, however long."""
+        """Mean of the episodes' RMSE: every episode counts alike, however long."""
         return float(np.mean(self.per_episode))
 
     def to_json(self) -> dict[str, object]:
         """Return all of it, per episode also by joint."""
         rows = [dict(zip(self.joints, np.sqrt(row).tolist(), strict=True)) for row in self.squared]
+        beside = {f"overall_{unit.kind}": value for unit, value in self.overall_by_kind[1:]}
         return {
             "overall": self.overall,
+            **beside,
             "mean_of_episodes": self.mean_of_episodes,
             "per_joint": self.per_joint,
             "per_episode": self.per_episode,
@@ -68,21 +109,24 @@ class Errors:
 
 
 def table(rows: Mapping[str, Errors], title: str) -> str:
-    """Return a table of RMSE in degrees: a row per predictor, a column per joint, the mean of episodes last.
+    """Return a table of RMSE in degrees, slides in millimetres: a row per predictor, a column per joint.
 
-    A predictor that diverges in any episode has no mean error; its row says so.
+    Behind them stand all joints, hinges and slides apart where an arm has both, and last the mean of the episodes. A
+    predictor that diverges in any episode has no mean error; its row says so.
     """
-    joints = next(iter(rows.values())).joints
+    one = next(iter(rows.values()))
+    joints, scale = one.joints, factors(one.joints, one.slides)
     widths = [max(7, len(joint)) for joint in joints]
     names = max(len(name) for name in rows)
     head = "  ".join(f"{joint:>{width}}" for joint, width in zip(joints, widths, strict=True))
-    lines = [f"{title} [deg]", f"  {'':<{names}}  {head}      all  mean of episodes"]
+    pooled = "".join(f"{unit.kind if len(one.kinds) > 1 else 'all':>9}" for unit, _ in one.kinds)
+    lines = [f"{title} [{table_unit(joints, one.slides)}]", f"  {'':<{names}}  {head}{pooled}  mean of episodes"]
     for name, errors in rows.items():
         if not np.isfinite(errors.overall):
             lines.append(f"  {name:<{names}}  {'diverged':>{len(lines[1]) - names - 4}}")
             continue
-        values = np.degrees(list(errors.per_joint.values()))
+        values = scale * list(errors.per_joint.values())
         cells = "  ".join(f"{value:{width}.3f}" for value, width in zip(values, widths, strict=True))
-        overall, mean = np.degrees([errors.overall, errors.mean_of_episodes])
-        lines.append(f"  {name:<{names}}  {cells}  {overall:7.3f}  {mean:16.3f}")
+        overall = "".join(f"{unit.factor * value:9.3f}" for unit, value in errors.overall_by_kind)
+        lines.append(f"  {name:<{names}}  {cells}{overall}  {errors.unit.factor * errors.mean_of_episodes:16.3f}")
     return "\n".join(lines)

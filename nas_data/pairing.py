@@ -1,18 +1,38 @@
 """Pairing: what the source predicts for every measured transition, in batched rollouts."""
 
+import sys
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 
+from nas_data.caution import say_once
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import ENVIRONMENT, SIM_ENVIRONMENT, SIM_STATE, state_feature
+from nas_data.dataset.features import (
+    ACTION,
+    EFFORT,
+    ENVIRONMENT,
+    NEXT_STATE,
+    POSITION,
+    SIM_ENVIRONMENT,
+    SIM_STATE,
+    STATE,
+    VELOCITY,
+    action_feature,
+    state_feature,
+)
 from nas_data.dataset.start_velocities import find_start_velocities
 from nas_data.errors import JointMismatch
 from nas_data.simulators.base import Simulator
+from nas_data.simulators.held import refuse_standing
+from nas_data.simulators.mujoco import MujocoSimulator
 
+ACTUATORS = {POSITION: "a <position>", VELOCITY: "a <velocity>", EFFORT: "a <motor>"}
+POSTURES = 100  # in which is looked whether a robot whose base is held stands on something
 PROBES = 500  # transitions that tell one source from another
 SAME_SOURCE = 1e-5  # [rad] engines of other versions and machines differ by less
+SAME_PLACE = 0.01  # [rad or m] two readings of one place differ by less
 MARGIN = 0.05  # [rad or m] by which calibrations of real arms and their models differ
-WIDEST = 4 * np.pi  # [rad] two turns; a range of degrees that were read as radians is wider at once
 
 
 def pair(dataset: Dataset, simulator: Simulator) -> Dataset:
@@ -33,12 +53,58 @@ def pair(dataset: Dataset, simulator: Simulator) -> Dataset:
         JointMismatch: joints, rate or kind of command differ.
     """
     check_fits(dataset, simulator)
-    predicted = simulator.predict(scene_states(dataset, simulator), dataset.commands).astype(np.float32)
+    dataset = with_model_units(dataset, simulator)
+    states, continues = scene_states(dataset, simulator), continuing(dataset)
+    predicted = simulator.predict(states, dataset.commands, continues).astype(np.float32)
     width = dataset.states.shape[1]
-    paired = dataset.with_column(SIM_STATE, state_feature(dataset.joints), predicted[:, :width])
+    paired = dataset.with_column(SIM_STATE, state_feature(dataset.joints, simulator.slides), predicted[:, :width])
     if predicted.shape[1] == width:
         return paired
     return paired.with_column(SIM_ENVIRONMENT, simulator.object_feature, predicted[:, width:])
+
+
+def with_model_units(dataset: Dataset, simulator: Simulator) -> Dataset:
+    """Return a dataset that tells hinges and slides apart as a model does; no value changes.
+
+    Where a recording says nothing, or calls the metres of a slide radians, as one that was imported without a model
+    does, the model knows better.
+
+    Args:
+        dataset: Transitions with 2n-states of a simulator's joints.
+        simulator: The model.
+
+    Raises:
+        JointMismatch: the dataset has a joint in metres that the model turns.
+    """
+    turned = [joint for joint in simulator.joints if joint in dataset.slides and joint not in simulator.slides]
+    if turned:
+        raise JointMismatch(
+            f"The dataset has {turned[0]} in metres, but the model's {turned[0]} is a hinge, in radians; "
+            "give the model of this robot, or correct 'unit' in the map and import again."
+        )
+    wrong = [joint for joint in simulator.slides if joint not in dataset.slides]
+    if not wrong:
+        return dataset
+    if any(dataset.features[STATE].units):
+        say_once(f"the dataset calls {', '.join(wrong)} an angle, the model a slide: taken as metres and newtons")
+    state = state_feature(dataset.joints, simulator.slides)
+    command = action_feature(dataset.joints, simulator.kinds, simulator.slides)
+    known = {STATE: state, ACTION: command, NEXT_STATE: state, SIM_STATE: state}
+    features = {
+        key: replace(feature, dtype=dataset.features[key].dtype)
+        for key, feature in known.items()
+        if key in dataset.features
+    }
+    return replace(dataset, features={**dataset.features, **features})
+
+
+def continuing(dataset: Dataset) -> np.ndarray:
+    """Return which frames begin where the one before ended, shape (N,): it is the same motion."""
+    n, result = len(dataset.joints), np.zeros(dataset.n_frames, bool)
+    ends, begins = dataset.next_states[:-1, :n], dataset.states[1:, :n]
+    result[1:] = (np.abs(begins - ends) <= SAME_PLACE).all(axis=1)
+    result[dataset.starts[dataset.lengths > 0]] = False
+    return result
 
 
 def scene_states(dataset: Dataset, simulator: Simulator, rows: slice | np.ndarray = slice(None)) -> np.ndarray:
@@ -100,7 +166,8 @@ def check_source(dataset: Dataset, simulator: Simulator) -> None:
     """
     check_fits(dataset, simulator)
     n, rows = len(dataset.joints), slice(0, PROBES)
-    predicted = simulator.predict(scene_states(dataset, simulator, rows), dataset.commands[rows])
+    states = scene_states(dataset, simulator, rows)
+    predicted = simulator.predict(states, dataset.commands[rows], continuing(dataset)[rows])
     apart = float(np.abs(predicted[:, :n] - dataset.sim_states[rows, :n]).mean())
     if not apart < SAME_SOURCE:
         raise JointMismatch(
@@ -109,12 +176,15 @@ def check_source(dataset: Dataset, simulator: Simulator) -> None:
         )
 
 
-def range_warnings(dataset: Dataset, model: mujoco.MjModel) -> list[str]:
-    """Say of each joint whose range the measured positions leave, or whose range is none, that the model may be wrong.
+def warn_of_ranges(dataset: Dataset, model: mujoco.MjModel) -> list[str]:
+    """Say on stderr of each joint whose range the measured positions leave that the model may be wrong.
 
     Args:
         dataset: Transitions with 2n-states, n joints that the model has.
         model: The source, without its effects.
+
+    Returns:
+        What was said, a sentence each.
     """
     found = []
     for place, joint in enumerate(dataset.joints):
@@ -124,12 +194,14 @@ def range_warnings(dataset: Dataset, model: mujoco.MjModel) -> list[str]:
             continue
         positions = dataset.states[:, place]
         furthest = float(positions[np.argmax(np.maximum(positions - high, low - positions))])
-        unit, ask = ("rad", "; is the model in degrees?") if hinge else ("m", "; is the model in metres?")
-        reach, limits = f"measured positions of {joint} reach {furthest:.3g} {unit}", f"{low:.3g} to {high:.3g} {unit}"
         if not low - MARGIN <= furthest <= high + MARGIN:
-            found.append(f"{reach}, outside the model's range {limits}{ask}")
-        elif hinge and high - low > WIDEST:
-            found.append(f"{reach}, the model's range is {limits}{ask}")
+            unit, right = ("rad", "the unit that its compiler's angle= says") if hinge else ("m", "metres")
+            found.append(
+                f"measured positions of {joint} reach {furthest:.3g} {unit}, outside the model's range "
+                f"{low:.3g} to {high:.3g} {unit}; is the model in {right}?"
+            )
+    for warning in found:
+        print(f"nas: warning: {warning}", file=sys.stderr)
     return found
 
 
@@ -143,11 +215,17 @@ def check_fits(dataset: Dataset, simulator: Simulator) -> None:
         raise JointMismatch(
             f"The simulator has the joints {', '.join(simulator.joints)}; the dataset {', '.join(dataset.joints)}."
         )
+    if isinstance(simulator, MujocoSimulator) and simulator.robot.bases:
+        rows = np.unique(np.linspace(0, dataset.n_frames - 1, min(dataset.n_frames, POSTURES)).astype(int))
+        refuse_standing(
+            simulator.model, simulator.layout, dataset.states[rows, : len(dataset.joints)], str(simulator.robot.mjcf)
+        )
     if abs(simulator.period * dataset.fps - 1) > 1e-6:
         raise JointMismatch(f"The simulator steps at {1 / simulator.period:g} Hz, the dataset at {dataset.fps:g} Hz.")
-    if simulator.commands_effort != dataset.commands_effort:
-        kinds = {True: "torques", False: "positions"}
-        raise JointMismatch(
-            f"The dataset commands {kinds[dataset.commands_effort]}, the model's actuators take "
-            f"{kinds[simulator.commands_effort]}; give a model with the other kind of actuator."
-        )
+    names = {POSITION: "positions", VELOCITY: "velocities", EFFORT: "torques"}
+    for joint, given, taken in zip(dataset.joints, dataset.kinds, simulator.kinds, strict=True):
+        if given != taken:
+            raise JointMismatch(
+                f"The dataset commands {names[given]} of {joint}, the model's actuator takes {names[taken]}; give a "
+                f"model with {ACTUATORS[given]} there."
+            )

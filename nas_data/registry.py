@@ -6,6 +6,7 @@ from types import ModuleType
 from typing import TypeVar
 
 from nas_data.errors import UnknownName
+from nas_data.visible import visible
 
 ROOT = Path(__file__).parent
 T = TypeVar("T")
@@ -13,8 +14,8 @@ T = TypeVar("T")
 
 def names(folder: str) -> tuple[str, ...]:
     """Return the names that a plug-in folder holds, for example every effect of `effects/`."""
-    files = ROOT.joinpath(*folder.split(".")).glob("*.py")
-    return tuple(sorted(path.stem for path in files if path.stem not in {"__init__", "base"}))
+    files = visible(ROOT.joinpath(*folder.split(".")), "*.py")
+    return tuple(path.stem for path in files if path.stem not in {"__init__", "base"})
 
 
 def module(folder: str, name: str, kind: str) -> ModuleType:

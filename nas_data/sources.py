@@ -12,7 +12,7 @@ from nas_data.effects.base import Effect, read_effects
 from nas_data.errors import ModelFileError
 from nas_data.meshless import colliding_shapes, exact_xml, meshless, needs_files
 from nas_data.pairing import check_source
-from nas_data.robots.base import Robot
+from nas_data.robots.base import Robot, slide_joints
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.engines import ENGINES, load_simulator
 
@@ -26,7 +26,8 @@ def source_files(robot: Robot, effects: Sequence[Effect] = ()) -> dict[str, byte
     """
     files = {MODEL: _alone(robot)}
     if effects:
-        files[EFFECTS] = json.dumps([effect.to_json() for effect in effects], indent=1).encode()
+        slides = slide_joints(robot.spec())
+        files[EFFECTS] = json.dumps([effect.to_json(slides) for effect in effects], indent=1).encode()
     return files
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from nas_data.dataset.features import Feature
+from nas_data.dataset.features import EFFORT, POSITION, Feature
 from nas_data.models.evaluation import StillStepper
 from nas_data.models.lstm import DynamicsModel
 
@@ -60,6 +60,7 @@ class LinearSimulator:
     a: np.ndarray
     b: np.ndarray
     period: float = 0.02
+    slides: tuple[str, ...] = ()
     commands_effort: bool = False
     remembers: bool = False
     object_feature: Feature = field(default_factory=lambda: Feature(names=()))
@@ -80,7 +81,11 @@ class LinearSimulator:
             b=0.02 * np.concatenate([0.02 * stiffness, stiffness]),
         )
 
-    def predict(self, states: np.ndarray, commands: np.ndarray) -> np.ndarray:
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        return (EFFORT if self.commands_effort else POSITION,) * len(self.joints)
+
+    def predict(self, states: np.ndarray, commands: np.ndarray, continues: np.ndarray | None = None) -> np.ndarray:
         return states @ self.a.T + commands @ self.b.T
 
     def rollout(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:

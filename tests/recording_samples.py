@@ -8,10 +8,10 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import (
     ACTION,
     NEXT_STATE,
+    POSITION,
     SIM_STATE,
     STATE,
-    effort_feature,
-    position_feature,
+    action_feature,
     state_feature,
 )
 from nas_data.effects.servo_stiffness import ServoStiffness
@@ -50,9 +50,9 @@ def recorded_on(target: Simulator, commands: Sequence[np.ndarray], seed: int = 0
     n = len(target.joints)
     chains = []
     for episode in commands:
-        start = np.concatenate([episode[0] if not target.commands_effort else rng.uniform(-1, 1, n), np.zeros(n)])
+        start = np.concatenate([episode[0] if set(target.kinds) == {POSITION} else rng.uniform(-1, 1, n), np.zeros(n)])
         chains.append(np.concatenate([start[None], target.rollout(start[None], episode[None])[0]]))
-    action = effort_feature(target.joints) if target.commands_effort else position_feature(target.joints)
+    action = action_feature(target.joints, target.kinds)
     return Dataset(
         features={
             STATE: state_feature(target.joints),

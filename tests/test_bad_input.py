@@ -96,7 +96,7 @@ BAD = {
     "train: a file as folder": (("train", "forward", "RAW", "--out", "../photo.png", *FAST), "photo.png"),
     "train: no such preset": (("train", "forward", "RAW", "--preset", "nas2018"), "paper"),
     "train: ψ of torques": (("train", "forward", "RAW", "--preset", "symmetric"), "ψ corrects nothing"),
-    "train: torques of a servo": (("train", "delta", "PAIRED", "--preset", "symmetric"), "takes angles"),
+    "train: torques of a servo": (("train", "delta", "PAIRED", "--preset", "symmetric"), "does not take torques"),
     "train: no such device": (("train", "forward", "RAW", "--device", "abacus"), "abacus"),
     "train: no such episode": (("train", "forward", "RAW", "--episodes", "99"), "99"),
     "train: nothing to learn from": (("train", "forward", "../blink"), "transitions"),

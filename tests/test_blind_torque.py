@@ -167,7 +167,7 @@ def test_a_dataset_has_torques_and_speeds_measured_or_estimated(tmp_path):
         write_case(case, tmp_path / str(number))
         assert verify(tmp_path / str(number) / DATASET) == []
         dataset, n = read(tmp_path / str(number) / DATASET), len(case.arm.joints)
-        assert dataset.commands_effort and dataset.joints == case.arm.joints
+        assert set(dataset.kinds) == {".effort"} and dataset.joints == case.arm.joints
         rows = dataset.episode(1)
         ours = estimate_velocities(case.recorded.readings[1], dataset.fps)[:-1]
         estimated.add(np.allclose(dataset.states[rows, n:], ours, atol=1e-3))

@@ -62,6 +62,18 @@ def test_saving_again_replaces_the_checkpoint_and_leaves_nothing_behind(tmp_path
     assert not (tmp_path / "checkpoint/source.xml").exists()
 
 
+EDITED = {
+    "joints that are lists": {"joints": [["m1"]]},
+    "joints that are one text": {"joints": "m1"},
+    "joints that are numbers": {"joints": [1, 2]},
+    "a rate that is a text": {"fps": "fast"},
+    "a rate of zero": {"fps": 0},
+    "layers that are half": {"layers": 1.5},
+    "a flag that is a text": {"commands_effort": "no"},
+    "provenance that is a list": {"provenance": [["a", 1]]},
+}
+
+
 def spoil(folder: Path, how: str) -> None:
     config, weights = folder / "config.json", folder / "model.safetensors"
     if how == "no folder":
@@ -82,6 +94,8 @@ def spoil(folder: Path, how: str) -> None:
         config.write_text(json.dumps({**json.loads(config.read_text()), "hidden": 9}))
     elif how == "sizes that are no numbers":
         config.write_text(json.dumps({**json.loads(config.read_text()), "hidden": "many"}))
+    elif how in EDITED:
+        config.write_text(json.dumps({**json.loads(config.read_text()), **EDITED[how]}))
     elif how == "half the weights":
         weights.write_bytes(weights.read_bytes()[: weights.stat().st_size // 2])
     elif how == "pickled weights":
@@ -104,6 +118,14 @@ def spoil(folder: Path, how: str) -> None:
         ("config is empty", r"config\.json lacks kind and joints"),
         ("config of another program", r"config\.json lacks kind and joints"),
         ("another size", r"inner\.bias has shape \(8,\) in model\.safetensors, \(9,\) by config\.json"),
+        ("joints that are lists", r'joints in config\.json is \[\["m1"\]\], not a list of names'),
+        ("joints that are one text", r'joints in config\.json is "m1", not a list of names'),
+        ("joints that are numbers", r"joints in config\.json is \[1, 2\], not a list of names"),
+        ("a rate that is a text", r'fps in config\.json is "fast", not a number above 0'),
+        ("a rate of zero", r"fps in config\.json is 0, not a number above 0"),
+        ("layers that are half", r"layers in config\.json is 1\.5, not a whole number above 0"),
+        ("a flag that is a text", r'commands_effort in config\.json is "no", not true or false'),
+        ("provenance that is a list", r"provenance in config\.json is .*, not an object"),
         ("weights of another program", r"model\.safetensors has actor\.0\.weight, unlike config\.json"),
     ],
 )

@@ -89,6 +89,16 @@ def test_a_reader_that_has_seen_enough_ends_the_program_quietly(words: str):
     assert (ended.returncode, ended.stderr) == (0, b"")
 
 
+@pytest.mark.parametrize(
+    "locale", [{"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}, {"PYTHONIOENCODING": "ascii"}]
+)
+def test_a_locale_that_lacks_a_letter_ends_nothing_in_a_traceback(locale):
+    program = [sys.executable, "-m", "nas_data", "effects", "coulomb_friction"]
+    ended = subprocess.run(program, capture_output=True, check=False, env=os.environ | locale)
+    assert (ended.returncode, ended.stderr) == (0, b"")
+    assert b"N?m" in ended.stdout
+
+
 def test_help_imports_nothing_heavy():
     heavy = ("torch", "lerobot", "mujoco", "pybullet", "stable_baselines3", "matplotlib", "gymnasium", "scipy", "numpy")
     code = (

@@ -119,7 +119,7 @@ def test_components_are_put_in_the_order_of_the_joints():
 
 def test_torques_stay_torques():
     done, _ = as_transitions(positions_only(action=("a.effort", "b.effort")))
-    assert done.commands_effort
+    assert set(done.kinds) == {".effort"}
 
 
 def test_objects_get_their_next_state_too():

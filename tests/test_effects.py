@@ -270,6 +270,38 @@ def test_effects_files_hold_lists_or_reports(tmp_path):
         read_effects(tmp_path / "none.json")
 
 
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (
+            '[{"effect": "backlash", "joint": "m3", "parameters": {"half_width": "wide"}}]',
+            "half_width is 'wide'; a number",
+        ),
+        (
+            '[{"effect": "backlash", "joint": "m3", "parameters": {"half_width": "0.02"}}]',
+            "half_width is '0.02'; a number",
+        ),
+        ('[{"effect": "backlash", "joint": "m3", "parameters": {"half_width": {"value": "x"}}}]', "half_width is 'x'"),
+        (
+            '[{"effect": "backlash", "joint": "m3", "parameters": {"half_width": {"unit": "rad"}}}]',
+            "half_width is None",
+        ),
+        ('[{"effect": "backlash", "joint": "m3", "parameters": {"half_width": [0.02]}}]', "half_width is \\[0.02\\]"),
+        ('[{"effect": "backlash", "joint": "m3", "parameters": {"half_width": true}}]', "half_width is True"),
+        ('[{"effect": "backlash", "joint": "m3", "parameters": {"half_width": NaN}}]', "half_width is nan"),
+        ('[{"effect": "backlash", "joint": "m3", "parameters": 0.02}]', "must be an object of numbers"),
+        ('["backlash"]', "'backlash' is no effect"),
+        ('{"effects": {"effect": "backlash"}}', "is not a list of effects"),
+        ('[{"effect": ["backlash"]}]', "There is no effect"),
+    ],
+)
+def test_an_effects_file_with_a_value_of_another_form_is_answered_with_its_name(tmp_path, content, said):
+    path = tmp_path / "effects.json"
+    path.write_text(content)
+    with pytest.raises(OptionError, match=rf"effects\.json.*{said}"):
+        read_effects(path)
+
+
 def test_mistakes_are_answered_with_choices():
     with pytest.raises(UnknownName, match="backlash, base_tilt"):
         parse("gremlins:joint=m1")

@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from stable_baselines3.common.env_checker import check_env as check_stable_baselines
 
-import nas_data.envs  # noqa: F401 (registers the environments)
 from nas_data import registry
-from nas_data.envs.base import environment_id, find_task, find_task_file
+from nas_data.environment_ids import environment_id
+from nas_data.envs.base import find_task, find_task_file
 from nas_data.envs.ergo_reacher import ACTIVE, CENTRE, REACHED, RING, TASK
 from nas_data.envs.loop.arena import Arena
 from nas_data.envs.loop.arm_env import ArmEnv

@@ -28,7 +28,6 @@ from nas_data.virtual_bus import ports
 from nas_data.virtual_bus.options import Options
 from nas_data.virtual_bus.process import VirtualBus
 from nas_data.xl320.arm import Arm
-from nas_data.xl320.configuration import Configuration
 from nas_data.xl320.ergojr import ergojr_joints
 
 JOINTS = ergojr_joints()
@@ -201,7 +200,7 @@ def test_a_cycle_of_command_and_reading_leaves_room_for_300_hz():
     """At the bus's own speed: 1 Mbps, and the servos' return delay."""
     with ports.port_of("virtual") as port, Arm(port, JOINTS) as arm:
         arm.check()
-        arm.configure(Configuration())
+        arm.configure()
         arm.torque_on()
         pose, moments = arm.read().positions, [time.perf_counter()]
         for _ in range(CYCLES):

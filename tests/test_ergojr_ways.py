@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nas_data.errors import WayBlocked
-from nas_data.recorders.ergojr_ways import Ways
+from nas_data.recorders.arm_ways import Ways
 from nas_data.robots.base import find_robot
 from nas_data.simulators.contact import contact_counts, touches
 from nas_data.simulators.mujoco import MujocoSimulator

@@ -134,7 +134,7 @@ def test_commands_go_to_the_servo_and_not_to_a_damper_before_it(tmp_path: Path):
     both = '<velocity joint="{0}" kv="1"/><position joint="{0}" kp="10"/>'
     (tmp_path / "arm.xml").write_text(arm(both.format("a") + both.format("b")))
     simulator = Nominal.load(tmp_path / "arm.xml", episodes([50, 50])).simulator()
-    assert not simulator.commands_effort
+    assert set(simulator.kinds) == {".pos"}
     assert simulator.layout.control.tolist() == [1, 3]
 
 

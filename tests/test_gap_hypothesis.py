@@ -11,7 +11,7 @@ from test_gap_core import QUANTUM, measured
 
 from nas_data import registry
 from nas_data.effects.base import parse
-from nas_data.gap.search.fit import Fit, fit, measure_jacobian
+from nas_data.gap.search.fit import BESIDES, Fit, fit, group_columns, is_loose, measure_jacobian, measure_reach
 from nas_data.gap.search.hypothesis import (
     PRICE,
     Description,
@@ -66,6 +66,40 @@ def test_a_reused_column_is_the_one_that_would_be_measured(task: Task):
         own = measured_there.jacobian[index]
         assert np.abs(column - own).max() < 0.02 * np.abs(own).max()
     assert np.array_equal(known[0], at_start(task, single).jacobian[:3].sum(axis=0))
+
+
+def with_reach(task: Task) -> Task:
+    """Return a task that knows which joints the model's parameters move."""
+    near = at_start(task, Description())
+    return replace(task, reach=measure_reach(task, near.parameters, near.predicted, near.jacobian))
+
+
+def test_numbers_that_move_different_joints_are_measured_in_one_rollout(task: Task):
+    knowing = with_reach(task)
+    parameters = Description().parameters(task.nominal.base)
+    groups = group_columns(knowing, parameters, range(parameters.size))
+    assert sorted(column for group in groups for column in group) == list(range(parameters.size))
+    assert len(groups) < parameters.size
+    for group in groups:
+        moved = sum(knowing.reach[parameters.labels[column][0]].astype(int) for column in group)
+        assert len(group) == 1 or moved.max() == 1
+    assert group_columns(task, parameters, [2, 0]) == [[2], [0]]
+
+
+def test_a_column_measured_with_others_is_nearly_the_one_measured_alone(task: Task):
+    alone, together = at_start(task, Description()), at_start(with_reach(task), Description())
+    off = np.linalg.norm(together.jacobian - alone.jacobian, axis=(1, 2)).max(1)
+    whole = np.linalg.norm(alone.jacobian.reshape(len(alone.jacobian), -1), axis=1)
+    assert 0 < (off / whole).max() < 2 * BESIDES
+
+
+def test_what_may_be_anything_is_measured_alone(task: Task):
+    description = described(VISCOUS[0], freed=["j1.gain"])
+    parameters = description.parameters(task.nominal.base)
+    loose = [column for column in range(parameters.size) if is_loose(parameters, column)]
+    assert [parameters.labels[column][0] for column in loose] == ["viscous_friction", "j1.gain"]
+    groups = group_columns(with_reach(task), parameters, range(parameters.size))
+    assert all([column] in groups for column in loose)
 
 
 def test_joints_that_share_a_value_have_one_number(task: Task):

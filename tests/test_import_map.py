@@ -32,8 +32,8 @@ def test_both_so101_maps_mean_the_same_robot():
 
 
 def test_an_unknown_map_lists_the_shipped_ones():
-    with pytest.raises(UnknownName, match=r"no map 'so100'.*so101_npz"):
-        load_map("so100")
+    with pytest.raises(UnknownName, match=r"no map 'so99'.*so101_npz"):
+        load_map("so99")
 
 
 def test_a_missing_file_lists_the_shipped_ones(tmp_path):
@@ -70,7 +70,10 @@ WRONG = {
     "component twice": (map_text(position='column = "q"\ncomponents = [1, 1]\nunit = "rad"'), "names 1 twice"),
     "missing key": (map_text().replace('robot = "sample"', ""), "the key 'robot' is missing"),
     "missing table": (map_text().replace("[read.command]", "[read.commands]"), r"\[read.command\]: exactly one of"),
-    "format": (map_text(format='"xlsx"'), "'format' is 'xlsx'; choose one of: csv, json, npz, parquet"),
+    "format": (
+        map_text(format='"xlsx"'),
+        "'format' is 'xlsx'; choose one of: csv, json, lerobot, mat, mcap, npz, parquet, pt, rosbag",
+    ),
     "no joints": (map_text(joints="[]"), "'joints' is .*name each joint once"),
     "joint twice": (map_text(joints='["a", "a"]'), "name each joint once"),
     "joints no list": (map_text(joints='"a"'), "'joints' is 'a'; it must be a list of texts"),
@@ -85,7 +88,15 @@ WRONG = {
         r"'velocity' is 'measured' but there is no \[read.velocity\]",
     ),
     "time unit": (map_text(time='column = "t"\nunit = "min"'), "'unit' is 'min'; choose one of: s, ms, us, ns"),
-    "position unit": (map_text(position='column = "q"\nunit = "m"'), "'unit' is 'm'; choose one of: rad, deg"),
+    "position unit": (
+        map_text(position='column = "q"\nunit = "inch"'),
+        "choose one of: rad, deg, turn, m, cm, mm, tic",
+    ),
+    "command unit": (map_text(command='column = "goal"\nunit = "lbf"'), "m, cm, mm, ticks, normalised, N·m, .* N, A"),
+    "slide in rad/s": (map_text(position='column = "q"\nunit = "mm"'), "choose one of: m/s, cm/s, mm/s, ticks"),
+    "unknown slide": (map_text(top='slides = ["grip"]'), "'slides' names 'grip'; the joints are: shoulder, elbow"),
+    "slide in rad": (map_text(top='slides = ["elbow"]'), "'elbow' is a slide .* is 'rad'; choose one of: m, cm, mm"),
+    "amperes without scale": (map_text(command='column = "goal"\nunit = "A"'), "the key 'scale' is missing"),
     "unit missing": (map_text(position='column = "q"'), "the key 'unit' is missing"),
     "sign": (map_text(position='column = "q"\nunit = "rad"\nsign = 2'), "'sign' is 2; it must be 1 or -1"),
     "list too short": (
@@ -181,7 +192,7 @@ def test_torque_commands_become_efforts(tmp_path):
     log = write_log(tmp_path / "log.npz", columns)
     mapping = sample_map(tmp_path, command='column = "goal"\nunit = "N·m"\nscale = 0.1')
     dataset = import_logs([log], mapping).dataset
-    assert dataset.commands_effort
+    assert set(dataset.kinds) == {".effort"}
     assert dataset.features["action"].names == ("shoulder.effort", "elbow.effort")
     np.testing.assert_allclose(dataset.commands, 4 * truth.command[:-1], rtol=1e-5, atol=1e-6)
 

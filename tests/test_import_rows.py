@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from import_samples import RATE, columns_of, map_text, motion, sample_map, write_log, write_map
 
+from nas_data.dataset.recording import Recording
+from nas_data.dataset.rows import rows_text, spans
 from nas_data.errors import LogError, MapError
 from nas_data.importing.joining import match_rows
 from nas_data.importing.map import Resample
 from nas_data.importing.map_file import load_map
-from nas_data.importing.recording import Recording
 from nas_data.importing.resampling import resample
-from nas_data.importing.rows import rows_text, spans
 from nas_data.recorders.logs import import_logs
 
 TWO_FILES = '[files]\nstate = "state.csv"\ncontrol = "control.csv"\n[join]\nmethod = "{}"\ntolerance = 0.01'

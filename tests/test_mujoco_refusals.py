@@ -13,6 +13,7 @@ from simulator_samples import (
     unstable,
 )
 
+from nas_data.dataset.features import EFFORT, POSITION
 from nas_data.errors import JointMismatch, ModelFileError, UnknownName
 from nas_data.simulators.engines import load_simulator
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -50,15 +51,14 @@ def test_a_joint_that_is_no_hinge_is_refused(write):
         MujocoSimulator.load(path, 0.02, ("shoulder", "ball"))
 
 
-def test_position_and_torque_actuators_in_one_arm_are_refused(write):
+def test_joints_of_one_arm_may_take_positions_and_torques(write):
     path = write(CONTACTS.replace('<position name="servo2" joint="elbow" kp="2" kv="0.05"/>', '<motor joint="elbow"/>'))
-    with pytest.raises(ModelFileError, match=r"model\.xml .*torque"):
-        MujocoSimulator.load(path, 0.02)
+    assert MujocoSimulator.load(path, 0.02).kinds == (POSITION, EFFORT)
 
 
 def test_kinds_of_command_are_told_apart(write):
-    assert not MujocoSimulator.load(write(hinge()), 0.02).commands_effort
-    assert MujocoSimulator.load(write(motors()), 0.02).commands_effort
+    assert set(MujocoSimulator.load(write(hinge()), 0.02).kinds) == {POSITION}
+    assert set(MujocoSimulator.load(write(motors()), 0.02).kinds) == {EFFORT}
 
 
 @pytest.mark.parametrize("timestep", [0.01, 0.05], ids=["many steps", "one step"])

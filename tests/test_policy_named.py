@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from test_envs import play, small_model
 
-import nas_data.envs  # noqa: F401 (registers the environments)
 from nas_data import cli
 from nas_data.effects.base import parse
 from nas_data.envs.ergo_reacher import TASK

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from xl320_samples import be_patient, torques, virtual
 
+from nas_data.arms.base import Reading
 from nas_data.cli import main
 from nas_data.command_file import write_commands
 from nas_data.dataset.alone import alone
@@ -25,10 +26,10 @@ from nas_data.dataset.verify import verify
 from nas_data.effects.base import make_effect
 from nas_data.errors import BeingWritten, GuardLost, ServoSilent
 from nas_data.excitations.base import parse
-from nas_data.recorders.ergojr_dataset import LATE, LOAD, REPEATED, TEMPERATURE, VOLTAGE
-from nas_data.recorders.ergojr_motion import Episode
-from nas_data.recorders.ergojr_plan import Plan, draw_plan, free_of_contact
-from nas_data.recorders.ergojr_ways import Ways
+from nas_data.recorders.arm_dataset import LATE, LOAD, REPEATED, TEMPERATURE, VOLTAGE
+from nas_data.recorders.arm_motion import Episode
+from nas_data.recorders.arm_plan import Plan, draw_plan, free_of_contact
+from nas_data.recorders.arm_ways import Ways
 from nas_data.recorders.session import Protocol
 from nas_data.recorders.watchdog import DIED, HUNG, Watchdog, Words, rescue, watch
 from nas_data.robots.base import find_robot
@@ -36,8 +37,7 @@ from nas_data.simulators.contact import contact_counts
 from nas_data.simulators.mujoco import MujocoSimulator
 from nas_data.virtual_bus.options import Options
 from nas_data.virtual_bus.process import VirtualBus
-from nas_data.xl320.arm import Arm, Reading
-from nas_data.xl320.configuration import Configuration
+from nas_data.xl320.arm import Arm, Xl320
 from nas_data.xl320.ergojr import ergojr_joints
 from nas_data.xl320.port import LENIENCE
 from nas_data.xl320.units import SPEED_UNIT, TICK
@@ -255,11 +255,11 @@ def test_a_bad_line_costs_attempts_but_no_wrong_value(monkeypatch):
 def test_an_arm_that_goes_unheard_while_it_is_taken_is_taken_again(monkeypatch, times, outcome):
     configure, failed = Arm.configure, []
 
-    def sometimes(arm, configuration):
+    def sometimes(arm):
         if len(failed) < times:
             failed.append(True)
             raise ServoSilent("Servo 3 does not answer.")
-        configure(arm, configuration)
+        configure(arm)
 
     monkeypatch.setattr(Arm, "configure", sometimes)
     assert record(*LOCKSTEP, "--episodes", "2") == outcome
@@ -436,7 +436,7 @@ def test_a_guard_listens_to_promises():
 
 def test_an_arm_is_not_moved_without_its_guard():
     with virtual() as bus:
-        watchdog = Watchdog(bus.port, JOINTS)
+        watchdog = Watchdog(Xl320(port=bus.port, joints=JOINTS))
         watchdog._process.kill()
         watchdog._process.wait()
         with pytest.raises(GuardLost, match="guards the arm is gone"):
@@ -447,9 +447,9 @@ def test_an_arm_is_not_moved_without_its_guard():
 def test_a_guard_that_is_released_does_nothing():
     with virtual() as bus:
         arm = Arm(bus.port, JOINTS)
-        arm.configure(Configuration())
+        arm.configure()
         arm.torque_on()
-        with Watchdog(bus.port, JOINTS):
+        with Watchdog(Xl320(port=bus.port, joints=JOINTS)):
             pass
         assert [arm.bus.get(identity, "torque_enable") for identity in JOINTS.ids] == [1] * 6
         arm.close()
@@ -458,9 +458,9 @@ def test_a_guard_that_is_released_does_nothing():
 def test_a_rescue_says_what_it_did():
     with virtual() as bus:
         arm = Arm(bus.port, JOINTS)
-        arm.configure(Configuration())
+        arm.configure()
         arm.torque_on()
         arm.close()
-        assert "the torque of the arm on" in rescue(bus.port, JOINTS)
+        assert "the torque of the arm on" in rescue(bus.port, Xl320(port=bus.port, joints=JOINTS).charge())
         assert torques(bus.port) == [0] * 6
-    assert "switch the supply off" in rescue("/dev/nowhere", JOINTS)
+    assert "switch the supply off" in rescue("/dev/nowhere", Xl320(port="/dev/nowhere", joints=JOINTS).charge())

@@ -181,7 +181,7 @@ def test_torque_commands_are_recorded_as_torques(folder):
         <actuator><motor name="j" joint="j" ctrlrange="-0.5 0.5"/></actuator></mujoco>"""
     )
     dataset, _ = record("--robot", "motor.xml")
-    assert dataset.commands_effort
+    assert set(dataset.kinds) == {".effort"}
     assert np.abs(dataset.commands).max() <= 0.5
     assert np.abs(dataset.states).max() > 0.01
 

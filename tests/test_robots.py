@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from nas_data import registry
+from nas_data.dataset.features import EFFORT
 from nas_data.errors import ModelFileError, UnknownName
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.layout import Layout
@@ -40,7 +41,7 @@ def test_names_joints_sensors_and_tip_are_as_the_file_says(robot):
     layout = Layout.of(model, robot.joints, robot.name)
     assert registry.module("robots", robot.name, "robot").ROBOT is robot
     assert layout.joints == robot.joints
-    assert layout.commands_effort == (robot.name in MOTORS)
+    assert (set(layout.kinds) == {EFFORT}) == (robot.name in MOTORS)
     for joint in robot.joints:
         sensor = model.sensor(f"{joint}.pos")
         assert model.sensor_objid[sensor.id] == model.joint(joint).id
@@ -51,11 +52,11 @@ def test_names_joints_sensors_and_tip_are_as_the_file_says(robot):
 def test_stays_finite_and_within_limits_under_random_commands(robot):
     arm = MujocoSimulator(robot, 1 / robot.rate, threads=1)
     low, high = command_limits(arm.model, arm.joints, robot.name)
-    low, high = excitable_limits(low, high, arm.joints, effort=arm.commands_effort)
+    low, high = excitable_limits(low, high, arm.joints, arm.kinds)
     rng = np.random.default_rng(0)
     commands = np.repeat(rng.uniform(low, high, (3, 20, len(low))), 10, axis=1)
     states = arm.rollout(np.zeros((3, 2 * len(low))), commands)
-    if arm.commands_effort:
+    if EFFORT in arm.kinds:
         low, high = arm.model.jnt_range[: len(low)].T
     assert np.isfinite(states).all()
     assert (states[..., : len(low)] > 1.1 * low - 0.5).all()
@@ -65,7 +66,7 @@ def test_stays_finite_and_within_limits_under_random_commands(robot):
 def test_settles_when_a_command_is_held(robot):
     arm = MujocoSimulator(robot, 1 / robot.rate, threads=1)
     n = len(arm.joints)
-    commands = np.full((1, round(6 * robot.rate), n), 0.0 if arm.commands_effort else 0.3)
+    commands = np.full((1, round(6 * robot.rate), n), 0.0 if EFFORT in arm.kinds else 0.3)
     states = arm.rollout(np.zeros((1, 2 * n)), commands)[0]
     last = states[-round(robot.rate / 2) :]
     assert np.abs(last[:, n:]).max() < 5e-3

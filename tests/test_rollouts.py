@@ -28,7 +28,7 @@ from nas_data.envs.ergo_shield import GUARD
 from nas_data.envs.ergo_shield import touches as geometric_touches
 from nas_data.errors import OptionError
 from nas_data.policies.evaluate import SEED
-from nas_data.recorders.ergojr_ways import Ways
+from nas_data.recorders.arm_ways import Ways
 from nas_data.recorders.guarded import GuardedArm, Setup
 from nas_data.recorders.schedule import SteppedClock
 from nas_data.recorders.watchdog import Watchdog
@@ -42,6 +42,7 @@ from nas_data.simulators.contact import contact_counts
 from nas_data.simulators.mujoco import MujocoSimulator
 from nas_data.virtual_bus.options import Options
 from nas_data.virtual_bus.process import VirtualBus
+from nas_data.xl320.arm import Xl320
 from nas_data.xl320.ergojr import ergojr_joints
 from nas_data.xl320.units import TICK
 
@@ -240,7 +241,7 @@ def test_a_word_about_one_arm_is_a_word_about_both(monkeypatch):
     monkeypatch.setattr(Watchdog, "promise", lambda guard, seconds: told.append(guard))
     ways = Ways(find_robot("ergojr"))
     with virtual() as first, virtual() as second:
-        setups = [Setup(port=bus.port, joints=JOINTS, ways=ways) for bus in (first, second)]
+        setups = [Setup(driver=Xl320(port=bus.port, joints=JOINTS), ways=ways) for bus in (first, second)]
         with GuardedArm(setups[0], SteppedClock()) as one:
             with GuardedArm(setups[1], SteppedClock()) as other:
                 one.accompany(other)

@@ -88,7 +88,7 @@ def test_every_dynamics_changes_how_the_arm_moves(task):
 def test_many_arms_and_one_live_through_the_same_episode_under_phi(task, tmp_path):
     torch.manual_seed(0)
     this = find_task(task)
-    effort = this.simulator().commands_effort
+    effort = set(this.simulator().kinds) != {".pos"}
     model = DynamicsModel("delta", this.joints, hidden=16, layers=2, fps=1 / this.period, commands_effort=effort)
     with torch.no_grad():
         for layer in (model.outer, model.shortcut):

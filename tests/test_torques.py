@@ -286,7 +286,7 @@ def test_the_preset_knows_pushers_symmetry(tmp_path):
     ("kind", "effort", "updates", "said"),
     [
         ("forward", True, 40, "ψ corrects nothing"),
-        ("delta", False, 40, "this robot takes angles"),
+        ("delta", False, 40, "this robot does not take torques"),
         ("delta", True, 0, "free running, which takes the source"),
     ],
 )

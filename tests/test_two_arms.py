@@ -18,6 +18,7 @@ from nas_data.rollouts.bench import CLEARANCE, Bench, ways
 from nas_data.rollouts.making_room import WaysOfTwo
 from nas_data.rollouts.robot_stepper import RobotStepper, RolloutTally
 from nas_data.rollouts.two_arms import ways_of_two
+from nas_data.xl320.arm import Xl320
 from nas_data.xl320.configuration import Configuration
 from nas_data.xl320.ergojr import ergojr_joints
 from nas_data.xl320.units import TICK
@@ -33,7 +34,7 @@ FRICTION = (
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("nas_data.recorders.ergojr_motion.APPROACH", 1.5)  # [rad/s] tests have no time
+    monkeypatch.setattr("nas_data.recorders.arm_motion.APPROACH", 1.5)  # [rad/s] tests have no time
     return tmp_path
 
 
@@ -112,7 +113,8 @@ def test_out_of_a_touch_is_where_the_clearance_grows():
 @contextmanager
 def duel(*ports: str) -> Iterator[RobotStepper]:
     """Yield what moves two virtual arms."""
-    setups = [Setup(port=port, joints=JOINTS, ways=ways(), configuration=Configuration(speed=1.745)) for port in ports]
+    drivers = [Xl320(port=port, joints=JOINTS, configuration=Configuration(speed=1.745)) for port in ports]
+    setups = [Setup(driver=driver, ways=ways()) for driver in drivers]
     bench = Bench(attacker=setups[0], defender=setups[1], clock=SteppedClock())
     with bench.open(find_task("ErgoShield"), RolloutTally()) as (_, stepper):
         yield stepper

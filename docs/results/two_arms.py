@@ -19,7 +19,7 @@ import numpy as np
 import tyro
 
 from nas_data.cli import main as nas
-from nas_data.recorders.ergojr_ways import Ways
+from nas_data.recorders.arm_ways import Ways
 from nas_data.robots.ergo_shield import DEFENDER
 from nas_data.rollouts.approach import Approach
 from nas_data.rollouts.making_room import WaysOfTwo

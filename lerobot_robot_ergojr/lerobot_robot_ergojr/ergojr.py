@@ -10,13 +10,13 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 
 from lerobot_robot_ergojr.config_ergojr import ErgoJrConfig
 from nas_data.dataset.features import position_feature, state_feature
-from nas_data.recorders.ergojr_motion import Motion
-from nas_data.recorders.ergojr_ways import Ways
+from nas_data.recorders.arm_motion import Motion
+from nas_data.recorders.arm_ways import Ways
 from nas_data.recorders.guarded import GuardedArm, Setup
 from nas_data.recorders.schedule import MonotonicClock
 from nas_data.robots.ergojr import JOINTS, ROBOT
 from nas_data.virtual_bus.ports import VIRTUAL, port_of
-from nas_data.xl320.arm import Arm
+from nas_data.xl320.arm import Arm, Xl320
 from nas_data.xl320.calibration import offsets_at_zero, read_calibration, write_calibration
 from nas_data.xl320.configuration import Configuration
 from nas_data.xl320.ergojr import ergojr_joints
@@ -126,10 +126,8 @@ class ErgoJr(Robot):
         config = self.config
         configuration = Configuration(speed=config.speed, torque=config.torque)
         setup = Setup(
-            port=self._port,
-            joints=self._joints(),
+            driver=Xl320(port=self._port, joints=self._joints(), configuration=configuration),
             ways=Ways(ROBOT),
-            configuration=configuration,
             largest_step=config.max_step,
         )
         self._guarded = GuardedArm(setup, MonotonicClock(), config.patience)

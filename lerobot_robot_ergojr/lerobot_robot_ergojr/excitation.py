@@ -10,7 +10,7 @@ from lerobot.utils.errors import DeviceNotConnectedError
 from lerobot_robot_ergojr.config_ergojr import ErgoJrExcitationConfig
 from nas_data.dataset.features import position_feature
 from nas_data.excitations.base import parse
-from nas_data.recorders.ergojr_plan import RETURN, Plan, draw_plan
+from nas_data.recorders.arm_plan import RETURN, Plan, draw_plan
 from nas_data.recorders.session import Protocol
 from nas_data.robots.ergojr import JOINTS, RATE, ROBOT
 from nas_data.xl320.ergojr import ergojr_joints

@@ -88,7 +88,7 @@ def check_naming(plan: Plan, dataset: Dataset, source: Source, kind: str) -> Non
 def check_test(plan: Plan, dataset: Dataset, test: Dataset) -> None:
     """Refuse a test dataset of another robot, or with episodes that train."""
     name = plan.material.test
-    mine, other = ((d.joints, d.commands_effort, round(d.fps, 1)) for d in (dataset, test))
+    mine, other = ((d.joints, d.kinds, round(d.fps, 1)) for d in (dataset, test))
     if mine != other:
         raise JointMismatch(
             f"{name} cannot judge: its joints, kind of command or rate ({', '.join(other[0])}; {other[2]:g} Hz) are "

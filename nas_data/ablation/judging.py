@@ -28,7 +28,7 @@ def judge(kind: str, learned: Learned, plain: Source | None, held: Dataset) -> d
     own = SOURCE if learned.model is None else MODEL[learned.model.kind]
     without = with_model if learned.source is plain else evaluation(plain, Learned(None, plain), held)
     return {
-        "unit": "rad",
+        "unit": with_model.open_loop[own].unit.si,
         "one_step": described(kind, with_model.one_step[own], without.one_step),
         "open_loop": described(kind, with_model.open_loop[own], without.open_loop),
     }

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from nas_data.ablation.results import error
+from nas_data.ablation.results import error, unit_of
 from nas_data.ablation.trial import Config, Record
 from nas_data.policies.watching import spoken
 
@@ -51,5 +51,5 @@ class Clock:
 
 def shown(record: Record) -> str:
     """Return the errors of a trial's own predictor as text."""
-    loop, step = (np.degrees(error(record, way)) for way in ("open_loop", "one_step"))
-    return f"open loop {f'{loop:.3f}°' if np.isfinite(loop) else 'diverged'}, one step {step:.4f}°"
+    unit, (loop, step) = unit_of(record), (error(record, way) for way in ("open_loop", "one_step"))
+    return f"open loop {unit.text(loop, 3) if np.isfinite(loop) else 'diverged'}, one step {unit.text(step, 4)}"

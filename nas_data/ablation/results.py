@@ -4,6 +4,7 @@ import math
 
 from nas_data.ablation.amount import ALL, Amount
 from nas_data.ablation.trial import Record
+from nas_data.joint_units import JointUnit, unit_named
 
 METRIC = "mean_of_episodes"  # every held-out episode counts alike, however long
 
@@ -41,6 +42,11 @@ def error(record: Record, loop: str, name: str | None = None) -> float:
     """Return an error [rad] of a trial's own predictor, or a baseline's; infinite where it diverged."""
     value = predictors(record, loop)[name or str(config(record)["kind"])][METRIC]
     return math.inf if value is None else float(str(value))
+
+
+def unit_of(record: Record) -> JointUnit:
+    """Return how the errors of a trial are shown: those of hinges, or of slides on an arm without hinges."""
+    return unit_named(str(record.get("unit")))
 
 
 def failure(record: Record) -> str:

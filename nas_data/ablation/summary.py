@@ -9,8 +9,9 @@ import numpy as np
 from nas_data.ablation.amount import Amount, Unit
 from nas_data.ablation.judging import BASELINES
 from nas_data.ablation.kinds.base import find_kind
-from nas_data.ablation.results import amount_of, config, error, failure, predictors, size
+from nas_data.ablation.results import amount_of, config, error, failure, predictors, size, unit_of
 from nas_data.ablation.trial import Record
+from nas_data.joint_units import HINGE, JointUnit
 
 ENOUGH = 0.05  # by which the median error may exceed the best one
 LOOPS = ("open_loop", "one_step")
@@ -75,12 +76,14 @@ class Summary:
         cells: By kind, in the order of amounts.
         baselines: Spread of `open_loop` and `one_step` of source, hold and command, over seeds.
         failed: Sentences of trials that could not be done.
+        shown: How errors are shown.
     """
 
     unit: Unit
     cells: Mapping[str, Sequence[Cell]]
     baselines: Mapping[str, Mapping[str, Spread]]
     failed: Sequence[str]
+    shown: JointUnit = HINGE
 
     @classmethod
     def of(cls, records: Sequence[Record]) -> "Summary":
@@ -94,6 +97,7 @@ class Summary:
             cells={kind: cells for kind, cells in gathered.items() if cells},
             baselines=baselines(good),
             failed=[failure(record) for record in records if "failed" in record],
+            shown=unit_of(good[0]) if good else HINGE,
         )
 
     def enough(self) -> dict[str, Cell]:
@@ -117,8 +121,8 @@ class Summary:
         if cell is None:
             return f"{label} diverges with every amount"
         top = best(cells)
-        error, least = (np.degrees(one.errors["open_loop"].median) for one in (cell, top))
-        told = f"{label} {cell.text} ({error:.3g}°" + (")" if cell is top else f"; {least:.3g}° with {top.text})")
+        error, least = (self._text(one.errors["open_loop"].median) for one in (cell, top))
+        told = f"{label} {cell.text} ({error}" + (")" if cell is top else f"; {least} with {top.text})")
         told += ", the most that was tried, so that more may help" if cell is cells[-1] and len(cells) > 1 else ""
         return told + self._beaten_by(top)
 
@@ -128,13 +132,17 @@ class Summary:
         if not found or min(found.values()) > cell.errors["open_loop"].median:
             return ""
         name = min(found, key=lambda name: found[name])
-        return f", which is no better than '{name}', which learned nothing ({np.degrees(found[name]):.3g}°)"
+        return f", which is no better than '{name}', which learned nothing ({self._text(found[name])})"
+
+    def _text(self, value: float) -> str:
+        """Return an error in the unit in which it is shown."""
+        return f"{self.shown.factor * value:.3g}{self.shown.mark}"
 
     def to_json(self) -> dict[str, object]:
-        """Return everything in radians."""
+        """Return everything in the unit inside."""
         return {
             "metric": "position RMSE on held-out episodes, mean of the episodes",
-            "unit": "rad",
+            "unit": self.shown.si,
             "amount_unit": self.unit,
             "kinds": {kind: [cell_json(cell) for cell in cells] for kind, cells in self.cells.items()},
             "baselines": {name: spreads_json(spreads) for name, spreads in self.baselines.items()},

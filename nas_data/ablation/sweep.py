@@ -19,6 +19,7 @@ from nas_data.ablation.trial import TRIALS, UNFINISHED, Config, Record, Trial, d
 from nas_data.errors import OutputExists
 from nas_data.models.presets import TrainingOptions
 from nas_data.reports.file import write_whole
+from nas_data.visible import visible
 
 SWEEP, LOCK = "sweep.json", ".lock"
 
@@ -125,7 +126,7 @@ def done(trial: Trial, retry: bool) -> Record | None:
 def count_other_code(trials: Sequence[Trial]) -> int:
     """Return how many of some trials have a result by other code, or by code that is not known."""
     asked = {spell(trial.question): trial.code for trial in trials}
-    found = [read_question(path) for path in (trials[0].folder / TRIALS).glob("*.json")]
+    found = [read_question(path) for path in visible(trials[0].folder / TRIALS, "*.json")]
     return len({key for question in found if (key := spell(question)) in asked and question.get("code") != asked[key]})
 
 

@@ -45,7 +45,7 @@ def picture(summary: Summary) -> bytes:
         loop: {find_kind(kind).label: curve(cells, loop) for kind, cells in summary.cells.items()} for loop in LOOPS
     }
     lines = {loop: {name: both[loop].median for name, both in summary.baselines.items()} for loop in LOOPS}
-    return to_png(error_over_amount(curves, lines, summary.unit))
+    return to_png(error_over_amount(curves, lines, summary.unit, summary.shown))
 
 
 def curve(cells: Sequence[Cell], loop: str) -> Curve:

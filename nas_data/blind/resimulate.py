@@ -7,8 +7,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from nas_data.dataset.features import POSITION
 from nas_data.errors import JointMismatch, ModelFileError
-from nas_data.simulators.layout import settle_actuator, takes_effort
+from nas_data.simulators.controls import length_control
+from nas_data.simulators.layout import settle_actuator
 
 SENSOR = ".pos"
 
@@ -84,7 +86,9 @@ class Delivered:
         model, data = self.model, mujoco.MjData(self.model)
         controls = model.actuator_ctrladr[list(self.actuators)]
         positions, speeds = np.split(first, 2)
-        data.ctrl[controls] = np.where([takes_effort(model, servo) for servo in self.actuators], 0.0, positions)
+        data.ctrl[controls] = np.where(
+            [length_control(model, servo).kind == POSITION for servo in self.actuators], positions, 0.0
+        )
         for places, position in zip(self.rests, positions, strict=True):
             data.qpos[list(places)] = position
         data.qvel[list(self.moving)] = speeds

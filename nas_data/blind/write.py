@@ -1,7 +1,6 @@
 """A case as a folder: a dataset and a nominal model to hand over, and beside them the sealed answer."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,6 @@ from nas_data.dataset.features import (
     NEXT_STATE,
     STATE,
     TIME,
-    Feature,
     effort_feature,
     position_feature,
     state_feature,
@@ -25,7 +23,6 @@ from nas_data.dataset.transitions import estimate_velocities
 from nas_data.dataset.write import write
 
 DATASET, NOMINAL, ANSWER, FRESH = "dataset", "nominal.xml", "answer.json", "fresh.npz"
-LENGTHS = ""  # unit of what concerns a slide: SI without a word, for `check_radians` refuses metres
 
 
 def write_case(case: Case, folder: Path) -> None:
@@ -70,10 +67,12 @@ def to_dataset(case: Case) -> Dataset:
         NEXT_STATE: states[:, 1:].reshape(-1, 2 * n).astype(np.float32),
         TIME: np.tile(np.arange(steps) / rate, count)[:, None],
     }
+    sliding = Constants.of(case.arm.model()).sliding
+    slides = [joint for joint, slide in zip(joints, sliding, strict=True) if slide]
     features = {
-        STATE: with_lengths(state_feature(joints), case),
-        ACTION: with_lengths(command(joints), case),
-        NEXT_STATE: with_lengths(state_feature(joints), case),
+        STATE: state_feature(joints, slides),
+        ACTION: command(joints, slides),
+        NEXT_STATE: state_feature(joints, slides),
         TIME: time_feature(),
     }
     return Dataset(
@@ -98,12 +97,3 @@ def measured_states(episodes: Episodes, rate: float) -> np.ndarray:
     elif speeds is None:
         speeds = np.diff(episodes.readings, axis=1, prepend=episodes.readings[:, :1]) * rate
     return np.concatenate([episodes.readings, speeds], axis=2)
-
-
-def with_lengths(feature: Feature, case: Case) -> Feature:
-    """Return a feature that does not call the metres and newtons of slides radians and newton metres."""
-    slides = Constants.of(case.arm.model()).sliding
-    if not slides.any():
-        return feature
-    units = np.where(np.tile(slides, feature.width // len(slides)), LENGTHS, feature.units)
-    return replace(feature, units=tuple(units.tolist()))

@@ -26,6 +26,7 @@ from nas_data.rollouts.recorded import Recorder, Saved, saved_as
 from nas_data.rollouts.robot_stepper import RobotStepper, RolloutTally
 from nas_data.rollouts.rollout import roll_out_on_arm
 from nas_data.virtual_bus.ports import VIRTUAL, port_of
+from nas_data.xl320.arm import Xl320
 from nas_data.xl320.calibration import joints_of
 from nas_data.xl320.configuration import Configuration
 from nas_data.xl320.ergojr import ergojr_joints
@@ -134,13 +135,19 @@ class OnArm:
 
     def _setup(self, name: str, own: str, task: Task, stack: ExitStack) -> Setup:
         return Setup(
-            port=stack.enter_context(port_of(name, lockstep=self.lockstep and name == VIRTUAL)),
-            joints=self._joints(name, own),
+            driver=Xl320(
+                port=stack.enter_context(port_of(name, lockstep=self.lockstep and name == VIRTUAL)),
+                joints=self._joints(name, own),
+                configuration=self._configuration,
+            ),
             ways=ways(),
             rate=1 / task.period,
-            configuration=Configuration(speed=self.speed),
             largest_step=self.largest_step,
         )
+
+    @property
+    def _configuration(self) -> Configuration:
+        return Configuration(speed=self.speed)
 
     def _joints(self, port: str, own: str) -> Joints:
         return ergojr_joints() if port == VIRTUAL else joints_of(ergojr_joints(), "ergojr", own)
@@ -157,7 +164,7 @@ class OnArm:
                 "hits": self.hits,
                 "missed": self.missed,
                 "apart": self.apart,
-                "configuration": bench.attacker.configuration.to_json(),
+                "configuration": self._configuration.to_json(),
                 "largest_step": self.largest_step,
             },
             signal={
@@ -170,7 +177,7 @@ class OnArm:
             contiguous=True,
         )
         return Recorder(
-            joints=bench.attacker.joints,
+            joints=bench.attacker.driver.names,
             rate=bench.attacker.rate,
             task=environment,
             objects=find_task(environment).simulator().object_feature,

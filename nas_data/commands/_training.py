@@ -55,9 +55,9 @@ class Train(Command):
     def run(self) -> Outcome:
         """Train, evaluate on the held-out episodes beside the baselines, and say where the checkpoint lies."""
         from nas_data.dataset import versions
+        from nas_data.dataset.foreign import take_in, warn
         from nas_data.dataset.provenance import read_provenance
         from nas_data.dataset.read import read
-        from nas_data.dataset.transitions import as_transitions
         from nas_data.models.evaluation import evaluate
         from nas_data.models.presets import preset
         from nas_data.models.run import CHECKPOINT, TrainingRun
@@ -76,7 +76,8 @@ class Train(Command):
         full = read(root)
         if self.kind == "delta":
             versions.check_paired(root, full, "A delta model")
-        dataset, derived = as_transitions(full.select(self.episodes) if self.episodes else full)
+        dataset, derived, noticed = take_in(root, full.select(self.episodes) if self.episodes else full)
+        warn(noticed)
         notes = [f"derived {key}: {how}" for key, how in derived.items()]
         parent = versions.parent_of(root, full)
         provenance: dict[str, object] = {
@@ -114,7 +115,7 @@ class Train(Command):
     ) -> "tuple[Simulator | None, Mapping[str, bytes]]":
         """Return the source and the files that keep it with the checkpoint; None, with a note, where there is none."""
         from nas_data.errors import ModelFileError
-        from nas_data.pairing import check_source
+        from nas_data.pairing import check_source, warn_of_ranges
         from nas_data.robots.base import find_robot
         from nas_data.sources import find_source, kept_files, source_files
 
@@ -130,7 +131,11 @@ class Train(Command):
             return None, {}
         if self.kind == "delta" and dataset.paired:
             check_source(dataset, simulator)
-        return simulator, kept_files(root) if self.model is None else source_files(find_robot(self.model))
+        if self.model is None:
+            return simulator, kept_files(root)
+        robot = find_robot(self.model)
+        warn_of_ranges(dataset, robot.spec().compile())
+        return simulator, source_files(robot)
 
 
 def report(line: str) -> None:

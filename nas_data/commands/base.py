@@ -30,6 +30,11 @@ class Command:
 
     json: Annotated[bool, tyro.conf.arg(help="Print one JSON object for machines instead of text.")] = False
 
+    @classmethod
+    def spell(cls, arguments: list[str]) -> list[str]:
+        """Return the words of the command line as the options below are spelt."""
+        return arguments
+
     def run(self) -> Outcome:
         """Do the work and say what was done."""
         raise NotImplementedError(f"{type(self).__name__} has no run()")

@@ -30,11 +30,13 @@ class Evaluate(Command):
     def run(self) -> Outcome:
         """Evaluate and return the tables."""
         from nas_data.dataset import versions
+        from nas_data.dataset.foreign import take_in, warn
         from nas_data.dataset.read import read
-        from nas_data.dataset.transitions import as_transitions
         from nas_data.errors import ModelFileError, OptionError
         from nas_data.models import checkpoint
         from nas_data.models.evaluation import evaluate
+        from nas_data.pairing import warn_of_ranges
+        from nas_data.robots.base import find_robot
         from nas_data.sources import find_source
 
         alone = self.checkpoint.is_file()  # a checkpoint is a folder
@@ -42,7 +44,8 @@ class Evaluate(Command):
         model = None if alone else checkpoint.load_frozen(folder)
         root = versions.resolve(self.dataset)
         dataset = read(root)
-        dataset, derived = as_transitions(dataset.select(self.episodes) if self.episodes else dataset)
+        dataset, derived, noticed = take_in(root, dataset.select(self.episodes) if self.episodes else dataset)
+        warn(noticed)
         if model is not None:
             checkpoint.check_fits(model, dataset, folder)
         elif self.model is not None:
@@ -55,6 +58,8 @@ class Evaluate(Command):
             if self.model is not None or model is None or model.kind == "delta":
                 raise
             simulator = None
+        if simulator is not None and (given := str(folder) if alone else self.model) is not None:
+            warn_of_ranges(dataset, find_robot(given).spec().compile())
         evaluation = evaluate(dataset, simulator, model, Counting("rolling out"))
         seen = None if model is None else model.provenance.get("dataset")
         name = seen.get("name") if isinstance(seen, dict) else "unknown"

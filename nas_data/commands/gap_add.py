@@ -1,5 +1,6 @@
 """Only add named effects to a model: write model.xml from effects.json and score it on held-out episodes."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,15 +27,13 @@ class GapAdd(Command):
 
     def run(self) -> Outcome:
         """Write and score."""
-        import math
-
-        import numpy as np
-
         from nas_data.gap.added import added
         from nas_data.gap.named import Named
         from nas_data.gap.place import check_model
         from nas_data.gap.problem import Problem
+        from nas_data.gap.report import gap
         from nas_data.gap.search.final import Final
+        from nas_data.joint_units import unit_named
 
         check_model(self.out, self.model)
         problem = Problem.load(self.dataset, self.model)
@@ -42,12 +41,15 @@ class GapAdd(Command):
         final = Final(named.effects, named.retuned, ())
         self.out.mkdir(parents=True, exist_ok=True)
         outcome = added(problem, final, Final((), {}, ()), Final((), {}, ()), self.out)
-        evidence = problem.held.evidence
-        before, after = (
-            math.degrees(float(np.sqrt(evidence.mean_squares(rows).mean()))) for rows in (outcome.before, outcome.after)
+        found = gap(problem.held, outcome)
+        told = " and ".join(
+            f"{unit_named(str(errors['unit'])).text(float(str(errors['before'])), 3)} before, "
+            f"{unit_named(str(errors['unit'])).text(float(str(errors['after'])), 3)} after"
+            for errors in (found, found.get("slides"))
+            if isinstance(errors, Mapping)
         )
         text = (
-            f"Open-loop position error on {len(evidence)} held-out episodes: {before:.3f}° before, {after:.3f}° after, "
+            f"Open-loop position error on {len(problem.held.evidence)} held-out episodes: {told}, "
             f"from the written file.\n{outcome.model}"
         )
-        return Outcome(text, {"model": outcome.model, "before": math.radians(before), "after": math.radians(after)})
+        return Outcome(text, {"model": outcome.model, "before": found["before"], "after": found["after"]})

@@ -33,8 +33,9 @@ class GapName(Command):
 
         problem = Problem.load(self.dataset, self.model)
         naming = name(problem.train, problem.held, say)
+        nominal = problem.train.nominal
         self.out.mkdir(parents=True, exist_ok=True)
-        path = write_effects(self.out, naming.final.effects, naming.final.factors)
-        effects = [described(finding) for finding in naming.findings]
+        path = write_effects(self.out, naming.final.effects, naming.final.factors, slides=nominal.slides)
+        effects = [described(finding, nominal) for finding in naming.findings]
         lines = [finding_text(entry) for entry in effects] or ["No effect is named."]
         return Outcome("\n".join([*lines, str(path)]), {"effects": effects, "file": path})

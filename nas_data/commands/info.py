@@ -57,18 +57,20 @@ def feature_lines(summary: "Summary") -> Iterator[str]:
     for key, feature in summary.features.items():
         units = ", ".join(dict.fromkeys(feature.units)) or "no unit stored"
         yield f"  {key}: {feature.width} × {feature.dtype} [{units}]"
-    for key, kind in summary.left_out.items():
-        yield f"  {key}: {kind}, left out"
+    for key, kind in summary.carried.items():
+        yield f"  {key}: {kind}, carried along"
     yield "ranges"
     for key, ranges in summary.ranges.items():
         for name, (low, high) in ranges.items():
-            yield f"  {key} {name}: {low:.4g} … {high:.4g}"
+            yield f"  {key} {name}: {low:.4g} … {high:.4g} {summary.units.get(name, '')}".rstrip()
 
 
 def provenance_lines(summary: "Summary") -> Iterator[str]:
     """Say what has to be derived and where the dataset comes from."""
     if summary.unusable:
         yield f"not usable as it is: {summary.unusable}"
+    for warning in summary.warnings:
+        yield f"warning: {warning}"
     for key, how in summary.derived.items():
         yield f"derived when used: {key}: {how}"
     if not summary.provenance:

@@ -1,6 +1,5 @@
 """Add what a source simulator predicts for every transition, as a new version."""
 
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -41,19 +40,19 @@ class Pair(Command):
         import time
 
         from nas_data.dataset import versions
+        from nas_data.dataset.foreign import take_in, warn
         from nas_data.dataset.provenance import Provenance, read_provenance
         from nas_data.dataset.read import read
-        from nas_data.dataset.transitions import as_transitions
         from nas_data.effects.base import parse
         from nas_data.gap.named import Named
-        from nas_data.pairing import object_warnings, pair, range_warnings
+        from nas_data.pairing import object_warnings, pair, warn_of_ranges
         from nas_data.robots.base import find_robot
         from nas_data.simulators.engines import load_simulator
 
         root = versions.resolve(self.dataset)
         versions.check_place(out=self.out, parent=root)
         recorded = read(root)
-        dataset, derived = as_transitions(recorded)
+        dataset, derived, noticed = take_in(root, recorded)
         named = Named.read(self.effects) if self.effects else None
         effects = (*map(parse, self.effect), *(named.effects if named else ()))
         plain = find_robot(self.model)
@@ -75,9 +74,8 @@ class Pair(Command):
             contiguous=before.contiguous,
             notes=before.notes,
         )
-        warnings = [*range_warnings(dataset, robot.spec().compile()), *object_warnings(dataset, simulator)]
-        for warning in warnings:
-            print(f"nas: warning: {warning}", file=sys.stderr)
+        warnings = [*noticed, *warn_of_ranges(dataset, robot.spec().compile()), *object_warnings(dataset, simulator)]
+        warn(warnings)
         files, remark = self._kept_source(robot, effects, paired)
         kept = {f"meta/{name}": content for name, content in files.items()}
         folder = versions.save(paired, provenance, out=self.out, parent=root, attachments=kept)

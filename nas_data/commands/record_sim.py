@@ -45,7 +45,7 @@ class RecordSim(Command):
     excitation: str = "steps"
     """Command signal, NAME or NAME:PARAMETER=NUMBER,…: steps, babbling, ramps, sine, multisine, triangle or chirp."""
     commands: Path | None = None
-    """Play a CSV file instead: columns <joint>.pos [rad], one row a control step, optional column 'episode'."""
+    """Play a CSV file instead: columns <joint>.pos (or .vel, .effort, as the model takes them), perhaps 'episode'."""
     episodes: int = 200
     """Number of episodes."""
     seconds: float | None = None
@@ -148,7 +148,8 @@ class RecordSim(Command):
 
     def _protocol(self) -> "Protocol":
         """Say what is to be played."""
-        from nas_data.envs.base import environment_id, find_task_file
+        from nas_data.environment_ids import environment_id
+        from nas_data.envs.base import find_task_file
         from nas_data.excitations.base import parse
         from nas_data.recorders.session import Protocol
 

@@ -1,4 +1,4 @@
-"""Divide a dataset into two, by episodes or by a random share."""
+"""Divide a dataset into two, by episodes or by a random share, or cut its episodes in time."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +17,10 @@ class Split(Command):
     Example: nas split datasets/so101 --episodes 0-11 --names so101_train so101_test
 
     Example: nas split datasets/arm --share 0.8 --seed 0
+
+    With --seconds the result is one dataset of more and shorter episodes.
+
+    Example: nas split datasets/arm --seconds 3
     """
 
     dataset: tyro.conf.Positional[Path]
@@ -27,6 +31,10 @@ class Split(Command):
     """Instead of --episodes: share of the episodes that are drawn for the first part, such as 0.8."""
     seed: int = 0
     """Seed of that draw."""
+    seconds: float | None = None
+    """Instead: cut every episode into stretches of so many seconds, such as 3."""
+    name: str | None = None
+    """Name of the dataset that --seconds makes; NAME_cut where left out."""
     names: tuple[str, str] | None = None
     """Names of the two; NAME_train and NAME_test where left out."""
 
@@ -36,8 +44,13 @@ class Split(Command):
         from nas_data.dataset.split import draw, parse_episodes, split
         from nas_data.dataset.versions import check_name, home_of, new_version
 
-        if (self.episodes is None) == (self.share is None):
-            raise OptionError("Give either --episodes 0,1,2 or --share 0.8 to say how to divide the dataset.")
+        if self.seconds is not None and self.episodes is None and self.share is None and self.names is None:
+            return self._cut(self.seconds)
+        if (self.episodes is None) == (self.share is None) or self.seconds is not None or self.name is not None:
+            raise OptionError(
+                "Give either --episodes 0,1,2 or --share 0.8, with --names, to say how to divide the dataset, or "
+                "--seconds 3, with --name, to cut its episodes."
+            )
         original = Original.read(self.dataset)
         if self.episodes is not None:
             chosen, how = parse_episodes(self.episodes), ""
@@ -67,3 +80,20 @@ class Split(Command):
             for part, path, episodes in zip(parts, written, (sorted(chosen), rest), strict=True)
         ]
         return Outcome("\n".join([*lines, *(f"  note: {note}" for note in notes)]), {"parts": data, "notes": notes})
+
+    def _cut(self, seconds: float) -> Outcome:
+        """Cut the episodes in time and write the result."""
+        from nas_data.dataset.cutting import cut_every
+        from nas_data.dataset.inheritance import Original, inherit
+        from nas_data.dataset.versions import check_name, home_of, new_version
+
+        original = Original.read(self.dataset)
+        folder, name = home_of(original.root)
+        target = self.name or f"{name}_cut"
+        check_name(target)
+        dataset = cut_every(original.dataset, seconds)
+        provenance = inherit([original], f"episodes of {original.parent.name} cut every {seconds:g} s")
+        with saying(f"writing {dataset.n_frames} frames"):
+            path = new_version(dataset, target, provenance, folder, original.attachments)
+        text = f"{dataset.n_episodes} episodes, {dataset.n_frames} frames → {path}"
+        return Outcome(text, {"dataset": path, "episodes": dataset.n_episodes, "frames": dataset.n_frames})

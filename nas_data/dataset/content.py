@@ -20,9 +20,9 @@ def content_hash(dataset: Dataset) -> str:
 
     Hashed are the features (key, names, units, dtype), the rate, the robot type, each episode's length and
     task, and the exact bits of every value, little-endian, features sorted by key. File layout, column order,
-    provenance and LeRobot's automatic columns do not count.
+    provenance and LeRobot's automatic columns do not count. Of what is carried along, only what it is counts.
     """
-    header = {
+    header: dict[str, object] = {
         "schema": SCHEMA,
         "fps": float(dataset.fps).hex(),
         "robot_type": dataset.robot_type,
@@ -33,6 +33,9 @@ def content_hash(dataset: Dataset) -> str:
             for key, feature in dataset.features.items()
         },
     }
+    if dataset.carried:
+        described = dataset.carried.features
+        header["carried"] = {key: [entry.get("dtype"), entry.get("shape")] for key, entry in described.items()}
     digest = hashlib.sha256(json.dumps(header, sort_keys=True, separators=(",", ":")).encode())
     for key in sorted(dataset.features):
         column = stored_column(dataset, key)

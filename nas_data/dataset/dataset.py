@@ -6,8 +6,10 @@ from functools import cached_property
 
 import numpy as np
 
-from nas_data.dataset.features import ACTION, EFFORT, NEXT_STATE, POSITION, SIM_STATE, STATE, Feature
+from nas_data.dataset.carried import Carried
+from nas_data.dataset.features import ACTION, EFFORT, NEXT_STATE, POSITION, SIM_STATE, STATE, VELOCITY, Feature
 from nas_data.errors import DatasetInvalid, JointMismatch
+from nas_data.joint_units import SLIDE
 
 
 @dataclass(frozen=True)
@@ -21,6 +23,7 @@ class Dataset:
         fps: Control rate [Hz].
         robot_type: Robot's name as LeRobot stores it.
         tasks: What each episode does, one sentence or word an episode.
+        carried: What is carried along unused: cameras, texts, matrices; None where there is nothing of the kind.
     """
 
     features: Mapping[str, Feature]
@@ -29,6 +32,7 @@ class Dataset:
     fps: float
     robot_type: str = "unknown"
     tasks: tuple[str, ...] = field(default=())
+    carried: Carried | None = None
 
     def __post_init__(self) -> None:
         total = int(self.lengths.sum())
@@ -62,10 +66,25 @@ class Dataset:
         names = self._feature(STATE).names
         return tuple(name.removesuffix(POSITION) for name in names if name.endswith(POSITION))
 
+    @cached_property
+    def slides(self) -> frozenset[str]:
+        """Names of the joints that are slides: those whose positions are in metres."""
+        feature = self._feature(STATE)
+        pairs = zip(feature.names, feature.units, strict=False)  # without units, all are taken for hinges
+        return frozenset(
+            name.removesuffix(POSITION) for name, unit in pairs if name.endswith(POSITION) and unit == SLIDE.si
+        )
+
     @property
-    def commands_effort(self) -> bool:
-        """Whether the action is a torque [N·m] rather than a position [rad]."""
-        return all(name.endswith(EFFORT) for name in self._feature(ACTION).names)
+    def kinds(self) -> tuple[str, ...]:
+        """What each joint is commanded: a position (`.pos`), a velocity (`.vel`) or a torque (`.effort`)."""
+        ends = VELOCITY, EFFORT
+        return tuple(next((e for e in ends if name.endswith(e)), POSITION) for name in self._feature(ACTION).names)
+
+    @property
+    def commands_positions(self) -> bool:
+        """Whether every joint is commanded positions."""
+        return set(self.kinds) <= {POSITION}
 
     @property
     def paired(self) -> bool:
@@ -79,7 +98,7 @@ class Dataset:
 
     @property
     def commands(self) -> np.ndarray:
-        """Commanded positions [rad] or torques [N·m], shape (N, n)."""
+        """What each joint is asked for (see `kinds`), shape (N, n)."""
         return self._column(ACTION)
 
     @property
@@ -107,11 +126,22 @@ class Dataset:
         if beyond:
             raise DatasetInvalid(f"There is no episode {beyond[0]}; the dataset has 0 to {self.n_episodes - 1}.")
         rows = np.concatenate([np.arange(self.n_frames)[self.episode(index)] for index in episodes])
+        return self.take(rows, self.lengths[list(episodes)], tuple(self.tasks[index] for index in episodes))
+
+    def take(self, rows: np.ndarray, lengths: np.ndarray, tasks: Sequence[str]) -> "Dataset":
+        """Return a dataset of some frames.
+
+        Args:
+            rows: Their numbers, in their new order.
+            lengths: Frames of each new episode, shape (E,).
+            tasks: What each new episode does.
+        """
         return replace(
             self,
             columns={key: column[rows] for key, column in self.columns.items()},
-            lengths=self.lengths[list(episodes)],
-            tasks=tuple(self.tasks[index] for index in episodes),
+            lengths=lengths,
+            tasks=tuple(tasks),
+            carried=self.carried and self.carried.take(rows),
         )
 
     def with_column(self, key: str, feature: Feature, column: np.ndarray) -> "Dataset":

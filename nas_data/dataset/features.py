@@ -1,9 +1,11 @@
 """The features of a dataset: keys, names and units as the contract fixes them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
+from nas_data.joint_units import unit_at
 
 STATE = "observation.state"
 ACTION = "action"
@@ -68,25 +70,43 @@ class Feature:
         return cls(names=tuple(str(name) for name in names), units=units, dtype=str(info["dtype"]))
 
 
-def unit_of(name: str) -> str:
-    """Return the contract's unit for a component's name (`m1.pos` → rad), or an empty string."""
-    return next((unit for suffix, unit in UNITS.items() if name.endswith(suffix)), "")
+def joint_feature(joints: Sequence[str], suffixes: Sequence[str], slides: Collection[str] = ()) -> Feature:
+    """Return a feature with one component a joint for each suffix, in the contract's units.
+
+    Args:
+        joints: Names of the joints.
+        suffixes: What of them: `POSITION`, `VELOCITY`, `EFFORT`.
+        slides: Which of the joints are slides, in metres and newtons.
+    """
+    parts = [(joint, suffix) for suffix in suffixes for joint in joints]
+    return Feature(
+        names=tuple(joint + suffix for joint, suffix in parts),
+        units=tuple(unit_at(UNITS[suffix], joint in slides) for joint, suffix in parts),
+    )
 
 
-def state_feature(joints: Sequence[str]) -> Feature:
-    """Positions [rad] then velocities [rad/s] of the joints."""
-    names = tuple(f"{joint}{suffix}" for suffix in (POSITION, VELOCITY) for joint in joints)
-    return Feature(names=names, units=tuple(unit_of(name) for name in names))
+def state_feature(joints: Sequence[str], slides: Collection[str] = ()) -> Feature:
+    """Positions [rad; m] then velocities [rad/s; m/s] of the joints."""
+    return joint_feature(joints, (POSITION, VELOCITY), slides)
 
 
-def position_feature(joints: Sequence[str]) -> Feature:
-    """Commanded or measured positions [rad] of the joints."""
-    return Feature(names=tuple(joint + POSITION for joint in joints), units=("rad",) * len(joints))
+def position_feature(joints: Sequence[str], slides: Collection[str] = ()) -> Feature:
+    """Commanded or measured positions [rad; m] of the joints."""
+    return joint_feature(joints, (POSITION,), slides)
 
 
-def effort_feature(joints: Sequence[str]) -> Feature:
-    """Commanded torques [N·m] of the joints."""
-    return Feature(names=tuple(joint + EFFORT for joint in joints), units=("N·m",) * len(joints))
+def effort_feature(joints: Sequence[str], slides: Collection[str] = ()) -> Feature:
+    """Commanded torques [N·m] and forces [N] of the joints."""
+    return joint_feature(joints, (EFFORT,), slides)
+
+
+def action_feature(joints: Sequence[str], kinds: Sequence[str], slides: Collection[str] = ()) -> Feature:
+    """What each joint is asked for: a position, a velocity or a torque, by its kind (`.pos`, `.vel`, `.effort`)."""
+    parts = list(zip(joints, kinds, strict=True))
+    return Feature(
+        names=tuple(joint + kind for joint, kind in parts),
+        units=tuple(unit_at(UNITS[kind], joint in slides) for joint, kind in parts),
+    )
 
 
 def time_feature() -> Feature:

@@ -13,6 +13,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.provenance import Parent, Provenance, read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.versions import identity, resolve
+from nas_data.visible import visible
 
 Item = TypeVar("Item")
 OWN_FILES = {layout.INFO, layout.STATS, layout.TASKS, layout.PROVENANCE}
@@ -65,8 +66,6 @@ class Original:
                 f"{self.root} was changed after nas wrote it (LeRobot appended episodes?): "
                 "its provenance may not hold for all episodes."
             )
-        for key, kind in layout.left_out(layout.read_info(self.root)).items():
-            yield f"{self.root}: '{key}' ({kind}) is left out."
 
 
 @dataclass(frozen=True)
@@ -91,7 +90,7 @@ def attachments(root: Path, provenance: Provenance | None) -> dict[str, bytes]:
     """
     recorded = provenance.files if provenance else {}
     found = {}
-    for path in sorted((root / "meta").rglob("*")):
+    for path in visible(root / "meta", "**/*"):
         name = path.relative_to(root).as_posix()
         if name not in recorded or name in OWN_FILES or name.startswith("meta/episodes/") or path.is_symlink():
             continue

@@ -1,6 +1,6 @@
 """Which component of a state or action belongs to which joint, whoever named them."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,10 @@ from nas_data.dataset.features import ACTION, EFFORT, POSITION, STATE, VELOCITY,
 from nas_data.errors import DatasetInvalid, JointMismatch
 
 LARGEST_ANGLE = 4 * np.pi  # [rad] two turns; no servo's or arm's joint goes further, degrees do at once
-UNITS = {POSITION: {"rad"}, VELOCITY: {"rad/s"}, EFFORT: {"N·m", "N*m", "N m", "Nm"}}
+LARGEST_LENGTH = 10.0  # [m] no arm's slide goes further, millimetres do at once
+# Units of a hinge's and of a slide's quantities, as people write them; the first is the contract's.
+ANGULAR = {POSITION: ("rad",), VELOCITY: ("rad/s",), EFFORT: ("N·m", "N*m", "N m", "Nm")}
+LINEAR = {POSITION: ("m",), VELOCITY: ("m/s",), EFFORT: ("N",)}
 REMEDY = "import it with a map that gives the unit (nas import --map)"
 
 
@@ -47,13 +50,26 @@ class Components:
                 bare[name] = place
             else:
                 found[suffix][name.removesuffix(suffix)] = place
-        if not found[POSITION] and not found[EFFORT]:
+        if not any(found.values()):
             found[POSITION], bare = bare, {}
         return cls(found[POSITION], found[VELOCITY], found[EFFORT], tuple(bare))
 
+    def commanded(self) -> dict[str, tuple[str, int]]:
+        """Return what an action commands each joint and in which component; of several a torque, then a position."""
+        kinds = {VELOCITY: self.velocities, POSITION: self.positions, EFFORT: self.efforts}
+        return {joint: (kind, place) for kind, places in kinds.items() for joint, place in places.items()}
 
-def check_radians(dataset: Dataset, key: str, components: Components) -> bool:
-    """Refuse angles that are not in radians.
+
+def check_units(dataset: Dataset, key: str, components: Components, slides: Collection[str]) -> bool:
+    """Refuse what is not in SI: radians for hinges, metres for slides.
+
+    Where the unit is stored it is believed: a joint may make several turns.
+
+    Args:
+        dataset: What is looked at.
+        key: Which of its features.
+        components: Where that keeps what.
+        slides: Joints that are slides (see `find_slides`).
 
     Returns:
         Whether the units are stored; where they are not, radians are assumed.
@@ -66,17 +82,28 @@ def check_radians(dataset: Dataset, key: str, components: Components) -> bool:
     for suffix, places in kinds.items():
         for joint, place in places.items():
             unit = feature.units[place] if feature.units else ""
-            if unit and unit not in UNITS[suffix]:
-                wanted = min(UNITS[suffix], key=len)
-                raise DatasetInvalid(f"'{key}' of joint {joint} is in {unit}, {wanted} is needed; {REMEDY}.")
+            known = (LINEAR if joint in slides else ANGULAR)[suffix]
+            if unit and unit not in known:
+                other = "" if joint in slides else f", or {LINEAR[suffix][0]} for a slide"
+                raise DatasetInvalid(f"'{key}' of joint {joint} is in {unit}, {known[0]} is needed{other}; {REMEDY}.")
     for joint, place in components.positions.items():
         largest = float(np.abs(column[:, place]).max(initial=0.0))
-        if largest > LARGEST_ANGLE:
-            raise DatasetInvalid(
-                f"'{key}' of joint {joint} reaches {largest:.4g}, which cannot be radians (degrees or servo units?); "
-                f"{REMEDY}."
-            )
+        most, what = (
+            (LARGEST_LENGTH, "metres (millimetres?)")
+            if joint in slides
+            else (LARGEST_ANGLE, "radians (degrees or servo units?)")
+        )
+        if largest > most and not feature.units:
+            raise DatasetInvalid(f"'{key}' of joint {joint} reaches {largest:.4g}, which cannot be {what}; {REMEDY}.")
     return bool(feature.units)
+
+
+def find_slides(feature: Feature, components: Components) -> frozenset[str]:
+    """Return the joints of a state that are slides: those whose positions are in metres."""
+    if not feature.units:
+        return frozenset()
+    places = components.positions.items()
+    return frozenset(joint for joint, place in places if feature.units[place] in LINEAR[POSITION])
 
 
 def matching_joints(state: Components, action: Components) -> tuple[str, ...]:
@@ -86,7 +113,7 @@ def matching_joints(state: Components, action: Components) -> tuple[str, ...]:
         JointMismatch: state and action name different joints, or some have no position.
     """
     joints = tuple(state.positions)
-    commanded = action.efforts or action.positions
+    commanded = action.commanded()
     if not joints or set(commanded) != set(joints) or (state.velocities and set(state.velocities) != set(joints)):
         raise JointMismatch(
             f"'{STATE}' has positions of {_listed(state.positions)}"
@@ -96,5 +123,5 @@ def matching_joints(state: Components, action: Components) -> tuple[str, ...]:
     return joints
 
 
-def _listed(names: Mapping[str, int]) -> str:
+def _listed(names: Iterable[str]) -> str:
     return ", ".join(names) or "no joint"

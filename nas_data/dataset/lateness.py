@@ -13,13 +13,3 @@ def late_readings(delays: np.ndarray, period: float) -> np.ndarray:
         period: Control period [s].
     """
     return delays > LATE * period
-
-
-def late_steps(steps: np.ndarray, period: float) -> np.ndarray:
-    """Return which rows came late after the one before them, where nobody knows when they were due.
-
-    Args:
-        steps: Time between each row and the one before it [s], shape (T,).
-        period: Control period [s].
-    """
-    return late_readings(steps - period, period)

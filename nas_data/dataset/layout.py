@@ -6,6 +6,7 @@ from pathlib import Path
 
 from nas_data.dataset.features import Feature
 from nas_data.errors import DatasetInvalid, DatasetNotFound
+from nas_data.visible import visible
 
 CODEBASE_VERSION = "v3.0"
 INFO = "meta/info.json"
@@ -40,12 +41,12 @@ def numbered(template: str, number: int) -> str:
 
 def data_files(root: Path) -> list[Path]:
     """Return the data files in the order of their rows, which is LeRobot's: by path."""
-    return sorted((root / "data").glob("*/*.parquet"))
+    return visible(root / "data", "*/*.parquet")
 
 
 def episode_files(root: Path) -> list[Path]:
     """Return the files of the episode table in order."""
-    return sorted((root / "meta" / "episodes").glob("*/*.parquet"))
+    return visible(root / "meta" / "episodes", "*/*.parquet")
 
 
 def read_json(path: Path) -> dict[str, object]:

@@ -1,10 +1,11 @@
 """Several datasets of one robot become one, their episodes in the order given."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from nas_data.dataset.carried import Carried
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.episode_hash import episode_hashes
 from nas_data.dataset.features import SIM_STATE, STATE, Feature
@@ -46,6 +47,20 @@ def concatenate(datasets: Sequence[Dataset]) -> Dataset:
         fps=first.fps,
         robot_type=first.robot_type,
         tasks=tuple(task for dataset in datasets for task in dataset.tasks),
+        carried=joined([dataset.carried for dataset in datasets]),
+    )
+
+
+def joined(carried: Sequence[Carried | None]) -> Carried | None:
+    """Return what alike datasets carry along, one after the other."""
+    parts = [part for part in carried if part is not None]
+    if not parts:
+        return None
+    frames = [sum(part.frames) for part in parts]
+    offsets = np.cumsum([0, *frames[:-1]])
+    return Carried(
+        tuple(root for part in parts for root in part.roots),
+        np.concatenate([part.rows + offset for part, offset in zip(parts, offsets, strict=True)]),
     )
 
 
@@ -98,6 +113,15 @@ def _check_joints(a: Original, b: Original) -> None:
 
 
 def _check_features(a: Original, b: Original) -> None:
+    carried = [original.dataset.carried.features if original.dataset.carried else {} for original in (a, b)]
+    unlike = next(
+        (key for key in {**carried[0], **carried[1]} if _kind(carried[0], key) != _kind(carried[1], key)), None
+    )
+    if unlike is not None:
+        raise DatasetInvalid(
+            f"{b.root} and {a.root} differ in '{unlike}' (its type, shape or whether it is there); "
+            "only datasets with the same cameras and texts are merged."
+        )
     for poor, rich in ((a, b), (b, a)):
         missing = [key for key in rich.dataset.features if key not in poor.dataset.features]
         if missing:
@@ -111,6 +135,12 @@ def _check_features(a: Original, b: Original) -> None:
             raise DatasetInvalid(
                 f"'{key}' {_contrast(feature, other, a.root, b.root)}; record or import both alike to merge them."
             )
+
+
+def _kind(features: Mapping[str, Mapping[str, object]], key: str) -> tuple[object, ...]:
+    """Return type and shape of a feature that is carried along; None where there is none."""
+    entry = features.get(key, {})
+    return entry.get("dtype"), entry.get("shape")
 
 
 def _contrast(a: Feature, b: Feature, where_a: Path, where_b: Path) -> str:

@@ -22,6 +22,7 @@ from nas_data.dataset.read import read
 from nas_data.dataset.staging import MARK, flush_folder, refuse_existing
 from nas_data.dataset.versions import VERSION, check_name, home_of, resolve
 from nas_data.errors import DatasetInvalid, OptionError
+from nas_data.visible import visible
 
 SUFFIX = ".nas.tar"
 MANIFEST = "nas-pack.json"
@@ -117,10 +118,8 @@ def hashes(root: Path) -> dict[str, str]:
         DatasetInvalid: a link, which another machine could not follow.
     """
     found = {}
-    for path in sorted(root.rglob("*")):
+    for path in visible(root, "**/*"):
         name = path.relative_to(root)
-        if any(part.startswith(".") for part in name.parts):
-            continue
         if path.is_symlink():
             raise DatasetInvalid(f"{path} is a link; a pack holds only files: put the file itself there.")
         if not is_plain(name.as_posix()):

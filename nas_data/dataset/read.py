@@ -9,21 +9,24 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from nas_data.dataset import layout
+from nas_data.dataset.carried import Carried
 from nas_data.dataset.checks import check_finite
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import Feature
+from nas_data.dataset.features import TIME, Feature, time_feature
 from nas_data.dataset.versions import resolve
 from nas_data.errors import DatasetInvalid
 
 INDEX = Feature(names=("index",), dtype="int64")
+STAMP = Feature(names=("timestamp",), dtype="float64")
+STAMP_TOLERANCE = 1e-4  # [s] LeRobot's own tolerance for timestamps
 UNREADABLE = (pa.ArrowException, OSError, UnicodeDecodeError)  # what Arrow raises at a damaged file
 
 
 def read(path: Path) -> Dataset:
     """Read a dataset, whoever wrote it: nas, LeRobot's API of any 0.4 to 0.6 version, `lerobot-record`.
 
-    Images, videos, strings and matrices are left out (`nas info` names them), and so are LeRobot's automatic
-    columns.
+    Images, videos, strings and matrices are only carried along. LeRobot's automatic columns are left out; a
+    `timestamp` that is not frame_index / fps is a recorder's clock, and becomes `nas.time` where there is none.
 
     Args:
         path: The dataset's folder, or `datasets/<name>` for its newest version.
@@ -35,7 +38,7 @@ def read(path: Path) -> Dataset:
     root = resolve(path)
     info = layout.read_info(root)
     features = layout.vector_features(info)
-    rows = Rows.read(root, {**features, "episode_index": INDEX, "task_index": INDEX})
+    rows = Rows.read(root, {**features, "episode_index": INDEX, "task_index": INDEX, "timestamp": STAMP})
     lengths = rows.sort(root)
     _check_totals(root, info, len(rows.columns["episode_index"]), len(lengths))
     dataset = Dataset(
@@ -45,9 +48,33 @@ def read(path: Path) -> Dataset:
         fps=float(str(info["fps"])),
         robot_type=str(info.get("robot_type") or "unknown"),
         tasks=episode_tasks(read_tasks(root), rows.columns["task_index"][:, 0], lengths),
+        carried=Carried.of(root, int(lengths.sum())),
     )
+    stamps = rows.columns["timestamp"]
+    if TIME not in features and deny_rate(dataset, stamps):
+        dataset = with_clock(dataset, stamps)
     check_finite(dataset, str(root))
     return dataset
+
+
+def deny_rate(dataset: Dataset, stamps: np.ndarray) -> bool:
+    """Whether LeRobot's time stamps [s], shape (N, 1), are not frame_index / fps."""
+    frame = np.arange(dataset.n_frames) - np.repeat(dataset.starts, dataset.lengths)
+    allowed = np.maximum(STAMP_TOLERANCE, np.spacing(np.abs(stamps[:, 0]).astype(np.float32)))
+    return bool((np.abs(stamps[:, 0] - frame / dataset.fps) > allowed).any())
+
+
+def with_clock(dataset: Dataset, stamps: np.ndarray) -> Dataset:
+    """Return a dataset with time stamps [s], shape (N, 1), as its recorder's clock."""
+    exact = stamps.astype(np.float64)
+    return dataset.with_column(TIME, time_feature(), exact - np.repeat(exact[dataset.starts], dataset.lengths, axis=0))
+
+
+def read_stamps(root: Path) -> np.ndarray:
+    """Return LeRobot's time stamps [s] in the order of the episodes, shape (N, 1)."""
+    rows = Rows.read(root, {"episode_index": INDEX, "timestamp": STAMP})
+    rows.sort(root)
+    return rows.columns["timestamp"]
 
 
 def open_parquet(path: Path) -> pq.ParquetFile:

@@ -54,7 +54,7 @@ def find_start_velocities(dataset: Dataset) -> StartVelocities:
     Args:
         dataset: Transitions with 2n-states.
     """
-    n, begun = len(dataset.joints), np.flatnonzero(dataset.lengths > 0)
+    free, n, begun = not dataset.commands_positions, len(dataset.joints), np.flatnonzero(dataset.lengths > 0)
     values: np.ndarray = np.zeros((dataset.n_episodes, n))
     deviations: np.ndarray = np.zeros((dataset.n_episodes, n))
     episodes = [dataset.states[rows].astype(float) for rows in dataset.episodes() if rows.stop > rows.start]
@@ -68,13 +68,13 @@ def find_start_velocities(dataset: Dataset) -> StartVelocities:
             values[begun, joint], deviations[begun, joint] = np.array(found).T
         else:
             values[begun, joint] = [rows[0, joint] for rows in velocities]
-            deviations[begun, joint] = velocity_noise([rows[:, joint] for rows in velocities], dataset.commands_effort)
+            deviations[begun, joint] = velocity_noise([rows[:, joint] for rows in velocities], free)
     rest = np.zeros((dataset.n_episodes, 1), bool)  # of which the recorder itself says that it began at rest
     rest[begun] = [[not rows[0].any()] for rows in velocities]
     values, deviations = np.where(rest, 0.0, values), np.where(rest, 0.0, deviations)
     least = np.where(derived, SLOW * large_speeds(positions, dataset.fps), 0.0)
     moving = np.abs(values) > np.maximum(CLEAR * deviations, least)
-    if not dataset.commands_effort and moving.any(axis=1).sum() < max(CUT * len(begun), 1):
+    if dataset.commands_positions and moving.any(axis=1).sum() < max(CUT * len(begun), 1):
         values, deviations = np.where(moving, values, 0.0), np.where(moving, deviations, 0.0)
     return StartVelocities(values, deviations, derived, noise)
 

@@ -9,13 +9,14 @@ import numpy as np
 from nas_data.dataset import layout
 from nas_data.dataset.content import content_hash
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import ACTION, STATE, Feature
+from nas_data.dataset.features import ACTION, EFFORT, POSITION, STATE, VELOCITY, Feature
+from nas_data.dataset.foreign import take_in
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
-from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.versions import identity, resolve
 from nas_data.errors import DatasetInvalid, JointMismatch
 
+KINDS = {POSITION: "position", VELOCITY: "velocity", EFFORT: "torque"}
 LONGEST_CHAIN = 100  # generations; a chain that names itself must end
 
 
@@ -28,15 +29,17 @@ class Summary:
         name: Its name and version.
         robot: Robot's name.
         joints: Joints with a measured position; empty where the dataset is not usable.
-        commands: `position` or `torque`; empty where the dataset is not usable.
+        commands: `position`, `velocity` or `torque`, joined where joints differ; empty where the dataset is not usable.
         rate: Control rate [Hz].
         lengths: Frames of each episode.
         tasks: Task → number of episodes.
         features: Features that are read.
-        left_out: Features that are not read (images, strings …) → what they are.
+        carried: Features that are only carried along (images, strings …) → what they are.
         ranges: State and action: component → smallest and largest value, in the feature's unit.
+        units: Unit of each component of state and action, by its name.
         derived: What has to be derived for use: feature → how.
         unusable: Why no transitions can be made of it; None where they can.
+        warnings: What the audits noticed where others recorded it.
         paired: Whether the source's predictions are present.
         source: The source model, where provenance names one.
         content_hash: SHA-256 of the content.
@@ -52,10 +55,12 @@ class Summary:
     lengths: tuple[int, ...]
     tasks: Mapping[str, int]
     features: Mapping[str, Feature]
-    left_out: Mapping[str, str]
+    carried: Mapping[str, str]
     ranges: Mapping[str, Mapping[str, tuple[float, float]]]
+    units: Mapping[str, str]
     derived: Mapping[str, str]
     unusable: str | None
+    warnings: tuple[str, ...]
     paired: bool
     source: Mapping[str, object] | None
     content_hash: str
@@ -85,22 +90,24 @@ def summarize(path: Path) -> Summary:
     root = resolve(path)
     dataset = read(root)
     chain = provenance_chain(root)
-    usable, derived, reason = _transitions(dataset)
+    usable, derived, reason, noticed = _transitions(root, dataset)
     shown = usable or dataset
     return Summary(
         dataset=root,
         name=identity(root),
         robot=dataset.robot_type,
         joints=usable.joints if usable else (),
-        commands="" if usable is None else "torque" if usable.commands_effort else "position",
+        commands="" if usable is None else " and ".join(dict.fromkeys(map(KINDS.__getitem__, usable.kinds))),
         rate=dataset.fps,
         lengths=tuple(dataset.lengths.tolist()),
         tasks={task: dataset.tasks.count(task) for task in dict.fromkeys(dataset.tasks)},
         features=dataset.features,
-        left_out=layout.left_out(layout.read_info(root)),
+        carried=layout.left_out(layout.read_info(root)),
         ranges={key: _ranges(shown, key) for key in (STATE, ACTION) if key in shown.features},
+        units={name: unit for key in (ACTION, STATE) for name, unit in _units(shown, key).items()},
         derived=derived,
         unusable=reason,
+        warnings=noticed,
         paired=dataset.paired,
         source=chain[0][1].source if chain else None,
         content_hash=content_hash(dataset),
@@ -128,13 +135,19 @@ def provenance_chain(root: Path) -> tuple[tuple[str, Provenance], ...]:
     return tuple(chain)
 
 
-def _transitions(dataset: Dataset) -> tuple[Dataset | None, dict[str, str], str | None]:
-    """Return the dataset as commands use it and what has to be derived, or why it cannot be used."""
+def _transitions(root: Path, dataset: Dataset) -> tuple[Dataset | None, dict[str, str], str | None, tuple[str, ...]]:
+    """Return the dataset as commands use it, what has to be derived, or why it cannot be used, and warnings."""
     try:
-        usable, derived = as_transitions(dataset)
+        usable, derived, noticed = take_in(root, dataset)
     except (DatasetInvalid, JointMismatch) as error:
-        return None, {}, str(error)
-    return usable, derived, None
+        return None, {}, str(error), ()
+    return usable, derived, None, noticed
+
+
+def _units(dataset: Dataset, key: str) -> dict[str, str]:
+    """Return the unit of each component, none where no units are known."""
+    feature = dataset.features.get(key)
+    return dict(zip(feature.names, feature.units, strict=True)) if feature and feature.units else {}
 
 
 def _ranges(dataset: Dataset, key: str) -> dict[str, tuple[float, float]]:

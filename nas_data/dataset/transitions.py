@@ -6,6 +6,7 @@ two frames use the quadratic of the nearest whole window. Being centred it has n
 knows the two positions that follow it: one-step errors on such recordings are flattered, open-loop errors are not.
 """
 
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -15,14 +16,15 @@ from nas_data.dataset.features import (
     ACTION,
     ENVIRONMENT,
     NEXT_STATE,
+    POSITION,
     SIM_STATE,
     STATE,
     Feature,
-    effort_feature,
+    action_feature,
     position_feature,
     state_feature,
 )
-from nas_data.dataset.joints import Components, check_radians, matching_joints
+from nas_data.dataset.joints import Components, check_units, find_slides, matching_joints
 from nas_data.errors import DatasetInvalid, JointMismatch
 
 WINDOW = 5  # samples
@@ -44,20 +46,21 @@ def as_transitions(dataset: Dataset) -> tuple[Dataset, dict[str, str]]:
 
     Raises:
         JointMismatch: state and action name different joints, or none.
-        DatasetInvalid: angles are not in radians, or no episode has two frames.
+        DatasetInvalid: what is measured is not in SI, or no episode has two frames.
     """
     needed = {key: _feature(dataset, key) for key in (STATE, ACTION)}
     optional = {key: dataset.features[key] for key in (NEXT_STATE, SIM_STATE) if key in dataset.features}
     parts = {key: Components.of(key, feature) for key, feature in (needed | optional).items()}
     joints = matching_joints(parts[STATE], parts[ACTION])
+    slides = find_slides(dataset.features[STATE], parts[STATE])
     derived: dict[str, str] = {}
     for key, components in parts.items():
-        known = check_radians(dataset, key, components)
+        known = check_units(dataset, key, components, slides)
         notes = [] if known else ["no unit was stored: taken as radians and SI"]
         notes += [f"left out: {', '.join(components.others)}"] if components.others else []
         if notes:
             derived[key] = "; ".join(notes)
-        dataset = _arrange(dataset, key, components, joints)
+        dataset = _arrange(dataset, key, components, joints, slides)
     dataset, made = _complete(dataset, len(joints))
     derived |= {key: "; ".join(filter(None, [how, derived.get(key)])) for key, how in made.items()}
     return dataset, derived
@@ -88,14 +91,20 @@ def _feature(dataset: Dataset, key: str) -> Feature:
     return dataset.features[key]
 
 
-def _arrange(dataset: Dataset, key: str, components: Components, joints: tuple[str, ...]) -> Dataset:
+def _arrange(
+    dataset: Dataset, key: str, components: Components, joints: tuple[str, ...], slides: Collection[str]
+) -> Dataset:
     """Give a feature the contract's names and order; a state without velocities keeps its positions only."""
-    if key == ACTION and components.efforts:
-        feature, groups = effort_feature(joints), [components.efforts]
-    elif key == ACTION or not components.velocities:
-        feature, groups = position_feature(joints), [components.positions]
+    groups: list[Mapping[str, int]]
+    if key == ACTION:
+        commanded = components.commanded()
+        groups = [{joint: place for joint, (_, place) in commanded.items()}]
+        kinds = [commanded[joint][0] if joint in commanded else POSITION for joint in joints]
+        feature = action_feature(joints, kinds, slides)
+    elif not components.velocities:
+        feature, groups = position_feature(joints, slides), [components.positions]
     else:
-        feature, groups = state_feature(joints), [components.positions, components.velocities]
+        feature, groups = state_feature(joints, slides), [components.positions, components.velocities]
     feature = replace(feature, dtype=dataset.features[key].dtype)
     if feature == dataset.features[key]:
         return dataset
@@ -144,7 +153,7 @@ def _with_velocities(dataset: Dataset, has_next: bool) -> Dataset:
         states = np.concatenate([positions, estimate_velocities(positions, dataset.fps)], axis=1)
         now.append(states[:-1] if has_next else states)
         after.append(states[1:])
-    feature = replace(state_feature(joints), dtype=dataset.features[STATE].dtype)
+    feature = replace(state_feature(joints, dataset.slides), dtype=dataset.features[STATE].dtype)
     dataset = dataset.with_column(STATE, feature, np.concatenate(now).astype(feature.dtype))
     if has_next:
         dataset = dataset.with_column(NEXT_STATE, feature, np.concatenate(after).astype(feature.dtype))
@@ -159,12 +168,9 @@ def _with_next(dataset: Dataset) -> Dataset:
         raise DatasetInvalid("Every episode has a single frame, which makes no transition; record longer episodes.")
     rows = np.flatnonzero(kept)
     whole = dataset.lengths > 1
-    columns = {key: column[rows] for key, column in dataset.columns.items()}
-    moving = [key for key in (STATE, ENVIRONMENT) if key in columns and f"next.{key}" not in columns]
-    return replace(
-        dataset,
-        features=dict(dataset.features) | {f"next.{key}": dataset.features[key] for key in moving},
-        columns=columns | {f"next.{key}": dataset.columns[key][rows + 1] for key in moving},
-        lengths=dataset.lengths[whole] - 1,
-        tasks=tuple(task for task, long in zip(dataset.tasks, whole, strict=True) if long),
-    )
+    tasks = [task for task, long in zip(dataset.tasks, whole, strict=True) if long]
+    shorter = dataset.take(rows, dataset.lengths[whole] - 1, tasks)
+    moving = [key for key in (STATE, ENVIRONMENT) if key in dataset.columns and f"next.{key}" not in dataset.columns]
+    for key in moving:
+        shorter = shorter.with_column(f"next.{key}", dataset.features[key], dataset.columns[key][rows + 1])
+    return shorter

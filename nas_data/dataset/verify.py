@@ -3,24 +3,25 @@
 import hashlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 
 from nas_data.dataset import layout
+from nas_data.dataset.audits import audit_dataset
+from nas_data.dataset.audits.base import Finding
 from nas_data.dataset.content import content_hash
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import NEXT_STATE, STATE, TIME, Feature
-from nas_data.dataset.lateness import late_steps
+from nas_data.dataset.features import NEXT_STATE, STATE, Feature
 from nas_data.dataset.provenance import Provenance, read_provenance
-from nas_data.dataset.read import Rows, read, read_parquet
+from nas_data.dataset.read import STAMP_TOLERANCE, Rows, read, read_parquet
 from nas_data.dataset.staging import leftovers
+from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.versions import VERSION, resolve
-from nas_data.errors import DatasetInvalid
+from nas_data.errors import DatasetInvalid, JointMismatch
 
-RATE_TOLERANCE = 0.02  # share by which the measured rate may differ from the promised one
-STAMP_TOLERANCE = 1e-4  # [s] LeRobot's own tolerance for timestamps
 STATISTICS_TOLERANCE = 1e-5  # share; LeRobot's statistics pass through float32
 
 
@@ -52,6 +53,14 @@ class Evidence:
     dataset: Dataset
     rows: Rows
     provenance: Provenance | None
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """What the audits of recordings say; nothing where no joints are named."""
+        try:
+            return audit_dataset(as_transitions(self.dataset)[0])
+        except (DatasetInvalid, JointMismatch):
+            return ()
 
 
 def verify(root: Path) -> list[str]:
@@ -137,7 +146,9 @@ def _indices(evidence: Evidence) -> Iterator[str]:
         if len(wrong):
             found = int(columns[key][wrong[0], 0])
             yield f"{key} is {found} where {int(expected[wrong[0]])} is due ({_place(dataset, wrong[0])})."
-    late = np.flatnonzero(np.abs(columns["timestamp"][:, 0] - frame / dataset.fps) > STAMP_TOLERANCE)
+    due = (frame / dataset.fps).astype(layout.AUTOMATIC["timestamp"])  # float32 is 0.1 ms coarse after half an hour
+    off = np.abs(columns["timestamp"][:, 0].astype(np.float64) - due)
+    late = np.flatnonzero(off > np.maximum(STAMP_TOLERANCE, np.spacing(due)))
     if len(late):
         yield f"timestamp is not frame_index / fps ({_place(dataset, late[0])}); LeRobot's loaders rely on it."
 
@@ -181,37 +192,18 @@ def _statistics(evidence: Evidence) -> Iterator[str]:
                 yield f"{path} has another {name} of '{key}' than the data; policies would be normalised wrongly."
 
 
-def _clock(evidence: Evidence) -> Iterator[str]:
-    """Check that the recorder's clock runs forward, at the promised rate."""
-    steps, rows = _clock_steps(evidence.dataset)
-    backward = np.flatnonzero(steps <= 0)
-    if len(backward):
-        place = _place(evidence.dataset, rows[backward[0]])
-        yield f"'{TIME}' does not grow in {len(backward)} rows (first: {place}); a reading was stored twice."
-    elif len(steps):
-        rate = 1 / float(steps.mean())
-        if abs(rate / evidence.dataset.fps - 1) > RATE_TOLERANCE:
-            yield f"The rows come at {rate:.4g} Hz by '{TIME}', the dataset promises {evidence.dataset.fps:g} Hz."
+def _recording(evidence: Evidence) -> Iterator[str]:
+    """Report what audits call an error: a clock that denies the rate, angles in degrees; and readings stored twice."""
+    return (f"In {finding.file} {finding.what}." for finding in evidence.findings if _is_problem(finding))
 
 
-def _late(evidence: Evidence) -> Iterator[str]:
-    """Count rows that came late."""
-    steps, rows = _clock_steps(evidence.dataset)
-    late = np.flatnonzero(late_steps(steps, 1 / evidence.dataset.fps))
-    if len(late):
-        place = _place(evidence.dataset, rows[late[np.argmax(steps[late])]])
-        yield f"{len(late)} of {len(steps)} rows came late, the worst by {1e3 * steps.max():.1f} ms ({place})."
+def _noticed(evidence: Evidence) -> Iterator[str]:
+    """Note what else the audits of recordings found."""
+    return (f"In {finding.file} {finding.what}." for finding in evidence.findings if not _is_problem(finding))
 
 
-def _clock_steps(dataset: Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Return the time [s] between the rows of each episode, and the later row of each pair."""
-    if TIME not in dataset.features:
-        return np.empty(0), np.empty(0, np.int64)
-    first = np.zeros(dataset.n_frames, bool)
-    first[dataset.starts] = True
-    rows = np.flatnonzero(~first)
-    time = dataset.columns[TIME][:, 0].astype(np.float64)
-    return time[rows] - time[rows - 1], rows
+def _is_problem(finding: Finding) -> bool:
+    return finding.error or finding.check == "repeated_time"
 
 
 def _gaps(evidence: Evidence) -> np.ndarray:
@@ -252,7 +244,7 @@ METADATA: tuple[Callable[[Evidence], Iterator[str]], ...] = (_indices, _episodes
 PROBLEMS: tuple[Callable[[Evidence], Iterator[str]], ...] = (
     _content,
     *METADATA,
-    _clock,
+    _recording,
     _continuity,
 )
-NOTES: tuple[Callable[[Evidence], Iterator[str]], ...] = (_late, _loose)
+NOTES: tuple[Callable[[Evidence], Iterator[str]], ...] = (_noticed, _loose)

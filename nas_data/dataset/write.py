@@ -15,6 +15,8 @@ import pyarrow.parquet as pq
 from nas_data.dataset import layout
 from nas_data.dataset.arrow import lists, numbers, texts
 from nas_data.dataset.card import card
+from nas_data.dataset.carried import VIDEO, VIDEO_PATH, Carried, place_videos
+from nas_data.dataset.carried import overall as overall_of
 from nas_data.dataset.checks import check_storable
 from nas_data.dataset.content import content_hash, stored_column
 from nas_data.dataset.dataset import Dataset
@@ -51,8 +53,12 @@ def write(dataset: Dataset, root: Path, provenance: Provenance, attachments: Map
 def fill(folder: Path, dataset: Dataset, provenance: Provenance, attachments: Mapping[str, bytes]) -> None:
     """Write every file of a dataset that passed `check_storable` into a folder."""
     hashes: dict[str, Future[str]] = {}
+    carried = dataset.carried
+    clips = carried.clips(dataset.starts, dataset.lengths, dataset.fps) if carried else {}
+    places, videos = place_videos(folder, clips)
     with ThreadPoolExecutor(max_workers=1) as disk:
-        for name, content in _files(dataset, attachments):
+        hashes |= {name: disk.submit(_hash, path) for name, path in videos.items()}
+        for name, content in _files(dataset, attachments, places):
             # A file goes to the disk while the next is made; two at a time are in memory, however many there are.
             for earlier in hashes.values():
                 earlier.result()
@@ -62,14 +68,28 @@ def fill(folder: Path, dataset: Dataset, provenance: Provenance, attachments: Ma
     put(folder / layout.CARD, card(dataset, complete).encode())
 
 
+def _hash(path: Path) -> str:
+    """Return the SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 def _put_hashed(path: Path, content: bytes | memoryview) -> str:
     """Write a file and return its SHA-256."""
     put(path, content)
     return hashlib.sha256(content).hexdigest()
 
 
-def _files(dataset: Dataset, attachments: Mapping[str, bytes]) -> Iterator[tuple[str, bytes | memoryview]]:
-    """Make each file of the dataset but the card and the provenance: its path and content."""
+def _files(
+    dataset: Dataset, attachments: Mapping[str, bytes], places: Mapping[str, list[object]]
+) -> Iterator[tuple[str, bytes | memoryview]]:
+    """Make each file of the dataset but videos, card and provenance: its path and content.
+
+    Args:
+        dataset: What is written.
+        attachments: Further files by their path.
+        places: Where the videos of each episode lie, columns of the episode table.
+    """
     tasks = list(dict.fromkeys(dataset.tasks))
     columns = {key: stored_column(dataset, key) for key in dataset.features}
     columns |= automatic_columns(dataset, tasks)
@@ -81,9 +101,16 @@ def _files(dataset: Dataset, attachments: Mapping[str, bytes]) -> Iterator[tuple
     with ThreadPoolExecutor(max_workers=1) as beside:
         statistics_later = beside.submit(statistics, columns, dataset.lengths)
         for number, episodes in enumerate(files):
-            yield layout.numbered(layout.DATA_TEMPLATE, number), data_file(columns, dataset.lengths, episodes)
+            yield (
+                layout.numbered(layout.DATA_TEMPLATE, number),
+                data_file(columns, dataset.lengths, episodes, dataset.carried),
+            )
         found = statistics_later.result()
     table = episode_table(dataset, files, found)
+    table = pa.table({**{key: table[key] for key in table.column_names}, **{k: pa.array(v) for k, v in places.items()}})
+    seen = dataset.carried.statistics(dataset.starts) if dataset.carried else []
+    for key in dict.fromkeys(key for entry in seen for key in entry):
+        table = table.append_column(key, pa.array([entry.get(key) for entry in seen]))
     for number, rows in enumerate(split_episodes(np.ones(len(table)), int(table.nbytes / len(table)) + 1)):
         part = table.slice(rows.start, rows.stop - rows.start)
         here = {"meta/episodes/chunk_index": number // layout.FILES_PER_CHUNK}
@@ -92,7 +119,7 @@ def _files(dataset: Dataset, attachments: Mapping[str, bytes]) -> Iterator[tuple
             part = part.append_column(key, numbers(np.full(len(part), value, np.int64)))
         yield layout.numbered(layout.EPISODES_TEMPLATE, number), parquet(part)
     overall = {key: {name: values.tolist() for name, values in entry.overall.items()} for key, entry in found.items()}
-    yield layout.STATS, json_bytes(overall)
+    yield layout.STATS, json_bytes({**overall, **overall_of(seen)})
     yield from attachments.items()
 
 
@@ -124,11 +151,15 @@ def split_episodes(lengths: np.ndarray, row_bytes: int) -> list[range]:
     return [*files, range(start, len(lengths))]
 
 
-def data_file(columns: Mapping[str, np.ndarray], lengths: np.ndarray, episodes: range) -> memoryview:
+def data_file(
+    columns: Mapping[str, np.ndarray], lengths: np.ndarray, episodes: range, carried: Carried | None = None
+) -> memoryview:
     """Return a Parquet file of some episodes, one row group an episode as LeRobot has it."""
     first, last = int(lengths[: episodes.start].sum()), int(lengths[: episodes.stop].sum())
     arrays = {key: _arrow(column[first:last]) for key, column in columns.items()}
-    table = pa.table(arrays).replace_schema_metadata(_huggingface(columns))
+    further = carried.columns(slice(first, last)) if carried else {}
+    metadata = _huggingface(columns, carried.huggingface() if carried else {})
+    table = pa.table({**arrays, **further}).replace_schema_metadata(metadata)
     stream = pa.BufferOutputStream()
     # Dictionaries make files of floats larger and twice as slow; LeRobot filters episodes by episode_index only.
     with pq.ParquetWriter(stream, table.schema, use_dictionary=False, write_statistics=["episode_index"]) as writer:
@@ -148,13 +179,13 @@ def _arrow(column: np.ndarray) -> pa.Array:
     return flat if column.shape[1] == 1 else pa.FixedSizeListArray.from_arrays(flat, column.shape[1])
 
 
-def _huggingface(columns: Mapping[str, np.ndarray]) -> dict[str, str]:
-    """Return the schema metadata that `datasets.Features` would write."""
+def _huggingface(columns: Mapping[str, np.ndarray], further: Mapping[str, object]) -> dict[str, str]:
+    """Return the schema metadata that `datasets.Features` would write, those of further columns as they were."""
     entries: dict[str, object] = {}
     for key, column in columns.items():
         value = {"dtype": str(column.dtype), "_type": "Value"}
         entries[key] = value if column.shape[1] == 1 else {"feature": value, "length": column.shape[1], "_type": "List"}
-    return {"huggingface": json.dumps({"info": {"features": entries}})}
+    return {"huggingface": json.dumps({"info": {"features": {**entries, **further}}})}
 
 
 def episode_table(dataset: Dataset, files: list[range], found: Mapping[str, Statistics]) -> pa.Table:
@@ -192,6 +223,8 @@ def _task_table(tasks: list[str]) -> pa.Table:
 def info_of(dataset: Dataset, n_tasks: int) -> dict[str, object]:
     """Return `meta/info.json` as both LeRobot versions write it."""
     features = {key: feature.to_info() for key, feature in dataset.features.items()}
+    further = dataset.carried.features if dataset.carried else {}
+    features |= {key: dict(entry) for key, entry in further.items()}
     features |= {key: {"dtype": dtype, "shape": [1], "names": None} for key, dtype in layout.AUTOMATIC.items()}
     return {
         "codebase_version": layout.CODEBASE_VERSION,
@@ -205,7 +238,7 @@ def info_of(dataset: Dataset, n_tasks: int) -> dict[str, object]:
         "fps": int(dataset.fps) if float(dataset.fps).is_integer() else float(dataset.fps),
         "splits": {"train": f"0:{dataset.n_episodes}"},
         "data_path": layout.DATA_TEMPLATE,
-        "video_path": None,
+        "video_path": VIDEO_PATH if any(entry.get("dtype") == VIDEO for entry in further.values()) else None,
         "features": features,
     }
 

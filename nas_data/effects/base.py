@@ -1,8 +1,9 @@
 """What an effect is: a named physical cause of a gap, with bounded parameters, that edits a model."""
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
+from numbers import Real
 from pathlib import Path
 from typing import ClassVar, Self
 
@@ -12,7 +13,8 @@ from nas_data import registry
 from nas_data.drives import driven_joint
 from nas_data.effects.edits.damping_ratio import settle_damping
 from nas_data.effects.edits.hook import StepHook
-from nas_data.errors import JointMismatch, OptionError
+from nas_data.errors import JointMismatch, NasError, OptionError
+from nas_data.joint_units import unit_at
 
 HARDLY = 1e-3  # of its spread by which a detail is put beside its neutral zero to be sought
 
@@ -23,7 +25,7 @@ class Parameter:
 
     Attributes:
         name: Field of the effect.
-        unit: Its unit; empty for a ratio.
+        unit: Its unit at a hinge; empty for a ratio. At a slide it is what `joint_units.unit_at` says.
         low: Smallest sensible value.
         high: Largest sensible value.
         neutral: Value at which the effect changes nothing.
@@ -37,6 +39,12 @@ class Parameter:
     high: float
     neutral: float
     spread: float = 0.0
+
+    @property
+    def units(self) -> str:
+        """The unit at a hinge, and at a slide where that is another."""
+        other = unit_at(self.unit, slide=True)
+        return self.unit if other == self.unit else f"{self.unit} ({other} at a slide)"
 
 
 @dataclass(frozen=True)
@@ -99,7 +107,7 @@ class Effect:
             if not min(parameter.low, parameter.neutral) <= value <= max(parameter.high, parameter.neutral):
                 raise OptionError(
                     f"{self.name()}: {parameter.name} is {value}; "
-                    f"it must lie in {parameter.low} … {parameter.high} {parameter.unit}".rstrip()
+                    f"it must lie in {parameter.low} … {parameter.high} {parameter.units}".rstrip()
                     + "."
                 )
 
@@ -170,9 +178,14 @@ class Effect:
         """Return what does the same in a model file, at a joint of these sizes; None where nothing does."""
         return self if self.in_model else None
 
-    def to_json(self) -> dict[str, object]:
-        """Return the effect as `effects.json` holds it, without details that are neutral."""
-        values = {p.name: {"value": getattr(self, p.name), "unit": p.unit} for p in self.sought}
+    def to_json(self, slides: Collection[str] = ()) -> dict[str, object]:
+        """Return the effect as `effects.json` holds it, without details that are neutral.
+
+        Args:
+            slides: Joints that are slides, which decides the units.
+        """
+        slide = self.joint in slides
+        values = {p.name: {"value": getattr(self, p.name), "unit": unit_at(p.unit, slide)} for p in self.sought}
         return {"effect": self.name(), "joint": self.joint, "parameters": values}
 
 
@@ -185,7 +198,7 @@ def find_effect(name: str) -> type[Effect]:
     return registry.plugin("effects", name, "effect", Effect)
 
 
-def make_effect(name: str, joint: str | None, values: Mapping[str, float]) -> Effect:
+def make_effect(name: str, joint: str | None, values: Mapping[str, object]) -> Effect:
     """Build an effect from its name and parameter values.
 
     Raises:
@@ -202,15 +215,27 @@ def make_effect(name: str, joint: str | None, values: Mapping[str, float]) -> Ef
         )
     if joint is None and not kind.whole_arm:
         raise OptionError(f"{name} sits in a joint; say which (joint=NAME).")
-    return kind(joint=joint, **{key: float(value) for key, value in values.items()})
+    # a text that reads as a number, or a truth value, is none
+    numbers = {k: float(v) for k, v in values.items() if isinstance(v, Real) and not isinstance(v, bool)}
+    other = next((key for key in values if key not in numbers), None)
+    if other is not None:
+        raise OptionError(f"{name}: {other} is {values[other]!r}; a number is needed.")
+    return kind(joint=joint, **numbers)
 
 
 def from_json(entry: Mapping[str, object]) -> Effect:
-    """Read one entry of `effects.json`; parameters are numbers or objects with a `value`."""
+    """Read one entry of `effects.json`; parameters are numbers or objects with a `value`.
+
+    Raises:
+        UnknownName: there is no such effect.
+        OptionError: the entry has another form.
+    """
+    if not isinstance(entry, Mapping):
+        raise OptionError(f"{entry!r} is no effect; an object with 'effect', 'joint' and 'parameters' is needed.")
     parameters = entry.get("parameters", {})
     if not isinstance(parameters, Mapping):
         raise OptionError(f"The parameters of {entry.get('effect')} must be an object of numbers.")
-    values = {key: item["value"] if isinstance(item, Mapping) else item for key, item in parameters.items()}
+    values = {key: item.get("value") if isinstance(item, Mapping) else item for key, item in parameters.items()}
     joint = entry.get("joint")
     return make_effect(str(entry.get("effect")), None if joint is None else str(joint), values)
 
@@ -246,8 +271,12 @@ def read_effects(path: Path) -> tuple[Effect, ...]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         entries = content["effects"] if isinstance(content, dict) else content
+        if not isinstance(entries, list):
+            raise TypeError("it is no list")
         return tuple(from_json(entry) for entry in entries)
-    except (OSError, json.JSONDecodeError, KeyError, TypeError, AttributeError) as error:
+    except NasError as error:
+        raise OptionError(f"{path}: {error}") from None
+    except (OSError, ValueError, KeyError, TypeError) as error:
         raise OptionError(f"{path} is not a list of effects ({error}); see the effects.json of a gap report.") from None
 
 

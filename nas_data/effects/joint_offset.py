@@ -30,4 +30,4 @@ class JointOffset(Effect):
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add the torque that moves the servo's rest by the offset."""
         assert self.joint is not None
-        shift_rest(position_servo(spec, self.joint, self.name()), self.offset)
+        shift_rest(spec, self.joint, position_servo(spec, self.joint, self.name()), self.offset)

@@ -8,7 +8,7 @@ from typing import ClassVar
 import mujoco
 
 from nas_data.effects.base import Effect, Parameter, Scales
-from nas_data.effects.edits.servo import feedback, position_servo
+from nas_data.effects.edits.servo import feedback, position_servo, take_own_unit
 from nas_data.errors import ModelFileError
 
 POSITION_INPUT = 1  # the first input of a <pid>, its position setpoint, and no other
@@ -42,6 +42,7 @@ class SpeedLimit(Effect):
             raise ModelFileError(
                 f"speed_limit cannot be added to the actuator '{servo.name}', which filters its command already."
             )
+        take_own_unit(spec, self.joint, servo, self.name())
         bias = servo.biasprm.copy()
         slewmax = self.speed * abs(float(servo.gear[0]))
         servo.set_to_pid(kp=feedback(servo), kv=-float(bias[2]), slewmax=slewmax, ctrlspec=POSITION_INPUT)

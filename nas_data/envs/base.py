@@ -10,6 +10,7 @@ from gymnasium import spaces
 
 from nas_data import registry
 from nas_data.effects.base import Effect, parse
+from nas_data.environment_ids import environment_name
 from nas_data.errors import UnknownName
 from nas_data.simulators.base import Simulator, Stepper
 
@@ -172,16 +173,6 @@ class InTurn:
 def in_turn(first: Edit | None, second: Edit) -> Edit:
     """Return an edit of a model that does one after the other."""
     return InTurn(first, second)
-
-
-def environment_name(task: str) -> str:
-    """Return a task's name as an environment: `ergo_reacher` → `ErgoReacher`."""
-    return "".join(word.capitalize() for word in task.split("_"))
-
-
-def environment_id(task: str) -> str:
-    """Return a task's name as Gymnasium registers it: `ergo_reacher` → `nas/ErgoReacher-v0`."""
-    return f"nas/{environment_name(task)}-v0"
 
 
 def find_task_file(name: str) -> str:

@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from nas_data import registry
-from nas_data.envs.base import environment_name, find_task_file
+from nas_data.environment_ids import environment_name
+from nas_data.envs.base import find_task_file
 from nas_data.experiments.pipeline.material import Material, MaterialPlan
 from nas_data.experiments.pipeline.sizes import Sizes
 from nas_data.simulators.engines import ENGINE_NAMES

@@ -1,6 +1,7 @@
 """Figure 5: what policies of each method are worth on the target."""
 
-from nas_data.envs.base import environment_name, find_task_file
+from nas_data.environment_ids import environment_name
+from nas_data.envs.base import find_task_file
 from nas_data.experiments.base import Experiment, Request, Result
 from nas_data.experiments.pipeline.authors import RETURNS, remarks
 from nas_data.experiments.pipeline.comparing import compare_methods, describe, table

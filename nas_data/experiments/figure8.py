@@ -2,7 +2,8 @@
 
 from dataclasses import replace
 
-from nas_data.envs.base import environment_name, find_task_file
+from nas_data.environment_ids import environment_name
+from nas_data.envs.base import find_task_file
 from nas_data.experiments.base import Experiment, Request, Result
 from nas_data.experiments.pipeline.authors import RETURNS, remarks
 from nas_data.experiments.pipeline.comparing import compare_methods, describe, table

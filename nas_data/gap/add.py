@@ -1,7 +1,7 @@
 """Add the named effects to the model, as a file that loads in plain MuJoCo."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import mujoco
@@ -39,12 +39,20 @@ def write_model(
     keep_keyframes(spec, before)
     for joint in nominal.joints:
         measure(spec, joint)
-    written = write_effects(folder, effects, factors)  # first: it marks the folder as a report's, whoever is killed now
+    written = write_effects(
+        folder, effects, factors, slides=nominal.slides
+    )  # first: it marks the folder as a report's, whoever is killed now
     write_portable(spec, nominal.robot.mjcf, folder / MODEL)
     return folder / MODEL, written
 
 
-def write_effects(folder: Path, effects: Sequence[Effect], factors: Mapping[str, float], whole: bool = False) -> Path:
+def write_effects(
+    folder: Path,
+    effects: Sequence[Effect],
+    factors: Mapping[str, float],
+    whole: bool = False,
+    slides: Collection[str] = (),
+) -> Path:
     """Write the named effects and the retuned base parameters; `nas record sim --effects` and `nas pair` read it.
 
     Args:
@@ -52,8 +60,9 @@ def write_effects(folder: Path, effects: Sequence[Effect], factors: Mapping[str,
         effects: Effects.
         factors: Retuned base parameters.
         whole: Whether the model file holds also those that edits alone do not express.
+        slides: Joints of the model that are slides, which decides the units.
     """
-    entries = [{**effect.to_json(), "in_model_xml": whole or effect.in_model} for effect in effects]
+    entries = [{**effect.to_json(slides), "in_model_xml": whole or effect.in_model} for effect in effects]
     content = {"schema": 1, "effects": entries, "retuned": dict(factors)}
     path = folder / EFFECTS
     path.write_text(json.dumps(content, indent=1), encoding="utf-8")

@@ -71,7 +71,7 @@ def added(problem: Problem, final: Final, null: Final, plain: Final, folder: Pat
         write_model(folder, nominal, effects, factors, task.timestep)
     else:
         whole = write_nearest(problem, final, folder, problem.train.evidence.begun(hold), named)
-    write_effects(folder, effects, factors, whole)
+    write_effects(folder, effects, factors, whole, nominal.slides)
     written = Nominal.load(folder / MODEL, held).predict(held)
     return Outcome(
         before=nominal.predict(held),

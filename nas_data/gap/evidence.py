@@ -155,6 +155,19 @@ class Evidence:
         chosen = list(episodes)
         return replace(self, **{name: getattr(self, name)[chosen] for name in PARTS})
 
+    def first(self, rows: int) -> "Evidence":
+        """Return the first rows of every episode."""
+        early = slice(0, rows)
+        return replace(
+            self,
+            commands=self.commands[:, early],
+            measured=self.measured[:, early],
+            counts=self.counts[:, early],
+            rates=self.rates[:, early],
+            driven=np.minimum(self.driven, rows),
+            objects=self.objects[:, early],
+        )
+
     def errors(self, predicted: np.ndarray) -> np.ndarray:
         """Return predicted minus measured positions [rad], shape (E, T, n); zero beyond an episode's end."""
         return np.where(self.counts[..., None], predicted - self.measured, 0.0)

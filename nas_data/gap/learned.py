@@ -56,6 +56,6 @@ def learned_shares(
 
 
 def squared(dataset: Dataset, predicted: list[np.ndarray]) -> float:
-    """Return the mean squared position error of open-loop rollouts [rad²]."""
+    """Return the mean squared position error of open-loop rollouts, in SI over all joints; for shares only."""
     measured = [dataset.next_states[rows] for rows in dataset.episodes()]
-    return Errors.of(dataset.joints, predicted, measured).overall ** 2
+    return Errors.of(dataset.joints, predicted, measured).pooled ** 2

@@ -16,6 +16,7 @@ from nas_data.gap.search.objective import Task
 from nas_data.gap.search.plain_fit import fit_plain
 from nas_data.gap.search.search import Search
 from nas_data.gap.search.tie_break import decide
+from nas_data.joint_units import kinds_of
 
 SHARPNESS = 4.0  # how fast doubt falls with the ratio of the runner-up's error to the winner's
 SURE = 0.8  # confidence below which an experiment is proposed that would decide
@@ -34,9 +35,10 @@ class Finding:
         effect: With fitted parameters.
         interval: Lowest and highest value of each parameter, 95 %.
         confidence: Probability that name and joint are right.
-        before: Held-out error of its joint (all joints for the arm's effects) without it, the rest fitted anew [rad].
-        after: The same with it [rad].
-        alternatives: What came second and after in its place, with their held-out error [rad].
+        before: Held-out error of its joint (of the joints of the first kind for the arm's effects) without it, the rest
+            fitted anew [rad; slides m].
+        after: The same with it.
+        alternatives: What came second and after in its place, with their held-out error.
         equals: Those of them that these data cannot tell from it. One that no data could tell from it (its twin) costs
             no confidence.
     """
@@ -113,10 +115,11 @@ def name(train: Task, held: Task, say: Callable[[str], None] = lambda text: None
     first = search.round
     plain, fine = fit_plain(search), search.sub.fine
     search.return_to(first)
-    kept = decide(search, replace(train, fine=search.sub.fine), withdraw(search, choose(search, plain)))
+    train = replace(search.train, fine=search.sub.fine)
+    kept = decide(search, train, withdraw(search, choose(search, plain)))
     null = Final((), search.null.fit.factors, ())
     say("last fit, on all training episodes")
-    final = finish(replace(train, fine=search.sub.fine), kept.description, kept.fit.factors)
+    final = finish(train, kept.description, kept.fit.factors)
     judged = [judge(search, kept, final, number) for number in range(len(kept.effects))]
     order = sorted(range(len(judged)), key=lambda number: -judged[number][0].confidence)
     findings, rivals = [judged[number][0] for number in order], [judged[number][1] for number in order]
@@ -166,13 +169,15 @@ def judge(search: Search, kept: Hypothesis, final: Final, number: int) -> tuple[
 
 
 def concerned(search: Search, effect: Effect) -> list[int]:
-    """Return the indices of the joints by which an effect is judged: its own, or all."""
+    """Return the indices of the joints by which an effect is judged: its own, or all of the arm's first kind."""
     joints = search.train.nominal.joints
-    return list(range(len(joints))) if effect.joint is None else [joints.index(effect.joint)]
+    if effect.joint is not None:
+        return [joints.index(effect.joint)]
+    return kinds_of(joints, search.train.nominal.slides)[0][1].tolist()
 
 
 def rms(heldout: np.ndarray, joints: Sequence[int]) -> float:
-    """Return the error over some joints [rad] from mean squares (E, n)."""
+    """Return the error over some joints of one kind [rad; slides m] from mean squares (E, n)."""
     return float(np.sqrt(heldout[:, joints].mean()))
 
 

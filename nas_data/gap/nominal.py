@@ -12,12 +12,12 @@ from nas_data.effects.edits.damping_ratio import settle_damping
 from nas_data.effects.edits.servo import position_servo, scale_stiffness
 from nas_data.explicit import explicit
 from nas_data.gap.evidence import Evidence
-from nas_data.gap.held import hold_others
 from nas_data.gap.integrator import FINE, make_implicit, whole_step
 from nas_data.gap.nominal_parameters import NominalParameter, apply_base, base_parameters
 from nas_data.gap.side_by_side import shares_cores
 from nas_data.meshless import colliding_shapes, meshless, needs_files
-from nas_data.robots.base import Robot, find_robot
+from nas_data.robots.base import Robot, find_robot, slide_joints
+from nas_data.simulators.held import hold_others
 from nas_data.simulators.mujoco import MujocoSimulator
 
 
@@ -70,9 +70,16 @@ class Nominal:
         spec = explicit(robot.spec())
         settle_damping(spec)
         spec.option.timestep = whole_step(evidence.period, spec.option.timestep)
-        notes = adapt(spec, evidence.joints, evidence.period)
+        bases = [f"The base '{base}' would fall; it is held where the model has it." for base in robot.bases]
+        notes = (*bases, *adapt(spec, evidence.joints, evidence.period))
         base = base_parameters(spec, evidence.joints)
         return cls(robot, spec, without_meshes(spec), evidence.joints, evidence.period, base, notes)
+
+    @property
+    def slides(self) -> tuple[str, ...]:
+        """Names of the measured joints that are slides."""
+        found = slide_joints(self.spec)
+        return tuple(joint for joint in self.joints if joint in found)
 
     def edited(self, factors: Mapping[str, float], lean: bool = False) -> mujoco.MjSpec:
         """Return the model with parameters multiplied by factors, by name.
@@ -95,7 +102,7 @@ class Nominal:
     def simulator(self, effects: Sequence[Effect] = (), factors: Mapping[str, float] | None = None) -> MujocoSimulator:
         """Return the model with effects and changed base parameters, ready to simulate."""
         known = {name: getattr(self.robot, name) for name in ("name", "mjcf", "joints", "rate", "rest")}
-        robot = PreparedRobot(**known, prepared=self.edited(factors or {}, lean=True))
+        robot = PreparedRobot(**known, prepared=self.edited(factors or {}, lean=True), adapted=True)
         simulator = MujocoSimulator(robot, self.period, self.joints, effects, 1 if shares_cores() else None)
         simulator.model.opt.disableflags |= unneeded(simulator.model)
         return simulator
@@ -128,7 +135,9 @@ class Nominal:
         predicted = np.zeros(evidence.measured.shape)
         for nominal, chosen in self.by_gain(evidence):
             rows = evidence.counts & np.isin(np.arange(len(evidence.counts)), chosen)[:, None]
-            predicted[rows] = nominal.simulator().predict(states[rows], evidence.commands[rows])[:, : len(self.joints)]
+            continues = np.broadcast_to(np.arange(rows.shape[1]) > 0, rows.shape)[rows]
+            stepped = nominal.simulator().predict(states[rows], evidence.commands[rows], continues)
+            predicted[rows] = stepped[:, : len(self.joints)]
         return predicted
 
     def by_gain(self, evidence: Evidence) -> Iterator[tuple["Nominal", np.ndarray]]:

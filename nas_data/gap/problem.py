@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.foreign import take_in, warn
 from nas_data.dataset.read import read
-from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.versions import resolve
 from nas_data.errors import DatasetInvalid
 from nas_data.gap.evidence import Evidence, divide, windows
@@ -14,7 +14,7 @@ from nas_data.gap.floor import noise_floor, step_errors
 from nas_data.gap.gains import with_relative_gains
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.search.objective import Task
-from nas_data.pairing import check_fits
+from nas_data.pairing import check_fits, warn_of_ranges
 
 TRAIN_STEPS = 120_000  # physics steps that one rollout of all training episodes may take, half a second of work
 HELD_STEPS = 60_000  # the same for the held-out episodes
@@ -48,7 +48,8 @@ class Problem:
             NasError: one of them cannot be used; the sentence names it.
         """
         root = resolve(Path(dataset))
-        recorded, _ = as_transitions(read(root))
+        recorded, _, noticed = take_in(root, read(root))
+        warn(noticed)
         return cls.of(recorded, model, root)
 
     @classmethod
@@ -69,11 +70,12 @@ class Problem:
         if len(evidence) < 2:
             raise DatasetInvalid(
                 f"{root} has {len(evidence)} episode; at least two are needed, one to fit and one to judge by: "
-                "record more, or cut it with 'nas split'."
+                f"record more, or cut it in time: nas split {root} --seconds 3."
             )
         nominal = Nominal.load(model, evidence)
         simulator = nominal.simulator()
         check_fits(transitions, simulator)
+        warn_of_ranges(transitions, nominal.robot.spec().compile())
         evidence = evidence.with_objects(kept, simulator)
         floor = noise_floor(evidence, step_errors(kept, simulator))
         train, held = divide(evidence)

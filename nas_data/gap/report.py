@@ -12,10 +12,12 @@ from nas_data.gap.finding.find import Found
 from nas_data.gap.floor import ratios
 from nas_data.gap.goes_with import goes_with
 from nas_data.gap.name import ADEQUATE, Finding, Naming
+from nas_data.gap.nominal import Nominal
 from nas_data.gap.problem import Problem
 from nas_data.gap.search.final import retuned, values
 from nas_data.gap.search.objective import Task
 from nas_data.gap.verdict import above, verdict
+from nas_data.joint_units import JointUnit, joint_unit, kinds_of
 
 REPORT, SERIES = "report.json", "series.npz"
 METRIC = "open-loop position RMSE on held-out episodes"
@@ -50,7 +52,7 @@ def write_report(
         "dataset": dataset,
         "model": model,
         "verdict": verdict(before, after, len(naming.findings)),
-        "effects": [described(finding, outcome.whole) for finding in naming.findings],
+        "effects": [described(finding, held.nominal, outcome.whole) for finding in naming.findings],
         "retuned": retuned(naming.final),
         "joints": joint_reports(held, naming, after),
         "unexplained": unexplained(held, outcome.after, after),
@@ -70,15 +72,23 @@ def write_report(
     return report
 
 
-def described(finding: Finding, whole: bool = False) -> Mapping[str, object]:
-    """Return a finding as the report lists it; `whole` says whether the model file holds every effect."""
-    effect = finding.effect
+def described(finding: Finding, nominal: Nominal, whole: bool = False) -> Mapping[str, object]:
+    """Return a finding as the report lists it.
+
+    Args:
+        finding: What was named.
+        nominal: The model, whose joints decide the units.
+        whole: Whether the model file holds every effect.
+    """
+    effect, slides = finding.effect, nominal.slides
+    unit = joint_unit(effect.joint, slides) if effect.joint else kinds_of(nominal.joints, slides)[0][0]
+    errors = {"heldout_error_before": finding.before, "heldout_error_after": finding.after}
     return {
         "effect": effect.name(),
         "joint": effect.joint,
-        "parameters": values(effect, finding.interval),
+        "parameters": values(effect, finding.interval, slides),
         "confidence": finding.confidence,
-        "evidence": {"heldout_error_before": finding.before, "heldout_error_after": finding.after},
+        "evidence": {**errors, "unit": unit.si},
         "alternatives": [alternative(rival, error) for rival, error in finding.alternatives],
         "equals": [{"effect": rival.name(), "joint": rival.joint} for rival in finding.equals],
         "in_model_xml": whole or effect.in_model,
@@ -123,25 +133,31 @@ def unexplained(held: Task, predicted: np.ndarray, after: np.ndarray) -> Sequenc
 
 
 def gap(held: Task, outcome: Outcome) -> Mapping[str, object]:
-    """Return the gap before and after, pooled and per joint [rad]."""
-    models = (outcome.before, outcome.plain, outcome.after, outcome.written)
-    before, plain, after, written = (held.evidence.mean_squares(predicted).mean(0) for predicted in models)
-    joints = held.evidence.joints
+    """Return the gap before and after, per joint, and pooled over the joints of each kind.
+
+    The figures of the first kind, hinges where there are any, stand at the top. Where the arm has slides as well,
+    theirs stand beside under `slides`: radians and metres have no mean.
+    """
+    models = {
+        "before": outcome.before, "plain": outcome.plain, "after": outcome.after, "after_model_xml": outcome.written,
+    }  # fmt: skip
+    squares = {name: held.evidence.mean_squares(predicted).mean(0) for name, predicted in models.items()}
+    squares = {"noise_floor": held.floor**2, **squares}
+
+    def pooled(unit: JointUnit, places: np.ndarray) -> dict[str, object]:
+        return {"unit": unit.si, **{name: float(np.sqrt(row[places].mean())) for name, row in squares.items()}}
+
+    joints, slides = held.evidence.joints, held.nominal.slides
+    (unit, places), *others = kinds_of(joints, slides)
     return {
-        "metric": METRIC,
-        "unit": "rad",
-        "noise_floor": float(np.sqrt((held.floor**2).mean())),
+        "metric": METRIC + (f", over the {unit.kind} ({others[0][0].kind} beside)" if others else ""),
         "delivered": outcome.delivered,
-        "before": float(np.sqrt(before.mean())),
-        "plain": float(np.sqrt(plain.mean())),
-        "after": float(np.sqrt(after.mean())),
-        "after_model_xml": float(np.sqrt(written.mean())),
+        **pooled(unit, places),
+        **{other.kind: pooled(other, rest) for other, rest in others},
         "per_joint": {
             joint: {
-                "before": float(np.sqrt(before[place])),
-                "plain": float(np.sqrt(plain[place])),
-                "after": float(np.sqrt(after[place])),
-                "noise_floor": float(held.floor[place]),
+                "unit": joint_unit(joint, slides).si,
+                **{name: float(np.sqrt(row[place])) for name, row in squares.items() if name != "after_model_xml"},
             }
             for place, joint in enumerate(joints)
         },
@@ -149,26 +165,35 @@ def gap(held: Task, outcome: Outcome) -> Mapping[str, object]:
 
 
 def shares(held: Task, outcome: Outcome) -> Mapping[str, float] | Mapping[str, float | None]:
-    """Return which share of the squared gap above the floor the names explain, φ on top, and what is left."""
+    """Return which share of the squared gap above the floor the names explain, φ on top, and what is left.
+
+    Squares are those of the joints of the first kind: hinges where there are any.
+    """
     if outcome.learned is not None:
         return outcome.learned
-    floor = float((held.floor**2).mean())
-    before, after = (float(held.evidence.mean_squares(p).mean()) for p in (outcome.before, outcome.after))
+    places = first_kind(held)
+    floor = float((held.floor[places] ** 2).mean())
+    before, after = (float(held.evidence.mean_squares(p)[:, places].mean()) for p in (outcome.before, outcome.after))
     above_floor = max(before - floor, 1e-18)
     left = float(np.clip((after - floor) / above_floor, 0.0, 1.0))
     return {"names": 1 - left, "learned": None, "left": left}
+
+
+def first_kind(held: Task) -> np.ndarray:
+    """Return the places of the joints of the first kind, over which pooled figures go."""
+    return kinds_of(held.evidence.joints, held.nominal.slides)[0][1]
 
 
 def placebo(held: Task, naming: Naming) -> Mapping[str, object] | None:
     """Return what the runner-up achieves in the place of the surest finding."""
     if naming.placebo is None:
         return None
-    error = float(np.sqrt(naming.placebo.heldout.mean()))
+    error = float(np.sqrt(naming.placebo.heldout[:, first_kind(held)].mean()))
     rival = naming.placebo.effects[-1]
     replaced = naming.findings[naming.rivals.index(naming.placebo)].effect
     where = f" in {rival.joint}" if rival.joint else ""
     return {
-        "effects": [effect.to_json() for effect in naming.placebo.effects],
+        "effects": [effect.to_json(held.nominal.slides) for effect in naming.placebo.effects],
         "after": error,
         "text": f"{rival.name()}{where} instead of {replaced.name()}",
     }
@@ -190,6 +215,7 @@ def write_series(folder: Path, problem: Problem, naming: Naming, outcome: Outcom
         "after": outcome.after,
         "counts": evidence.counts,
         "floor": held.floor,
+        "slides": np.array(held.nominal.slides, dtype=str),
     }
     if naming.placebo is not None:
         predicted = held.predict(naming.placebo.fit.parameters, naming.placebo.fit.theta)

@@ -1,8 +1,9 @@
 """A gap report in a few lines of text."""
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+
+from nas_data.joint_units import unit_named
 
 VERDICTS = {
     "none": "No gap above the measurement noise.",
@@ -39,11 +40,10 @@ def summary(report: Mapping[str, object], folder: Path) -> str:
     ]
     if changed:
         lines.append("retuned: " + ", ".join(changed))
-    plain = f"plain fit {degrees(gap['plain'])}, " if "plain" in gap else ""
+    slides = mapping(gap.get("slides", {}))
+    beside = f" of the hinges, {shrinking(slides)} of the slides" if slides else ""
     lines.append(
-        f"open-loop error on held-out episodes: {degrees(gap['before'])} → {degrees(gap['after'])} "
-        f"({plain}noise floor {degrees(gap['noise_floor'])}), "
-        f"in {number(report['seconds']):.0f} s"
+        f"open-loop error on held-out episodes: {shrinking(gap)}{beside}, in {number(report['seconds']):.0f} s"
     )
     if (delivered := str(gap.get("delivered"))) in DELIVERED:
         lines.append(DELIVERED[delivered])
@@ -54,21 +54,30 @@ def summary(report: Mapping[str, object], folder: Path) -> str:
     return "\n".join([*lines, f"{folder / 'report.html'}", f"{folder / 'model.xml'}"])
 
 
+def shrinking(gap: Mapping[str, object]) -> str:
+    """Return how an error shrinks, beside what limits it."""
+    unit = unit_named(str(gap.get("unit")))
+    before, after, floor = (unit.text(number(gap[name])) for name in ("before", "after", "noise_floor"))
+    plain = f"plain fit {unit.text(number(gap['plain']))}, " if "plain" in gap else ""
+    return f"{before} → {after} ({plain}noise floor {floor})"
+
+
 def finding_text(entry: Mapping[str, object]) -> str:
     """Return a finding in a line."""
     where = entry["joint"] or "whole arm"
     values = ", ".join(value_text(name, mapping(value)) for name, value in mapping(entry["parameters"]).items())
     evidence = mapping(entry["evidence"])
+    unit = unit_named(str(evidence.get("unit")))
+    before, after = (unit.text(number(evidence[f"heldout_error_{when}"])) for when in ("before", "after"))
     line = (
-        f"{where}: {entry['effect']} {values}; confidence {number(entry['confidence']):.2f}; "
-        f"error {degrees(evidence['heldout_error_before'])} → {degrees(evidence['heldout_error_after'])}"
+        f"{where}: {entry['effect']} {values}; confidence {number(entry['confidence']):.2f}; error {before} → {after}"
     )
     second = next(iter(mappings(entry["alternatives"])), None)
     equals = [f"{other['effect']} {other['joint'] or ''}".strip() for other in mappings(entry.get("equals", []))]
     if equals:
         line += f" (these data cannot tell it from {', '.join(equals)})"
     elif second:
-        line += f" (runner-up {second['effect']}: {degrees(second['heldout_error_after'])})"
+        line += f" (runner-up {second['effect']}: {unit.text(number(second['heldout_error_after']))})"
     return line
 
 
@@ -76,11 +85,6 @@ def value_text(name: str, value: Mapping[str, object]) -> str:
     """Return a parameter with its interval."""
     low, high = (number(end) for end in value["interval95"])  # type: ignore[attr-defined]
     return f"{name} {number(value['value']):.4g} {value['unit']} [{low:.4g}, {high:.4g}]".replace("  ", " ")
-
-
-def degrees(radians: object) -> str:
-    """Return an angle in degrees."""
-    return f"{math.degrees(number(radians)):.2f}°"
 
 
 def number(value: object) -> float:

@@ -1,4 +1,4 @@
-"""Conversion of what a log holds (degrees, ticks, normalised, raw counts) to SI, one straight line a joint."""
+"""Conversion of what a log holds (degrees, millimetres, ticks, normalised) to SI, one straight line a joint."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -14,13 +14,19 @@ Kind = Literal["position", "velocity", "effort", "signal"]
 DEGREE = np.pi / 180  # [rad]
 TURN = 2 * np.pi  # [rad]
 FACTORS: Mapping[Kind, Mapping[str, float]] = {
-    "position": {"rad": 1.0, "deg": DEGREE, "turn": TURN, "ticks": 1.0},
-    "velocity": {"rad/s": 1.0, "deg/s": DEGREE, "turn/s": TURN, "rpm": TURN / 60, "ticks": 1.0},
-    "effort": {"N·m": 1.0, "N*m": 1.0, "Nm": 1.0},
+    "position": {"rad": 1.0, "deg": DEGREE, "turn": TURN, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "ticks": 1.0},
+    "velocity": {
+        "rad/s": 1.0, "deg/s": DEGREE, "turn/s": TURN, "rpm": TURN / 60,
+        "m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "ticks": 1.0,
+    },
+    "effort": {"N·m": 1.0, "N*m": 1.0, "Nm": 1.0, "mN·m": 1e-3, "N": 1.0, "A": 1.0},
     "signal": {},
-}
-SI: Mapping[Kind, str] = {"position": "rad", "velocity": "rad/s", "effort": "N·m"}
+}  # fmt: skip
+SI: Mapping[Kind, str] = {"position": "rad", "velocity": "rad/s", "effort": "N·m"}  # of hinges; slides see `unit_at`
+OF_SLIDES = {"m", "cm", "mm", "m/s", "cm/s", "mm/s", "N"}
+OF_EITHER = {"ticks", "A", "normalised"}  # what they mean the map says by `scale`, or by `low` and `high`
 NORMALISED = "normalised"
+SCALED = {"ticks", "A"}  # mean nothing without `scale`
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "datetime": 1e-9}  # [s]
 
 KEYS = ("unit", "scale", "zero", "range", "low", "high", "sign", "offset")
@@ -99,8 +105,8 @@ def _parse_line(section: Section, kind: Kind) -> tuple[float, float, str]:
 
 
 def _scaled(section: Section, factor: float, unit: str, kind: Kind) -> tuple[float, float]:
-    """Read `scale` and `zero`: value = factor · scale · (raw − zero); ticks mean nothing without them."""
-    scale = section.number("scale", None if unit == "ticks" else 1.0)
+    """Read `scale` and `zero`: value = factor · scale · (raw − zero); ticks and amperes mean nothing without them."""
+    scale = section.number("scale", None if unit in SCALED else 1.0)
     if scale == 0:
         raise section.error("'scale' is 0; it must be another number.")
     zero = section.number("zero", None if unit == "ticks" and kind == "position" else 0.0)
@@ -108,7 +114,7 @@ def _scaled(section: Section, factor: float, unit: str, kind: Kind) -> tuple[flo
 
 
 def _normalised(section: Section, kind: Kind) -> tuple[float, float]:
-    """Read `range` (what the log holds) and `low`, `high` [rad] (what its ends mean)."""
+    """Read `range` (what the log holds) and `low`, `high` [rad; m] (what its ends mean)."""
     first, last = section.numbers("range", 2)
     low, high = section.number("low"), section.number("high")
     if first == last or low == high:

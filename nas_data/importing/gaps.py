@@ -5,10 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from nas_data.importing.recording import Recording
-
-PERIODS = 10.0  # [periods] fewer missing rows may be jitter or a busy computer
-SECONDS = 0.2  # [s] and shorter ones too little motion to lose, also at high rates
+from nas_data.dataset.audits.timing import find_holes
+from nas_data.dataset.recording import Recording
 
 
 def divide(recording: Recording, rate: float) -> list[Recording]:
@@ -26,7 +24,7 @@ def divide(recording: Recording, rate: float) -> list[Recording]:
     if not (steps >= 0).all() or not steps.any():
         return [recording]
     period = max(1 / rate, float(np.median(steps[steps > 0])))
-    holes = np.flatnonzero(steps > max(PERIODS * period, SECONDS)) + 1
+    holes = np.flatnonzero(find_holes(steps, period)) + 1
     if not holes.size:
         return [recording]
     edges = [0, *holes.tolist(), len(recording)]

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.dataset.rows import rows_text
 from nas_data.errors import LogError
-from nas_data.importing.rows import rows_text
 
 
 def match_rows(wanted: np.ndarray, given: np.ndarray, method: str, tolerance: float) -> np.ndarray:

@@ -1,10 +1,11 @@
 """How a log lies on disk: which files, in which format, and how several tables belong together."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from nas_data.importing.section import Section
 
+BAGS = ("mcap", "rosbag")  # formats whose tables are topics
 JOINS = ("nearest", "previous")
 
 
@@ -18,6 +19,7 @@ class Layout:
         files: File name of each table where a log is a folder of several files; empty where a log is one file.
         join: How rows of several tables are joined on time: with the nearest row, or the last one before.
         tolerance: Largest difference of two joined times [s].
+        topics: Topic of each table where a log is a bag of messages; empty elsewhere.
         entries: JSON key that holds a list of rows; empty where a file holds one list a column.
         delimiter: What separates the cells of a CSV file.
     """
@@ -25,6 +27,7 @@ class Layout:
     format: str
     pattern: str = "*"
     files: Mapping[str, str] | None = None
+    topics: Mapping[str, str] = field(default_factory=dict)
     join: str = "nearest"
     tolerance: float = 1e-3
     entries: str = ""
@@ -40,13 +43,15 @@ def parse_layout(top: Section, formats: tuple[str, ...]) -> Layout:
     name = top.text("format", choices=formats)
     files = top.table("files")
     tables = {key: files.text(key) for key in files.values}
-    several = len(tables) > 1
+    topics = _parse_topics(top, name)
+    several = len(tables) > 1 or len(topics) > 1
     _refuse_keys_of_others(top, name, several)
     join = top.table("join") if several else Section({}, top.file)
     layout = Layout(
         format=name,
         pattern=top.text("pattern", "*"),
         files=tables or None,
+        topics=topics,
         join=join.text("method", None if several else JOINS[0], choices=JOINS),
         tolerance=join.positive("tolerance", None if several else 1.0),
         entries=top.text("entries", "") if name == "json" else "",
@@ -56,6 +61,18 @@ def parse_layout(top: Section, formats: tuple[str, ...]) -> Layout:
     return layout
 
 
+def _parse_topics(top: Section, name: str) -> dict[str, str]:
+    """Read which topics of a bag are the tables."""
+    if name not in BAGS:
+        top.refuse("topics", " or ".join(f"format = '{bag}'" for bag in BAGS))
+        return {}
+    section = top.table("topics")
+    topics = {key: section.text(key) for key in section.values}
+    if not topics:
+        raise top.error("[topics] is missing; name the topics to read, for example state = '/joint_states'.")
+    return topics
+
+
 def _refuse_keys_of_others(top: Section, name: str, several: bool) -> None:
     """Refuse keys of other formats and layouts."""
     if name != "json":
@@ -63,4 +80,4 @@ def _refuse_keys_of_others(top: Section, name: str, several: bool) -> None:
     if name != "csv":
         top.refuse("delimiter", "format = 'csv'")
     if not several:
-        top.refuse("join", "logs of several [files]")
+        top.refuse("join", "logs of several [files] or [topics]")

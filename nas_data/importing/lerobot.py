@@ -1,41 +1,231 @@
-"""A dataset that LeRobot recorded, brought into the contract's form: velocities and next states are derived."""
+"""A dataset that LeRobot recorded, brought into the contract's form: by a map, or as it is where it is in SI."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from nas_data.dataset import layout
+from nas_data.dataset.audits import audit_dataset
+from nas_data.dataset.audits.base import Finding
+from nas_data.dataset.carried import VIDEO
+from nas_data.dataset.cutting import cut_at, find_gaps
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import TIME
+from nas_data.dataset.foreign import in_its_unit, is_ours, refuse
+from nas_data.dataset.joints import REMEDY, Components
 from nas_data.dataset.provenance import Provenance, read_provenance
-from nas_data.dataset.read import read
+from nas_data.dataset.read import read, read_stamps, with_clock
 from nas_data.dataset.transitions import as_transitions
-from nas_data.dataset.versions import parent_of
-from nas_data.errors import OptionError
+from nas_data.dataset.versions import parent_of, resolve
+from nas_data.errors import DatasetInvalid, LogError, OptionError
+from nas_data.importing.calibration import UNITS, choose_unit, in_unit, motors_of, read_calibration
+from nas_data.importing.formats import folder_kind, is_folder_log
+from nas_data.importing.map import Clock, Map
+from nas_data.importing.reading import read_log
+
+SAME_RATE = 1e-6  # relative
+CALIBRATION_ATTACHMENT = "meta/calibration.json"
+
+
+@dataclass(frozen=True)
+class Said:
+    """What the user says of datasets beside a map.
+
+    Attributes:
+        unit: `deg`, `range` (−100 … 100) or `rad`; None to tell it by the readings.
+        calibration: LeRobot's calibration file.
+        rate: Rate [Hz] in place of the dataset's.
+        uniform: Rows are evenly spaced, whatever the time stamps say.
+    """
+
+    unit: str | None = None
+    calibration: Path | None = None
+    rate: float | None = None
+    uniform: bool = False
+
+    def __post_init__(self) -> None:
+        if self.unit is not None and self.unit not in UNITS:
+            raise OptionError(f"--unit is '{self.unit}'; choose one of: {', '.join(UNITS)}.")
+        if self.rate is not None and not (np.isfinite(self.rate) and self.rate > 0):
+            raise OptionError(f"--rate is {self.rate:g}; it must be above 0.")
+
+    @property
+    def needs_map(self) -> bool:
+        """Whether numbers are converted."""
+        return self.unit is not None or self.calibration is not None
 
 
 def is_dataset(path: Path) -> bool:
-    """Return whether a path is a dataset's folder."""
-    return (path / layout.INFO).is_file()
+    """Return whether a path is a dataset's folder, or a folder of its versions."""
+    return is_folder_log(path, "lerobot")
 
 
-def import_dataset(path: Path) -> tuple[Dataset, Provenance]:
-    """Read a dataset of LeRobot's keys as transitions.
+def settle(mapping: Map, paths: Sequence[Path], said: Said) -> tuple[Map, tuple[str, ...]]:
+    """Complete a map of LeRobot's datasets by what the datasets, their calibration and the user say.
+
+    Args:
+        mapping: A map of the format `lerobot`.
+        paths: The datasets.
+        said: What the user says.
+
+    Returns:
+        The map with rate and units, and notes on what was decided.
+
+    Raises:
+        LogError, OptionError, MapError: they do not fit together.
+    """
+    for path in paths:
+        if not path.exists():
+            raise LogError(f"There is no log {path}; give recorded files or folders.")
+        if not is_dataset(path):
+            raise LogError(f"{path} is no {folder_kind('lerobot')[2:]}; give the folder of one.")
+        _refuse_ours(resolve(path))
+    rates = {path: float(str(layout.read_info(resolve(path))["fps"])) for path in paths}
+    first, *_ = rates
+    other = next((path for path in paths if abs(rates[path] / rates[first] - 1) > SAME_RATE), None)
+    if other is not None:
+        raise OptionError(
+            f"{other} runs at {rates[other]:g} Hz, {first} at {rates[first]:g} Hz; import them one at a time."
+        )
+    mapping = replace(mapping, rate=said.rate or mapping.rate or rates[first])
+    if said.uniform:
+        mapping = replace(mapping, clock=Clock("", "s"))
+    motors = []
+    if said.calibration is not None:
+        motors = motors_of(mapping, read_calibration(said.calibration), said.calibration)
+    if "deg" not in mapping.position.conversion.units:
+        return in_unit(mapping, "deg", motors), ()
+    unit, why = said.unit, "as was said"
+    if unit is None:
+        raw = [mapping.position.conversion.raw(part.positions) for path in paths for part in read_log(path, mapping)]
+        unit, why = choose_unit(mapping, np.concatenate(raw), motors)
+    words = {"deg": "degrees", "range": "−100 … 100", "rad": "radians"}[unit]
+    return in_unit(mapping, unit, motors), (f"Read as {words} ({why}).",)
+
+
+def map_text(path: Path, unit: str | None, model: str | None) -> str:
+    """Return the text of a map for a dataset whose joints are all in one unit, named as in the dataset.
+
+    Where radians are asked for, joints may make several turns. LeRobot gives a gripper as 0 … 100 of its range, which
+    is taken from the model.
+
+    Raises:
+        JointMismatch: its components have no names.
+        OptionError: it has a gripper, and there is no model that says its range.
+    """
+    root = resolve(path)
+    dataset = read(root)
+    joints = tuple(Components.of("observation.state", dataset.features["observation.state"]).positions)
+    grippers = [joint for joint in joints if "gripper" in joint] if unit != "rad" else []
+    tables = ""
+    for gripper in grippers:
+        low, high = _range_of(path, gripper, model)
+        line = f'unit = "normalised"\nrange = [0.0, 100.0]\nlow = {low!r}\nhigh = {high!r}\n'
+        tables += "".join(f"[read.{what}.joints.{gripper}]\n{line}" for what in ("position", "command"))
+    names = ", ".join(f'"{joint}"' for joint in joints)
+    return (
+        f'format = "lerobot"\nrobot = "{dataset.robot_type}"\njoints = [{names}]\n'
+        'alignment = "action_follows_state"\nvelocity = "derive"\n'
+        '[servo]\nresolution = 4096\ndrive_mode = true\n[read.position]\nunit = "deg"\n[read.command]\nunit = "deg"\n'
+        + tables
+        + ('[audit]\nallow = ["unit_slip"]\n' if unit == "rad" else "")
+    )
+
+
+def _range_of(path: Path, joint: str, model: str | None) -> tuple[float, float]:
+    """Return the range of a gripper in a model [rad; m].
+
+    Raises:
+        OptionError: there is no model, or it has no such joint or no range.
+    """
+    if model is None:
+        raise OptionError(
+            f"{path} has a joint '{joint}', which LeRobot gives as 0 … 100 of its range: add --model MODEL.xml, whose "
+            "joint of that name says the range."
+        )
+    from nas_data.robots.base import find_robot
+
+    spec = find_robot(model).spec().compile()
+    names = [spec.joint(index).name for index in range(spec.njnt)]
+    if joint not in names or not spec.jnt_limited[spec.joint(joint).id]:
+        raise OptionError(f"{model} has no joint '{joint}' with a range; give one in the model, or write a map.")
+    low, high = spec.joint(joint).range
+    return float(low), float(high)
+
+
+def import_dataset(path: Path, said: Said) -> tuple[Dataset, Provenance, tuple[Finding, ...]]:
+    """Read a dataset in SI units as transitions; episodes are divided where its clock has holes.
 
     Args:
         path: Its folder.
+        said: What the user says of its rate and clock.
 
     Raises:
         OptionError: it is one of ours already.
         DatasetInvalid, JointMismatch: it cannot be used.
     """
-    if read_provenance(path) is not None:
-        raise OptionError(f"{path} is a dataset of nas already; use it as it is (nas info, nas pair, nas gap).")
-    recorded = read(path)
-    dataset, derived = as_transitions(recorded)
+    root = resolve(path)
+    _refuse_ours(root)
+    original = read(root)
+    recorded = original
+    if said.uniform:
+        recorded = _without_clock(recorded)
+    elif TIME not in recorded.features:
+        recorded = with_clock(recorded, read_stamps(root))
+    if said.rate is not None:
+        recorded = replace(recorded, fps=said.rate, carried=None if _has_video(recorded) else recorded.carried)
+    gaps = find_gaps(recorded)
+    divided = cut_at(recorded, [frame for frame, _ in gaps])
+    try:
+        dataset, derived = as_transitions(divided)
+    except DatasetInvalid as error:
+        raise DatasetInvalid(str(error).replace(REMEDY, in_its_unit(path, recorded))) from None
+    findings = (*_divisions(recorded, gaps), *audit_dataset(dataset))
+    refuse(path, findings, recorded)
     provenance = Provenance(
         how="imported",
         robot=dataset.robot_type,
         target={"kind": "LeRobot dataset"},
-        parents=(parent_of(path, recorded),),
+        parents=(parent_of(root, original),),
         derived=derived,
         contiguous=True,
+        notes="\n".join(f"{finding.check}: {finding.file}: {finding.message}" for finding in findings),
     )
-    return dataset, provenance
+    return dataset, provenance, findings
+
+
+def _refuse_ours(root: Path) -> None:
+    """Refuse what nas recorded or imported.
+
+    Raises:
+        OptionError: says that it can be used as it is.
+    """
+    if is_ours(read_provenance(root)):
+        raise OptionError(f"{root} is a dataset of nas already; use it as it is (nas info, nas pair, nas gap).")
+
+
+def _has_video(dataset: Dataset) -> bool:
+    features = dataset.carried.features if dataset.carried else {}
+    return any(entry.get("dtype") == VIDEO for entry in features.values())
+
+
+def _without_clock(dataset: Dataset) -> Dataset:
+    """Return a dataset without a recorder's clock."""
+    kept = {key: feature for key, feature in dataset.features.items() if key != TIME}
+    return replace(dataset, features=kept, columns={key: dataset.columns[key] for key in kept})
+
+
+def _divisions(dataset: Dataset, gaps: Sequence[tuple[int, float]]) -> list[Finding]:
+    """Say where episodes are divided, and why."""
+    found = []
+    for frame, gap in gaps:
+        episode = int(np.searchsorted(dataset.starts, frame, side="right")) - 1
+        row = frame - int(dataset.starts[episode])
+        what = (
+            f"{gap:.3g} s are missing before row {row}; the episode is divided there into two, because nothing was "
+            "measured in between"
+        )
+        found.append(Finding("time_gap", f"episode {episode}", what, rows=(row,)))
+    return found

@@ -1,8 +1,9 @@
 """The map: where in a log each quantity stands and what its numbers mean."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from nas_data.dataset.lateness import LATE
 from nas_data.importing.conversion import Conversion, Kind
 from nas_data.importing.layout import Layout
 
@@ -18,12 +19,14 @@ class Source:
         table: Which of the log's files, by its key in `[files]`; empty where a log is one file.
         components: Which components of a vector column, in joint order; empty for all.
         constant: The log holds them once, not in every row.
+        names: What the components are called in the log, in joint order; empty where they are called as the joints.
     """
 
     columns: tuple[str, ...]
     table: str = ""
     components: tuple[int, ...] = ()
     constant: bool = False
+    names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -54,10 +57,25 @@ class Clock:
     Attributes:
         column: Empty where the log has no time: its rows are said to be one period apart.
         unit: A key of `conversion.TIME_UNITS`.
+        columns: Columns of those tables that have another one.
     """
 
     column: str
     unit: str
+    columns: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Servo:
+    """What LeRobot's units mean in ticks of a servo.
+
+    Attributes:
+        resolution: Ticks a turn.
+        drive_mode: Whether LeRobot turns −100 … 100 round where a calibration says drive_mode 1.
+    """
+
+    resolution: int
+    drive_mode: bool
 
 
 @dataclass(frozen=True)
@@ -65,13 +83,13 @@ class Thresholds:
     """What the audits compare with.
 
     Attributes:
-        max_speed: Speed that no joint can have [rad/s].
+        max_speed: Speed that no joint can have [rad/s; m/s].
         jitter: Largest deviation of a time step, as a share of the period.
         allow: Checks whose errors become warnings, because the user knows better.
     """
 
     max_speed: float = 50.0
-    jitter: float = 0.2
+    jitter: float = LATE
     allow: tuple[str, ...] = ()
 
 
@@ -98,7 +116,7 @@ class Map:
         layout: How a log lies on disk.
         robot: Robot's name.
         joints: Joint names in the order of the log's vectors.
-        rate: Control rate of the log [Hz].
+        rate: Control rate of the log [Hz]; 0 where each log says its own.
         alignment: `action_follows_state`: a row's command acts after its state was measured;
             `state_follows_action`: a row's state is the answer to its command.
         derive_velocity: Whether velocities are derived from positions rather than read.
@@ -108,12 +126,14 @@ class Map:
         command: Commanded positions [rad] or torques [N·m].
         signals: What else is kept, as `nas.<name>`.
         episode: Column that tells the episodes of one log apart; None where a log is one episode.
-        limits: Limits [rad] by joint; joints without limits are absent.
+        slides: Joints that are slides: in metres and newtons, where others are in radians and newton metres.
+        limits: Limits [rad; m] by joint; joints without limits are absent.
         thresholds: What the audits compare with.
         resample: Even spacing in time; None where rows stay as recorded.
         constants: Keys of the log that go to provenance.
         task: What an episode does; `{log}` and the constants are filled in.
-        joint_names: Array of the log that holds its joint names, to be compared with `joints`; may be empty.
+        joint_names: Array of the log that holds its joint names, once or in every row; may be empty.
+        servo: The servos behind units of LeRobot; None where the map says nothing of them.
     """
 
     name: str
@@ -130,12 +150,14 @@ class Map:
     command: Quantity
     signals: Mapping[str, Quantity]
     episode: Source | None
+    slides: frozenset[str]
     limits: Mapping[str, tuple[float, float]]
     thresholds: Thresholds
     resample: Resample | None
     constants: tuple[str, ...]
     task: str
     joint_names: str
+    servo: Servo | None = None
 
     @property
     def commands_effort(self) -> bool:

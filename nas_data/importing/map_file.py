@@ -2,15 +2,27 @@
 
 import string
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from nas_data.errors import MapError, UnknownName
-from nas_data.importing.conversion import FACTORS, SI, TIME_UNITS, Kind, check_encoding, parse_conversion
+from nas_data.importing.conversion import (
+    FACTORS,
+    NORMALISED,
+    OF_EITHER,
+    OF_SLIDES,
+    SI,
+    TIME_UNITS,
+    Kind,
+    check_encoding,
+    parse_conversion,
+)
 from nas_data.importing.formats import FORMATS
 from nas_data.importing.layout import Layout, parse_layout
-from nas_data.importing.map import ALIGNMENTS, Clock, Map, Quantity, Resample, Source, Thresholds
+from nas_data.importing.map import ALIGNMENTS, Clock, Map, Quantity, Resample, Servo, Source, Thresholds
 from nas_data.importing.section import Section
+from nas_data.visible import visible
 
 MAPS = Path(__file__).parent / "maps"
 VELOCITIES = ("measured", "derive")
@@ -26,7 +38,10 @@ def load_map(name_or_path: str | Path) -> Map:
         UnknownName: a word that is neither a file nor a shipped map.
     """
     path = Path(name_or_path)
-    shipped = {file.stem: file for file in MAPS.glob("*.toml")}
+    shipped = {file.stem: file for file in visible(MAPS, "*.toml")}
+    robots = [name.rpartition("_")[0] for name in shipped]
+    alone = [robot for robot in robots if robots.count(robot) == 1 and f"{robot}_lerobot" in shipped]
+    shipped |= {robot: shipped[f"{robot}_lerobot"] for robot in alone}
     if not path.is_file() and not path.suffix and len(path.parts) == 1:
         if str(name_or_path) not in shipped:
             raise UnknownName("map", str(name_or_path), [*shipped, "or the path of a TOML file"])
@@ -49,37 +64,61 @@ def parse_map(top: Section, name: str, text: str) -> Map:
     if not joints or len(set(joints)) < len(joints):
         raise top.error(f"'joints' is {list(joints)}; it must name each joint once.")
     layout = parse_layout(top, FORMATS)
+    lerobot = layout.format == "lerobot"
     quantities = _Quantities(joints, layout)
     read = top.table("read")
     derive = top.text("velocity", choices=VELOCITIES) == "derive"
     if not derive and not read.has("velocity"):
         raise top.error("'velocity' is 'measured' but there is no [read.velocity]; add it, or say 'derive'.")
-    constants = top.texts("constants", ())
+    constants = top.texts("constants", ("task",) if lerobot else ())
     parsed = Map(
         name=name,
         text=text,
         layout=layout,
         robot=top.text("robot"),
         joints=joints,
-        rate=top.positive("rate"),
+        rate=top.positive("rate") if not lerobot or top.has("rate") else 0.0,
         alignment=top.text("alignment", choices=ALIGNMENTS),
         derive_velocity=derive,
-        clock=_parse_clock(read.table("time")),
+        clock=_parse_clock(read.table("time")) if not lerobot or read.has("time") else Clock("timestamp", "s"),
         position=quantities.parse(read.table("position"), "position", "position"),
         velocity=quantities.parse(read.table("velocity"), "velocity", "velocity") if read.has("velocity") else None,
         command=_parse_command(read.table("command"), quantities),
         signals={key: quantities.parse(table, key, "signal") for key, table in top.table("signals").tables().items()},
         episode=_parse_episode(read.table("episode"), layout) if read.has("episode") else None,
+        slides=frozenset(),
         limits=_parse_limits(top.table("limits"), joints),
         thresholds=_parse_thresholds(top.table("audit")),
         resample=_parse_resample(top.table("resample")) if top.has("resample") else None,
         constants=constants,
-        task=_parse_task(top, constants),
+        task=_parse_task(top, constants, "{task}" if lerobot and "task" in constants else "{log}"),
         joint_names=top.text("joint_names", ""),
+        servo=_parse_servo(top.table("servo")) if lerobot and top.has("servo") else None,
     )
+    slides = _find_slides(top, parsed)
     read.finish()
     top.finish()
-    return parsed
+    return replace(parsed, slides=slides)
+
+
+def _find_slides(top: Section, parsed: Map) -> frozenset[str]:
+    """Find out which joints are slides: those in a unit of length, and those that `slides` names."""
+    named = top.texts("slides", ())
+    unknown = [joint for joint in named if joint not in parsed.joints]
+    if unknown:
+        raise top.error(f"'slides' names '{unknown[0]}'; the joints are: {', '.join(parsed.joints)}.")
+    units = dict(zip(parsed.joints, parsed.position.conversion.units, strict=True))
+    slides = frozenset(joint for joint, unit in units.items() if joint in named or unit in OF_SLIDES)
+    for quantity in filter(None, (parsed.position, parsed.velocity, parsed.command)):
+        for joint, unit in zip(parsed.joints, quantity.conversion.units, strict=True):
+            slide = joint in slides
+            if unit not in OF_EITHER and (unit in OF_SLIDES) != slide:
+                fitting = [one for one in FACTORS[quantity.kind] if one in OF_EITHER or (one in OF_SLIDES) == slide]
+                raise top.error(
+                    f"'{joint}' is {'a slide' if slide else 'a hinge'} by 'slides' and the unit of its positions, but "
+                    f"its unit in [read.{quantity.name}] is '{unit}'; choose one of: {', '.join(fitting)}."
+                )
+    return slides
 
 
 class _Quantities:
@@ -109,14 +148,24 @@ class _Quantities:
 
 
 def _parse_command(section: Section, quantities: _Quantities) -> Quantity:
-    """Read the commands: positions, or torques where their unit is one of torque."""
-    effort = section.values.get("unit") in FACTORS["effort"]
+    """Read the commands: positions, or torques and forces where their unit is one of these."""
+    joints = section.values.get("joints")
+    tables = [section.values, *(joints.values() if isinstance(joints, Mapping) else ())]
+    units = {table["unit"] for table in tables if isinstance(table, Mapping) and isinstance(table.get("unit"), str)}
+    known = (*FACTORS["position"], NORMALISED, *FACTORS["effort"])
+    wrong = sorted(units - set(known))
+    if wrong:
+        raise section.error(f"'unit' is '{wrong[0]}'; choose one of: {', '.join(known)}.")
+    effort = bool(units & set(FACTORS["effort"]))
     return quantities.parse(section, "command", "effort" if effort else "position")
 
 
 def _parse_source(section: Section, layout: Layout, width: int, may_be_constant: bool) -> Source:
     """Read where a quantity stands: `column`, `columns` or, for signals, `constant`; and in which file."""
     keys = ["column", "columns", "constant"] if may_be_constant else ["column", "columns"]
+    standard = {"position": "observation.state", "command": "action"}.get(section.name.rpartition(".")[2])
+    if layout.format == "lerobot" and standard and not any(section.has(key) for key in keys):
+        return Source((standard,), names=_parse_names(section, width))
     given = [key for key in keys if section.has(key)]
     if len(given) != 1:
         raise section.error(f"exactly one of {' or '.join(repr(key) for key in keys)} is needed.")
@@ -131,7 +180,25 @@ def _parse_source(section: Section, layout: Layout, width: int, may_be_constant:
         raise section.error(f"'components' picks {width} components out of one 'column', one a joint.")
     if not may_be_constant:
         _refuse_twice(section, "components", components)
-    return Source(columns, _parse_table_name(section, layout), components, constant=given == ["constant"])
+    table = _parse_table_name(section, layout)
+    named = section.has("names") and not components and given == ["column"]
+    names = _parse_names(section, width) if named else ()
+    return Source(columns, table, components, constant=given == ["constant"], names=names)
+
+
+def _parse_names(section: Section, width: int) -> tuple[str, ...]:
+    """Read what the components of a vector are called in the log."""
+    names = section.texts("names", ())
+    if names and (len(names) != width or len(set(names)) < len(names)):
+        raise section.error(f"'names' is {list(names)}; it must name {width} different components, one a joint.")
+    return names
+
+
+def _parse_servo(section: Section) -> Servo:
+    """Read what LeRobot's units mean in ticks."""
+    servo = Servo(resolution=int(section.positive("resolution", 4096.0)), drive_mode=section.flag("drive_mode"))
+    section.finish()
+    return servo
 
 
 def _refuse_twice(section: Section, key: str, chosen: Sequence[str | int]) -> None:
@@ -143,15 +210,17 @@ def _refuse_twice(section: Section, key: str, chosen: Sequence[str | int]) -> No
 
 def _parse_table_name(section: Section, layout: Layout) -> str:
     """Read which of the log's files is meant."""
-    if not layout.files:
+    key, tables = ("topic", layout.topics) if layout.topics else ("file", layout.files)
+    if not tables:
         return ""
-    if len(layout.files) == 1:
-        return section.text("file", next(iter(layout.files)), choices=tuple(layout.files))
-    return section.text("file", choices=tuple(layout.files))
+    return section.text(key, next(iter(tables)) if len(tables) == 1 else None, choices=tuple(tables))
 
 
-def _parse_episode(section: Section, layout: Layout) -> Source:
-    """Read which column tells episodes apart."""
+def _parse_episode(read: Section, layout: Layout) -> Source | None:
+    """Read which column tells episodes apart; a dataset always has one."""
+    if not read.has("episode"):
+        return Source(("episode_index",)) if layout.format == "lerobot" else None
+    section = read.table("episode")
     source = Source((section.text("column"),), _parse_table_name(section, layout))
     section.finish()
     return source
@@ -163,7 +232,9 @@ def _parse_clock(section: Section) -> Clock:
     if section.flag("uniform"):
         clock = Clock("", "s")
     elif given:
-        clock = Clock(section.text("column"), section.text("unit", choices=tuple(TIME_UNITS)))
+        others = section.table("columns")
+        columns = {key: others.text(key) for key in others.values}
+        clock = Clock(section.text("column"), section.text("unit", choices=tuple(TIME_UNITS)), columns)
     else:
         raise section.error("'column' is missing; name the time column, or say uniform = true where the log has none.")
     section.finish()
@@ -171,7 +242,7 @@ def _parse_clock(section: Section) -> Clock:
 
 
 def _parse_limits(section: Section, joints: Sequence[str]) -> dict[str, tuple[float, float]]:
-    """Read joint limits [rad]."""
+    """Read joint limits [rad; m]."""
     limits = {}
     for joint in joints:
         if section.has(joint):
@@ -207,9 +278,9 @@ def _parse_resample(section: Section) -> Resample:
     return resample
 
 
-def _parse_task(top: Section, constants: Sequence[str]) -> str:
+def _parse_task(top: Section, constants: Sequence[str], default: str) -> str:
     """Read what an episode does; braces may hold `log` and the constants only."""
-    task = top.text("task", "{log}")
+    task = top.text("task", default)
     try:
         fields = [
             f"{field}{':' if spec else ''}{spec}{'!' if conversion else ''}{conversion or ''}"

@@ -1,23 +1,26 @@
 """Reading one log by its map: files to tables, tables to quantities in SI, quantities to recordings."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 
+from nas_data.dataset.features import EFFORT, POSITION, VELOCITY
+from nas_data.dataset.recording import Recording
+from nas_data.dataset.rows import rows_text
 from nas_data.errors import LogError, MapError
 from nas_data.importing.conversion import TIME_UNITS, decode
-from nas_data.importing.formats import read_table
+from nas_data.importing.formats import folder_kind, read_table, read_tables
 from nas_data.importing.gaps import divide
 from nas_data.importing.joining import common_rows, match_rows
 from nas_data.importing.map import Map, Quantity, Source
-from nas_data.importing.recording import Recording
-from nas_data.importing.rows import rows_text
+from nas_data.importing.naming import arrange
 from nas_data.importing.table import Table
 
 ENOUGH = 3  # rows; two transitions
+SUFFIXES = {"position": POSITION, "velocity": VELOCITY, "effort": EFFORT}  # of the names of components, by kind
 
 
 def read_log(log: Path, mapping: Map) -> list[Recording]:
@@ -36,7 +39,6 @@ def read_log(log: Path, mapping: Map) -> list[Recording]:
     """
     tables = _read_tables(log, mapping)
     reference = tables[mapping.position.source.table]
-    _check_joint_names(reference, mapping)
     times = _read_times(tables, mapping)
     time = times[mapping.position.source.table]
     if not len(time):
@@ -49,7 +51,8 @@ def read_log(log: Path, mapping: Map) -> list[Recording]:
         shared = common_rows({tables[key].path: rows for key, rows in partners.items()}, log, mapping.layout.tolerance)
 
     def read(quantity: Quantity) -> np.ndarray:
-        values = _read_quantity(tables[quantity.source.table], quantity, len(times[quantity.source.table]))
+        table = tables[quantity.source.table]
+        values = _read_quantity(table, _placed(table, quantity, mapping.joints), len(times[quantity.source.table]))
         rows = partners.get(quantity.source.table)
         return (values if rows is None else values[rows])[shared]
 
@@ -63,9 +66,12 @@ def read_log(log: Path, mapping: Map) -> list[Recording]:
         commands=read(mapping.command),
         signals={name: read(signal) for name, signal in mapping.signals.items()},
         rows=np.arange(len(time))[shared],
-        constants={name: _constant(tables, name, mapping) for name in mapping.constants},
     )
     episodes = _split(whole, tables, mapping) if mapping.episode else [whole]
+    episodes = [
+        replace(part, constants={name: _constant(tables, name, mapping, part.rows) for name in mapping.constants})
+        for part in episodes
+    ]
     recordings = [part for episode in episodes for part in divide(episode, mapping.rate)]
     for recording in recordings:
         if len(recording) < ENOUGH:
@@ -85,12 +91,16 @@ def _read_tables(log: Path, mapping: Map) -> dict[str, Table]:
     """Read the log's files, by the keys of `[files]`."""
     files = mapping.layout.files
     if files is None:
-        if log.is_dir():
+        if log.is_dir() and not folder_kind(mapping.layout.format):
             raise LogError(f"{log} is a folder, but the map reads single {mapping.layout.format} files.")
-        return {"": read_table(log, mapping.layout)}
+        tables = read_tables(log, mapping.layout)
+        named = {key for key, table in tables.items() if mapping.joint_names in table.columns}
+        return {key: arrange(table, mapping, must=not named) for key, table in tables.items()}
     if not log.is_dir():
         raise LogError(f"{log} is no folder, but the map reads {', '.join(files.values())} out of one.")
-    return {key: read_table(log / name, mapping.layout) for key, name in files.items()}
+    read = {key: read_table(log / name, mapping.layout) for key, name in files.items()}
+    where = mapping.position.source.table
+    return {key: arrange(table, mapping, must=key == where) for key, table in read.items()}
 
 
 def _read_times(tables: dict[str, Table], mapping: Map) -> dict[str, np.ndarray]:
@@ -101,7 +111,8 @@ def _read_times(tables: dict[str, Table], mapping: Map) -> dict[str, np.ndarray]
         if len(set(counts.values())) > 1:
             raise MapError(f"{tables[reference].path.parent}: files without a time column need equally many rows.")
         return {key: np.arange(count) / mapping.rate for key, count in counts.items()}
-    ticks = {key: table.ticks(mapping.clock.column, mapping.clock.unit) for key, table in tables.items()}
+    clock = mapping.clock
+    ticks = {key: table.ticks(clock.columns.get(key, clock.column), clock.unit) for key, table in tables.items()}
     finite = ticks[reference][np.isfinite(ticks[reference])]
     origin = finite[0] if len(finite) else 0
     return {key: (values - origin) * TIME_UNITS[mapping.clock.unit] for key, values in ticks.items()}
@@ -123,6 +134,29 @@ def _any_column(mapping: Map, table: str) -> str:
     """Return a column that the map reads from a table."""
     read = [mapping.position, mapping.command, *mapping.signals.values()]
     return next(quantity.source.columns[0] for quantity in read if quantity.source.table == table)
+
+
+def _placed(table: Table, quantity: Quantity, joints: Sequence[str]) -> Quantity:
+    """Find the components of a quantity by their names, where the log has such.
+
+    Raises:
+        MapError: a joint is not among them; names those there are.
+    """
+    source = quantity.source
+    there = table.names.get(source.columns[0]) if len(source.columns) == 1 else None
+    if there is None or source.components or len(quantity.conversion.gain) != len(joints):
+        return quantity
+    suffix = SUFFIXES.get(quantity.kind)
+    if suffix is None and not source.names:
+        return quantity
+    wanted = source.names or tuple(joint if joint in there else f"{joint}{suffix}" for joint in joints)
+    missing = next((name for name in wanted if name not in there), None)
+    if missing is not None:
+        raise MapError(
+            f"{table.path}: '{source.columns[0]}' has no component '{missing}'; it has: {', '.join(there)}. "
+            f"Name them in 'joints' of the map, or with names = […] in [read.{quantity.name}]."
+        )
+    return replace(quantity, source=replace(source, components=tuple(there.index(name) for name in wanted)))
 
 
 def _read_quantity(table: Table, quantity: Quantity, count: int) -> np.ndarray:
@@ -181,29 +215,12 @@ def _check_register(table: Table, quantity: Quantity, raw: np.ndarray) -> None:
         )
 
 
-def _constant(tables: dict[str, Table], name: str, mapping: Map) -> object:
-    """Return what the log holds once, from whichever of its files has it."""
-    for table in tables.values():
+def _constant(tables: dict[str, Table], name: str, mapping: Map, rows: np.ndarray) -> object:
+    """Return what the log, or an episode of it, holds once, from whichever of its files has it."""
+    for key, table in tables.items():
         if name in table.constants or name in table.columns:
-            return table.constant(name)
+            return table.constant(name, rows if key == mapping.position.source.table else slice(None))
     return tables[mapping.position.source.table].constant(name)
-
-
-def _check_joint_names(table: Table, mapping: Map) -> None:
-    """Compare the log's own joint names with the map's."""
-    if not mapping.joint_names:
-        return
-    column = table.constants.get(mapping.joint_names)
-    if column is None:
-        column = table.column(mapping.joint_names)
-    names = np.asarray(column.to_pylist() if isinstance(column, pa.Array) else column).ravel()
-    found = tuple(str(name) for name in names)
-    if found != mapping.joints:
-        order = "in this order" if set(found) == set(mapping.joints) else "so"
-        raise MapError(
-            f"{table.path} has the joints {', '.join(found)}, but the map {', '.join(mapping.joints)}; "
-            f"name them {order} in 'joints' of the map, and what it lists by joint with them."
-        )
 
 
 def _split(whole: Recording, tables: dict[str, Table], mapping: Map) -> list[Recording]:

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from nas_data.dataset.recording import Recording
 from nas_data.importing.map import Resample
-from nas_data.importing.recording import Recording
 
 
 def resample(recording: Recording, how: Resample) -> Recording:

@@ -10,8 +10,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from nas_data.dataset.rows import rows_text
 from nas_data.errors import LogError, MapError
-from nas_data.importing.rows import rows_text
 
 Column: TypeAlias = pa.Array | pa.ChunkedArray | np.ndarray
 
@@ -25,12 +25,14 @@ class Table:
         columns: Columns by name, as the format holds them.
         constants: What the file holds once, not per row.
         unreadable: Why a column that is there cannot be read, and the remedy, by name.
+        names: What the components of a column are called, where the format says so.
     """
 
     path: Path
     columns: Mapping[str, Column]
     constants: Mapping[str, object] = field(default_factory=dict)
     unreadable: Mapping[str, str] = field(default_factory=dict)
+    names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def column(self, name: str) -> Column:
         """Return a column as it is.
@@ -90,8 +92,8 @@ class Table:
             raise LogError(f"{self.path}: the time column '{name}' holds vectors of {numbers.shape[1]}; one is due.")
         return numbers[:, 0]
 
-    def constant(self, name: str) -> object:
-        """Return what the file holds once, or a column that is the same in every row.
+    def constant(self, name: str, rows: slice | np.ndarray = slice(None)) -> object:
+        """Return what the file holds once, or a column that is the same in every row, or in some rows.
 
         Raises:
             MapError: there is neither.
@@ -103,7 +105,8 @@ class Table:
             there = ", ".join([*self.constants, *self.columns]) or "nothing"
             raise MapError(f"{self.path} has no constant '{name}', which the map names; it holds: {there}.")
         column = self.columns[name]
-        values = column.tolist() if isinstance(column, np.ndarray) else column.to_pylist()
+        whole = column if isinstance(column, np.ndarray) else np.array([*column.to_pylist(), None], object)[:-1]
+        values = whole[rows].tolist()
         if any(value != values[0] for value in values):
             raise LogError(f"{self.path}: '{name}' changes within the log, so it is no constant; give it as 'column'.")
         return number_or_text(values[0]) if values else None

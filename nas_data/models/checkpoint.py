@@ -2,8 +2,9 @@
 
 import inspect
 import json
+import math
 import shutil
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import torch
@@ -15,6 +16,7 @@ from nas_data.models.lstm import DynamicsModel
 
 CONFIG = "config.json"
 WEIGHTS = "model.safetensors"
+SHOWN = 60  # characters of a wrong value in an error
 
 
 def save(model: DynamicsModel, folder: Path, attachments: Mapping[str, bytes] | None = None) -> Path:
@@ -50,7 +52,7 @@ def load_frozen(folder: Path | str) -> DynamicsModel:
         weights = load_weights(folder / WEIGHTS)
         check_shapes(model, weights)
         model.load_state_dict(weights)
-    except (OSError, ValueError, TypeError, RuntimeError, SafetensorError) as error:
+    except (OSError, LookupError, ValueError, TypeError, RuntimeError, SafetensorError) as error:
         reason = str(error).splitlines()[0].rstrip(".")
         raise CheckpointError(
             f"{folder} is no checkpoint as `nas train` wrote it ({reason}); restore its files or train it again."
@@ -62,7 +64,7 @@ def read_config(path: Path) -> DynamicsModel:
     """Build the untrained model that a configuration describes.
 
     Raises:
-        ValueError: it is no JSON object, or lacks options of a model, or has others.
+        ValueError: it is no JSON object, lacks options of a model, has others, or one of another form.
     """
     config = json.loads(path.read_text(encoding="utf-8"))
     if not isinstance(config, dict):
@@ -72,7 +74,55 @@ def read_config(path: Path) -> DynamicsModel:
     if lacking or not set(config) <= set(known):
         wrong = f"lacks {' and '.join(lacking)}" if lacking else f"has {', '.join(sorted(set(config) - set(known)))}"
         raise ValueError(f"{CONFIG} {wrong}")
+    for name, value in config.items():
+        if name in FORMS and not FORMS[name][1](value):
+            raise ValueError(f"{name} in {CONFIG} is {json.dumps(value)[:SHOWN]}, not {FORMS[name][0]}")
     return DynamicsModel(**config)
+
+
+def is_names(value: object) -> bool:
+    """Whether a value is a list of texts."""
+    return isinstance(value, list) and all(isinstance(name, str) for name in value)
+
+
+def is_count(value: object) -> bool:
+    """Whether a value is a whole number above 0."""
+    return type(value) is int and value > 0
+
+
+def is_rate(value: object) -> bool:
+    """Whether a value is a finite number above 0."""
+    return type(value) in (int, float) and 0 < float(str(value)) < math.inf
+
+
+def is_flag(value: object) -> bool:
+    """Whether a value is true or false."""
+    return isinstance(value, bool)
+
+
+def is_angles(value: object) -> bool:
+    """Whether a value is nothing, or an object of numbers."""
+    return value is None or (isinstance(value, dict) and all(type(angle) in (int, float) for angle in value.values()))
+
+
+def is_object(value: object) -> bool:
+    """Whether a value is nothing, or an object."""
+    return value is None or isinstance(value, dict)
+
+
+# What each option of a model must be; the model itself checks which kinds there are.
+FORMS: Mapping[str, tuple[str, Callable[[object], bool]]] = {
+    "joints": ("a list of names", is_names),
+    "cyclic": ("a list of names", is_names),
+    "hidden": ("a whole number above 0", is_count),
+    "layers": ("a whole number above 0", is_count),
+    "relative": ("true or false", is_flag),
+    "shortcut": ("true or false", is_flag),
+    "commands_effort": ("true or false", is_flag),
+    "fps": ("a number above 0", is_rate),
+    "mirror": ("an object of angles", is_angles),
+    "provenance": ("an object", is_object),
+}
 
 
 def check_shapes(model: DynamicsModel, weights: Mapping[str, torch.Tensor]) -> None:
@@ -124,5 +174,5 @@ def check_fits(model: DynamicsModel, dataset: Dataset, folder: Path) -> None:
         )
     if abs(model.fps / dataset.fps - 1) > 1e-3:
         raise JointMismatch(f"The checkpoint {folder} steps at {model.fps:g} Hz, the dataset at {dataset.fps:g} Hz.")
-    if model.commands_effort != dataset.commands_effort:
+    if model.commands_effort == dataset.commands_positions:
         raise JointMismatch(f"The checkpoint {folder} and the dataset take different commands: position and torque.")

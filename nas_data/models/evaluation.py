@@ -9,6 +9,7 @@ import torch
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION
 from nas_data.errors import JointMismatch
+from nas_data.joint_units import joint_unit
 from nas_data.metrics import Errors, table
 from nas_data.models.augmented import LearnedStepper
 from nas_data.models.episodes import pad, read_episodes
@@ -48,17 +49,24 @@ class Evaluation:
         return "\n".join([f"{steps}\n\n{loop}", *said])
 
     def episodes_text(self) -> str:
-        """Return the open-loop errors of each episode [deg], a column per predictor."""
+        """Return the open-loop errors of each episode, over the joints of the first kind, a column per predictor."""
         names = list(self.open_loop)
-        rows = zip(*(np.degrees(self.open_loop[name].per_episode) for name in names), strict=True)
-        lines = ["Open loop, each episode [deg]", "  episode" + "".join(f"{name:>13}" for name in names)]
+        unit, *others = (unit for unit, _ in self.open_loop[names[0]].kinds)
+        rows = zip(*(unit.factor * np.array(self.open_loop[name].per_episode) for name in names), strict=True)
+        what = f" of the {unit.kind}" if others else ""
+        lines = [
+            f"Open loop, each episode{what} [{unit.shown}]",
+            "  episode" + "".join(f"{name:>13}" for name in names),
+        ]
         lines += [f"  {i:7d}" + "".join(cell(value) for value in row) for i, row in enumerate(rows)]
         return "\n".join(lines[: 2 + EPISODES_SHOWN] + (["  …"] if len(lines) > 2 + EPISODES_SHOWN else []))
 
     def to_json(self) -> dict[str, object]:
-        """Return the errors [rad]."""
+        """Return the errors [rad; slides m]."""
+        one = next(iter(self.open_loop.values()))
         return {
-            "unit": "rad",
+            "unit": one.unit.si,
+            "units": {joint: joint_unit(joint, one.slides).si for joint in one.joints},
             "one_step": {name: errors.to_json() for name, errors in self.one_step.items()},
             "open_loop": {name: errors.to_json() for name, errors in self.open_loop.items()},
             "diverged": {
@@ -80,7 +88,7 @@ def divergence(name: str, times: Mapping[int, float], episodes: int) -> str:
 
 
 def cell(value: float) -> str:
-    """Return an error [deg] for the table of episodes."""
+    """Return an error for the table of episodes."""
     return f"{value:13.3f}" if np.isfinite(value) else f"{'diverged':>13}"
 
 
@@ -112,8 +120,8 @@ def evaluate(
         rollouts = {name: open_loop_model(dataset, simulator, model, progress)} | rollouts
     joints = dataset.joints
     return Evaluation(
-        {name: Errors.of(joints, predicted, measured) for name, predicted in one_step.items()},
-        {name: Errors.of(joints, predicted, measured) for name, predicted in rollouts.items()},
+        {name: Errors.of(joints, predicted, measured, dataset.slides) for name, predicted in one_step.items()},
+        {name: Errors.of(joints, predicted, measured, dataset.slides) for name, predicted in rollouts.items()},
         rollouts,
         {name: times for name, predicted in rollouts.items() if (times := divergences(predicted, dataset.fps))},
     )
@@ -137,7 +145,7 @@ def baselines(
         rollouts["source"] = open_loop_source(dataset, simulator)
     one_step["hold"] = [dataset.states[row] for row in rows]
     rollouts["hold"] = [np.repeat(dataset.states[row.start][None], row.stop - row.start, axis=0) for row in rows]
-    if not dataset.commands_effort:
+    if dataset.commands_positions:
         one_step["command"] = rollouts["command"] = [dataset.commands[row] for row in rows]
     return one_step, rollouts
 

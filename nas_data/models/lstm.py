@@ -72,7 +72,7 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
             layers: LSTM layers; 3 in the paper.
             relative: Feed differences instead of absolute commands and predictions.
             shortcut: Add a linear map from inputs to outputs.
-            commands_effort: Commands are torques [N·m]; then they are fed as they are.
+            commands_effort: Commands are torques or velocities; then they are fed as they are.
             fps: Control rate [Hz] of the data.
             provenance: Dataset (name, content hash), source and training options.
             corrects: What φ corrects: the simulated next state, or the command.

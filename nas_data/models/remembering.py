@@ -31,7 +31,7 @@ def with_memory(dataset: Dataset, simulator: Simulator) -> Dataset:
             rows = starts + np.minimum(step, lengths - 1)
             after = follow(stepper, dataset.states[rows], dataset.commands[rows])
             predicted[rows[step < lengths]] = after[step < lengths]
-    return dataset.with_column(SIM_STATE, state_feature(dataset.joints), predicted)
+    return dataset.with_column(SIM_STATE, state_feature(dataset.joints, dataset.slides), predicted)
 
 
 def begun(simulator: Simulator, episodes: Sequence[Episode], starts: np.ndarray, longest: int) -> Stepper:

@@ -23,6 +23,7 @@ from torch import Tensor
 
 from nas_data.errors import ModelFileError, OptionError
 from nas_data.simulators.base import Simulator
+from nas_data.simulators.controls import Controls
 
 CYCLIC, MIRROR = "nas_cyclic", "nas_mirror"
 PROBES, REACH = 64, 1.0  # states in which a symmetry is tried; [rad], [rad/s] and [N·m] of their spread
@@ -153,13 +154,13 @@ def accelerations(
     """Return the joints' accelerations [rad/s²] under torques; all arrays have the shape (N, n)."""
     data = mujoco.MjData(model)
     places = [model.joint(joint) for joint in joints]
-    drives = [int(np.flatnonzero(model.actuator_trnid[:, 0] == place.id)[0]) for place in places]
+    inputs = Controls.of(model, [place.id for place in places], "the model")
     found = np.empty_like(angles)
     for row in range(len(angles)):
         mujoco.mj_resetData(model, data)
         for column, place in enumerate(places):
             data.qpos[place.qposadr], data.qvel[place.dofadr] = angles[row, column], speeds[row, column]
-        data.ctrl[drives] = commands[row]
+        data.ctrl[inputs.index] = inputs.of_commands(commands[row])
         mujoco.mj_forward(model, data)
         found[row] = [data.qacc[place.dofadr].item() for place in places]
     return found

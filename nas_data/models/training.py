@@ -7,7 +7,9 @@ import numpy as np
 import torch
 
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import EFFORT
 from nas_data.errors import DatasetInvalid, JointMismatch, OptionError
+from nas_data.joint_units import kinds_of
 from nas_data.metrics import Errors
 from nas_data.models.episodes import cut, join, pad, read_episodes
 from nas_data.models.evaluation import open_loop_model
@@ -93,7 +95,7 @@ class Training:
             layers=options.layers,
             relative=options.relative,
             shortcut=options.shortcut,
-            commands_effort=dataset.commands_effort,
+            commands_effort=not dataset.commands_positions,
             fps=float(dataset.fps),
             provenance={**provenance, "training": asdict(options), "validation": self.split.what},
             corrects=options.corrects,
@@ -103,7 +105,8 @@ class Training:
     @property
     def criterion(self) -> str:
         """What early stopping looks at, with its unit."""
-        return "open-loop position RMSE [rad]" if self.free else "one-step normalised MSE"
+        units = "; ".join(unit.si for unit, _ in kinds_of(self.rollouts.joints, self.rollouts.slides))
+        return f"open-loop position RMSE [{units}]" if self.free else "one-step normalised MSE"
 
     def validation_error(self, model: DynamicsModel | None = None) -> float:
         """Return the error of the model, or of another state of it, on the held-out episodes."""
@@ -125,7 +128,7 @@ class Training:
         predicted = open_loop_model(self.rollouts, self.simulator, model)
         measured = [self.rollouts.next_states[rows] for rows in self.rollouts.episodes()]
         model.to(self.device)
-        error = Errors.of(self.rollouts.joints, predicted, measured).overall
+        error = Errors.of(self.rollouts.joints, predicted, measured).pooled
         return error if np.isfinite(error) else float("inf")
 
     def _one_step_error(self, model: DynamicsModel) -> float:
@@ -139,8 +142,8 @@ def check_torques(kind: Kind, dataset: Dataset, options: TrainingOptions, simula
     Raises:
         OptionError: it is ψ, commands are no torques, the source is missing, or updates are 0.
     """
-    if kind != "delta" or not dataset.commands_effort:
-        reason = "ψ corrects nothing" if kind != "delta" else "this robot takes angles"
+    if kind != "delta" or set(dataset.kinds) != {EFFORT}:
+        reason = "ψ corrects nothing" if kind != "delta" else "this robot does not take torques"
     elif simulator is None or not options.updates:
         reason = "it is trained in free running, which takes the source and --updates"
     else:

@@ -11,6 +11,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load_file
 
 from nas_data.errors import CheckpointError
+from nas_data.visible import visible
 
 CONFIG = "config.json"
 WEIGHTS = "policy.safetensors"
@@ -114,7 +115,7 @@ def find_policies(path: Path) -> list[Path]:
     """
     if (path / CONFIG).is_file():
         return [path]
-    found = [folder.parent for folder in path.glob(f"*/{CONFIG}")] if path.is_dir() else []
+    found = [config.parent for config in visible(path, f"*/{CONFIG}")] if path.is_dir() else []
     if not found:
         raise CheckpointError(f"{path} holds no policy; give a folder that `nas policy train` wrote.")
     return sorted(found, key=lambda folder: (len(folder.name), folder.name))

@@ -1,20 +1,19 @@
 """An arm that may be moved: looked at first, guarded while its torque is on, left without torque whatever happens."""
 
 import contextlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import TracebackType
 
 import numpy as np
 
+from nas_data.arms.base import Driver
+from nas_data.arms.safety import make_safe
 from nas_data.errors import GuardLost
-from nas_data.recorders.ergojr_motion import Motion
-from nas_data.recorders.ergojr_ways import Ways
+from nas_data.recorders.arm_motion import Motion
+from nas_data.recorders.arm_ways import Ways
 from nas_data.recorders.schedule import Clock
 from nas_data.recorders.tolerance import TRIES, Tolerance
 from nas_data.recorders.watchdog import Watchdog
-from nas_data.xl320.arm import Arm
-from nas_data.xl320.configuration import Configuration
-from nas_data.xl320.joints import Joints
 
 SETTING_UP = 10.0  # [s] that it may take to look at an arm, to set it up or to make it safe
 REST = 1.0  # [s] that a line has to recover
@@ -25,19 +24,15 @@ class Setup:
     """An arm, and how it is to be moved.
 
     Attributes:
-        port: Where the arm is.
-        joints: Its joints.
+        driver: How the arm is opened.
         ways: How it gets from pose to pose without touching anything.
         rate: Control rate [Hz].
-        configuration: Set-up of the servos.
         largest_step: By how much a command may differ from the one before [rad].
     """
 
-    port: str
-    joints: Joints
+    driver: Driver
     ways: Ways
     rate: float = 100.0
-    configuration: Configuration = field(default_factory=Configuration)
     largest_step: float = 3.2
 
 
@@ -60,10 +55,10 @@ class GuardedArm:
         Raises:
             ArmError: the port cannot be opened.
         """
-        self.arm = Arm(setup.port, setup.joints, clock.now)
+        self.arm = setup.driver.open(clock.now)
         self.doubt = ""
         self._setup, self._clock, self._patience = setup, clock, patience
-        self._watchdog = Watchdog(setup.port, setup.joints)
+        self._watchdog = Watchdog(setup.driver)
         self._beside: tuple[GuardedArm, ...] = ()
 
     def take(self, pose: np.ndarray) -> Motion:
@@ -86,7 +81,7 @@ class GuardedArm:
         self.promise(SETTING_UP)
         self.arm.check()
         setup.ways.find(self.arm.read().positions, pose)
-        self.arm.configure(setup.configuration)
+        self.arm.configure()
         self.arm.torque_on()
         return Motion(self.arm, self._clock, 1 / setup.rate, setup.largest_step, setup.ways, self.promise)
 
@@ -107,7 +102,7 @@ class GuardedArm:
         """Hold the arm until it is slow, switch the torque off; what could not be done is in `doubt`."""
         with contextlib.suppress(GuardLost):  # which is no reason to leave the torque on
             self.promise(SETTING_UP)
-        self.doubt = self.arm.make_safe()
+        self.doubt = make_safe(self.arm)
 
     def leave(self) -> None:
         """Make the arm safe, give the port back and send the guard home."""

@@ -7,10 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.dataset.audits.base import Finding
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import (
     ACTION,
+    ENVIRONMENT,
     NEXT_STATE,
+    SIM_STATE,
     STATE,
     TIME,
     Feature,
@@ -19,18 +22,23 @@ from nas_data.dataset.features import (
     state_feature,
     time_feature,
 )
-from nas_data.dataset.provenance import Provenance
+from nas_data.dataset.merge import joined
+from nas_data.dataset.provenance import Parent, Provenance
+from nas_data.dataset.read import read
+from nas_data.dataset.recording import Recording
 from nas_data.dataset.transitions import VELOCITIES_DERIVED, estimate_velocities
+from nas_data.dataset.versions import parent_of, resolve
 from nas_data.errors import LogError
-from nas_data.importing.audits import audit
-from nas_data.importing.finding import Finding
-from nas_data.importing.formats import find_format
+from nas_data.importing.auditing import audit
+from nas_data.importing.formats import find_format, is_folder_log
 from nas_data.importing.map import Map
 from nas_data.importing.reading import ENOUGH, read_log
-from nas_data.importing.recording import Recording
 from nas_data.importing.resampling import resample
+from nas_data.joint_units import unit_at
+from nas_data.visible import visible
 
 MAP_ATTACHMENT = "meta/import_map.toml"
+VIDEOS = {".mp4", ".mkv"}
 REGISTER = "velocity"  # signal that keeps the register where velocities are derived
 
 
@@ -73,8 +81,9 @@ def import_logs(paths: Sequence[Path], mapping: Map, progress: Callable[[str], N
             recordings.append(recording)
     refuse(findings)
     ready = [_finish(recording, mapping) for recording in recordings]
+    dataset = _dataset(ready, mapping)
     return Import(
-        dataset=_dataset(ready, mapping),
+        dataset=_with_rest(dataset, ready, mapping) if mapping.layout.format == "lerobot" else dataset,
         provenance=_provenance(logs, ready, mapping, findings),
         attachments={MAP_ATTACHMENT: mapping.text.encode()},
         findings=tuple(findings),
@@ -104,12 +113,12 @@ def _expand(path: Path, mapping: Map) -> list[Path]:
         wanted = list(files.values())
         if not path.is_dir() or any((path / name).is_file() for name in wanted):
             return [path]
-        logs = sorted(folder for folder in path.iterdir() if any((folder / name).is_file() for name in wanted))
-    elif path.is_file():
+        logs = [folder for folder in visible(path) if any((folder / name).is_file() for name in wanted)]
+    elif path.is_file() or is_folder_log(path, mapping.layout.format):
         return [path]
     else:
         wanted = list(find_format(mapping.layout.format).SUFFIXES)
-        logs = sorted(file for file in path.glob(mapping.layout.pattern) if file.suffix.lower() in wanted)
+        logs = [file for file in visible(path, mapping.layout.pattern) if file.suffix.lower() in wanted]
     if not logs:
         raise LogError(f"{path} holds no log ({' or '.join(wanted)}), which the map {mapping.name} reads.")
     return logs
@@ -150,9 +159,9 @@ def _finish(recording: Recording, mapping: Map) -> Recording:
 def _dataset(recordings: Sequence[Recording], mapping: Map) -> Dataset:
     """Put recordings of N rows into N−1 transitions each."""
     features = {
-        STATE: state_feature(mapping.joints),
-        ACTION: (effort_feature if mapping.commands_effort else position_feature)(mapping.joints),
-        NEXT_STATE: state_feature(mapping.joints),
+        STATE: state_feature(mapping.joints, mapping.slides),
+        ACTION: (effort_feature if mapping.commands_effort else position_feature)(mapping.joints, mapping.slides),
+        NEXT_STATE: state_feature(mapping.joints, mapping.slides),
         TIME: time_feature(),
     }
     columns = {
@@ -174,8 +183,30 @@ def _dataset(recordings: Sequence[Recording], mapping: Map) -> Dataset:
     )
 
 
+def _with_rest(dataset: Dataset, recordings: Sequence[Recording], mapping: Map) -> Dataset:
+    """Add what LeRobot's datasets hold beside states and commands: other vectors, and what is only carried along."""
+    sources = {file: read(resolve(Path(file))) for file in dict.fromkeys(recording.file for recording in recordings)}
+    first, *others = sources.values()
+    used = {STATE, ACTION, NEXT_STATE, SIM_STATE, TIME, *dataset.features}
+    used |= {name for signal in mapping.signals.values() for name in signal.source.columns}
+    shared = [key for key in first.features if all(key in other.features for other in others) and key not in used]
+    for key in shared:
+        rows = [sources[recording.file].columns[key][recording.rows[:-1]] for recording in recordings]
+        dataset = dataset.with_column(key, first.features[key], np.concatenate(rows))
+        if key == ENVIRONMENT:
+            rows = [sources[recording.file].columns[key][recording.rows[1:]] for recording in recordings]
+            dataset = dataset.with_column(f"next.{key}", first.features[key], np.concatenate(rows))
+    if mapping.resample or mapping.fps != first.fps:
+        return dataset  # pictures lie in their files at the rate of the dataset
+    carried = [
+        source.carried and source.carried.take(np.concatenate([r.rows[:-1] for r in recordings if r.file == file]))
+        for file, source in sources.items()
+    ]
+    return replace(dataset, carried=joined(carried))
+
+
 def _states(recording: Recording) -> np.ndarray:
-    """Return positions [rad] then velocities [rad/s], shape (N, 2n)."""
+    """Return positions [rad; m] then velocities [rad/s; m/s], shape (N, 2n)."""
     assert recording.velocities is not None
     return np.hstack([recording.positions, recording.velocities])
 
@@ -186,6 +217,8 @@ def _signal_feature(name: str, mapping: Map) -> Feature:
     assert signal is not None
     width = len(signal.conversion.gain)
     names = tuple(f"{joint}.{name}" for joint in mapping.joints) if width == len(mapping.joints) else (name,)
+    if signal is mapping.velocity:
+        return Feature(names, tuple(unit_at(signal.unit, joint in mapping.slides) for joint in mapping.joints))
     return Feature(names=names, units=(signal.unit,) * width)
 
 
@@ -215,14 +248,24 @@ def _provenance(
             ],
         },
         signal={"excitation": "recorded", "map": mapping.name, "alignment": mapping.alignment},
+        parents=tuple(_parent(log) for log in logs) if mapping.layout.format == "lerobot" else (),
         derived=derived,
         contiguous=True,
         notes="\n".join(f"{finding.check}: {Path(finding.file).name}: {finding.message}" for finding in findings),
     )
 
 
+def _parent(log: Path) -> Parent:
+    """Return how provenance names a dataset of LeRobot's."""
+    root = resolve(log)
+    return parent_of(root, read(root))
+
+
 def _sha256(log: Path, mapping: Map) -> str | dict[str, str]:
     """Return the SHA-256 of a log's file, or of each of its files."""
+    if log.is_dir() and mapping.layout.files is None:
+        files = sorted(path for path in log.rglob("*") if path.is_file() and path.suffix not in VIDEOS)
+        return {path.relative_to(log).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
     if mapping.layout.files is None:
         return hashlib.sha256(log.read_bytes()).hexdigest()
     return {name: hashlib.sha256((log / name).read_bytes()).hexdigest() for name in mapping.layout.files.values()}

@@ -7,7 +7,8 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.provenance import Provenance
-from nas_data.envs.base import environment_id, find_task, find_task_file
+from nas_data.environment_ids import environment_id
+from nas_data.envs.base import find_task, find_task_file
 from nas_data.excitations.babbling import Babbling
 from nas_data.excitations.base import Excitation
 from nas_data.excitations.ramps import Ramps

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.command_file import check_limits, read_commands
-from nas_data.dataset.features import EFFORT, POSITION
+from nas_data.dataset.features import POSITION
 from nas_data.dataset.provenance import Provenance
 from nas_data.errors import JointMismatch, OptionError
 from nas_data.excitations.base import Excitation
@@ -148,7 +148,7 @@ def draw_commands(target: Target, protocol: Protocol, rng: np.random.Generator) 
     simulator = target.simulator
     low, high = target.limits()
     if protocol.file:
-        names = [joint + (EFFORT if simulator.commands_effort else POSITION) for joint in simulator.joints]
+        names = [joint + kind for joint, kind in zip(simulator.joints, simulator.kinds, strict=True)]
         commands = read_commands(protocol.file, names)
         check_limits(protocol.file, names, commands, low, high)
         return commands
@@ -157,9 +157,10 @@ def draw_commands(target: Target, protocol: Protocol, rng: np.random.Generator) 
         from nas_data.recorders.environment import draw_actions
 
         return draw_actions(protocol.environment, protocol.excitation, protocol.episodes, steps, rng)
-    low, high = excitable_limits(low, high, simulator.joints, simulator.commands_effort)
+    low, high = excitable_limits(low, high, simulator.joints, simulator.kinds)
     still = resting(target, protocol)
-    rest = np.array(target.robot.rest or np.zeros(len(simulator.joints)))
+    pose = np.array(target.robot.rest or np.zeros(len(simulator.joints)))
+    rest = np.where([kind == POSITION for kind in simulator.kinds], pose, 0.0)
     low, high = np.where(still, rest, low), np.where(still, rest, high)
     return list(protocol.excitation.commands(rng, protocol.episodes, steps, simulator.period, low, high))
 
@@ -196,9 +197,10 @@ def draw_poses(target: Target, protocol: Protocol, episodes: int, rng: np.random
     if protocol.start == "rest":
         return np.tile(target.robot.rest or np.zeros(len(joints)), (episodes, 1))
     low, high = target.limits()
-    if target.simulator.commands_effort:  # limits are torques; their joints start near zero
-        low, high = np.full(len(joints), -np.pi / 2), np.full(len(joints), np.pi / 2)
-    low, high = excitable_limits(low, high, joints, effort=False)
+    # limits of torques and speeds are no poses: such joints start near zero
+    told = np.array([kind == POSITION for kind in target.simulator.kinds])
+    low, high = np.where(told, low, -np.pi / 2), np.where(told, high, np.pi / 2)
+    low, high = excitable_limits(low, high, joints, [POSITION] * len(joints))
     middle, span = (low + high) / 2, (high - low) / 2
     drawn = middle + RESET_SHARE * span * rng.uniform(-1, 1, (episodes, len(joints)))
     return np.where(resting(target, protocol), np.array(target.robot.rest or np.zeros(len(joints))), drawn)

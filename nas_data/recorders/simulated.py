@@ -11,10 +11,10 @@ from nas_data.dataset.features import (
     ENVIRONMENT,
     NEXT_ENVIRONMENT,
     NEXT_STATE,
+    POSITION,
     STATE,
     TIME,
-    effort_feature,
-    position_feature,
+    action_feature,
     state_feature,
     time_feature,
 )
@@ -28,7 +28,7 @@ def record(session: Session, progress: Callable[[int], None] = lambda done: None
     """Play a session's commands on its target and read the sensors.
 
     Each episode starts after the target has been commanded to its first pose for half a second; a target that takes
-    torques starts in the pose, at rest. An environment's episodes begin where its own do.
+    torques or velocities starts in the pose, at rest. An environment's episodes begin where its own do.
 
     Args:
         session: What to play on what.
@@ -61,14 +61,14 @@ def play(simulator: Simulator, commands: np.ndarray, initial: np.ndarray, settle
 
     Args:
         simulator: Target.
-        commands: Positions [rad] or torques [N·m], shape (B, T, n).
+        commands: What each joint is asked for, shape (B, T, n).
         initial: Shape (B, 2n), or with objects (B, 2n + m).
-        settle: How long [s] a first pose is held before; not where commands are torques.
+        settle: How long [s] a first pose is held before; not where a joint is commanded otherwise.
 
     Returns:
         True states before and after each command, shape (B, T + 1, 2n or 2n + m).
     """
-    if simulator.commands_effort or not settle:
+    if set(simulator.kinds) != {POSITION} or not settle:
         return np.concatenate([initial[:, None], simulator.rollout(initial, commands)], axis=1)
     steps = max(1, math.ceil(settle / simulator.period - 1e-9))
     held = np.repeat(initial[:, None, : commands.shape[2]], steps, axis=1)
@@ -88,9 +88,9 @@ def to_dataset(session: Session, measured: Sequence[np.ndarray]) -> Dataset:
     after = np.concatenate([episode[1:] for episode in measured]).astype(np.float32)
     n = len(joints)
     features = {
-        STATE: state_feature(joints),
-        ACTION: effort_feature(joints) if simulator.commands_effort else position_feature(joints),
-        NEXT_STATE: state_feature(joints),
+        STATE: state_feature(joints, simulator.slides),
+        ACTION: action_feature(joints, simulator.kinds, simulator.slides),
+        NEXT_STATE: state_feature(joints, simulator.slides),
         TIME: time_feature(),
     }
     columns = {

@@ -12,11 +12,12 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import asdict
+from collections.abc import Mapping
 from types import TracebackType
 
+from nas_data.arms.base import Driver
+from nas_data.arms.safety import make_safe, open_charge
 from nas_data.errors import ArmError, GuardLost
-from nas_data.xl320.joints import Joints
 
 ALL_WELL = b"all is well"
 HANG = 1.0  # [s] beyond the time that was promised after which a process that says nothing is taken to hang
@@ -29,18 +30,13 @@ HUNG = f"The recorder hung for {HANG:g} s and was ended"
 class Watchdog:
     """Guards an arm as long as this context is open; leaving it in an orderly way sends the guard home."""
 
-    def __init__(self, port: str, joints: Joints) -> None:
-        """Start the guard; until the first promise it looks only for the end of this process.
-
-        Args:
-            port: Where the arm is.
-            joints: Its joints.
-        """
+    def __init__(self, driver: Driver) -> None:
+        """Start the guard of an arm; until the first promise it looks only for the end of this process."""
         command = [sys.executable, "-m", "nas_data.recorders.watchdog"]
         # a session of its own: Ctrl-C in the terminal is meant for the recorder, and must not take the guard along
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, bufsize=0, start_new_session=True)
-        charge = {"port": port, "pid": os.getpid(), "joints": asdict(joints), "hang": HANG}
-        self._tell(json.dumps(charge).encode())
+        order = {"pid": os.getpid(), "port": driver.port, "charge": driver.charge(), "hang": HANG}
+        self._tell(json.dumps(order).encode())
 
     def promise(self, seconds: float) -> None:
         """Say that all is well, and that the next word comes within a time [s]; a second later the guard acts.
@@ -87,8 +83,7 @@ def guard() -> None:
     if reason == HUNG:
         end(options["pid"])
     if reason:
-        joints = Joints(**{key: tuple(value) for key, value in options["joints"].items()})
-        print(f"nas: {rescue(options['port'], joints, reason)}", file=sys.stderr)
+        print(f"nas: {rescue(options['port'], options['charge'], reason)}", file=sys.stderr)
 
 
 class Words:
@@ -135,20 +130,18 @@ def end(process: int) -> None:
             os.kill(process, signal.SIGKILL)
 
 
-def rescue(port: str, joints: Joints, reason: str = DIED) -> str:
-    """Hold the arm, switch its torque off, and say what was done and why."""
-    from nas_data.xl320.arm import Arm
-
+def rescue(port: str, charge: Mapping[str, object], reason: str = DIED) -> str:
+    """Hold the arm that a driver charges its guard with, switch its torque off, and say what was done and why."""
     until = time.monotonic() + PATIENCE
     while True:
         try:
-            arm = Arm(port, joints)
+            arm = open_charge(charge)
             break
         except ArmError as error:
             if time.monotonic() > until:
                 return f"{reason} and its arm cannot be reached; switch the supply off. {error}"
             time.sleep(0.05)
-    doubt = arm.make_safe()
+    doubt = make_safe(arm)
     arm.close()
     return f"{reason}. {doubt}" if doubt else f"{reason}; the torque of the arm on {port} was switched off."
 

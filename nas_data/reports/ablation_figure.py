@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
+from nas_data.joint_units import HINGE, JointUnit
 from nas_data.reports.style import WIDTH, Stroke, house_style, legend_above, strokes
 
 HEADROOM = 2.0  # times the largest median or baseline: one seed that went astray must not squash all others
@@ -32,14 +33,18 @@ class Curve:
 
 
 def error_over_amount(
-    curves: Mapping[str, Mapping[str, Curve]], baselines: Mapping[str, Mapping[str, float]], unit: str
+    curves: Mapping[str, Mapping[str, Curve]],
+    baselines: Mapping[str, Mapping[str, float]],
+    unit: str,
+    shown: JointUnit = HINGE,
 ) -> Figure:
     """Draw open-loop and one-step errors side by side, both axes logarithmic; bands are cut at the top.
 
     Args:
         curves: By `open_loop` and `one_step`, a curve of each predictor.
-        baselines: Likewise, the error [rad] of what learns nothing.
+        baselines: Likewise, the error of what learns nothing.
         unit: What the amounts count.
+        shown: How errors are shown.
     """
     looks = strokes([*next(iter(curves.values())), *next(iter(baselines.values()))])
     with house_style():
@@ -47,27 +52,27 @@ def error_over_amount(
         panels = figure.subplots(1, len(curves), squeeze=False)[0]
         for axes, (loop, predictors) in zip(panels, curves.items(), strict=True):
             for name, curve in predictors.items():
-                draw_curve(axes, name, curve, looks[name])
+                draw_curve(axes, name, curve, looks[name], shown.factor)
             for name, error in baselines[loop].items():
-                draw_line(axes, name, error, looks[name])
+                draw_line(axes, name, shown.factor * error, looks[name])
             label(axes, sorted({float(a) for curve in predictors.values() for a in curve.amounts}))
-            axes.set_ylim(top=top([*predictors.values()], [*baselines[loop].values()]))
+            axes.set_ylim(top=top([*predictors.values()], [*baselines[loop].values()], shown.factor))
             axes.set_xlabel(f"{unit} of training data")
-            axes.set_ylabel(f"position error, {TITLES[loop]} [°]")
+            axes.set_ylabel(f"position error, {TITLES[loop]} [{shown.mark.strip()}]")
         legend_above(figure, panels[0])
     return figure
 
 
-def top(curves: Sequence[Curve], baselines: Sequence[float]) -> float | None:
-    """Return where the vertical axis ends [deg]; None where nothing is finite."""
+def top(curves: Sequence[Curve], baselines: Sequence[float], scale: float) -> float | None:
+    """Return where the vertical axis ends, as shown; None where nothing is finite."""
     drawn = np.concatenate([*(curve.median for curve in curves), baselines])
     seen = drawn[np.isfinite(drawn)]
-    return HEADROOM * float(np.degrees(seen.max())) if len(seen) and seen.max() > 0 else None
+    return HEADROOM * scale * float(seen.max()) if len(seen) and seen.max() > 0 else None
 
 
-def draw_curve(axes: Axes, name: str, curve: Curve, look: Stroke) -> None:
+def draw_curve(axes: Axes, name: str, curve: Curve, look: Stroke, scale: float) -> None:
     """Draw a predictor's median and the band between its extremes; where a seed diverged, there is no band."""
-    low, median, high = (np.degrees(np.where(np.isfinite(v), v, np.nan)) for v in (curve.low, curve.median, curve.high))
+    low, median, high = (scale * np.where(np.isfinite(v), v, np.nan) for v in (curve.low, curve.median, curve.high))
     axes.fill_between(curve.amounts, low, high, color=look.colour, alpha=0.16, linewidth=0, zorder=look.order)
     axes.plot(
         curve.amounts,
@@ -83,10 +88,10 @@ def draw_curve(axes: Axes, name: str, curve: Curve, look: Stroke) -> None:
 
 
 def draw_line(axes: Axes, name: str, error: float, look: Stroke) -> None:
-    """Draw a baseline, which needs no data, as a line across."""
+    """Draw a baseline, which needs no data, as a line across, its error as shown."""
     if np.isfinite(error) and error > 0:
         axes.axhline(
-            np.degrees(error),
+            error,
             label=name,
             color=look.colour,
             linestyle=look.line,

@@ -12,6 +12,7 @@ from nas_data.errors import CheckpointError
 from nas_data.policies.compare import EXPERT_METHOD, RESULT, SOURCE_METHOD, read_result
 from nas_data.policies.policy import CONFIG, PROGRESS, read_config, read_progress
 from nas_data.reports.learning_figures import Curve
+from nas_data.visible import visible
 
 HISTORY, CHECKPOINT = "history.json", "checkpoint"
 MODEL_NAMES = {"delta": "source + φ", "forward": "ψ"}
@@ -124,8 +125,10 @@ def find_runs(paths: Iterable[Path]) -> Runs:
     for path in paths:
         if not path.is_dir():
             raise CheckpointError(f"There is no run at {path}; give a folder that a training wrote, or one around it.")
-        found = {file.parent: read_model(file.parent) for file in sorted(path.rglob(HISTORY)) if is_model(file.parent)}
-        learned = {file.parent: read_policy(file.parent) for file in sorted(path.rglob(PROGRESS))}
+        found = {
+            file.parent: read_model(file.parent) for file in visible(path, f"**/{HISTORY}") if is_model(file.parent)
+        }
+        learned = {file.parent: read_policy(file.parent) for file in visible(path, f"**/{PROGRESS}")}
         if not found and not learned:
             raise CheckpointError(
                 f"{path} holds no finished run: no {HISTORY} of `nas train` and no {PROGRESS} of `nas policy train`."

@@ -3,17 +3,23 @@
 import codecs
 import hashlib
 import re
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import mujoco
 
 from nas_data import registry
+from nas_data.angle_doubts import angle_doubts
+from nas_data.caution import say_once
 from nas_data.drives import driven_joint
 from nas_data.engine_warnings import heard_warnings, pass_on
 from nas_data.errors import ModelFileError
-from nas_data.servos import add_position_servos
+from nas_data.floating_base import falling_bases, hold_bases
+from nas_data.servos import add_position_servos, motor_joints
+from nas_data.visible import visible
 
 FOLDER = Path(__file__).parent
 MISSING = re.compile(r"Error opening file '([^']+)'")  # how MuJoCo speaks of meshes, textures and included files
@@ -35,6 +41,8 @@ class Robot:
         velocity_quantum: Resolution of the velocity reading [rad/s]; 0 for none.
         tip: Name of the site at the end effector, or None.
         edit: Completes the model (a tool, a table); applied after the file is read.
+        bases: Bodies that would fall and are fastened to the world by `edit`.
+        adapted: Whether the model holds already what a recording does not tell (see `simulators/held.py`).
     """
 
     name: str
@@ -46,6 +54,8 @@ class Robot:
     velocity_quantum: float = 0.0
     tip: str | None = None
     edit: Callable[[mujoco.MjSpec], None] | None = None
+    bases: tuple[str, ...] = ()
+    adapted: bool = False
 
     def spec(self) -> mujoco.MjSpec:
         """Return a fresh, editable model."""
@@ -94,7 +104,7 @@ def _parsed(path: Path) -> mujoco.MjSpec:
 
 def _models_in(folder: Path) -> str:
     """Name a few model files of a folder, where there are some."""
-    files = sorted(file.name for file in folder.iterdir() if file.suffix in (*KNOWN, ".mjcf"))
+    files = [file.name for file in visible(folder) if file.suffix in (*KNOWN, ".mjcf")]
     return f" in it, such as {folder / files[0]}" if files else ""
 
 
@@ -132,10 +142,20 @@ def deepest_joint(spec: mujoco.MjSpec, joints: Sequence[str]) -> str:
     return max(reversed(joints), key=depth)
 
 
-def movable_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
-    """Return the names of the hinges and slides."""
-    moving = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
-    return tuple(joint.name for joint in spec.joints if joint.type in moving)
+@cache
+def say_held(path: Path, bases: tuple[str, ...]) -> None:
+    """Say once that bases are held which would fall."""
+    named = ", ".join(f"'{base}'" for base in bases)
+    print(
+        f"nas: note: the base {named} of {path} is free to fall, and no joint tells where it is: it is held where the "
+        "model has it, as if the robot hung there.",
+        file=sys.stderr,
+    )
+
+
+def slide_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
+    """Return the names of the slides."""
+    return tuple(joint.name for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def find_robot(name_or_path: str | Path) -> Robot:
@@ -149,10 +169,15 @@ def find_robot(name_or_path: str | Path) -> Robot:
     named = str(name_or_path) in registry.names("robots")
     if path.suffix or path.is_file() or (path.is_dir() and not named):
         spec = read_spec(path)
-        if path.suffix == ".urdf" and movable_joints(spec):
-            return Robot(name=path.stem, mjcf=path, joints=movable_joints(spec), edit=add_position_servos)
+        for doubt in angle_doubts(path, spec.compile(), bool(spec.compiler.degree)):
+            say_once(doubt)
+        if path.suffix == ".urdf" and (joints := motor_joints(spec)):
+            return Robot(name=path.stem, mjcf=path, joints=joints, edit=add_position_servos)
         joints = actuated_joints(spec)
         if not joints:
             raise ModelFileError(f"{path} has no actuator that drives a joint; add <position joint=…> actuators.")
+        if bases := falling_bases(spec):
+            say_held(path, bases)
+            return Robot(name=path.stem, mjcf=path, joints=joints, edit=hold_bases, bases=bases)
         return Robot(name=path.stem, mjcf=path, joints=joints)
     return registry.module("robots", str(name_or_path), "robot").ROBOT

@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 
 from nas_data.errors import WayBlocked
-from nas_data.recorders.ergojr_motion import APPROACH, LEAD, SETTLE, Motion, slowly
-from nas_data.recorders.ergojr_ways import Ways
+from nas_data.recorders.arm_motion import APPROACH, LEAD, SETTLE, Motion, slowly
+from nas_data.recorders.arm_ways import Ways
 from nas_data.rollouts.making_room import WaysOfTwo
 
 PLANS = 5  # times that a way is looked for from where the arms stand before they are given up

@@ -9,8 +9,8 @@ import numpy as np
 from nas_data.envs.base import Task
 from nas_data.envs.ergo_shield import ErgoShield, touches
 from nas_data.errors import OptionError
-from nas_data.recorders.ergojr_motion import Motion
-from nas_data.recorders.ergojr_ways import Ways
+from nas_data.recorders.arm_motion import Motion
+from nas_data.recorders.arm_ways import Ways
 from nas_data.recorders.guarded import GuardedArm, Setup
 from nas_data.recorders.schedule import Clock
 from nas_data.robots.base import find_robot
@@ -96,7 +96,7 @@ class Bench:
                 task.simulator(),
                 touching,
                 approach,
-                AHEAD * (self.attacker.configuration.speed or NO_LOAD_SPEED),
+                AHEAD * (self.attacker.driver.speed or NO_LOAD_SPEED),
                 tally,
             )
             yield noticed, stepper

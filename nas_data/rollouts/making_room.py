@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from nas_data.errors import WayBlocked
-from nas_data.recorders.ergojr_ways import Ways
+from nas_data.recorders.arm_ways import Ways
 
 
 class WaysOfTwo:

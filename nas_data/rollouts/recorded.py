@@ -27,11 +27,10 @@ from nas_data.dataset.read import read
 from nas_data.dataset.versions import check_place
 from nas_data.errors import OptionError
 from nas_data.policies.evaluate import Score
-from nas_data.recorders.ergojr_dataset import to_dataset
+from nas_data.recorders.arm_dataset import to_dataset
 from nas_data.recorders.under_way import begun_with, complete, place, told
 from nas_data.rollouts.robot_stepper import Bout, RolloutTally
 from nas_data.rollouts.rollout import Judgement, judgements
-from nas_data.xl320.joints import Joints
 
 FEATURES = {REWARD: reward_feature(), DONE: flag_feature(DONE), SUCCESS: flag_feature(SUCCESS)}
 WORDS = {  # what the user would call that in which two series of rollouts differ
@@ -56,14 +55,14 @@ class Recorder:
     """How rollouts become a dataset.
 
     Attributes:
-        joints: The arm's.
+        joints: Names of the arm's.
         rate: Control rate [Hz].
         task: Name of the environment.
         objects: What is known of the defender; of no width where there is none.
         provenance: Where the episodes come from, without the tally. Rollouts of an equal one may be gone on with.
     """
 
-    joints: Joints
+    joints: tuple[str, ...]
     rate: float
     task: str
     objects: Feature
@@ -77,7 +76,7 @@ class Recorder:
         return dataset
 
     def _bout(self, bout: Bout) -> Dataset:
-        dataset = to_dataset(bout, self.joints, self.rate, self.task)
+        dataset = to_dataset(bout, self.joints, self.rate, self.task, self.provenance.robot)
         if not self.objects.width:
             return dataset
         opponents = np.array(bout.opponents, dtype=np.float32)

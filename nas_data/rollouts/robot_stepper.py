@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nas_data.errors import OptionError
-from nas_data.recorders.ergojr_motion import LEAD, Episode, Motion
-from nas_data.recorders.ergojr_tally import Tally
-from nas_data.recorders.ergojr_ways import Ways
+from nas_data.recorders.arm_motion import LEAD, Episode, Motion
+from nas_data.recorders.arm_tally import Tally
+from nas_data.recorders.arm_ways import Ways
 from nas_data.recorders.tolerance import TRIES, Tolerance
 from nas_data.simulators.base import Simulator
 from nas_data.xl320.arm import Reading

@@ -6,7 +6,7 @@ from functools import partial
 import mujoco
 
 from nas_data.envs.base import in_turn
-from nas_data.recorders.ergojr_ways import Ways
+from nas_data.recorders.arm_ways import Ways
 from nas_data.robots.ergo_shield import DEFENDER, DEFENDERS_JOINTS
 from nas_data.robots.ergo_shield import ROBOT as DUEL
 from nas_data.robots.ergojr import JOINTS

@@ -70,25 +70,30 @@ class Simulator(Protocol):
 
     Attributes:
         joints: Measured and commanded joints.
+        slides: Those of them that are slides: in metres and newtons, where others are in radians and newton metres.
         period: Control period [s].
-        commands_effort: Whether it takes torques.
+        kinds: What each joint is commanded: `.pos` [rad; m], `.vel` [rad/s; m/s] or `.effort` [N·m; N].
         remembers: Whether it has a state that is not measured (play, a command under way), which a reset forgets.
         object_feature: Names and units of the states of objects in the scene, m components; none in most.
     """
 
     joints: tuple[str, ...]
+    slides: tuple[str, ...]
     period: float
-    commands_effort: bool
+    kinds: tuple[str, ...]
     remembers: bool
     object_feature: Feature
 
-    def predict(self, states: np.ndarray, commands: np.ndarray) -> np.ndarray:
-        """Simulate independent transitions: each row reset to its state, warm start zeroed, command held one period.
+    def predict(self, states: np.ndarray, commands: np.ndarray, continues: np.ndarray | None = None) -> np.ndarray:
+        """Simulate transitions: each row reset to its state, warm start zeroed, command held one period.
 
         Args:
             states: Positions [rad] then velocities [rad/s], shape (N, 2n), or with the objects' states (N, 2n + m).
                 Without them objects start in the model's reference posture.
-            commands: Positions [rad] or torques [N·m], shape (N, n).
+            commands: What each joint is asked for, shape (N, n).
+            continues: Whether a row follows the one before it in a recording, shape (N,); nowhere where None. Then it
+                starts with what the simulation of that one tells of what is not measured, where that matters: how far
+                constraints gave way, and where a servo's setpoint is whose speed is commanded.
 
         Returns:
             Next states, as wide as the states given, float64.

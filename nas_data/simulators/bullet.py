@@ -49,8 +49,8 @@ class BulletSimulator:
         self.robot, self.effects, self.period = robot, self.compiled.effects, period
         self.model, self.layout = self.compiled.model, self.compiled.layout
         self.substeps, self.hooks = self.compiled.substeps, self.compiled.hooks
-        self.joints = self.layout.joints
-        self.commands_effort = self.layout.commands_effort
+        self.joints, self.slides = self.layout.joints, self.compiled.slides
+        self.kinds = self.layout.kinds
         self.remembers = self.compiled.remembers
         self.object_feature = self.layout.objects.feature
         self.rest = RestStates(self.model, self.layout, INTEGRATION)
@@ -67,7 +67,7 @@ class BulletSimulator:
         """Build the simulator from a robot's name or a model file; see `__init__`."""
         return cls(find_robot(model), period, joints, effects)
 
-    def predict(self, states: np.ndarray, commands: np.ndarray) -> np.ndarray:
+    def predict(self, states: np.ndarray, commands: np.ndarray, continues: np.ndarray | None = None) -> np.ndarray:
         """Simulate independent transitions; see `Simulator.predict`."""
         self.compiled.check(states, commands)
         return self._roll(states, np.asarray(commands)[:, None])[:, 0]
@@ -214,7 +214,9 @@ class BulletStepper:
         full, chosen = self.simulator.rest(states), np.arange(self.size) if rows is None else rows
         for state, row in zip(full, chosen, strict=True):
             self._arms[int(row)].start(state)
-        self._guided[chosen] = self.simulator.layout.controls(states[:, : len(self.joints)], states)
+        layout = self.simulator.layout
+        held = np.where(layout.inputs.positional, states[:, : len(self.joints)], 0.0)
+        self._guided[chosen] = layout.controls(held, states)
 
     @property
     def objects(self) -> np.ndarray:
@@ -223,12 +225,14 @@ class BulletStepper:
 
     def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
         """Command the servos of objects; see `Stepper.guide`."""
-        self._guided[np.ix_(rows, self.simulator.layout.objects.control)] = targets
+        objects = self.simulator.layout.objects
+        self._guided[np.ix_(rows, objects.control)] = objects.inputs.of_commands(targets)
 
     def step(self, commands: np.ndarray) -> np.ndarray:
         """Hold the commands for one control period; see `Stepper.step`."""
         controls = self._guided
-        controls[:, self.simulator.layout.control] = commands
+        layout = self.simulator.layout
+        controls[:, layout.control] = layout.inputs.of_commands(commands)
         return np.stack([self._unless_lost(arm.step, row) for arm, row in zip(self._arms, controls, strict=True)])
 
     def set_states(self, states: np.ndarray) -> None:

@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 from nas_data.errors import MissingPackage, ModelFileError
+from nas_data.simulators.held import HELD
 from nas_data.simulators.urdf import ROTOR, link_name, to_urdf
 
 RIGID = 1e9  # [N·m] no gear slips
@@ -259,6 +260,12 @@ def refuse_foreign(model: mujoco.MjModel) -> None:
     Raises:
         ModelFileError: names what it is.
     """
+    held = [name.removesuffix(HELD) for i in range(model.neq) if (name := model.equality(i).name).endswith(HELD)]
+    if held:
+        raise ModelFileError(
+            f"Nothing in the model holds {', '.join(held)}, which the recording lacks, and PyBullet cannot; "
+            "use --engine mujoco."
+        )
     foreign = {
         "equality constraints": model.neq > 0,
         "tendons with limits or friction": bool((model.tendon_limited | (model.tendon_frictionloss > 0)).any()),

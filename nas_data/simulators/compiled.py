@@ -11,6 +11,7 @@ from nas_data.effects.base import Effect, add_effects
 from nas_data.effects.edits.hook import StepHook
 from nas_data.errors import JointMismatch, ModelFileError, NasError
 from nas_data.robots.base import Robot
+from nas_data.simulators.held import hold_others, lacks_joints, refuse_standing
 from nas_data.simulators.hooks import find_hooks
 from nas_data.simulators.layout import Layout
 
@@ -56,6 +57,9 @@ class Compiled:
         spec = robot.spec()
         substeps = max(1, math.ceil(period / spec.option.timestep - 1e-6))
         spec.option.timestep = period / substeps
+        joints = joints or robot.joints
+        if not robot.adapted and lacks_joints(spec, joints):
+            hold_others(spec, joints, str(robot.mjcf), commanded=True)
         try:
             add_effects(spec, effects)
             model = spec.compile()
@@ -63,7 +67,9 @@ class Compiled:
             raise
         except (ValueError, mujoco.FatalError) as error:
             raise ModelFileError(f"{robot.mjcf} does not compile with its effects: {error}") from None
-        layout = Layout.of(model, joints or robot.joints, str(robot.mjcf))
+        layout = Layout.of(model, joints, str(robot.mjcf))
+        if robot.bases:
+            refuse_standing(model, layout, np.zeros((1, len(joints))), str(robot.mjcf))
         return cls(robot, effects, model, layout, substeps, find_hooks(effects, model))
 
     @property
@@ -71,6 +77,12 @@ class Compiled:
         """Whether a start has more than what is measured: a play, a spring, a command under way."""
         hidden = self.model.nq > len(self.layout.joints) + len(self.layout.objects.qpos) or self.model.na > 0
         return bool(hidden or (self.model.actuator_history[:, 0] > 0).any())
+
+    @property
+    def slides(self) -> tuple[str, ...]:
+        """Names of the measured joints that are slides."""
+        slide = int(mujoco.mjtJoint.mjJNT_SLIDE)
+        return tuple(joint for joint in self.layout.joints if int(self.model.joint(joint).type[0]) == slide)
 
     def check(self, states: np.ndarray, commands: np.ndarray) -> None:
         """Refuse states and commands of another number of joints; states may go on with those of the objects.
@@ -96,5 +108,5 @@ class Compiled:
             "engine_version": version,
             "timestep": self.model.opt.timestep,
             "substeps": self.substeps,
-            "effects": [effect.to_json() for effect in self.effects],
+            "effects": [effect.to_json(self.slides) for effect in self.effects],
         }

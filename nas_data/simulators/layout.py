@@ -1,5 +1,6 @@
 """Where the measured joints live in a compiled MuJoCo model, and the state of the model at rest in any posture."""
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -7,12 +8,15 @@ import mujoco
 import numpy as np
 
 from nas_data.dataset.features import POSITION
-from nas_data.drives import driving_actuators
 from nas_data.errors import JointMismatch, ModelFileError
+from nas_data.simulators.controls import Controls, UntoldControl, commanded, length_control
+from nas_data.simulators.followers import Followers, Slack
 from nas_data.simulators.objects import Objects
 
+SLEW_RATES = {mujoco.mjtDyn.mjDYN_PID: 1, mujoco.mjtDyn.mjDYN_DCMOTOR: 7}  # where in `dynprm` the limit stands
 FULLPHYSICS = int(mujoco.mjtState.mjSTATE_FULLPHYSICS)
 INTEGRATION = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+BEFORE_MEMORY = mujoco.mjtState.mjSTATE_TIME | mujoco.mjtState.mjSTATE_QPOS | mujoco.mjtState.mjSTATE_QVEL
 
 
 @dataclass(frozen=True)
@@ -23,23 +27,23 @@ class Layout:
         joints: Names of the measured joints.
         qpos: Index of each joint in `qpos`, shape (n,).
         dof: Index of each joint in `qvel`, shape (n,).
-        control: Index of each joint's actuator in `ctrl`, shape (n,).
+        inputs: What each joint is commanded, and its control for that.
         position_map: Measured positions = position_map @ qpos, shape (n, nq); more than one entry a row where
             play or compliance adds to the servo's angle.
         velocity_map: Measured velocities = velocity_map @ qvel, shape (n, nv).
         reference: Controls that hold the model at its reference posture, shape (nu,).
-        commands_effort: Whether the actuators take torques [N·m] rather than positions [rad].
+        followers: Joints that constraints make follow the measured ones; None where there are none.
         objects: What moves beside the measured joints.
     """
 
     joints: tuple[str, ...]
     qpos: np.ndarray
     dof: np.ndarray
-    control: np.ndarray
+    inputs: Controls
     position_map: np.ndarray
     velocity_map: np.ndarray
     reference: np.ndarray
-    commands_effort: bool
+    followers: Followers | None
     objects: Objects
 
     @classmethod
@@ -53,25 +57,36 @@ class Layout:
 
         Raises:
             JointMismatch: the model lacks a joint, or nothing drives it.
-            ModelFileError: some actuators take positions and others torques.
+            ModelFileError: it cannot be told what an actuator is asked for.
         """
         indices = np.array([joint_index(model, joint, name) for joint in joints], dtype=int)
+        inputs = Controls.of(model, indices, name)
         actuators = np.array([actuator_index(model, index, name) for index in indices], dtype=int)
-        efforts = {takes_effort(model, int(actuator)) for actuator in actuators}
-        if len(efforts) > 1:
-            raise ModelFileError(f"{name} drives some joints by position and others by torque; use one kind for all.")
         positions, velocities = readout(model, joints, indices)
+        dof = model.jnt_dofadr[indices].astype(int)
+        followers = Followers.of(model, np.union1d(dof, np.flatnonzero(velocities.any(axis=0))))
+        driven = indices if followers is None else np.concatenate([indices, followers.joints])
         return cls(
             joints=tuple(joints),
             qpos=model.jnt_qposadr[indices].astype(int),
-            dof=model.jnt_dofadr[indices].astype(int),
-            control=model.actuator_ctrladr[actuators].astype(int),
+            dof=dof,
+            inputs=inputs,
             position_map=positions,
             velocity_map=velocities,
             reference=reference_controls(model),
-            commands_effort=efforts == {True},
-            objects=Objects.of(model, indices, actuators),
+            followers=followers,
+            objects=Objects.of(model, driven, actuators),
         )
+
+    @property
+    def control(self) -> np.ndarray:
+        """Index of each joint's actuator in `ctrl`, shape (n,)."""
+        return self.inputs.index
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """What each joint is commanded: `.pos`, `.vel` or `.effort`."""
+        return self.inputs.kinds
 
     def measure(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
         """Return positions [rad] then velocities [rad/s], shape (…, 2n), from qpos (…, nq) and qvel (…, nv)."""
@@ -81,15 +96,16 @@ class Layout:
         """Return controls (…, nu) for commands (…, n); actuators of other joints hold still.
 
         Args:
-            commands: Positions [rad] or torques [N·m].
+            commands: What each joint is asked for (see `kinds`).
             first: States in which simulations start, shape (…, 2n or 2n + m); those of objects are held where they
                 are given, at their reference elsewhere.
         """
         controls = np.empty((*commands.shape[:-1], len(self.reference)))
         controls[...] = self.reference
-        controls[..., self.control] = commands
+        controls[..., self.control] = self.inputs.of_commands(commands)
         if first is not None and first.shape[-1] > 2 * len(self.joints) and len(self.objects.control):
-            controls[..., self.objects.control] = first[..., 2 * len(self.joints) + self.objects.servos]
+            held = first[..., 2 * len(self.joints) + self.objects.servos]
+            controls[..., self.objects.control] = self.objects.inputs.of_commands(held)
         return controls
 
 
@@ -105,20 +121,8 @@ def joint_index(model: mujoco.MjModel, joint: str, name: str) -> int:
 
 
 def actuator_index(model: mujoco.MjModel, joint: int, name: str) -> int:
-    """Return the index of the actuator that drives a joint and has a control input."""
-    found = driving_actuators(model, joint)
-    if not len(found):
-        raise JointMismatch(
-            f"No actuator of {name} drives the joint '{model.joint(joint).name}'; "
-            'add one, for example <position joint="…" kp="…"/>.'
-        )
-    return int(found[0])
-
-
-def takes_effort(model: mujoco.MjModel, actuator: int) -> bool:
-    """Whether an actuator's control is a torque: a fixed gain and no position feedback."""
-    fixed = model.actuator_gaintype[actuator] == int(mujoco.mjtGain.mjGAIN_FIXED)
-    return bool(fixed and model.actuator_biasprm[actuator, 1] == 0)
+    """Return the index of the actuator that commands a joint; errors as of `commanded`."""
+    return commanded(model, joint, name)[0]
 
 
 def readout(model: mujoco.MjModel, joints: Sequence[str], indices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -156,9 +160,12 @@ def reference_controls(model: mujoco.MjModel) -> np.ndarray:
     controls = np.zeros(model.nu)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    for actuator in range(len(model.actuator_trntype)):
-        if model.actuator_ctrlnum[actuator] and not takes_effort(model, actuator):
-            controls[model.actuator_ctrladr[actuator]] = data.actuator_length[actuator]
+    for actuator in np.flatnonzero(model.actuator_ctrlnum).tolist():
+        with contextlib.suppress(UntoldControl):
+            control = length_control(model, actuator)
+            if control.kind == POSITION:
+                length = float(data.actuator_length[model.actuator_outadr[actuator]])
+                controls[model.actuator_ctrladr[actuator]] = control.scale * length + control.zero
     return controls
 
 
@@ -167,6 +174,23 @@ def as_slice(indices: np.ndarray) -> np.ndarray | slice:
     first = int(indices[0])
     consecutive = np.array_equal(indices, np.arange(first, first + len(indices)))
     return slice(first, first + len(indices)) if consecutive else indices
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What of B simulations no joint's measurement tells, and the rows before do.
+
+    Attributes:
+        setpoints: Of servos whose control is the speed of their setpoint, shape (B, servos).
+        slack: Of the followers; None where there are none.
+    """
+
+    setpoints: np.ndarray
+    slack: Slack | None
+
+    def of_rows(self, rows: np.ndarray) -> "Kept":
+        """Return that of some rows."""
+        return Kept(self.setpoints[rows], None if self.slack is None else self.slack.of_rows(rows))
 
 
 class RestStates:
@@ -192,14 +216,44 @@ class RestStates:
         self.reference = model.qpos0[layout.objects.qpos]
         held = range(len(layout.objects.servos))
         self.held = [rest_state(model, layout, np.zeros(len(unit)), spec, place) - self.base for place in held]
+        first = mujoco.mj_stateSize(model, int(BEFORE_MEMORY))
+        self.setpoints = first + integrators(model, layout)
 
-    def __call__(self, states: np.ndarray) -> np.ndarray:
-        """Return full states (B, size) for positions [rad] then velocities [rad/s], and objects (B, 2n or 2n + m)."""
+    @property
+    def kept(self) -> bool:
+        """Whether consecutive rows have something in common that is not measured (see `Kept`)."""
+        return self.layout.followers is not None or bool(len(self.setpoints))
+
+    def keep(self, full: np.ndarray) -> "Kept":
+        """Return what full states (B, size) hand on to the rows that follow."""
+        slack = None
+        if self.layout.followers is not None:
+            slack = self.layout.followers.slack(*self.motion(full))
+        return Kept(full[:, self.setpoints], slack)
+
+    def motion(self, full: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the parts of full states (B, size) that are `qpos` and `qvel`, as views."""
+        return full[:, self.position : self.velocity.start], full[:, self.velocity]
+
+    def __call__(self, states: np.ndarray, kept: "Kept | None" = None) -> np.ndarray:
+        """Return full states (B, size) for positions [rad] then velocities [rad/s], and objects (B, 2n or 2n + m).
+
+        Args:
+            states: Shape (B, 2n or 2n + m).
+            kept: What the rows before hand on; at rest where None.
+        """
         n = len(self.layout.joints)
         full = self.base + states[:, :n] @ self.slopes
         full[:, self.velocity.start + self.layout.dof] = states[:, n : 2 * n]
         if states.shape[1] > 2 * n:
             self.place(full, states[:, 2 * n :])
+        followers = self.layout.followers
+        if kept is not None:
+            full[:, self.setpoints] = kept.setpoints
+        if followers is not None and kept is not None and kept.slack is not None:
+            followers.place_with(kept.slack, *self.motion(full))
+        elif followers is not None:
+            followers.place(*self.motion(full), far=True)
         return full
 
     def place(self, full: np.ndarray, states: np.ndarray) -> None:
@@ -233,9 +287,9 @@ def rest_state(
     """
     data = mujoco.MjData(model)
     data.qpos[layout.qpos] = positions
-    data.ctrl[:] = layout.controls(np.zeros_like(positions) if layout.commands_effort else positions)
+    data.ctrl[:] = layout.controls(np.where(layout.inputs.positional, positions, 0.0))
     if moved is not None:
-        data.ctrl[layout.objects.control[moved]] += 1.0
+        data.ctrl[layout.objects.control[moved]] += layout.objects.inputs.scale[moved]
     for actuator in range(len(model.actuator_trntype)):
         settle_actuator(model, data, actuator)
     state = np.empty(mujoco.mj_stateSize(model, spec))
@@ -254,7 +308,19 @@ def settle_actuator(model: mujoco.MjModel, data: mujoco.MjData, actuator: int) -
     if samples:
         mujoco.mj_initCtrlHistory(model, data, actuator, None, np.tile(control, (samples, 1)))
     kind = mujoco.mjtDyn(model.actuator_dyntype[actuator])
-    slews = kind == mujoco.mjtDyn.mjDYN_PID and model.actuator_dynprm[actuator, 1] > 0
+    slews = kind in SLEW_RATES and model.actuator_dynprm[actuator, SLEW_RATES[kind]] > 0
     filters = kind in (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
     if slews or filters:
         data.act[model.actuator_actadr[actuator]] = control[0]
+    elif kind == mujoco.mjtDyn.mjDYN_INTEGRATOR and model.actuator_biasprm[actuator, 1] < 0:
+        mujoco.mj_fwdPosition(model, data)  # which knows the actuator's length: at rest the setpoint is there
+        length = data.actuator_length[model.actuator_outadr[actuator]]
+        feedback = -model.actuator_biasprm[actuator, 1] / model.actuator_gainprm[actuator, 0]
+        data.act[model.actuator_actadr[actuator]] = feedback * length
+
+
+def integrators(model: mujoco.MjModel, layout: Layout) -> np.ndarray:
+    """Return the indices in `act` of the setpoints whose speed is what joints are commanded."""
+    driving = np.isin(model.actuator_ctrladr, layout.control) & (model.actuator_ctrlnum > 0)
+    moving = model.actuator_dyntype == int(mujoco.mjtDyn.mjDYN_INTEGRATOR)
+    return np.asarray(model.actuator_actadr[driving & moving], dtype=int)

@@ -59,8 +59,8 @@ class MujocoSimulator:
         self.robot, self.effects, self.period = robot, self.compiled.effects, period
         self.model, self.layout = self.compiled.model, self.compiled.layout
         self.substeps, self.hooks = self.compiled.substeps, self.compiled.hooks
-        self.joints = self.layout.joints
-        self.commands_effort = self.layout.commands_effort
+        self.joints, self.slides = self.layout.joints, self.compiled.slides
+        self.kinds = self.layout.kinds
         self.remembers = self.compiled.remembers
         self.object_feature = self.layout.objects.feature
         self.threads = len(os.sched_getaffinity(0)) if threads is None else threads
@@ -99,9 +99,11 @@ class MujocoSimulator:
         """Build the simulator from a robot's name or a model file; see `__init__`."""
         return cls(find_robot(model), period, joints, effects, threads)
 
-    def predict(self, states: np.ndarray, commands: np.ndarray) -> np.ndarray:
-        """Simulate independent transitions; see `Simulator.predict`."""
+    def predict(self, states: np.ndarray, commands: np.ndarray, continues: np.ndarray | None = None) -> np.ndarray:
+        """Simulate transitions; see `Simulator.predict`."""
         self.compiled.check(states, commands)
+        if continues is not None and self.rest.kept:
+            return self._in_turn(np.asarray(states, float), np.asarray(commands, float), continues)
         per_row = self.substeps * len(self.rest.base)
         chunk = max(1, CHUNK_STATES // per_row)
         result = np.empty((len(states), states.shape[1]))
@@ -109,6 +111,24 @@ class MujocoSimulator:
             rows = slice(start, start + chunk)
             started = np.asarray(states[rows], float)
             result[rows] = self._roll(started, self.rest(started), np.asarray(commands[rows], float)[:, None])[:, 0]
+        return result
+
+    def _in_turn(self, states: np.ndarray, commands: np.ndarray, continues: np.ndarray) -> np.ndarray:
+        """Simulate transitions of which each hands on to the next what is not measured; see `predict`."""
+        result = np.empty((len(states), states.shape[1]))
+        first = np.flatnonzero(~continues | (np.arange(len(states)) == 0))
+        lengths = np.diff(np.append(first, len(states)))
+        kept = None
+        for step in range(int(lengths.max(initial=0))):
+            rows = first[lengths > step] + step
+            if kept is not None:
+                kept = kept.of_rows((lengths > step)[lengths > step - 1])
+            full = self.rest(states[rows], kept)
+            with heard_instability() as unstable:
+                ends = self._ends(full, self.layout.controls(commands[rows][:, None], states[rows][:, None]))
+            self._check_time(ends, unstable)
+            result[rows] = self._measured(ends, states.shape[1])[:, 0]
+            kept = self.rest.keep(ends[:, 0])
         return result
 
     def rollout(
@@ -167,21 +187,24 @@ class MujocoSimulator:
         Args:
             states: What is measured of the first states, shape (B, 2n or 2n + m).
             first: The whole of them, shape (B, size).
-            commands: Positions [rad] or torques [N·m].
+            commands: What each joint is asked for.
             driven: As in `rollout`.
 
         Returns:
             States, shape (B, T, 2n or 2n + m).
         """
-        count, steps = commands.shape[:2]
         with heard_instability() as unstable:
             controls = self.layout.controls(commands, states[:, None])
             ends = self._ends(first, controls) if driven is None else self._released(first, controls, driven)
         self._check_time(ends, unstable)
+        return self._measured(ends, states.shape[1])
+
+    def _measured(self, ends: np.ndarray, width: int) -> np.ndarray:
+        """Return what is measured of full states (B, T, …), shape (B, T, width): 2n, or 2n + m with the objects."""
         nq, nv = self.model.nq, self.model.nv
         reached = ends[..., 1 : 1 + nq], ends[..., 1 + nq : 1 + nq + nv]
-        measured = self.layout.measure(*reached).reshape(count, steps, 2 * len(self.joints))
-        if states.shape[1] == measured.shape[2]:
+        measured = self.layout.measure(*reached).reshape(*ends.shape[:2], 2 * len(self.joints))
+        if width == measured.shape[2]:
             return measured
         return np.concatenate([measured, self.layout.objects.measure(*reached)], axis=-1)
 
@@ -267,6 +290,7 @@ class MujocoStepper:
         self._qvel = self.batch.bind("qvel")
         self._ctrl = self.batch.bind("ctrl")
         self._time = self.batch.bind("time")
+        self._inputs, self._converts = self.layout.inputs, not self.layout.inputs.plain
         self._lost = np.zeros(size, bool)
         self._sites = self.batch.bind("site_xpos") if simulator.model.nsite else None
         self._moved = True
@@ -299,12 +323,13 @@ class MujocoStepper:
 
     def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
         """Command the servos of objects; see `Stepper.guide`."""
-        self._ctrl[np.ix_(rows, self.layout.objects.control)] = targets
+        objects = self.layout.objects
+        self._ctrl[np.ix_(rows, objects.control)] = objects.inputs.of_commands(targets)
 
     def step(self, commands: np.ndarray) -> np.ndarray:
         """Hold the commands for one control period; see `Stepper.step`."""
         _, _, control = self._servos
-        self._ctrl[:, control] = commands
+        self._ctrl[:, control] = self._inputs.of_commands(commands) if self._converts else commands
         due = self._time + self.simulator.period
         with heard_instability():
             if self._hooked:
@@ -317,12 +342,19 @@ class MujocoStepper:
         return self.states
 
     def set_states(self, states: np.ndarray) -> None:
-        """Move the servos so that the measured state becomes `states`; play and other hidden joints keep theirs."""
+        """Move the servos so that the measured state becomes `states`; play and other hidden joints keep theirs.
+
+        Joints that follow others follow, with the slack that their constraints have.
+        """
         change = states - self.states
         n = len(self.joints)
         qpos, dof, _ = self._servos
+        followers = self.layout.followers
+        slack = None if followers is None else followers.slack(self._qpos, self._qvel)
         self._qpos[:, qpos] += change[:, :n]
         self._qvel[:, dof] += change[:, n:]
+        if followers is not None and slack is not None:
+            followers.place_with(slack, self._qpos, self._qvel)
         self._moved, self._measured = True, None
 
     def site_positions(self, name: str) -> np.ndarray:

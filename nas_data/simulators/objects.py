@@ -1,5 +1,6 @@
 """What moves in a model beside the measured arm: pushed things, and what other actuators drive."""
 
+import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -7,6 +8,8 @@ import mujoco
 import numpy as np
 
 from nas_data.dataset.features import POSITION, VELOCITY, Feature
+from nas_data.errors import NasError
+from nas_data.simulators.controls import Controls, commanded
 
 FREE = ("x", "y", "z", "qw", "qx", "qy", "qz"), ("x", "y", "z", "wx", "wy", "wz")  # components of a free joint
 BALL = ("qw", "qx", "qy", "qz"), ("wx", "wy", "wz")
@@ -25,14 +28,14 @@ class Objects:
         qpos: Their indices in `qpos`.
         dof: Their indices in `qvel`.
         servos: Places among the positions of what position actuators drive (an opponent's joints), shape (k,).
-        control: Index of each of those actuators in `ctrl`, shape (k,).
+        inputs: The controls of those actuators, k of them.
     """
 
     feature: Feature
     qpos: np.ndarray
     dof: np.ndarray
     servos: np.ndarray
-    control: np.ndarray
+    inputs: Controls
 
     @classmethod
     def of(cls, model: mujoco.MjModel, joints: np.ndarray, actuators: np.ndarray) -> "Objects":
@@ -48,7 +51,8 @@ class Objects:
         labels = [component for joint in others for component in positions_of(model, joint)]
         speeds = [component for joint in others for component in velocities_of(model, joint)]
         qpos = np.array([index for _, _, index in labels], dtype=int)
-        servos = dict(servos_of(model, others))
+        servos = list(servos_of(model, others))
+        driven = model.jnt_qposadr[servos]
         return cls(
             feature=Feature(
                 names=tuple(name for name, _, _ in (*labels, *speeds)),
@@ -56,9 +60,14 @@ class Objects:
             ),
             qpos=qpos,
             dof=np.array([index for _, _, index in speeds], dtype=int),
-            servos=np.array([int(np.flatnonzero(qpos == address)[0]) for address in servos], dtype=int),
-            control=np.array(list(servos.values()), dtype=int),
+            servos=np.array([int(np.flatnonzero(qpos == address)[0]) for address in driven], dtype=int),
+            inputs=Controls.of(model, servos, "the scene"),
         )
+
+    @property
+    def control(self) -> np.ndarray:
+        """Index of each of the servos' actuators in `ctrl`, shape (k,)."""
+        return self.inputs.index
 
     @property
     def width(self) -> int:
@@ -99,11 +108,9 @@ def velocities_of(model: mujoco.MjModel, joint: int) -> list[tuple[str, str, int
     return [(f"{name}.{part}{VELOCITY}", units[i], first + i) for i, part in enumerate(parts)]
 
 
-def servos_of(model: mujoco.MjModel, joints: list[int]) -> Iterator[tuple[int, int]]:
-    """Yield the index in `qpos` of each joint that a position actuator drives, and that actuator's in `ctrl`."""
-    for actuator in range(len(model.actuator_trntype)):
-        direct = int(model.actuator_trntype[actuator]) == int(mujoco.mjtTrn.mjTRN_JOINT)
-        joint = int(model.actuator_trnid[actuator, 0])
-        feeds_back = model.actuator_biasprm[actuator, 1] != 0 and model.actuator_ctrlnum[actuator] > 0
-        if direct and joint in joints and feeds_back:
-            yield int(model.jnt_qposadr[joint]), int(model.actuator_ctrladr[actuator])
+def servos_of(model: mujoco.MjModel, joints: list[int]) -> Iterator[int]:
+    """Yield each joint that is commanded positions."""
+    for joint in joints:
+        with contextlib.suppress(NasError):
+            if commanded(model, joint, "the scene")[1].kind == POSITION:
+                yield joint

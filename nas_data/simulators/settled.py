@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 
 from nas_data.drives import BAND, GAIN, GOAL, servo_actuators
+from nas_data.simulators.controls import length_feedback
 from nas_data.simulators.layout import Layout, settle_actuator
 
 WEIGHTLESS = 1e-4  # [N m] below which a load decides nothing about the side of a play
@@ -87,17 +88,25 @@ class SettledStates:
         data.qpos[self.layout.qpos] = state[:n]
         if len(state) > 2 * n:
             data.qpos[objects.qpos], data.qvel[objects.dof] = np.split(state[2 * n :], [len(objects.qpos)])
+        followers = self.layout.followers
+        if followers is not None:
+            followers.place(data.qpos[None], data.qvel[None], far=True)
         mujoco.mj_forward(model, data)
-        loads = self.loads(data.qfrc_bias, holds)
+        weight = data.qfrc_bias.copy()
+        if followers is not None:  # through the constraints, their weight is the measured joints'
+            weight += followers.slopes(data.qpos).T @ weight[followers.dofs]
+        loads = self.loads(weight, holds)
         for place in range(n):
             self.load_transmission(place, float(loads[place]))
-        holding = np.zeros(n) if self.layout.commands_effort else self.holding_commands(loads)
+        holding = np.where(self.layout.inputs.positional, self.holding_commands(loads), 0.0)
         data.ctrl[:] = self.layout.controls(holding, state)
         for actuator in range(len(model.actuator_trntype)):
             settle_actuator(model, data, actuator)
         if len(earlier) and np.isfinite(earlier).all():
             self.fill_delays(self.layout.controls(earlier, state[None]))
         data.qvel[self.layout.dof] = state[n : 2 * n]
+        if followers is not None:
+            followers.place(data.qpos[None], data.qvel[None])
         full = np.empty(mujoco.mj_stateSize(model, self.spec))
         mujoco.mj_getState(model, data, full, self.spec)
         return full
@@ -147,11 +156,12 @@ class SettledStates:
         commands = self.data.qpos[layout.qpos].copy()
         for place, control in enumerate(layout.control):
             actuator = int(np.flatnonzero((model.actuator_ctrladr == control) & (model.actuator_ctrlnum > 0))[0])
-            stiffness = -float(model.actuator_biasprm[actuator, 1])
+            stiffness = length_feedback(model, actuator)
             gear = float(model.actuator_gear[actuator, 0])
             load = float(loads[place])
-            if stiffness > 0 and gear:
-                rest = float(model.actuator_biasprm[actuator, 0]) / (stiffness * gear)
+            if stiffness > 0 and layout.inputs.positional[place]:
+                own = float(model.actuator_gainprm[actuator, 0]) * layout.inputs.zero[place]  # of the control's unit
+                rest = (float(model.actuator_biasprm[actuator, 0]) + own) / (stiffness * gear)
                 if (band := self.bands[place]) is None:
                     commands[place] += load / (stiffness * gear**2) - rest
                 else:

@@ -3,12 +3,9 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from nas_data.virtual_bus.packet import BROADCAST, Error, Instruction, Packet, status
+from nas_data.virtual_bus.packet import BROADCAST, Error, Instruction, Packet
 from nas_data.virtual_bus.servo import Servo
 from nas_data.xl320.units import DELAY_UNIT
-
-ANSWERS_ALL = 2  # status level from which everything is answered, and what is answered from a lower one on
-LEVELS: dict[int, int] = {Instruction.PING: 0, Instruction.READ: 1}
 
 
 @dataclass(frozen=True)
@@ -27,15 +24,16 @@ class Reply:
 
 
 class Chain:
-    """The servos of an arm; several may wrongly have the same identity."""
+    """The servos of an arm, which speak one protocol; several may wrongly have the same identity."""
 
     def __init__(self, servos: Sequence[Servo]) -> None:
         self.servos = list(servos)
+        self._protocol = self.servos[0].kind.protocol
         self._single: dict[int, Callable[[Servo, bytes], tuple[Error, bytes]]] = {
-            Instruction.PING: _ping,
-            Instruction.READ: _read,
-            Instruction.WRITE: _write,
-            Instruction.REG_WRITE: _reg_write,
+            Instruction.PING: self._ping,
+            Instruction.READ: self._read,
+            Instruction.WRITE: self._write,
+            Instruction.REG_WRITE: self._reg_write,
             Instruction.ACTION: lambda servo, _: (servo.act(), b""),
             Instruction.REBOOT: lambda servo, _: (servo.reboot(), b""),
             Instruction.FACTORY_RESET: lambda servo, what: (servo.factory_reset(what[0] if what else -1), b""),
@@ -79,13 +77,13 @@ class Chain:
             error, data = Error.INSTRUCTION, b""
         else:
             error, data = follow(servo, packet.parameters)
-        level = servo.get("status_level")
-        wanted = LEVELS.get(packet.instruction, ANSWERS_ALL)
-        return _reply(servo, error, data) if level >= wanted else None
+        silent = not self._protocol.complains and (follow is None or not packet.sound)
+        answers = servo.kind.answers(servo, packet.instruction) and not silent
+        return self._reply(servo, error, data) if answers else None
 
     def _sync_read(self, parameters: bytes) -> list[Reply]:
         """Answer one after the other; the first that is missing keeps those after it waiting for ever."""
-        address, length, who = _word(parameters, 0), _word(parameters, 2), parameters[4:]
+        address, length, who = *self._stretch(parameters), parameters[2 * self._protocol.width :]
         return self._in_turn([(identity, address, length) for identity in who])
 
     def _bulk_read(self, parameters: bytes) -> list[Reply]:
@@ -99,13 +97,13 @@ class Chain:
             if not servos:
                 break
             for place, servo in enumerate(servos):
-                reply = _reply(servo, *servo.read(address, length))
+                reply = self._reply(servo, *servo.read(address, length))
                 replies.append(Reply(reply.content, reply.pause, together=place > 0))
         return replies
 
     def _sync_write(self, parameters: bytes) -> list[Reply]:
-        address, length = _word(parameters, 0), _word(parameters, 2)
-        for start in range(4, len(parameters) - length, length + 1):
+        address, length = self._stretch(parameters)
+        for start in range(2 * self._protocol.width, len(parameters) - length, length + 1):
             for servo in self.named(parameters[start]):
                 servo.write(address, parameters[start + 1 : start + 1 + length])
         return []
@@ -119,9 +117,27 @@ class Chain:
             start += 5 + length
         return []
 
+    def _reply(self, servo: Servo, error: Error, data: bytes) -> Reply:
+        byte = servo.kind.error_byte(servo, error)
+        return Reply(self._protocol.status(servo.get("id"), byte, data), servo.get("return_delay") * DELAY_UNIT)
 
-def _reply(servo: Servo, error: Error, data: bytes) -> Reply:
-    return Reply(status(servo.get("id"), error | servo.alert, data), servo.get("return_delay") * DELAY_UNIT)
+    def _stretch(self, parameters: bytes) -> tuple[int, int]:
+        """Return the address and the length that parameters begin with."""
+        return self._protocol.number(parameters, 0), self._protocol.number(parameters, 1)
+
+    def _ping(self, servo: Servo, _: bytes) -> tuple[Error, bytes]:
+        return servo.read(0, 3) if self._protocol.names_model else (Error.NONE, b"")  # model number and firmware
+
+    def _read(self, servo: Servo, parameters: bytes) -> tuple[Error, bytes]:
+        if len(parameters) != 2 * self._protocol.width:
+            return Error.DATA_LENGTH, b""
+        return servo.read(*self._stretch(parameters))
+
+    def _write(self, servo: Servo, parameters: bytes) -> tuple[Error, bytes]:
+        return servo.write(self._protocol.number(parameters, 0), parameters[self._protocol.width :]), b""
+
+    def _reg_write(self, servo: Servo, parameters: bytes) -> tuple[Error, bytes]:
+        return servo.register_write(self._protocol.number(parameters, 0), parameters[self._protocol.width :]), b""
 
 
 def _said(replies: Sequence[Reply | None]) -> list[Reply]:
@@ -130,21 +146,3 @@ def _said(replies: Sequence[Reply | None]) -> list[Reply]:
 
 def _word(parameters: bytes, start: int) -> int:
     return int.from_bytes(parameters[start : start + 2], "little")
-
-
-def _ping(servo: Servo, _: bytes) -> tuple[Error, bytes]:
-    return servo.read(0, 3)  # model number and firmware
-
-
-def _read(servo: Servo, parameters: bytes) -> tuple[Error, bytes]:
-    if len(parameters) != 4:
-        return Error.DATA_LENGTH, b""
-    return servo.read(_word(parameters, 0), _word(parameters, 2))
-
-
-def _write(servo: Servo, parameters: bytes) -> tuple[Error, bytes]:
-    return servo.write(_word(parameters, 0), parameters[2:]), b""
-
-
-def _reg_write(servo: Servo, parameters: bytes) -> tuple[Error, bytes]:
-    return servo.register_write(_word(parameters, 0), parameters[2:]), b""

@@ -4,9 +4,7 @@ import time
 from typing import Protocol
 
 from nas_data.virtual_bus.packet import Instruction, Packet
-from nas_data.xl320.control_table import REGISTERS
-
-PERIOD = 0.01  # [s] between two goals in lock-step: the paper's 100 Hz
+from nas_data.virtual_bus.protocols import Protocol as Speech
 
 
 class Clock(Protocol):
@@ -36,7 +34,15 @@ class RealClock:
 class LockStep:
     """Time that passes only when goals are sent to all servos, a control period each: for tests without waiting."""
 
-    def __init__(self) -> None:
+    def __init__(self, speech: Speech, goal: int, period: float) -> None:
+        """Stand at zero.
+
+        Args:
+            speech: How the servos speak.
+            goal: Address of the goals.
+            period: Between two goals [s].
+        """
+        self._speech, self._goal, self._period = speech, goal, period
         self._time = 0.0
 
     def now(self) -> float:
@@ -45,6 +51,5 @@ class LockStep:
 
     def heard(self, packet: Packet) -> None:
         """Advance by a period where goals were sent."""
-        goal = REGISTERS["goal_position"].address
-        if packet.instruction == Instruction.SYNC_WRITE and packet.parameters[:1] == bytes([goal]):
-            self._time += PERIOD
+        if packet.instruction == Instruction.SYNC_WRITE and self._speech.number(packet.parameters, 0) == self._goal:
+            self._time += self._period

@@ -7,8 +7,8 @@ import numpy as np
 from nas_data.virtual_bus.arm import VirtualArm
 from nas_data.virtual_bus.clock import Clock
 from nas_data.virtual_bus.faults.base import Fault
-from nas_data.virtual_bus.packet import Packet, Reader
-from nas_data.virtual_bus.wire import BAUD, seconds, transmit
+from nas_data.virtual_bus.packet import Packet
+from nas_data.virtual_bus.wire import seconds, transmit
 
 SILENCE = 0.002  # [s] after which an unfinished packet is forgotten
 
@@ -36,7 +36,7 @@ class Device:
         self.arm, self.clock = arm, clock
         self._rng, self._honest = rng, honest
         self._coming, self._active = list(faults), list[Fault]()
-        self._reader = Reader()
+        self._reader = arm.kind.protocol.reader()
         self._heard = 0.0
 
     def inject(self, fault: Fault) -> None:
@@ -95,4 +95,4 @@ class Device:
 
     @property
     def _baud(self) -> int:
-        return BAUD[self.arm.servos[0].get("baud_rate")]
+        return self.arm.kind.baud[self.arm.servos[0].get("baud_rate")]

@@ -1,21 +1,19 @@
 """What current does to a servo's supply, its temperature and its patience.
 
-The stall current is the e-manual's; the resistances to heat and of the supply are plausible, not measured.
+The stall currents are the manuals'; the resistances to heat and of the supply are plausible, not measured.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from nas_data.xl320.control_table import OVERHEAT, OVERLOAD, VOLTAGE
+from nas_data.virtual_bus.kinds.base import Bounds, Kind, Reason
 
-STALL_CURRENT = 1.1  # [A] at 7.4 V, XL-320 e-manual
 IDLE_CURRENT = 0.03  # [A] of a servo that stands
 SUPPLY_RESISTANCE = 0.15  # [Ω] of supply and wires
 HEATING = 12.0  # [K/W] above the air, once warm
 WARMING = 240.0  # [s] until two thirds of that
-OVERLOAD_SHARE = 0.95  # share of the largest torque that counts as stalled
-OVERLOAD_SECONDS = 2.0  # [s] of it after which the servo gives up
 
 
 @dataclass
@@ -23,40 +21,50 @@ class Electrics:
     """Supply and warmth of n servos.
 
     Attributes:
-        supply: Voltage without load [V].
+        kinds: Of each servo.
         air: Temperature around the arm [°C].
-        voltage: Voltage at the servos [V].
-        temperature: Of each servo [°C], shape (n,).
+        supply: Voltage of each without load [V], shape (n,), or one for all.
+        voltage: Voltage at each [V], likewise.
+        temperature: Of each [°C], shape (n,).
     """
 
-    count: int
-    supply: float = 7.4
+    kinds: Sequence[Kind]
     air: float = 25.0
-    voltage: float = field(init=False)
+    supply: np.ndarray | float = field(init=False)
+    voltage: np.ndarray | float = field(init=False)
     temperature: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
-        self.voltage = self.supply
-        self.temperature = np.full(self.count, self.air)
-        self._strained: np.ndarray = np.zeros(self.count)
+        self.supply = self.voltage = np.array([kind.supply for kind in self.kinds])
+        self.temperature = np.full(len(self.kinds), self.air)
+        self._stall = np.array([kind.stall_current for kind in self.kinds])
+        self._strained: np.ndarray = np.zeros(len(self.kinds))
 
-    def advance(self, duty: np.ndarray, seconds: float) -> None:
-        """Let time pass under the servos' duty (share of their largest torque, shape (n,), signed)."""
-        current = IDLE_CURRENT + STALL_CURRENT * np.abs(duty)
-        self.voltage = max(0.0, self.supply - SUPPLY_RESISTANCE * float(current.sum()))
-        warm = self.air + HEATING * self.voltage * STALL_CURRENT * np.square(duty)
-        self.temperature += (warm - self.temperature) * min(1.0, seconds / WARMING)
-        strained = np.abs(duty) >= OVERLOAD_SHARE
-        self._strained = np.where(strained, self._strained + seconds, 0.0)
-
-    def errors(self, lowest: np.ndarray, highest: np.ndarray, hottest: np.ndarray) -> np.ndarray:
-        """Return the bits of the hardware error of each servo.
+    def advance(self, duty: np.ndarray, strain: np.ndarray, seconds: float) -> None:
+        """Let time pass.
 
         Args:
-            lowest: Lowest voltage [V], shape (n,).
-            highest: Highest voltage [V], shape (n,).
-            hottest: Highest temperature [°C], shape (n,).
+            duty: Of each servo, a share of its largest torque, signed, shape (n,).
+            strain: Duty from which each counts as stalled, shape (n,).
+            seconds: How long [s].
         """
-        found = np.where(self._strained > OVERLOAD_SECONDS, OVERLOAD, 0)
-        found |= np.where(self.temperature > hottest, OVERHEAT, 0)
-        return np.asarray(found | np.where((self.voltage < lowest) | (self.voltage > highest), VOLTAGE, 0))
+        current = IDLE_CURRENT + self._stall * np.abs(duty)
+        self.voltage = np.maximum(0.0, self.supply - SUPPLY_RESISTANCE * float(current.sum()))
+        warm = self.air + HEATING * self.voltage * self._stall * np.square(duty)
+        self.temperature += (warm - self.temperature) * min(1.0, seconds / WARMING)
+        self._strained = np.where(np.abs(duty) >= strain, self._strained + seconds, 0.0)
+
+    def volts(self, place: int) -> float:
+        """Return the voltage at one servo [V]."""
+        return float(np.broadcast_to(self.voltage, len(self.kinds))[place])
+
+    def reasons(self, place: int, bounds: Bounds) -> Reason:
+        """Return why one servo must protect itself now."""
+        found = Reason(0)
+        if self._strained[place] > bounds.seconds:
+            found |= Reason.OVERLOAD
+        if self.temperature[place] > bounds.hottest:
+            found |= Reason.OVERHEAT
+        if not bounds.lowest <= self.volts(place) <= bounds.highest:
+            found |= Reason.VOLTAGE
+        return found

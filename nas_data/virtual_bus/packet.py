@@ -5,6 +5,7 @@ Source: ROBOTIS e-manual, DYNAMIXEL Protocol 2.0.
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Protocol
 
 from nas_data.virtual_bus.crc import crc16
 
@@ -82,6 +83,16 @@ def stuff(content: bytes) -> bytes:
 def unstuff(content: bytes) -> bytes:
     """Undo `stuff`."""
     return content.replace(STUFFED + b"\xfd", STUFFED)
+
+
+class PacketReader(Protocol):
+    """Finds packets of some protocol in a stream of bytes."""
+
+    def forget(self) -> None:
+        """Drop an unfinished packet."""
+
+    def feed(self, data: bytes) -> list[Packet]:
+        """Take bytes in, return the packets that they complete."""
 
 
 class Reader:

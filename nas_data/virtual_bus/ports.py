@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 
 from nas_data.errors import OptionError
 from nas_data.virtual_bus.options import Options
@@ -12,7 +13,11 @@ VIRTUAL = "virtual"
 
 @contextmanager
 def port_of(
-    name: str, effects: Sequence[str] = (), faults: Sequence[str] = (), lockstep: bool = False
+    name: str,
+    effects: Sequence[str] = (),
+    faults: Sequence[str] = (),
+    lockstep: bool = False,
+    arm: Options | None = None,
 ) -> Iterator[str]:
     """Yield the path of a port: the name itself, or that of a virtual arm.
 
@@ -21,6 +26,7 @@ def port_of(
         effects: What the virtual arm has and its model lacks.
         faults: What goes wrong on it.
         lockstep: Whether it moves and answers as fast as it can, a period with every goal, instead of by the clock.
+        arm: Which arm it is; an ErgoJr where not given.
 
     Raises:
         OptionError: effects, faults or lock-step are asked of a real arm.
@@ -30,6 +36,8 @@ def port_of(
             raise OptionError(f"Effects, faults and lock-step belong to --port {VIRTUAL}; {name} is a real arm.")
         yield name
         return
-    options = Options(effects=tuple(effects), faults=tuple(faults), honest=not lockstep, lockstep=lockstep)
+    options = replace(
+        arm or Options(), effects=tuple(effects), faults=tuple(faults), honest=not lockstep, lockstep=lockstep
+    )
     with VirtualBus(options) as bus:
         yield bus.port

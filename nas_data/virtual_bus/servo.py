@@ -1,29 +1,30 @@
-"""One simulated XL-320: its memory, and what it does when it is asked to read or write."""
+"""One simulated servo: its memory, and what it does when it is asked to read or write."""
 
 from nas_data.errors import OptionError
-from nas_data.virtual_bus.packet import ALERT, Error
-from nas_data.xl320.control_table import OVERHEAT, OVERLOAD, REGISTERS, SIZE, VOLTAGE, Register
+from nas_data.virtual_bus.kinds.base import Drive, Kind, Reason
+from nas_data.virtual_bus.kinds.xl320 import KIND as XL320
+from nas_data.virtual_bus.packet import Error
+from nas_data.xl320.control_table import Register
 
-AT_BYTE = {r.address + k: r for r in REGISTERS.values() for k in range(r.size)}
-FREE = frozenset(range(SIZE)) - set(AT_BYTE)  # addresses without a register read as zero
-REASONS = {OVERLOAD: "overload", OVERHEAT: "overheat", VOLTAGE: "voltage"}
 EVERYTHING, BUT_ID, BUT_ID_AND_BAUD = 0xFF, 0x01, 0x02  # what a factory reset forgets
 
 
 class Servo:
-    """A control table with the rules of the e-manual.
+    """A control table with the rules of its series.
 
     Attributes:
+        kind: Its series.
         memory: The table.
         answers_sync: Whether the firmware knows sync read.
     """
 
-    def __init__(self, identity: int, model_number: int | None = None) -> None:
+    def __init__(self, identity: int, model_number: int | None = None, kind: Kind = XL320) -> None:
         """Take a servo out of its box, and give it an identity."""
-        self.memory = bytearray(SIZE)
+        self.kind, self.memory = kind, bytearray(kind.size)
+        self._drive: Drive | None = None
         self.answers_sync = True
         self._registered: tuple[int, bytes] | None = None
-        for name, register in REGISTERS.items():
+        for name, register in kind.registers.items():
             self.put(name, register.initial)
         self.put("id", identity)
         if model_number is not None:
@@ -31,7 +32,7 @@ class Servo:
 
     def get(self, name: str) -> int:
         """Return a register."""
-        register = REGISTERS[name]
+        register = self.kind.registers[name]
         return int.from_bytes(self.memory[register.address : register.address + register.size], "little")
 
     def put(self, name: str, value: int) -> None:
@@ -40,19 +41,25 @@ class Servo:
         Raises:
             OptionError: the value is negative or needs more bytes than the register has.
         """
-        register = REGISTERS[name]
+        register = self.kind.registers[name]
         if not 0 <= value < 256**register.size:
             raise OptionError(f"{name} is {value}; it must lie in 0 … {256**register.size - 1}.")
-        self.memory[register.address : register.address + register.size] = value.to_bytes(register.size, "little")
+        place = slice(register.address, register.address + register.size)
+        content = value.to_bytes(register.size, "little")
+        if self.memory[place] != content:
+            self.memory[place] = content
+            self._drive = self._drive if name.startswith(("present", "moving")) else None
 
     @property
-    def alert(self) -> int:
-        """The bit that every answer carries while there is a hardware error."""
-        return ALERT if self.get("hardware_error") else 0
+    def drive(self) -> Drive:
+        """What its registers make of it."""
+        if self._drive is None:
+            self._drive = self.kind.drive(self)
+        return self._drive
 
     def read(self, address: int, length: int) -> tuple[Error, bytes]:
         """Return a stretch of the memory."""
-        if not 0 < length <= SIZE - address:
+        if not 0 < length <= len(self.memory) - address:
             return Error.ACCESS, b""
         return Error.NONE, bytes(self.memory[address : address + length])
 
@@ -61,16 +68,18 @@ class Servo:
         error = self.judge(address, data)
         if error is Error.NONE:
             self.memory[address : address + len(data)] = data
-            if AT_BYTE[address] is REGISTERS["torque_enable"] and not data[0]:
+            self._drive = None
+            if self.kind.at_byte[address] is self.kind.registers["torque_enable"] and not data[0]:
                 self.put("moving", 0)
         return error
 
     def judge(self, address: int, data: bytes) -> Error:
         """Say why a stretch may not be written."""
         end = address + len(data)
-        if not data or end > SIZE or address in FREE:
+        at_byte = self.kind.at_byte
+        if not data or end > len(self.memory) or address not in at_byte:
             return Error.ACCESS
-        registers = {AT_BYTE[place].address: AT_BYTE[place] for place in range(address, end) if place in AT_BYTE}
+        registers = {at_byte[place].address: at_byte[place] for place in range(address, end) if place in at_byte}
         for register in registers.values():
             start = register.address - address
             if start < 0 or register.address + register.size > end:
@@ -81,15 +90,11 @@ class Servo:
         return Error.NONE
 
     def _judge(self, register: Register, value: int) -> Error:
-        locked = register.eeprom and self.get("torque_enable")
-        if not register.writable or locked:
+        if not register.writable or self.kind.locked(self, register):
             return Error.ACCESS
         if not register.low <= value <= register.high:
             return Error.DATA_RANGE
-        low, high = self.get("cw_limit"), self.get("ccw_limit")
-        if register.name == "goal_position" and not low <= value <= high and self.get("control_mode") == 2:
-            return Error.DATA_LIMIT
-        return Error.NONE
+        return self.kind.judge(self, register, value)
 
     def register_write(self, address: int, data: bytes) -> Error:
         """Keep a write for the next action."""
@@ -110,10 +115,10 @@ class Servo:
 
     def reboot(self) -> Error:
         """Start anew: memory that a loss of power forgets gets its initial values, errors are gone."""
-        for name, register in REGISTERS.items():
-            if not register.eeprom and not name.startswith("present"):
+        for name, register in self.kind.registers.items():
+            if not self.kind.lasts(register) and not name.startswith("present"):
                 self.put(name, register.initial)
-        self.put("torque_limit", self.get("max_torque"))
+        self.kind.started(self)
         self._registered = None
         return Error.NONE
 
@@ -125,15 +130,13 @@ class Servo:
             return Error.ACCESS
         kept = {EVERYTHING: (), BUT_ID: ("id",), BUT_ID_AND_BAUD: ("id", "baud_rate")}[what]
         values = {name: self.get(name) for name in (*kept, "model_number", "firmware")}
-        for name, register in REGISTERS.items():
-            if register.eeprom:
+        for name, register in self.kind.registers.items():
+            if self.kind.lasts(register):
                 self.put(name, register.initial)
         for name, value in values.items():
             self.put(name, value)
         return self.reboot()
 
     def fail(self, reason: int) -> None:
-        """Note a hardware error; where it is one that shuts the servo down, its torque limit falls to zero."""
-        self.put("hardware_error", self.get("hardware_error") | reason)
-        if self.get("shutdown") & reason:
-            self.put("torque_limit", 0)
+        """Note a hardware error; see `Kind.fail`."""
+        self.kind.fail(self, Reason(reason))

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from nas_data.virtual_bus.chain import Reply
 
 BITS = 10  # of a byte on the wire: start, eight, stop
-BAUD = {0: 9600, 1: 57_600, 2: 115_200, 3: 1_000_000}  # [bit/s] by the register; XL-320 e-manual
 
 
 def seconds(count: int, baud: int) -> float:

@@ -1,46 +1,23 @@
 """An arm of XL-320 servos: found, checked, set up, read and commanded once a cycle, and left safe."""
 
-import contextlib
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from types import TracebackType
 
 import numpy as np
 
+from nas_data.arms.base import Health, Reading
+from nas_data.arms.safety import OPENER, make_safe
 from nas_data.errors import ArmError, ServoSilent
 from nas_data.xl320.bus import Answer, Bus
 from nas_data.xl320.configuration import Configuration
-from nas_data.xl320.control_table import FEEDBACK, FEEDBACK_SIZE, HEALTH, HEALTH_SIZE
-from nas_data.xl320.fitness import Health, refuse_outside, refuse_unfit
+from nas_data.xl320.control_table import FEEDBACK, FEEDBACK_SIZE, HEALTH, HEALTH_SIZE, SETTINGS
+from nas_data.xl320.fitness import refuse_outside, refuse_unfit
 from nas_data.xl320.joints import Joints
 from nas_data.xl320.port import open_port
 from nas_data.xl320.survey import Found, nobody, survey
 from nas_data.xl320.units import HIGHEST, VOLT
-
-SLOW = 0.15  # [rad/s] below which the torque may go without a jerk
-PATIENCE = 1.0  # [s] to wait for that
-
-
-@dataclass(frozen=True)
-class Reading:
-    """The state of the arm at one moment.
-
-    Attributes:
-        time: Monotonic clock, the middle between question and last answer [s].
-        positions: [rad], shape (n,).
-        velocities: [rad/s], shape (n,).
-        loads: Shares of the largest torque, shape (n,).
-        raw: What the servos said, byte for byte.
-        alerts: Identities of servos with a hardware error.
-    """
-
-    time: float
-    positions: np.ndarray
-    velocities: np.ndarray
-    loads: np.ndarray
-    raw: bytes
-    alerts: tuple[int, ...]
 
 
 class Arm:
@@ -48,18 +25,26 @@ class Arm:
 
     Attributes:
         joints: Its joints and servos.
+        configuration: How its servos are set up before they move.
         bus: Its line.
         sequential: Whether its servos are read one by one, because they do not know sync read.
         retries: Readings that needed more than one attempt.
     """
 
-    def __init__(self, port: str, joints: Joints, now: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        port: str,
+        joints: Joints,
+        now: Callable[[], float] = time.monotonic,
+        configuration: Configuration | None = None,
+    ) -> None:
         """Open the port.
 
         Args:
             port: Its path.
             joints: What the arm should have.
             now: Clock that stamps the readings [s].
+            configuration: How its servos are to be set up; as `Configuration` says where not given.
 
         Raises:
             ArmError: the port cannot be opened; see `open_port`.
@@ -69,7 +54,12 @@ class Arm:
         self._now = now
         self.sequential = False
         self.retries = 0
-        self.configuration: Configuration | None = None
+        self.configuration = configuration or Configuration()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self.joints.names
 
     def check(self) -> list[Found]:
         """Look at every servo, and refuse an arm that cannot be used.
@@ -87,17 +77,17 @@ class Arm:
         refuse_outside(self.joints, self.read().positions)
         return found
 
-    def configure(self, configuration: Configuration) -> None:
-        """Set every servo up; the torque is off afterwards.
+    def configure(self, configuration: Configuration | None = None) -> None:
+        """Set every servo up, as another configuration says where one is given; the torque is off afterwards.
 
         Raises:
             ArmError: a servo does not take it.
         """
+        self.configuration = configuration or self.configuration
         low, high = self.joints.raw(np.array(self.joints.low)), self.joints.raw(np.array(self.joints.high))
         ends = np.clip(np.sort([low, high], axis=0), 0, HIGHEST).T.tolist()
         for identity, (first, last) in zip(self.joints.ids, ends, strict=True):
-            configuration.write(self.bus, identity, (first, last))
-        self.configuration = configuration
+            self.configuration.write(self.bus, identity, (first, last))
 
     def torque_on(self) -> None:
         """Switch the torque on where the arm stands: the goals of before are forgotten first, and surely.
@@ -153,18 +143,42 @@ class Arm:
         for identity in reading.alerts:
             refuse_unfit(self._name(identity), self.health(identity))
 
+    def look_after(self, place: int) -> Health:
+        """Read supply and warmth of the servo of one joint, and refuse it where it is unfit; raises as `check` does."""
+        identity = self.joints.ids[place]
+        health = self.health(identity)
+        refuse_unfit(self._name(identity), health)
+        return health
+
+    def registers(self) -> dict[str, dict[str, int]]:
+        """Read the settings of every servo, by joint and register; raises as `Bus.read` does."""
+        answers = [
+            self.bus.read(identity, 0, max(r.address + r.size for r in SETTINGS)) for identity in self.joints.ids
+        ]
+        return {
+            joint: {register.name: answer.register(register.name, 0) for register in SETTINGS}
+            for joint, answer in zip(self.joints.names, answers, strict=True)
+        }
+
+    def where(self) -> np.ndarray:
+        """Return the positions [rad], shape (n,); raises as `read` does."""
+        return self.read().positions
+
+    def stay(self, there: np.ndarray) -> None:
+        """Command positions [rad], shape (n,); raises as `command` does."""
+        self.command(there)
+
+    def speed(self) -> float:
+        """Return the speed of the fastest joint [rad/s]; raises as `read` does."""
+        return float(np.abs(self.read().velocities).max())
+
+    def unsure(self) -> list[int]:
+        """Return the servos that do not confirm that their torque is off."""
+        return [identity for identity in self.joints.ids if not self._is_off(identity)]
+
     def make_safe(self) -> str:
-        """Hold the arm where it is, wait until it is slow, switch the torque off; return what could not be done."""
-        with contextlib.suppress(ArmError):  # what keeps the arm from being read has been said, or is said below
-            self._hold()
-        try:
-            self.torque_off()
-        except ArmError as error:
-            return f"The torque could not be switched off; switch the supply off. {error}"
-        unsure = [str(identity) for identity in self.joints.ids if not self._is_off(identity)]
-        if unsure:
-            return f"Servo {', '.join(unsure)} did not confirm that its torque is off; switch the supply off."
-        return ""
+        """Leave the arm without torque; see `nas_data.arms.safety`."""
+        return make_safe(self)
 
     def close(self) -> None:
         """Give the port back."""
@@ -178,19 +192,11 @@ class Arm:
             "ids": list(self.joints.ids),
             "zero_offsets_ticks": list(self.joints.offsets),
             "sequential_reads": self.sequential,
-            "configuration": self.configuration.to_json() if self.configuration else None,
+            "configuration": self.configuration.to_json(),
         }
 
     def _name(self, identity: int) -> str:
         return f"Servo {identity} ({self.joints.names[self.joints.ids.index(identity)]})"
-
-    def _hold(self) -> None:
-        until = time.monotonic() + PATIENCE
-        here = self.read().positions
-        self.command(here)
-        while time.monotonic() < until and np.abs(self.read().velocities).max() > SLOW:
-            self.command(here)
-            time.sleep(0.01)
 
     def _is_off(self, identity: int) -> bool:
         """Whether a servo confirms that its torque is off."""
@@ -229,3 +235,41 @@ class Arm:
     ) -> None:
         self.make_safe()
         self.close()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Xl320:
+    """The driver of an arm of XL-320 servos.
+
+    Attributes:
+        port: Its path.
+        joints: What the arm should have.
+        configuration: How its servos are set up.
+    """
+
+    port: str
+    joints: Joints
+    configuration: Configuration = field(default_factory=Configuration)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self.joints.names
+
+    @property
+    def speed(self) -> float:
+        """Speed that its servos are limited to [rad/s]; 0 for none."""
+        return self.configuration.speed
+
+    def open(self, now: Callable[[], float] = time.monotonic) -> Arm:
+        """Open the port; see `Arm`."""
+        return Arm(self.port, self.joints, now, self.configuration)
+
+    def charge(self) -> dict[str, object]:
+        """Return what a guard needs."""
+        return {OPENER: f"{__name__}:{open_guarded.__name__}", "port": self.port, "joints": asdict(self.joints)}
+
+
+def open_guarded(port: str, joints: Mapping[str, Sequence[object]]) -> Arm:
+    """Open an arm in order to stop it; see `Xl320.charge`."""
+    return Arm(port, Joints(**{key: tuple(value) for key, value in joints.items()}))  # type: ignore[arg-type]

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 from dynamixel_sdk import COMM_SUCCESS, GroupSyncWrite, PacketHandler
 
+from nas_data.arms.port_errors import lost
 from nas_data.errors import BadReply, ServoRefused, ServoSilent
 from nas_data.xl320.control_table import REGISTERS
-from nas_data.xl320.port import Port, lost
+from nas_data.xl320.port import Port
 
 ATTEMPTS = 3
 WRAPPING = 4  # instruction, error and checksum: what a reply's length counts besides its data

@@ -38,11 +38,6 @@ class Register:
     high: int = 255
     writable: bool = True
 
-    @property
-    def eeprom(self) -> bool:
-        """Whether it outlives a loss of power, and is locked while the torque is on."""
-        return self.address < RAM
-
 
 REGISTERS = {
     register.name: register
@@ -80,3 +75,5 @@ REGISTERS = {
         Register("punch", 51, 2, 32, 0, 1023),
     )
 }
+FLEETING = ("registered", "moving", "hardware_error", "goal_position", "led")  # registers that are no settings
+SETTINGS = tuple(r for r in REGISTERS.values() if not r.name.startswith("present") and r.name not in FLEETING)

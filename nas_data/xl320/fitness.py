@@ -1,9 +1,8 @@
 """Whether an arm may be moved: supply, errors and warmth of its servos, and where its joints stand."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from nas_data.arms.base import Health
 from nas_data.errors import OutsideLimits, ServoHot, ServoOverloaded, SupplyLow
 from nas_data.xl320.control_table import OVERHEAT, OVERLOAD, VOLTAGE
 from nas_data.xl320.joints import Joints
@@ -11,21 +10,6 @@ from nas_data.xl320.joints import Joints
 LOWEST_VOLTAGE = 6.0  # [V] below which an XL-320 is not specified; e-manual
 MARGIN = 0.05  # [rad] by which a joint may stand beyond its limits at the start: ten ticks of play and sag
 COOL = 50  # [°C] at which a servo that was too hot may go on
-
-
-@dataclass(frozen=True)
-class Health:
-    """What is read now and then of one servo.
-
-    Attributes:
-        voltage: At its supply [V].
-        temperature: Inside [°C].
-        errors: Bits of the hardware error.
-    """
-
-    voltage: float
-    temperature: int
-    errors: int
 
 
 def refuse_unfit(name: str, health: Health) -> None:

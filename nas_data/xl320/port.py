@@ -1,13 +1,11 @@
 """A serial port as dynamixel-sdk uses it, opened for one program alone and with refusals in sentences."""
 
-import errno
 import time
-from pathlib import Path
 
 import serial
 from dynamixel_sdk import PortHandler
 
-from nas_data.errors import AdapterLost, ArmError, NoSuchPort, PortBusy, PortDenied
+from nas_data.arms.port_errors import refusal
 
 BAUD = 1_000_000  # [bit/s] of an XL-320 from the factory
 PATIENCE = 0.02  # [s] to wait for a reply beyond its time on the wire: more than any USB latency timer (16 ms)
@@ -15,7 +13,6 @@ LENIENCE = 0.04  # [s] the same where another program plays the servos, which mu
 WAIT = 0.002  # [s] that one look for bytes may last
 WRITING = 0.2  # [s] after which a port that takes no bytes is given up
 PSEUDO_TERMINALS = "/dev/pts/"
-KINDS = ("ttyUSB*", "ttyACM*", "ttyAMA*", "tty.usb*", "cu.usb*")
 
 
 class Port(PortHandler):
@@ -60,31 +57,5 @@ def open_port(path: str, baud: int = BAUD) -> Port:
     try:
         port.setBaudRate(baud)
     except (OSError, ValueError) as error:
-        raise _refusal(path, error) from None
+        raise refusal(path, error) from None
     return port
-
-
-def _refusal(path: str, error: OSError | ValueError) -> ArmError:
-    """Say why a port could not be opened, and what to do."""
-    code = getattr(error, "errno", None)
-    if code in {errno.ENOENT, errno.ENODEV, errno.ENXIO} or not Path(path).exists():
-        return NoSuchPort(f"There is no port {path}; plug the adapter in and give one of: {_ports()}.")
-    if code in {errno.EACCES, errno.EPERM}:
-        return PortDenied(
-            f"{path} may not be opened by this user; join the group that owns it "
-            "(sudo usermod -aG dialout $USER) and log in again."
-        )
-    if code in {errno.EBUSY, errno.EAGAIN} or "lock" in str(error):
-        return PortBusy(f"{path} is used by another program; close that program (a recorder, a monitor) and try again.")
-    return ArmError(f"{path} cannot be used as a serial port; give the adapter's port, one of: {_ports()}.")
-
-
-def _ports() -> str:
-    """Return the ports that are there, for a sentence."""
-    found = sorted(str(path) for kind in KINDS for path in Path("/dev").glob(kind))
-    return ", ".join([*found, "virtual"])
-
-
-def lost(path: str) -> AdapterLost:
-    """Return what to raise where a port that was open is gone."""
-    return AdapterLost(f"{path} vanished while it was used; plug the adapter in again and check its cable.")

@@ -68,7 +68,7 @@ class Fit:
 
     def _misfit(self, model: mujoco.MjModel) -> np.ndarray:
         commands, first = self.recorded.commands[:EPISODES], self.recorded.states[:EPISODES, 0].copy()
-        if not self.layout.commands_effort:  # nothing holds an arm under torque commands at rest
+        if self.layout.inputs.positional.all():  # nothing holds an arm under torque commands at rest
             first[:, len(self.recorded.joints) :] = 0
         controls = np.repeat(self.layout.controls(commands), self.substeps, axis=1)
         start = RestStates(model, self.layout, FULLPHYSICS)(first)

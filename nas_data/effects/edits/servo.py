@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import mujoco
 import numpy as np
 
-from nas_data.drives import BAND, DAMPING, GAIN, GOAL, PARTS, driven_joint
+from nas_data.drives import BAND, DAMPING, GAIN, GOAL, PARTS, REST_SHIFT, driven_joint
 from nas_data.effects.base import joint_actuator
 from nas_data.errors import ModelFileError
 
@@ -23,12 +23,45 @@ def position_servo(spec: mujoco.MjSpec, joint: str, effect: str) -> mujoco.MjsAc
         ModelFileError: what drives it takes torques.
     """
     actuator = joint_actuator(spec, joint)
-    if feedback(actuator) <= 0:
+    if feedback(actuator) <= 0 or not takes_position(actuator):
         raise ModelFileError(
             f"{effect} acts on a position servo; the actuator '{actuator.name}' of the joint '{joint}' has no "
             "position feedback: give a model whose actuators are <position> or <pid>."
         )
     return actuator
+
+
+def takes_position(actuator: mujoco.MjsActuator) -> bool:
+    """Whether the control of an actuator with position feedback is a position, not the speed of its setpoint."""
+    if actuator.gaintype == mujoco.mjtGain.mjGAIN_PID and actuator.ctrlspec:
+        return bool(actuator.ctrlspec & int(mujoco.mjtCtrlInput.mjINPUT_POS))
+    return bool(actuator.dyntype != mujoco.mjtDyn.mjDYN_INTEGRATOR)
+
+
+def take_own_unit(spec: mujoco.MjSpec, joint: str, actuator: mujoco.MjsActuator, effect: str) -> None:
+    """Write a servo whose control has its own unit (gain k, feedback f) as one with another gear and no such unit.
+
+    With the gear times f / k, forces are times k / f, and length and speed times f / k: the joint feels the same.
+
+    Raises:
+        ModelFileError: the unit begins elsewhere than at zero.
+    """
+    if actuator.gaintype != mujoco.mjtGain.mjGAIN_FIXED or actuator.gainprm[0] == feedback(actuator):
+        return
+    number = spec.numeric(joint + REST_SHIFT)
+    if actuator.biasprm[0] != (0.0 if number is None else number.data[0]):
+        raise ModelFileError(
+            f"{effect} cannot be added to the actuator '{actuator.name}', whose control has a zero of its own; "
+            "give a model whose actuator there is a <position>."
+        )
+    factor = feedback(actuator) / float(actuator.gainprm[0])
+    gear, gain, bias = actuator.gear.copy(), actuator.gainprm.copy(), actuator.biasprm.copy()
+    gear[0] *= factor
+    bias[:3] /= [factor, factor**2, factor**2]
+    gain[0] = -bias[1]
+    actuator.gear, actuator.gainprm, actuator.biasprm = gear, gain, bias
+    actuator.forcerange = np.sort(actuator.forcerange / factor)
+    actuator.armature, actuator.damping = actuator.armature / factor**2, actuator.damping / factor**2
 
 
 def feedback(actuator: mujoco.MjsActuator) -> float:
@@ -121,11 +154,24 @@ def part(spec: mujoco.MjSpec, joint: str, name: str) -> mujoco.MjsActuator:
     return spec.actuator(joint + name)
 
 
-def shift_rest(actuator: mujoco.MjsActuator, offset: float) -> None:
-    """Let a servo come to rest at its command plus an offset of the joint [rad]."""
-    bias = actuator.biasprm.copy()
-    bias[0] += feedback(actuator) * float(actuator.gear[0]) * offset
+def shift_rest(spec: mujoco.MjSpec, joint: str, actuator: mujoco.MjsActuator, offset: float) -> None:
+    """Let a servo come to rest at its command plus an offset of the joint [rad].
+
+    Where the gain is not the feedback, a constant force may be where the control's own unit begins, so that the model
+    is given a number that tells both apart (see `rest_shift`).
+    """
+    bias, force = actuator.biasprm.copy(), feedback(actuator) * float(actuator.gear[0]) * offset
+    bias[0] += force
     actuator.biasprm = bias
+    if actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED and actuator.gainprm[0] != feedback(actuator):
+        number = spec.numeric(joint + REST_SHIFT) or spec.add_numeric(name=joint + REST_SHIFT, size=1, data=[0.0])
+        number.data = [number.data[0] + force]
+
+
+def rest_shift(model: mujoco.MjModel, joint: str) -> float:
+    """Return what of the constant force of a joint's servo is an effect's, as `shift_rest` says [N·m over the gear]."""
+    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, joint + REST_SHIFT)
+    return 0.0 if number < 0 else float(model.numeric_data[model.numeric_adr[number]])
 
 
 def torque_limits(actuator: mujoco.MjsActuator) -> tuple[float, float] | None:

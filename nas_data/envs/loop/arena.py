@@ -6,7 +6,7 @@ import gymnasium
 import numpy as np
 
 from nas_data.envs.base import Task, Verdict
-from nas_data.errors import JointMismatch, SimulationDiverged
+from nas_data.errors import JointMismatch, OptionError, SimulationDiverged
 from nas_data.simulators.base import Redrawn, Stepper
 
 
@@ -83,9 +83,11 @@ class Arena:
             The task's verdict, and which episodes reached the horizon without being terminated, shape (B,).
 
         Raises:
+            OptionError: an action is not finite, or the actions have another shape.
             SimulationDiverged: every simulation left all bounds in the very first step.
         """
         goals = self.goals
+        self._check(actions)
         actions = np.clip(actions, self.task.action_space.low, self.task.action_space.high)
         states = self.stepper.step(self.task.command(actions))
         self.lost = ~np.isfinite(states).all(axis=1)
@@ -96,6 +98,16 @@ class Arena:
         if self.lost.any():
             verdict = self._without_lost(verdict)
         return verdict, (self.elapsed >= self.task.horizon) & ~verdict.terminated
+
+    def _check(self, actions: np.ndarray) -> None:
+        """Refuse actions that no command could be made of; to clip an infinite one would hide a policy's fault."""
+        wanted = (self.size, *self.task.action_space.shape)
+        if np.shape(actions) != wanted:
+            raise OptionError(f"The actions have the shape {np.shape(actions)[1:]}; {wanted[1:]} is needed.")
+        wrong = np.argwhere(~np.isfinite(actions))
+        if len(wrong):
+            row, place = (int(index) for index in wrong[0])
+            raise OptionError(f"Number {place} of the action is {actions[row, place]}; finite numbers are needed.")
 
     def _without_lost(self, verdict: Verdict) -> Verdict:
         """Return a verdict in which the rows that left all bounds have ended badly."""

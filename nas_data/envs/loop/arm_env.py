@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import gymnasium
+import gymnasium.utils
 import numpy as np
 
 from nas_data.envs.base import SOURCE
@@ -11,12 +12,14 @@ from nas_data.envs.loop.plant import Plant
 from nas_data.simulators.base import Stepper
 
 
-class ArmEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+class ArmEnv(gymnasium.Env[np.ndarray, np.ndarray], gymnasium.utils.EzPickle):
     """A task as a Gymnasium environment; the same logic as `ArmVecEnv`, for one arm.
 
+    Pickled or copied, it is built anew from its arguments, and begins with a `reset` as a new one does.
+
     Example:
-        >>> import gymnasium, nas_data.envs
-        >>> env = gymnasium.make("nas/ErgoReacher-v0", dynamics="backlash")
+        >>> import gymnasium
+        >>> env = gymnasium.make("nas_data:nas/ErgoReacher-v0", dynamics="backlash")
         >>> observation, info = env.reset(seed=0)
         >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
     """
@@ -49,6 +52,9 @@ class ArmEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         Raises:
             UnknownName: there is no such task, dynamics or engine; lists the choices.
         """
+        gymnasium.utils.EzPickle.__init__(
+            self, task, dynamics, checkpoint, stepper, render_mode, effects, engine, missed
+        )
         model, named = (None if file is None else str(file) for file in (checkpoint, effects))
         plant = Plant(task, dynamics, model, named, engine, missed)
         self.task = plant.task
@@ -71,6 +77,9 @@ class ArmEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
         A simulation that leaves all bounds ends the episode (see `Arena`): `info["diverged"]` says so, and the
         observation is the one before.
+
+        Raises:
+            OptionError: the action is not finite or has another shape than the action space.
         """
         verdict, truncated = self.arena.step(np.asarray(action)[None])
         diverged = bool(self.arena.lost[0])

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.dataset.features import POSITION
 from nas_data.effects.base import read_effects
 from nas_data.errors import CheckpointError, JointMismatch
 from nas_data.models import checkpoint as checkpoints
@@ -41,7 +42,7 @@ def load_model(folder: Path, simulator: Simulator) -> DynamicsModel:
             f"The checkpoint {folder} learned at {model.fps:g} Hz; the environment runs at {rate:g} Hz. "
             "Record and train at that rate."
         )
-    if model.commands_effort != simulator.commands_effort:
+    if model.commands_effort == (set(simulator.kinds) == {POSITION}):
         raise CheckpointError(f"The checkpoint {folder} and the environment take different commands (angle, torque).")
     if model.kind == "delta":
         check_source(folder, model, simulator)
@@ -92,7 +93,7 @@ def distance(one: Simulator, other: Simulator) -> float:
     n = len(other.joints)
     rng = np.random.default_rng(0)
     states = rng.uniform(-0.5, 0.5, (PROBES, 2 * n))
-    reach = WEAK if other.commands_effort else WIDE
+    reach = WIDE if set(other.kinds) == {POSITION} else WEAK
     commands = np.repeat(rng.uniform(-reach, reach, (PROBES, 2, n)), PROBED // 2, axis=1)
     apart = np.abs(one.rollout(states, commands) - other.rollout(states, commands))
     return float(apart[..., :n].max())

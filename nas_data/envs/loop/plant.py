@@ -4,7 +4,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from nas_data.envs.base import SOURCE, Task, environment_id, find_task, find_task_file
+from nas_data.environment_ids import environment_id
+from nas_data.envs.base import SOURCE, Task, find_task, find_task_file
 from nas_data.errors import OptionError
 from nas_data.simulators.base import Simulator, Stepper
 

@@ -5,10 +5,12 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from nas_data.drives import BAND, GOAL, driving_actuators, goal_joints, servo_actuators
+from nas_data.dataset.features import EFFORT
+from nas_data.drives import BAND, GOAL, goal_joints, servo_actuators
 from nas_data.effects.command_delay import CommandDelay
 from nas_data.envs.loop.ranges import RANGES, Factors, Ranges
 from nas_data.simulators.base import Stepper
+from nas_data.simulators.controls import commanded, control_range, length_feedback
 from nas_data.simulators.mujoco import MujocoStepper
 
 FIELDS = (
@@ -122,7 +124,9 @@ def largest_torque(model: mujoco.MjModel, joint: str) -> float:
     index = model.joint(joint).id
     if model.jnt_actfrclimited[index]:  # also where a dead band moved the servo's limit to
         return float(np.abs(model.jnt_actfrcrange[index]).max())
-    actuator = driving_actuators(model, index)[0]
+    actuator, control = commanded(model, index, "the model")
+    gear = abs(float(model.actuator_gear[actuator, 0]))
     if model.actuator_forcelimited[actuator]:
-        return float(np.abs(model.actuator_forcerange[actuator]).max())
-    return float(abs(model.actuator_gainprm[actuator, 0]) * np.abs(model.actuator_ctrlrange[actuator]).max())
+        return float(np.abs(model.actuator_forcerange[actuator]).max()) * gear
+    most = float(np.abs(control_range(model, actuator, control)).max())
+    return most if control.kind == EFFORT else most * length_feedback(model, actuator) * gear**2

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from nas_data.circumstances import commit, versions
 from nas_data.cli import finite
-from nas_data.envs.base import environment_name, find_task, find_task_file
+from nas_data.environment_ids import environment_name
+from nas_data.envs.base import find_task, find_task_file
 from nas_data.errors import OptionError, UnknownName
 from nas_data.experiments.base import Experiment, Request, Result, find_experiment
 from nas_data.experiments.pipeline.methods import check_methods

@@ -51,7 +51,7 @@ class Sequence:
     def picture(self, quick: bool) -> bytes:
         """Draw the joint in the episode, and the predictors' errors below; a quick one says so."""
         rows = self.dataset.episode(self.episode)
-        effort = self.dataset.commands_effort
+        effort = not self.dataset.commands_positions
         figure = trajectory(
             self.measured[self.episode][:, self.joint],
             {name: self.evaluation.rollouts[name][self.episode][:, self.joint] for name in DRAWN},

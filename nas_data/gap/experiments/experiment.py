@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.command_file import write_commands
-from nas_data.dataset.features import EFFORT, POSITION
 from nas_data.effects.base import Effect
 from nas_data.gap.experiments.library import Trial, library
 from nas_data.gap.experiments.rivalry import Rival, as_evidence, concerned_joints, separations
@@ -52,7 +51,7 @@ class Experiment:
 
     Attributes:
         text: What it is and what it separates, in a sentence.
-        names: Columns of its command file, `<joint>.pos` [rad] or `<joint>.effort` [N·m].
+        names: Columns of its command file, `<joint>.pos` [rad], `.vel` [rad/s] or `.effort` [N·m].
         commands: From the rest pose with a slow approach, shape (T, n).
         period: Control period [s].
         table: Every experiment tried, the best first.
@@ -92,8 +91,7 @@ def next_experiment(nominal: Nominal, rivals: tuple[Rival, Rival], floor: np.nda
         for trial, row in zip(trials, apart, strict=True)
     ]
     table = tuple(sorted(rows, key=lambda row: -row.separation))
-    suffix = EFFORT if nominal.simulator().commands_effort else POSITION
-    names = tuple(joint + suffix for joint in nominal.joints)
+    names = tuple(joint + kind for joint, kind in zip(nominal.joints, nominal.simulator().kinds, strict=True))
     text = sentence(table[0], rivals, nominal.joints)
     return Experiment(text, names, table[0].trial.commands, nominal.period, table)
 

@@ -41,9 +41,9 @@ class Room:
         """
         simulator, joints = nominal.simulator(), nominal.joints
         low, high = command_limits(simulator.model, joints, str(nominal.robot.mjcf))
-        low, high = excitable_limits(low, high, joints, simulator.commands_effort)
+        low, high = excitable_limits(low, high, joints, simulator.kinds)
         pose = rest_pose(nominal)
-        home = np.zeros(len(joints)) if simulator.commands_effort else pose
+        home = np.where(simulator.layout.inputs.positional, pose, 0.0)
         return cls(nominal.period, pose, np.clip(home, low, high), low, high)
 
     @property

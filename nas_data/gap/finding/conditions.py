@@ -90,10 +90,10 @@ def load(setting: Setting) -> Condition:
 
 
 def command_size(setting: Setting) -> Condition:
-    """Divide rows by the distance to the commanded position, or by the commanded torque."""
+    """Divide rows by the distance to the commanded position, or by the size of another command."""
     evidence = setting.recorded.evidence
-    effort = setting.nominal.simulator().commands_effort
-    size = np.abs(evidence.commands - (0 if effort else setting.recorded.positions))
+    positional = setting.nominal.simulator().layout.inputs.positional
+    size = np.abs(evidence.commands - np.where(positional, setting.recorded.positions, 0.0))
     return Condition("command size", ("small", "medium", "large"), terciles(size, evidence.counts[..., None]))
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nas_data.dataset.audits import audit_dataset
 from nas_data.dataset.dataset import Dataset
 from nas_data.gap.evidence import Evidence
 from nas_data.gap.finding.audits import audit
@@ -46,7 +47,7 @@ class Found:
         }
 
     def text(self) -> str:
-        """Return a short table in degrees, and what was noticed."""
+        """Return a short table in degrees and millimetres, and what was noticed."""
         return found_text(self.joints, self.regimes, self.audit, self.undecidable)
 
 
@@ -74,7 +75,7 @@ def find(dataset: Dataset, evidence: Evidence, nominal: Nominal, floor: np.ndarr
     return Found(
         joints=find_joint_gaps(recorded, nominal, floor, predicted),
         regimes=regimes,
-        audit=audit(Examined(dataset, recorded, nominal, floor, predicted, loads)),
+        audit=audit(Examined(dataset, audit_dataset(dataset), recorded, nominal, floor, predicted, loads)),
         undecidable=undecidable(recorded, floor, regimes),
     )
 

@@ -8,11 +8,12 @@ from nas_data.gap.evidence import Evidence
 from nas_data.gap.finding.recorded import Recorded
 from nas_data.gap.finding.repeatability import repeatability
 from nas_data.gap.nominal import Nominal
+from nas_data.joint_units import HINGE, joint_unit
 
 
 @dataclass(frozen=True)
 class JointGap:
-    """Root mean squared position errors of one joint [rad].
+    """Root mean squared position errors of one joint, in `unit`.
 
     Attributes:
         floor: Noise of the readings.
@@ -23,6 +24,7 @@ class JointGap:
         open_loop_command: Of the command itself; None where commands are torques.
         ratio_to_noise: `open_loop` over `floor`.
         repeatability: Spread between repeats of the same commands; None where none was repeated.
+        unit: `rad`, or `m` for a slide.
     """
 
     floor: float
@@ -33,8 +35,9 @@ class JointGap:
     open_loop_command: float | None
     ratio_to_noise: float
     repeatability: float | None
+    unit: str = HINGE.si
 
-    def to_json(self) -> dict[str, float | None]:
+    def to_json(self) -> dict[str, float | str | None]:
         """Return the form for machines."""
         return asdict(self)
 
@@ -53,7 +56,7 @@ def find_joint_gaps(
     evidence = recorded.evidence
     stepped = nominal.step(evidence, np.concatenate([recorded.positions, recorded.velocities, evidence.objects], -1))
     open_loop = rmse(evidence, predicted)
-    commands = None if nominal.simulator().commands_effort else rmse(evidence, evidence.commands)
+    commands = None if not nominal.simulator().layout.inputs.positional.all() else rmse(evidence, evidence.commands)
     repeats = repeatability(evidence, floor)
     one_step = rmse(evidence, stepped)
     one_step_hold = rmse(evidence, recorded.positions)
@@ -68,6 +71,7 @@ def find_joint_gaps(
             open_loop_command=None if commands is None else float(commands[place]),
             ratio_to_noise=float(open_loop[place] / floor[place]),
             repeatability=None if repeats is None else float(repeats[place]),
+            unit=joint_unit(joint, nominal.slides).si,
         )
         for place, joint in enumerate(evidence.joints)
     }

@@ -32,6 +32,8 @@ class Bin:
         share: Part of the joint's total squared error.
         chance: Chance of a difference to the rest as large, were there none; 1 where the joint has no gap to place.
         significant: Whether it differs from the rest, all bins of the arm considered.
+
+    Errors of a slide are in metres.
     """
 
     joint: str

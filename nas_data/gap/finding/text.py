@@ -1,12 +1,11 @@
-"""What was found, as a short text in degrees."""
+"""What was found, as a short text in degrees, for slides in millimetres."""
 
 from collections.abc import Mapping, Sequence
-
-import numpy as np
 
 from nas_data.gap.finding.audits.base import Check
 from nas_data.gap.finding.joint_gaps import JointGap
 from nas_data.gap.finding.regimes import Bin
+from nas_data.joint_units import SLIDE, JointUnit, table_unit, unit_named
 
 SHOWN = 3  # regimes a joint
 LARGER = 1.2  # error in a bin over that in the rest from which it is worth naming
@@ -41,20 +40,21 @@ def found_text(
 def joint_table(joints: Mapping[str, JointGap]) -> str:
     """Return the gap of each joint, a row each."""
     width = max(len(joint) for joint in joints)
+    slides = [joint for joint, gap in joints.items() if gap.unit == SLIDE.si]
     used = {head: key for head, key in COLUMNS.items() if any(getattr(gap, key) is not None for gap in joints.values())}
     lines = [
-        "Gap: RMSE of positions [deg]",
+        f"Gap: RMSE of positions [{table_unit(list(joints), slides)}]",
         f"  {'':<{width}}" + "".join(f"{head:>11}" for head in used) + "  open loop / noise",
     ]
     for joint, gap in joints.items():
-        cells = "".join(f"{degrees(getattr(gap, key)):>11}" for key in used.values())
+        cells = "".join(f"{cell(getattr(gap, key), gap.unit):>11}" for key in used.values())
         lines.append(f"  {joint:<{width}}{cells}{gap.ratio_to_noise:19.1f}")
     return "\n".join(lines)
 
 
-def degrees(angle: float | None) -> str:
-    """Return an angle [rad] in degrees, a dash where there is none."""
-    return "–" if angle is None else f"{np.degrees(angle):.3f}"
+def cell(value: float | None, unit: str) -> str:
+    """Return a position in the unit that is shown, a dash where there is none."""
+    return "–" if value is None else f"{unit_named(unit).factor * value:.3f}"
 
 
 def regime_lines(joints: Mapping[str, JointGap], regimes: Sequence[Bin]) -> str:
@@ -64,19 +64,20 @@ def regime_lines(joints: Mapping[str, JointGap], regimes: Sequence[Bin]) -> str:
         bins = [measured for measured in regimes if measured.joint == joint]
         worst = [b for b in bins if b.significant and b.rmse > LARGER * b.rest]
         worst = sorted(worst, key=lambda measured: -measured.rmse / max(measured.rest, 1e-9))[:SHOWN]
-        said = [place(measured) for measured in worst] + turning(bins, gap.floor)
+        unit = unit_named(gap.unit)
+        said = [place(measured, unit) for measured in worst] + turning(bins, gap.floor, unit)
         if said and gap.ratio_to_noise > VISIBLE:
             lines.append(f"  {joint}  " + "; ".join(said))
     return "\n".join(lines) if lines else "  nowhere in particular"
 
 
-def place(measured: Bin) -> str:
+def place(measured: Bin, unit: JointUnit) -> str:
     """Return where a joint's error is larger, and by how much."""
-    here, rest = np.degrees([measured.rmse, measured.rest])
-    return f"{measured.regime}: {measured.bin} {here:.2f}° (else {rest:.2f}°, {100 * measured.share:.0f} % of all)"
+    here, rest = unit.text(measured.rmse), unit.text(measured.rest)
+    return f"{measured.regime}: {measured.bin} {here} (else {rest}, {100 * measured.share:.0f} % of all)"
 
 
-def turning(bins: Sequence[Bin], floor: float) -> list[str]:
+def turning(bins: Sequence[Bin], floor: float, unit: JointUnit) -> list[str]:
     """Return a joint's mean errors in both directions of motion where they are opposite and no noise."""
     ways = {measured.bin: measured for measured in bins if measured.regime == "direction"}
     if len(ways) < 2:
@@ -86,4 +87,5 @@ def turning(bins: Sequence[Bin], floor: float) -> list[str]:
     if small or back.mean * forth.mean > 0:
         return []
     ahead = "is ahead of" if forth.mean > 0 else "lags"
-    return [f"the model {ahead} the motion both ways ({np.degrees(back.mean):+.2f}°, {np.degrees(forth.mean):+.2f}°)"]
+    ends = ", ".join(f"{unit.factor * way.mean:+.2f}{unit.mark}" for way in (back, forth))
+    return [f"the model {ahead} the motion both ways ({ends})"]

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from nas_data.gap.finding.audits.excitation import constant, names, unmoved
-from nas_data.gap.finding.audits.timing import episode_rates, periods
 from nas_data.gap.finding.recorded import Recorded
 from nas_data.gap.finding.regimes import Bin
 from nas_data.gap.finding.significance import episodes_needed
@@ -57,6 +56,20 @@ def about_time(recorded: Recorded) -> list[str]:
                 "and speeds cannot be decided: divide the dataset by rate, or import it with [resample]."
             )
     return said
+
+
+def periods(recorded: Recorded) -> np.ndarray | None:
+    """Return the time between rows in control periods, shape (E, T − 1); None without a clock."""
+    if recorded.times is None:
+        return None
+    return np.asarray(np.diff(recorded.times, axis=1) / recorded.evidence.period)
+
+
+def episode_rates(recorded: Recorded, steps: np.ndarray) -> np.ndarray:
+    """Return each episode's rate over the dataset's, shape (E,)."""
+    pairs = zip(steps, recorded.evidence.counts[:, 1:], strict=True)
+    medians = [float(np.median(row[seen])) if seen.any() else 1.0 for row, seen in pairs]
+    return 1 / np.maximum(np.array(medians), 1e-3)
 
 
 def about_episodes(recorded: Recorded, regimes: Sequence[Bin]) -> list[str]:

@@ -2,10 +2,11 @@
 
 from collections.abc import Container
 
-from nas_data.gap.search.hypothesis import Hypothesis, joints_beyond_prior
+from nas_data.gap.search.fit import fit
+from nas_data.gap.search.hypothesis import Hypothesis
 from nas_data.gap.search.moves import add, drop, line_scan, restart
 from nas_data.gap.search.moves.base import find_move
-from nas_data.gap.search.plain_fit import as_effects
+from nas_data.gap.search.plain_fit import as_effects, columns_as_effects
 from nas_data.gap.search.search import Search
 
 ROUND = ("swap", "merge_joints", "shift_delay", "optional_parameters")  # after each addition
@@ -14,6 +15,7 @@ REVIEW = ("share_value", "simplify", "drop", "replace_by_rival", "shift_delay", 
 LITTLE = 0.05  # of all that was gained, which then is too little to go on
 EXPLAINED = 1.5  # noise floors of rest up to which a joint counts as explained
 MANY = 2  # parts of the pruned plain fit for each joint from which nearly everything is missing
+FEW = 3  # parts of the pruned plain fit that are believed where they bring every joint to the floor
 MOST = 4  # effects for each joint of an arm
 
 
@@ -22,21 +24,21 @@ def choose(search: Search, plain: Hypothesis, without: Container[str] = ()) -> H
 
     What is left of the plain fit when all that is not worth its price is dropped decides where to begin. Where it holds
     many parts, nearly everything is missing everywhere: adding one thing at a time to the model goes astray, and the
-    search goes on from there alone. Where it explains everything with one part, there is nothing to search for.
+    search goes on from there alone. Where it brings every joint to the floor with few parts, it is only reviewed.
 
     Args:
         search: Search.
         plain: The plain fit.
         without: Names of moves that are left out.
     """
-    if not search.excited:
+    if not search.above_floor(search.null):
         return search.null
     first = search.round
     down = descend(search, plain, without)
-    if is_explained(search, down) and len(drop.parts(down)) <= 1:
-        return review(search, down, without)
     if len(drop.parts(down)) > MANY * len(search.excited):
         return climb(search, down, without)
+    if not search.above_floor(down) and len(drop.parts(down)) <= FEW:
+        return review(search, apply_moves(search, down, ("merge_joints", "one_for_several"), without), without)
     search.return_to(first)
     up = climb(search, search.null, without, down if is_explained(search, down) else None)
     if is_explained(search, up) and up.score <= search.rescore(down).score:
@@ -57,7 +59,7 @@ def climb(search: Search, h: Hypothesis, without: Container[str] = (), rival: Hy
         without: Names of moves that are left out.
         rival: What there is already; the climb ends when a round does not come near it.
     """
-    while len(h.effects) < MOST * len(search.excited) and needs_more(search, h):
+    while len(h.effects) < MOST * len(search.excited) and search.above_floor(h):
         larger = add.apply(search, h)
         if larger is h:
             break
@@ -76,11 +78,16 @@ def review(search: Search, h: Hypothesis, without: Container[str] = ()) -> Hypot
 
 def descend(search: Search, plain: Hypothesis, without: Container[str] = ()) -> Hypothesis:
     """Name what the plain fit does, and drop what is not worth its price."""
+    search.say("  writing the plain fit as effects")
     description = as_effects(search, plain)
-    found = search.fitted(description, plain.fit.factors, plain.fit)
+    parameters = description.parameters(search.train.nominal.base)
+    known = columns_as_effects(plain.fit, parameters)
+    found = fit(search.sub, parameters, parameters.start(plain.fit.factors), known, jacobian_refreshes=0)
     if found is None:
         return search.rescore(plain)
-    return apply_moves(search, search.relinearise(found), ("share_value", "drop"), without)
+    named = search.relinearise(search.judge(description, found))
+    search.report("  as effects", named)
+    return apply_moves(search, named, ("share_value", "drop"), without)
 
 
 def is_explained(search: Search, h: Hypothesis) -> bool:
@@ -94,11 +101,6 @@ def apply_moves(search: Search, h: Hypothesis, names: tuple[str, ...], without: 
         if name not in without:
             h = find_move(name)(search, h)
     return h
-
-
-def needs_more(search: Search, h: Hypothesis) -> bool:
-    """Whether a joint that moved is above the noise floor, or bends the model further than a real arm's is off."""
-    return bool(search.ratio(h)[excited(search)].max() > add.AT_FLOOR or joints_beyond_prior(h))
 
 
 def persist(search: Search, h: Hypothesis, without: Container[str]) -> Hypothesis:

@@ -1,7 +1,7 @@
 """The last fit, on all training episodes, and how sure it makes of every number."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,7 +11,7 @@ from nas_data.gap.nominal_parameters import TOLERANCE, own_size
 from nas_data.gap.search.fit import Fit, fit, normal_equations
 from nas_data.gap.search.hypothesis import Description, reuse_jacobian
 from nas_data.gap.search.objective import Task
-from nas_data.gap.search.timestep import choose_timestep
+from nas_data.joint_units import unit_at
 
 ROUNDS = 2  # fits, each with the correction for finer steps computed where the last one ended
 LIKENESS = 0.01  # standard deviation of a parameter between two descriptions of one effect, as a part of it
@@ -65,7 +65,6 @@ def finish(task: Task, description: Description, factors: dict[str, float], roun
         found, theta = better, better.theta
     if found is None:
         return Final(description.effects, factors, tuple({} for _ in description.effects))
-    task, found = choose_timestep(task, found)
     return Final(
         effects=found.effects,
         factors=found.factors,
@@ -172,12 +171,14 @@ def retuned(final: Final, smallest: float = 0.005) -> list[dict[str, object]]:
     ]
 
 
-def values(effect: Effect, interval: Mapping[str, tuple[float, float]]) -> dict[str, object]:
-    """Return an effect's parameters with units and intervals, as the report lists them."""
+def values(
+    effect: Effect, interval: Mapping[str, tuple[float, float]], slides: Collection[str] = ()
+) -> dict[str, object]:
+    """Return an effect's parameters with units and intervals, as the report lists them; `slides` decides the units."""
 
     def entry(parameter: Parameter) -> dict[str, object]:
         value = float(getattr(effect, parameter.name))
         low, high = interval.get(parameter.name, (value, value))
-        return {"value": value, "unit": parameter.unit, "interval95": [low, high]}
+        return {"value": value, "unit": unit_at(parameter.unit, effect.joint in slides), "interval95": [low, high]}
 
     return {parameter.name: entry(parameter) for parameter in effect.sought}

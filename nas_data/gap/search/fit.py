@@ -6,13 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nas_data.effects.base import Effect
-from nas_data.gap.search.objective import Score, Task
+from nas_data.gap.search.objective import Reach, Score, Task
 from nas_data.gap.search.parameters import STEP, FreeParameters
 from nas_data.gap.side_by_side import side_by_side
 
 DAMPING = (0.0, 0.003, 0.01, 0.03, 0.1, 1.0, 10.0)  # Levenberg-Marquardt: how cautious a step is, tried in this order
 ENOUGH = 1e-3  # relative improvement of the loss below which a fit has converged
 LONGEST_LIFE = 3  # steps after which the Jacobian is measured anew, where it may be
+BESIDES = 0.15  # share of a number's effect that may fall on other joints and be neglected when it is measured
 LONGEST_STEP = 1.5  # of any number in one step: a factor of 4.5 in a parameter
 
 
@@ -77,18 +78,73 @@ def loss(task: Task, parameters: FreeParameters, theta: np.ndarray) -> Score:
 def measure_jacobian(
     task: Task, parameters: FreeParameters, theta: np.ndarray, predicted: np.ndarray, columns: Sequence[int]
 ) -> np.ndarray:
-    """Return finite differences of the positions by some of the numbers, shape (columns, E, T, n)."""
+    """Return finite differences of the positions by some of the numbers, shape (columns, E, T, n).
+
+    Numbers that move different joints are moved in one rollout (Curtis, Powell and Reid, 1974).
+    """
     _, high = parameters.bounds()
+    steps = np.where(theta + STEP <= high, STEP, -STEP)
+    groups = group_columns(task, parameters, columns)
 
-    def slope(column: int) -> np.ndarray:
-        step = STEP if theta[column] + STEP <= high[column] else -STEP
+    def difference(group: Sequence[int]) -> np.ndarray:
         moved = theta.copy()
-        moved[column] += step
+        moved[group] += steps[group]
         other = task.predict(parameters, moved)
-        return np.zeros_like(predicted) if other is None else (other - predicted) / step
+        return np.zeros_like(predicted) if other is None else other - predicted
 
-    found = side_by_side(slope, columns)
-    return np.stack(found) if found else np.zeros((0, *predicted.shape))
+    place = {column: row for row, column in enumerate(columns)}
+    jacobian = np.zeros((len(columns), *predicted.shape))
+    for group, change in zip(groups, side_by_side(difference, groups), strict=True):
+        for column in group:
+            seen = slice(None) if len(group) == 1 else moved_joints(task, parameters, column)
+            jacobian[place[column]][..., seen] = change[..., seen] / steps[column]
+    return jacobian
+
+
+def group_columns(task: Task, parameters: FreeParameters, columns: Sequence[int]) -> list[list[int]]:
+    """Return groups of numbers of which no two move the same joint, as far as the task knows whom they move."""
+    groups: list[tuple[list[int], np.ndarray]] = []
+    for column in columns:
+        seen = moved_joints(task, parameters, column)
+        fitting = [] if seen is None else [group for group in groups if not (group[1] & seen).any()]
+        if fitting:
+            fitting[0][0].append(column)
+            fitting[0][1][:] |= seen
+        else:
+            groups.append(([column], np.ones(len(task.floor), bool) if seen is None else seen.copy()))
+    return [group for group, _ in groups]
+
+
+def moved_joints(task: Task, parameters: FreeParameters, column: int) -> np.ndarray | None:
+    """Return which joints a number moves, shape (n,); None where that is not known."""
+    label = parameters.labels[column]
+    if not is_loose(parameters, column):
+        return task.reach.get(label[0])
+    return task.reach_of_joints.get(label[1] if len(label) > 1 else str(label[0]).rsplit(".", 1)[0])
+
+
+def is_loose(parameters: FreeParameters, column: int) -> bool:
+    """Whether a number is an effect's, or of a parameter of the model that may be anything."""
+    base = column - len(parameters.of_effects)
+    return base < 0 or parameters.base[base].is_free
+
+
+def reach_of_joints(task: Task, parameters: FreeParameters) -> Reach:
+    """Return which joints are moved by what is changed at each joint, masses apart, by its name."""
+    found: dict[str | None, np.ndarray] = {}
+    for parameter in parameters.base:
+        if parameter.kind != "mass" and parameter.name in task.reach:
+            found[parameter.joint] = found.get(parameter.joint, False) | task.reach[parameter.name]
+    return found
+
+
+def measure_reach(task: Task, parameters: FreeParameters, predicted: np.ndarray, jacobian: np.ndarray) -> Reach:
+    """Return which joints each parameter of the model moves, by its name: those with a share of its whole effect."""
+    weights = task.weights(predicted) * task.evidence.counts[..., None]
+    sizes = np.sqrt(((jacobian * weights) ** 2).sum((1, 2)))
+    shares = sizes / np.maximum(np.linalg.norm(sizes, axis=1, keepdims=True), 1e-300)
+    names = (label[0] for label in parameters.labels)
+    return {name: share > BESIDES for name, share in zip(names, shares, strict=True) if name}
 
 
 def fit(
@@ -110,8 +166,8 @@ def fit(
         theta: Where to start, shape (size,).
         known: Columns found elsewhere, by the number's index, each of shape (E, T, n).
         steps: Most Gauss-Newton steps.
-        jacobian_refreshes: How often the whole Jacobian may be measured anew, where a step with an old one brings
-            little.
+        jacobian_refreshes: How often the columns of effects and freed parameters may be measured anew, where a step
+            with old ones brings little; where there are none, those of the model's parameters.
 
     Returns:
         The fit, None where the model diverges at the start.
@@ -122,6 +178,7 @@ def fit(
     if predicted is None:
         return None
     every, known = range(parameters.size), known or {}
+    again = [column for column in every if is_loose(parameters, column)] or list(every)
     measured_always = [column for column in range(len(parameters.of_effects)) if column not in known]
     loss = task.misfit(predicted) + penalty(parameters, theta)
     jacobian = np.zeros((parameters.size, *predicted.shape))
@@ -144,7 +201,7 @@ def fit(
             break
         age, fresh = age + 1, False
         if jacobian_refreshes and (little or age >= LONGEST_LIFE) and number + 1 < steps:
-            jacobian = measure_jacobian(task, parameters, theta, predicted, every)
+            jacobian[again] = measure_jacobian(task, parameters, theta, predicted, again)
             jacobian_refreshes, age, fresh = jacobian_refreshes - 1, 0, True
     return Fit(parameters, theta, predicted, task.misfit(predicted), jacobian, task.objective)
 

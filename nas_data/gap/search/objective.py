@@ -1,6 +1,6 @@
 """What is minimised: the misfit of open-loop rollouts, at one tolerance, and scores that know which one they are of."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
 
@@ -20,6 +20,8 @@ CORRELATION = 0.15  # [s] over which errors of a rollout are alike: so many rows
 FURTHEST = 3.0  # standard deviations by which an initial velocity may be moved
 
 OBJECTIVES = count()
+
+Reach = Mapping[str | None, np.ndarray]  # which joints something moves, shape (n,), by its name
 
 
 class ObjectiveMismatch(AssertionError):
@@ -76,6 +78,8 @@ class Task:
         correction: What finer physics steps would change in the positions [rad], shape (E, T, n), or 0.
         fine: Whether the recording obeys finer physics steps than the model's own.
         coarseness: Errors of each joint that do not matter yet, while larger ones are explained [rad], shape (n,).
+        reach: Which joints parameters of the model move as long as they are bound, where that is known.
+        reach_of_joints: Which joints effects and freed parameters move, by their joint, where that is known.
         objective: Which objective this is; losses are compared within one alone. Episodes and tolerance make another.
     """
 
@@ -85,17 +89,23 @@ class Task:
     correction: np.ndarray | float = 0.0
     coarseness: np.ndarray | float = 0.0
     fine: bool = True
+    reach: Reach = field(default_factory=dict, compare=False)
+    reach_of_joints: Reach = field(default_factory=dict, compare=False)
     objective: int = field(default_factory=lambda: next(OBJECTIVES), compare=False)
 
     def select(self, episodes: Sequence[int] | np.ndarray) -> "Task":
         """Return the task on some of the episodes."""
         correction = self.correction if isinstance(self.correction, float) else self.correction[list(episodes)]
         chosen = self.evidence.select(episodes)
-        return replace(self, evidence=chosen, correction=correction, objective=next(OBJECTIVES))
+        return replace(self, evidence=chosen, correction=correction).renewed()
 
     def at_tolerance_of(self, other: "Task") -> "Task":
         """Return the task with the tolerance and the objective of another, to which its misfit is added."""
         return replace(self, coarseness=other.coarseness, objective=other.objective)
+
+    def renewed(self) -> "Task":
+        """Return the task as an objective of its own: what is added to its misfit changes."""
+        return replace(self, objective=next(OBJECTIVES))
 
     @property
     def tolerated(self) -> np.ndarray:
@@ -119,7 +129,7 @@ class Task:
         """Return the task with initial states and timestep correction estimated anew, as an objective of its own."""
         effects, factors = parameters.effects_at(theta), parameters.factors_at(theta)
         task = self.with_initial_load(effects, factors).with_initial_velocity(effects, factors)
-        return replace(task.corrected(effects, factors), objective=next(OBJECTIVES))
+        return task.corrected(effects, factors).renewed()
 
     def with_initial_load(self, effects: Sequence[Effect], factors: dict[str, float]) -> "Task":
         """Return the task with what best explains how each joint of each episode began.
@@ -128,15 +138,13 @@ class Task:
         hypothesis has such hidden states, they are told by the first second.
         """
         evidence = self.evidence
+        early = evidence.first(max(1, round(BEGINNING / evidence.period)))
         try:
-            simulator = self.nominal.simulator(effects, factors)
-            if not simulator.remembers:
+            if not self.nominal.simulator(effects, factors).remembers:
                 return replace(self, evidence=evidence.begun(Hold.WEIGHT))
-            rolled = [self.nominal.predict(evidence.begun(hold), effects, factors) for hold in Hold]
+            rolled = [self.nominal.predict(early.begun(hold), effects, factors) for hold in Hold]
         except ModelFileError:
             return self
-        beginning = evidence.counts & (np.arange(evidence.counts.shape[1]) < BEGINNING / evidence.period)
-        early = replace(evidence, counts=beginning)
         squares = np.stack([early.mean_squares(predicted) for predicted in rolled]) + self.floor**2
         squares[Hold.WEIGHT] *= FAMILIAR
         return replace(self, evidence=evidence.begun(squares.argmin(0)))
@@ -188,6 +196,10 @@ class Task:
         except ModelFileError:
             return replace(self, correction=0.0)
         return replace(self, correction=finer - rough)
+
+    def at_timestep(self, fine: bool, effects: Sequence[Effect], factors: dict[str, float]) -> "Task":
+        """Return the task for finer physics steps than the model's own or for its own; of the same objective."""
+        return replace(self, fine=fine).corrected(effects, factors)
 
     @property
     def timestep(self) -> float:

@@ -1,23 +1,23 @@
 """The plain fit: every smooth parameter of every joint at once, with no name given, as anyone would fit them."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 
 import numpy as np
 
-from nas_data.effects.base import Effect, Scales, make_effect
+from nas_data.effects.base import Effect, Scales, find_effect, make_effect
 from nas_data.effects.edits.servo import stiffness
 from nas_data.effects.joint_offset import JointOffset
 from nas_data.gap.evidence import windows
 from nas_data.gap.nominal_parameters import MAX_LOG_CHANGE
-from nas_data.gap.search.fit import Fit, fit
-from nas_data.gap.search.hypothesis import Description, Hypothesis
-from nas_data.gap.search.moves.add import AT_FLOOR
+from nas_data.gap.search.fit import Fit, fit, is_loose, reach_of_joints
+from nas_data.gap.search.hypothesis import PRICE, Description, Hypothesis, reuse_jacobian
 from nas_data.gap.search.objective import Task
+from nas_data.gap.search.parameters import FreeParameters, Label
 from nas_data.gap.search.screen import screen
-from nas_data.gap.search.search import Search
+from nas_data.gap.search.search import AT_FLOOR, Search
 from nas_data.gap.side_by_side import side_by_side
 
 SHORT = 1.0  # [s] of the windows on which the fit begins: in open loop a wrong model soon is nowhere
@@ -25,22 +25,39 @@ SHORT_STEPS = 8_000  # physics steps that one rollout of them may take
 FACTORS = (1.0, 0.3, 0.1, 0.03)  # of all gains, from which the fit may begin; of all filters the first and the last
 FOLLOWED = 3  # starts from which a fit is begun
 SMALL = 0.1  # of a joint's natural size, from which what the model lacks begins
+NAMED = {  # effects that say what a freed parameter does: its kind, and whether they add to it or multiply it
+    "servo_stiffness": ("gain", False),
+    "servo_damping": ("servo_damping", False),
+    "viscous_friction": ("damping", True),
+    "rotor_inertia": ("armature", True),
+    "coulomb_friction": ("frictionloss", True),
+}
 LIMITS = ("torque_limit", "command_delay")  # which an ordinary fit has besides
 
 
 def fit_plain(search: Search) -> Hypothesis:
-    """Fit gain, damping, rotor inertia, dry and viscous friction, offset and filters of every joint that moved.
+    """Fit gain, damping, rotor inertia, dry and viscous friction, offset and filters of every joint above the floor.
 
+    A joint that is at the noise floor with its parameters a few percent off stays so: more freedom would fit noise.
     The fit begins on short windows and from several gains, and ends on the episodes of the search. Torque limits and a
     delay of the arm are tried last. The search goes on with the objective of the fit.
     """
-    description = describe(search)
+    joints = search.above_floor(search.null)
+    if not joints:
+        return search.null
+    description = describe(search, joints)
     parameters = description.parameters(search.train.nominal.base)
-    count = f"{parameters.size} numbers of {len(search.excited)} joints"
+    count = f"{parameters.size} numbers of {len(joints)} joints"
     search.say(f"plain fit: {count}, on windows of {SHORT:g} s")
     found = begin_on_short_windows(search, description)
     search.say(f"plain fit: {count}, on the episodes of the search")
-    whole = fit(search.sub, parameters, found.theta if found else parameters.start(), steps=8, jacobian_refreshes=2)
+    if not found:  # the model is near, and what moves which joint stays as it is there
+        base = Description().parameters(search.train.nominal.base)
+        search.sub = replace(search.sub, reach_of_joints=reach_of_joints(search.sub, base))
+    start = found.theta if found else parameters.start(search.null.fit.factors)
+    known = {} if found else reuse_jacobian(search.null.fit, parameters, len(description.effects))
+    known = {column: rows for column, rows in known.items() if not is_loose(parameters, column)}
+    whole = fit(search.sub, parameters, start, known, steps=8, jacobian_refreshes=2)
     if whole is None:
         return search.null
     plain = search.judge(description, whole)
@@ -53,13 +70,12 @@ def fit_plain(search: Search) -> Hypothesis:
     return better
 
 
-def describe(search: Search) -> Description:
-    """Return the plain fit's description: what the model has is freed, what it lacks is added."""
+def describe(search: Search, joints: Collection[str]) -> Description:
+    """Return the plain fit's description: what the model has in some joints is freed, what it lacks is added."""
     nominal, spec = search.train.nominal, search.train.nominal.spec
-    excited = [joint for joint in nominal.joints if joint in search.excited]
-    freed = frozenset(p.name for p in nominal.base if p.kind != "mass" and p.joint in search.excited)
+    freed = frozenset(p.name for p in nominal.base if p.kind != "mass" and p.joint in joints)
     effects: list[Effect] = []
-    for joint in excited:
+    for joint in filter(joints.__contains__, nominal.joints):
         sizes = search.sizes[nominal.joints.index(joint)]
         lacking = {
             "coulomb_friction": ("torque", SMALL * sizes.torque, float(spec.joint(joint).frictionloss)),
@@ -115,10 +131,11 @@ def add_limits(search: Search, plain: Hypothesis) -> Hypothesis:
     """Return the fit with torque limits and a delay of the arm where they are worth their price."""
     half = np.arange(0, len(search.sub.evidence), 2)
     task = search.sub.select(half)
-    found = screen(task, plain.fit.select(task, half), search.sizes, search.excited, LIMITS)
+    search.say("  screening torque limits and delays beside the plain fit")
+    found = screen(task, plain.fit.select(task, half), search.sizes, search.above_floor(plain), LIMITS)
     reach = plain.fit.select(task, half).loss
     for name in LIMITS:
-        alike = [c.effect for c in found if c.effect.name() == name and c.loss < reach]
+        alike = [c.effect for c in found if c.effect.name() == name and c.loss + 0.5 * PRICE < reach]
         whole = [effect for effect in alike if effect.joint is None]
         chosen = whole or alike
         if chosen:
@@ -145,17 +162,27 @@ def as_effects(search: Search, plain: Hypothesis) -> Description:
         element = spec.joint(joint)
         own = {"damping": element.damping[0], "armature": element.armature, "frictionloss": element.frictionloss}
         added = (factor - 1) * float(own.get(kind, 0.0))
-        made = {
-            "gain": ("servo_stiffness", "factor", factor),
-            "servo_damping": ("servo_damping", "factor", factor),
-            "damping": ("viscous_friction", "coefficient", added),
-            "armature": ("rotor_inertia", "inertia", added),
-            "frictionloss": ("coulomb_friction", "torque", added),
-        }.get(kind)
-        if made is not None and made[2] > 0:
-            effects.append(clipped(made[0], joint, made[1], made[2]))
-            freed.discard(name)
+        for effect, (replaced, is_added) in NAMED.items():
+            value = added if is_added else factor
+            if replaced == kind and value > 0:
+                effects.append(clipped(effect, joint, value))
+                freed.discard(name)
     return replace(plain.description, effects=tuple(effects), freed=frozenset(freed))
+
+
+def columns_as_effects(plain: Fit, parameters: FreeParameters) -> dict[int, np.ndarray]:
+    """Return the plain fit's columns for the numbers of the description that `as_effects` makes of it, by index.
+
+    An effect added to the model's own value v multiplies it by f, so that d log f / d log(added) = (f − 1) / f.
+    """
+    columns: dict[Label, np.ndarray] = dict(zip(plain.parameters.labels, plain.jacobian, strict=True))
+    known = reuse_jacobian(plain, parameters)
+    for index, (effect, joint, *_) in enumerate(parameters.labels[: len(parameters.of_effects)]):
+        kind, is_added = NAMED.get(effect or "", ("", False))
+        if (column := columns.get((f"{joint}.{kind}",))) is not None:
+            factor = plain.factors[f"{joint}.{kind}"]
+            known[index] = column * ((factor - 1) / factor if is_added else 1.0)
+    return known
 
 
 def is_unseen(effect: Effect, floor: Mapping[str, float]) -> bool:
@@ -163,7 +190,7 @@ def is_unseen(effect: Effect, floor: Mapping[str, float]) -> bool:
     return isinstance(effect, JointOffset) and abs(effect.offset) < floor[effect.joint or ""]
 
 
-def clipped(name: str, joint: str, parameter: str, value: float) -> Effect:
-    """Return an effect with its parameter within its bounds."""
-    (bounds,) = (p for p in make_effect(name, joint, {parameter: 1.0}).parameters if p.name == parameter)
-    return make_effect(name, joint, {parameter: float(np.clip(value, bounds.low, bounds.high))})
+def clipped(name: str, joint: str, value: float) -> Effect:
+    """Return an effect with its first parameter within its bounds."""
+    first = find_effect(name).parameters[0]
+    return make_effect(name, joint, {first.name: float(np.clip(value, first.low, first.high))})

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from nas_data.effects.base import Scales, joint_actuator
-from nas_data.effects.edits.servo import damping, stiffness
+from nas_data.effects.edits.servo import damping, stiffness, takes_position
 from nas_data.gap.evidence import Evidence
 from nas_data.gap.nominal import Nominal
 from nas_data.robots.base import deepest_joint
@@ -36,7 +36,7 @@ def joint_scales(
     losses = float(element.damping[0]) + max(damping(nominal.spec, joint), 0.0)
     inertia = float(model.dof_M0[model.joint(joint).dofadr[0]])
     speed = large_speed(evidence, index)
-    if gain > 0:
+    if gain > 0 and takes_position(actuator):
         ranges = (actuator.forcerange * float(actuator.gear[0]), element.actfrcrange)
         limit = min(float(np.abs(each).max()) or np.inf for each in ranges)
         errors = np.abs(evidence.commands[..., index] - predicted[..., index])[evidence.counts]

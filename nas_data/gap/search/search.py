@@ -7,8 +7,15 @@ import numpy as np
 
 from nas_data.effects.base import Effect, Scales
 from nas_data.gap.floor import ratios
-from nas_data.gap.search.fit import Fit, fit, measure_jacobian
-from nas_data.gap.search.hypothesis import Description, Hypothesis, Key, excited_joints, reuse_jacobian
+from nas_data.gap.search.fit import Fit, fit, measure_jacobian, measure_reach
+from nas_data.gap.search.hypothesis import (
+    Description,
+    Hypothesis,
+    Key,
+    excited_joints,
+    joints_beyond_prior,
+    reuse_jacobian,
+)
 from nas_data.gap.search.objective import Score, Task
 from nas_data.gap.search.scales import scales
 from nas_data.gap.search.screen import Candidate, screen
@@ -18,6 +25,7 @@ SCREENED = 6  # episodes on which candidates are compared
 SCREENED_ROWS = 1800  # rows on which they are compared at least, where episodes are short
 ODD = 3.0  # times the usual error of a joint from which an episode is odd, and looked at besides
 ODDEST = 2  # odd episodes at most
+AT_FLOOR = 1.15  # noise floors of rest up to which nothing is looked for
 FAR_BEHIND = 60.0  # nats by which a rival may lie behind after a few steps and still be fitted to the end
 
 
@@ -48,6 +56,7 @@ class Search:
         say: Told what is going on.
         rivals: For each effect and joint, effects that competed with it when it was added.
         settled: Sets of effects in which swaps were tried.
+        clear: Sets of effects of which the last one added left every other candidate far behind.
     """
 
     train: Task
@@ -55,6 +64,7 @@ class Search:
     say: Callable[[str], None] = lambda text: None
     rivals: dict[Key, list[Effect]] = field(default_factory=dict)
     settled: set[frozenset[Key]] = field(default_factory=set)
+    clear: set[frozenset[Key]] = field(default_factory=set)
 
     @classmethod
     def begin(cls, train: Task, held: Task, say: Callable[[str], None] = lambda text: None) -> "Search":
@@ -67,6 +77,8 @@ class Search:
         predicted = search.sub.predict(parameters, start)
         assert predicted is not None, "the model was rolled out before"
         jacobian = measure_jacobian(search.sub, parameters, start, predicted, range(parameters.size))
+        search.train = replace(train, reach=measure_reach(search.sub, parameters, predicted, jacobian))
+        search.sub = replace(search.sub, reach=search.train.reach)
         misfit = search.sub.misfit(predicted)
         nominal = Fit(parameters, start, predicted, misfit, jacobian, search.sub.objective)
         search.nominal = search.judge(Description(), nominal)
@@ -128,13 +140,14 @@ class Search:
     def relinearise(self, h: Hypothesis) -> Hypothesis:
         """Begin another round at a hypothesis: a new objective, to which it is fitted."""
         self.sub = self.sub.relinearise(h.fit.parameters, h.fit.theta)
-        known = dict(enumerate(h.fit.jacobian))
-        found = fit(self.sub, h.fit.parameters, h.fit.theta, known, steps=5, jacobian_refreshes=1)
+        found = fit(self.sub, h.fit.parameters, h.fit.theta, steps=5, jacobian_refreshes=1)
         return self.settle(h.description, found or h.fit)
 
     def settle(self, description: Description, found: Fit) -> Hypothesis:
         """Take the physics steps, the model's own or finer ones, that leave a fit less; rescore what else is kept."""
-        self.sub, found = choose_timestep(self.sub, found)
+        task, found = choose_timestep(self.sub, found)
+        self.sub = task.renewed()
+        found = replace(found, objective=self.sub.objective)
         held = replace(self.held, fine=self.sub.fine).restart(found.parameters, found.theta)
         self.held = held.at_tolerance_of(self.sub)
         self._cache.clear()
@@ -190,6 +203,12 @@ class Search:
     def ratio(self, hypothesis: Hypothesis) -> np.ndarray:
         """Return the held-out error over the floor, the geometric mean over episodes, shape (n,)."""
         return ratios(hypothesis.heldout, self.held.floor)
+
+    def above_floor(self, hypothesis: Hypothesis) -> set[str]:
+        """Return the joints that moved and are above the floor, or bend the model further than a real arm's is off."""
+        ratios = zip(self.train.nominal.joints, self.ratio(hypothesis), strict=True)
+        above = {joint for joint, ratio in ratios if ratio > AT_FLOOR}
+        return (above | joints_beyond_prior(hypothesis)) & self.excited
 
     def report(self, word: str, h: Hypothesis) -> None:
         """Say what was found."""

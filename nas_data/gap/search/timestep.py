@@ -1,7 +1,5 @@
 """Whether a recording obeys the model's own physics steps, or finer ones."""
 
-from dataclasses import replace
-
 from nas_data.gap.nominal import fine_timestep
 from nas_data.gap.search.fit import Fit, fit
 from nas_data.gap.search.objective import Task
@@ -18,10 +16,9 @@ def choose_timestep(task: Task, found: Fit) -> tuple[Task, Fit]:
     if fine_timestep(task.nominal) == float(task.nominal.spec.option.timestep):
         return task, found
     parameters, known = found.parameters, dict(enumerate(found.jacobian))
-    now = task.restart(parameters, found.theta)
-    other = replace(task, fine=not task.fine).restart(parameters, found.theta).at_tolerance_of(now)
-    here, there = (fit(each, parameters, found.theta, known, steps=3, jacobian_refreshes=0) for each in (now, other))
+    other = task.at_timestep(not task.fine, found.effects, found.factors)
+    here, there = (fit(each, parameters, found.theta, known, steps=3, jacobian_refreshes=0) for each in (task, other))
     if here is None or there is None:
         return task, found
     ahead = here.loss.over(there.loss)
-    return (other, there) if ahead > (MARGIN if task.fine else -MARGIN) else (now, here)
+    return (other, there) if ahead > (MARGIN if task.fine else -MARGIN) else (task, here)

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from nas_data.gap.showing.series import Series
+from nas_data.joint_units import JointUnit
 from nas_data.reports.style import (
     BLACK,
     BLUE,
@@ -42,25 +43,32 @@ Models = Mapping[str, np.ndarray]
 
 
 def per_joint(series: Series, models: Models) -> Figure:
-    """Draw the held-out RMSE of each joint by each model, and the floor."""
+    """Draw the held-out RMSE of each joint by each model, and the floor; hinges and slides have axes of their own."""
     with house_style():
         figure = Figure(figsize=(WIDTH, 3.6))
-        axes = figure.subplots()
-        places = np.arange(len(series.joints))
-        floor = np.degrees(series.floor)
-        lowest = NOTHING * floor  # of a joint that never moved, which would stretch the axis down to rounding errors
-        rows = {name: np.maximum(np.degrees(series.by_joint(made)), lowest) for name, made in models.items()}
-        stacked = np.stack([*rows.values()])
-        axes.vlines(places, stacked.min(0), stacked.max(0), color=LIGHT, linewidth=1.0, zorder=2)
-        for name, values in rows.items():
-            draw_dots(axes, name, places, values)
-        axes.hlines(floor, places - 0.35, places + 0.35, color=BLACK, linewidth=1.4, label=FLOOR, zorder=3)
-        axes.set_xticks(places, series.joints, rotation=turned(series.joints), ha=anchored(series.joints, "right"))
-        axes.set_xlim(-0.6, len(places) - 0.4)
-        axes.grid(visible=False, axis="x")
-        logarithmic(axes, "RMSE on held-out episodes [°]", [stacked.min(), stacked.max(), *floor])
-        legend_above(figure, axes)
+        widths = [len(chosen) + 1 for _, chosen in series.kinds]
+        parts = figure.subplots(1, len(widths), squeeze=False, width_ratios=widths)[0]
+        for axes, (unit, chosen) in zip(parts, series.kinds, strict=True):
+            draw_joints(axes, series, models, unit, chosen)
+        legend_above(figure, parts[0])
     return figure
+
+
+def draw_joints(axes: Axes, series: Series, models: Models, unit: JointUnit, chosen: np.ndarray) -> None:
+    """Draw the errors of the joints of one kind."""
+    places, names = np.arange(len(chosen)), [series.joints[joint] for joint in chosen]
+    floor = unit.factor * series.floor[chosen]
+    lowest = NOTHING * floor  # of a joint that never moved, which would stretch the axis down to rounding errors
+    rows = {name: np.maximum(unit.factor * series.by_joint(made)[chosen], lowest) for name, made in models.items()}
+    stacked = np.stack([*rows.values()])
+    axes.vlines(places, stacked.min(0), stacked.max(0), color=LIGHT, linewidth=1.0, zorder=2)
+    for name, values in rows.items():
+        draw_dots(axes, name, places, values)
+    axes.hlines(floor, places - 0.35, places + 0.35, color=BLACK, linewidth=1.4, label=FLOOR, zorder=3)
+    axes.set_xticks(places, names, rotation=turned(series.joints), ha=anchored(series.joints, "right"))
+    axes.set_xlim(-0.6, len(places) - 0.4)
+    axes.grid(visible=False, axis="x")
+    logarithmic(axes, f"RMSE on held-out episodes [{unit.mark.strip()}]", [stacked.min(), stacked.max(), *floor])
 
 
 def per_episode(series: Series, models: Models) -> Figure:
@@ -69,19 +77,19 @@ def per_episode(series: Series, models: Models) -> Figure:
     with house_style():
         figure = Figure(figsize=(WIDTH, 3.3))
         axes = figure.subplots()
-        begin, end = (np.degrees(series.by_episode(models[name])) for name in (first, last))
+        begin, end = (series.shown(series.by_episode(models[name])) for name in (first, last))
         places = np.arange(len(begin))
         axes.vlines(places, begin, end, color=LIGHT, linewidth=1.4, zorder=2)
         draw_dots(axes, first, places, begin)
         draw_dots(axes, last, places, end)
-        floor = float(np.degrees(series.overall_floor))
+        floor = float(series.shown(np.array(series.overall_floor)))
         axes.axhline(floor, color=BLACK, linewidth=1.2, label=FLOOR, zorder=1)
         shown = places[:: -(-len(places) // MOST_LABELS)]
         axes.set_xticks(shown, [str(series.episodes[place]) for place in shown])
         axes.set_xlim(-0.6, len(places) - 0.4)
         axes.grid(visible=False, axis="x")
         axes.set_xlabel("held-out episode")
-        logarithmic(axes, "RMSE over joints [°]", [*begin, *end, floor])
+        logarithmic(axes, f"RMSE over {series.over}", [*begin, *end, floor])
         legend_above(figure, axes)
     return figure
 
@@ -93,7 +101,7 @@ def over_time(series: Series, models: Models) -> Figure:
         axes = figure.subplots()
         drawn = []
         for name, predicted in models.items():
-            rows = np.degrees(series.in_time(predicted, WINDOW))
+            rows = series.shown(series.in_time(predicted, WINDOW))
             low, middle, high = np.nanquantile(rows, [0.25, 0.5, 0.75], axis=0)
             look = LOOKS[name]
             axes.fill_between(series.time, low, high, color=look.colour, alpha=0.14, linewidth=0, zorder=look.order)
@@ -107,11 +115,11 @@ def over_time(series: Series, models: Models) -> Figure:
                 zorder=look.order + 10,
             )
             drawn += [np.nanmin(low), np.nanmax(high)]
-        floor = float(np.degrees(series.overall_floor))
+        floor = float(series.shown(np.array(series.overall_floor)))
         axes.axhline(floor, color=BLACK, linewidth=1.2, label=FLOOR, zorder=1)
         axes.set_xlim(0.0, series.time[-1])
         axes.set_xlabel("time since the start of an episode [s]")
-        logarithmic(axes, "RMS error over joints [°]", [*drawn, floor])
+        logarithmic(axes, f"RMS error over {series.over}", [*drawn, floor])
         legend_above(figure, axes)
     return figure
 
@@ -158,7 +166,7 @@ def draw_dots(axes: Axes, name: str, places: np.ndarray, values: np.ndarray) -> 
 
 
 def logarithmic(axes: Axes, label: str, values: Sequence[float]) -> None:
-    """Make the vertical axis logarithmic, with plain numbers in it and a margin about the values [°]."""
+    """Make the vertical axis logarithmic, with plain numbers in it and a margin about the values."""
     positive = [value for value in values if np.isfinite(value) and value > 0] or [1.0]
     axes.set_yscale("log")
     span = max(positive) / min(positive)

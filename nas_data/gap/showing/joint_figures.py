@@ -6,6 +6,7 @@ from matplotlib.figure import Figure
 
 from nas_data.gap.showing.figures import FLOOR, LOOKS, Models
 from nas_data.gap.showing.series import Series
+from nas_data.joint_units import joint_unit
 from nas_data.reports.style import BLACK, LIGHT, STROKES, WIDTH, house_style, legend_above
 
 
@@ -25,23 +26,24 @@ def joint_motion(series: Series, models: Models, joint: int, torques: bool) -> F
     """
     episode = worst_episode(series, joint)
     rows = series.counts[episode]
-    time, measured = series.time[rows], np.degrees(series.measured[episode, rows, joint])
+    unit = joint_unit(series.joints[joint], series.slides)
+    time, measured = series.time[rows], unit.factor * series.measured[episode, rows, joint]
     with house_style():
         figure = Figure(figsize=(WIDTH, 5.0))
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.4, 1.0))
         if not torques:
-            command = np.degrees(series.command[episode, rows, joint])
+            command = unit.factor * series.command[episode, rows, joint]
             draw(above, time, command, "command", steps=True)
         draw(above, time, measured, "measured")
         for name, predicted in models.items():
-            values = np.degrees(predicted[episode, rows, joint])
+            values = unit.factor * predicted[episode, rows, joint]
             draw(above, time, values, name)
             draw(below, time, values - measured, name)
-        floor = float(np.degrees(series.floor[joint]))
+        floor = unit.factor * float(series.floor[joint])
         below.axhspan(-floor, floor, color=LIGHT, alpha=0.45, linewidth=0, zorder=0)
         below.axhline(0.0, color=BLACK, linewidth=0.8, zorder=1)
-        above.set_ylabel(f"position of {series.joints[joint]} [°]")
-        below.set_ylabel("error [°]")
+        above.set_ylabel(f"position of {series.joints[joint]} [{unit.mark.strip()}]")
+        below.set_ylabel(f"error [{unit.mark.strip()}]")
         below.set_xlabel("time since the start of the episode [s]")
         below.set_xlim(0.0, time[-1])
         # the legend is made of the upper axes' curves; the band has no curve there

@@ -13,8 +13,8 @@ from nas_data.gap.showing.page_tables import (
     regimes_table,
     retuned_table,
 )
-from nas_data.gap.showing.page_verdict import lead, model, rest, scored
-from nas_data.gap.showing.page_words import capital, degrees, finding, listed, spoken, titled
+from nas_data.gap.showing.page_verdict import error, lead, model, rest, scored
+from nas_data.gap.showing.page_words import capital, finding, friendly, listed, spoken, titled
 from nas_data.gap.showing.report import Report
 from nas_data.gap.showing.series import Series
 from nas_data.reports.page import Block, Page, Section, Text
@@ -95,8 +95,9 @@ def placebo_blocks(report: Report) -> list[Block]:
     told = spoken(placebo["text"]).rstrip(".") or listed([titled(effect) for effect in placebo["effects"]])
     return [
         Text(
-            f"{capital(told)}: with the same freedom to fit, this placebo leaves {degrees(placebo['after'])} of the "
-            f"{degrees(gap['before'])} before. What is named leaves {degrees(gap['after'])}."
+            f"{capital(told)}: with the same freedom to fit, this placebo leaves "
+            f"{friendly(placebo['after'], gap['unit'])} of the {error(gap, 'before')} before. "
+            f"What is named leaves {error(gap, 'after')}."
         )
     ]
 

@@ -16,10 +16,11 @@ from nas_data.gap.showing.figures import (
     shares_bar,
 )
 from nas_data.gap.showing.joint_figures import joint_motion, worst_episode
-from nas_data.gap.showing.page_words import degrees, listed
+from nas_data.gap.showing.page_words import friendly, listed
 from nas_data.gap.showing.regime_figures import regimes
 from nas_data.gap.showing.report import Report
 from nas_data.gap.showing.series import Series
+from nas_data.joint_units import joint_unit
 from nas_data.reports.page import Picture
 from nas_data.reports.style import to_png
 
@@ -91,7 +92,8 @@ def joint_picture(report: Report, series: Series, joint: int) -> Picture:
     shown = {name: values for name, values in with_placebo(report, series).items() if keeps(name, report)}
     name = series.joints[joint]
     figure = joint_motion(series, shown, joint, commands_torques(report))
-    errors = listed([f"{label} {degrees(series.by_joint(values)[joint])}" for label, values in shown.items()])
+    unit = joint_unit(name, series.slides).si
+    errors = listed([f"{label} {friendly(series.by_joint(values)[joint], unit)}" for label, values in shown.items()])
     caption = (
         f"{name} in episode {series.episodes[worst_episode(series, joint)]}, which the model as handed over predicts "
         f"worst of the held-out ones. Over all of them the error of {name} is: {errors}."

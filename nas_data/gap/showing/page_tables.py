@@ -1,14 +1,25 @@
 """The tables of a gap report."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from nas_data.gap.showing.figures import Models
 from nas_data.gap.showing.page_verdict import by_size, change
-from nas_data.gap.showing.page_words import beside, confidence, degrees, figures, friendly, interval, spoken, titled
-from nas_data.gap.showing.report import Bin, Report
+from nas_data.gap.showing.page_words import (
+    ANGLE,
+    ENDS,
+    beside,
+    confidence,
+    figures,
+    friendly,
+    interval,
+    spoken,
+    titled,
+)
+from nas_data.gap.showing.report import Bin, JointGap, Report
 from nas_data.gap.showing.series import Series
+from nas_data.joint_units import joint_unit
 from nas_data.reports.page import Facts, Table
 
 SHOWN = 3  # conditions of a joint that are listed
@@ -22,13 +33,15 @@ def effects_table(report: Report) -> Table:
     rows = []
     for effect in report["effects"]:
         errors = effect["evidence"]
-        shrink = f"{degrees(errors['heldout_error_before'])} → {degrees(errors['heldout_error_after'])}"
+        shrink = " → ".join(friendly(errors[end], errors.get("unit", ANGLE)) for end in ENDS)
         for number, (name, value) in enumerate(effect["parameters"].items()):
             first = (titled(effect), confidence(effect["confidence"]), shrink) if number == 0 else ("", "", "")
             values = spoken(name), beside(value["value"], value["unit"]), interval(value) or NONE
             rows.append((first[0], *values, first[1], first[2]))
     headers = ("", "parameter", "value", "95 % interval", "confidence", "error without → with")
-    return Table(headers, rows, "Errors on held-out episodes: of the effect's joint, or of all joints.")
+    return Table(
+        headers, rows, "Errors on held-out episodes: of the effect's joint, or of all joints of the arm's first kind."
+    )
 
 
 def retuned_table(report: Report) -> Table:
@@ -44,8 +57,8 @@ def gap_table(series: Series, models: Models) -> Table:
     rows = [
         (
             joint,
-            *(degrees(float(values[place])) for values in errors.values()),
-            degrees(float(series.floor[place])),
+            *(friendly(float(values[place]), joint_unit(joint, series.slides).si) for values in errors.values()),
+            friendly(float(series.floor[place]), joint_unit(joint, series.slides).si),
             figures(float(last[place] / series.floor[place])),
         )
         for place, joint in enumerate(series.joints)
@@ -59,19 +72,7 @@ def joints_table(report: Report) -> list[Table]:
     found = report.get("find")
     if not found or not found["joints"]:
         return []
-    rows = [
-        (
-            joint,
-            degrees(gap["floor"]),
-            degrees(gap["one_step"]),
-            degrees(gap["one_step_hold"]),
-            degrees(gap["open_loop"]),
-            degrees(gap["open_loop_hold"]),
-            NONE if gap["open_loop_command"] is None else degrees(gap["open_loop_command"]),
-            figures(gap["ratio_to_noise"]),
-        )
-        for joint, gap in found["joints"].items()
-    ]
+    rows = [joint_row(joint, gap) for joint, gap in found["joints"].items()]
     headers = ("", "noise", "one step", "(hold)", "open loop", "(hold)", "(command)", "open loop / noise")
     note = (
         "RMSE over the whole recording, model as handed over. One step: set to every measured state anew. Hold "
@@ -80,10 +81,21 @@ def joints_table(report: Report) -> list[Table]:
     return [Table(headers, rows, note)]
 
 
+def joint_row(joint: str, gap: JointGap) -> tuple[str, ...]:
+    """Return the row of a joint's errors."""
+    values = [
+        gap["floor"], gap["one_step"], gap["one_step_hold"],
+        gap["open_loop"], gap["open_loop_hold"], gap["open_loop_command"],
+    ]  # fmt: skip
+    told = [NONE if value is None else friendly(value, gap.get("unit", ANGLE)) for value in values]
+    return (joint, *told, figures(gap["ratio_to_noise"]))
+
+
 def regimes_table(report: Report) -> list[Table]:
     """Return under which conditions a joint's error is larger than otherwise, beyond chance."""
     found = report.get("find")
-    rows = [row(entry) for entry in (largest(found["regimes"]) if found else [])]
+    units = {joint: gap.get("unit", ANGLE) for joint, gap in found["joints"].items()} if found else {}
+    rows = [row(entry, units) for entry in (largest(found["regimes"]) if found else [])]
     headers = ("", "condition", "error", "otherwise", "share of squared error")
     return [Table(headers, rows, "Where the error is larger, beyond chance.")] if rows else []
 
@@ -96,10 +108,11 @@ def largest(bins: Sequence[Bin]) -> list[Bin]:
     return [b for joint in joints for b in [b for b in ranked if b["joint"] == joint][:SHOWN]]
 
 
-def row(entry: Bin) -> tuple[str, ...]:
-    """Return a row of the table of conditions."""
+def row(entry: Bin, units: Mapping[str, str]) -> tuple[str, ...]:
+    """Return a row of the table of conditions; `units` are the joints'."""
     condition = f"{entry['regime']}: {entry['bin']}"
-    errors = degrees(entry["rmse"]), degrees(entry.get("rest", np.nan))
+    unit = units.get(entry["joint"], ANGLE)
+    errors = friendly(entry["rmse"], unit), friendly(entry.get("rest", np.nan), unit)
     return entry["joint"], condition, *errors, f"{100 * entry['share']:.0f} %"
 
 

@@ -2,22 +2,39 @@
 
 import math
 from collections.abc import Callable, Mapping
+from typing import Literal
 
-from nas_data.gap.showing.page_words import LIKELY, degrees, figures, listed, titled
-from nas_data.gap.showing.report import Factor, Report, Rest
+from nas_data.gap.showing.page_words import ANGLE, LIKELY, figures, friendly, listed, titled
+from nas_data.gap.showing.report import Factor, Gap, Report, Rest
 
 
 def lead(report: Report) -> str:
     """Return the verdict in a sentence or two."""
-    return VERDICTS.get(report["verdict"], other)(report)
+    return VERDICTS.get(report["verdict"], other)(report) + of_slides(report)
+
+
+def of_slides(report: Report) -> str:
+    """Return the sentence about the slides of an arm that has hinges as well, else nothing: lengths are no angles."""
+    gap = report["gap"].get("slides")
+    if gap is None:
+        return ""
+    return (
+        f" These are errors of the hinges; that of the slides goes from {error(gap, 'before')} to "
+        f"{error(gap, 'after')}, beside a noise of {error(gap, 'noise_floor')}."
+    )
+
+
+def error(gap: Gap, name: Literal["before", "plain", "after", "noise_floor"]) -> str:
+    """Return one of the errors of a gap."""
+    return friendly(gap[name], gap.get("unit", ANGLE))
 
 
 def none(report: Report) -> str:
     """Say that there is no gap."""
     gap = report["gap"]
     return (
-        f"Nothing is missing: on held-out episodes {model(report)} errs by {degrees(gap['before'])}, which is "
-        f"what the noise of the readings, {degrees(gap['noise_floor'])}, lets one expect."
+        f"Nothing is missing: on held-out episodes {model(report)} errs by {error(gap, 'before')}, which is "
+        f"what the noise of the readings, {error(gap, 'noise_floor')}, lets one expect."
     )
 
 
@@ -27,7 +44,7 @@ def retuned(report: Report) -> str:
     numbers = "one number that it already has" if count == 1 else f"{count} numbers that it already has"
     return (
         f"Nothing is missing: {model(report)} only needs {numbers} changed, by at most {widest(report):.0f} %. "
-        f"{shrunk(report)}, close to the noise of the readings, {degrees(report['gap']['noise_floor'])}."
+        f"{shrunk(report)}, close to the noise of the readings, {error(report['gap'], 'noise_floor')}."
     )
 
 
@@ -35,7 +52,7 @@ def explained(report: Report) -> str:
     """Say what is missing, and that this is all."""
     return (
         f"{missing(report)} {shrunk(report)}; what is left is close to the noise of the readings, "
-        f"{degrees(report['gap']['noise_floor'])}."
+        f"{error(report['gap'], 'noise_floor')}."
     )
 
 
@@ -43,7 +60,7 @@ def partly_explained(report: Report) -> str:
     """Say what is missing, and that something else is, too."""
     return (
         f"{missing(report)} {shrunk(report)}, while the noise of the readings is "
-        f"{degrees(report['gap']['noise_floor'])}: something else is missing, too{places(report)}."
+        f"{error(report['gap'], 'noise_floor')}: something else is missing, too{places(report)}."
     )
 
 
@@ -53,8 +70,8 @@ def unexplained(report: Report) -> str:
     how = "when all its smooth parameters are fitted" if gap.get("delivered") == "plain" else "when its own are retuned"
     return (
         f"Something is missing in {model(report)} that no effect in the catalogue explains{places(report)}. On "
-        f"held-out episodes it errs by {degrees(gap['before'])}, {degrees(gap['after'])} {how}; "
-        f"the noise of the readings is {degrees(gap['noise_floor'])}."
+        f"held-out episodes it errs by {error(gap, 'before')}, {error(gap, 'after')} {how}; "
+        f"the noise of the readings is {error(gap, 'noise_floor')}."
     )
 
 
@@ -90,8 +107,8 @@ def shrunk(report: Report) -> str:
     effects = len(report["effects"])
     gap = report["gap"]
     added = "With it" if effects == 1 else "With them" if effects else "Retuned"
-    beside = f" (a plain fit of all smooth parameters: {degrees(gap['plain'])})" if "plain" in gap else ""
-    fall = f"from {degrees(gap['before'])} to {degrees(gap['after'])}{beside}"
+    beside = f" (a plain fit of all smooth parameters: {error(gap, 'plain')})" if "plain" in gap else ""
+    fall = f"from {error(gap, 'before')} to {error(gap, 'after')}{beside}"
     return f"{added}, the error on held-out episodes falls {fall}"
 
 
@@ -130,9 +147,9 @@ def scored(report: Report) -> str:
     """Return of what the errors called after are."""
     gap = report["gap"]
     alone = gap.get("after_model_xml", gap["after"])
-    if degrees(alone) == degrees(gap["after"]):
+    if friendly(alone, gap["unit"]) == error(gap, "after"):
         return "The errors called after were computed from that file, read back."
     return (
         f"The errors called after are those of the effects named, of which a model file cannot hold all; it alone "
-        f"leaves {degrees(alone)}."
+        f"leaves {friendly(alone, gap['unit'])}."
     )

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import Literal
 
 from nas_data.effects.base import find_effect
 from nas_data.errors import UnknownName
@@ -10,10 +11,17 @@ from nas_data.gap.showing.report import Alternative, Effect, Equal, Named, Numbe
 FRIENDLY = {
     "rad": ("°", 180 / math.pi),
     "rad/s": ("°/s", 180 / math.pi),
+    "m": (" mm", 1e3),
+    "m/s": (" mm/s", 1e3),
     "s": (" ms", 1e3),
     "kg": (" g", 1e3),
     "kg·m²": (" g·cm²", 1e7),
 }
+ANGLE = "rad"  # the unit of errors where a report does not say
+ENDS: tuple[Literal["heldout_error_before"], Literal["heldout_error_after"]] = (
+    "heldout_error_before",
+    "heldout_error_after",
+)
 SURE, LIKELY = 0.9, 0.7  # confidences from which a name is called sure, and likely
 CERTAIN = 0.99  # confidence beyond which no digit means anything
 
@@ -25,11 +33,6 @@ def figures(value: float, digits: int = 3) -> str:
     places = max(0, digits - 1 - math.floor(math.log10(abs(value))))
     text = f"{value:.{places}f}"
     return text if places <= 7 else f"{value:.{digits - 1}e}"
-
-
-def degrees(angle: float) -> str:
-    """Return an angle [rad] in degrees."""
-    return figures(math.degrees(angle)) + "°"
 
 
 def friendly(value: float, unit: str) -> str:
@@ -88,12 +91,12 @@ def finding(effect: Effect) -> list[str]:
         for name, number in effect["parameters"].items()
     ]
     errors = effect["evidence"]
+    without, with_it = (friendly(errors[end], errors.get("unit", ANGLE)) for end in ENDS)
     where = f"of {effect['joint']}" if effect["joint"] else "of the arm"
     sentences = [
         f"{capital(titled(effect))}: {'; '.join(values)}.",
         f"Confidence in this name: {confidence(effect['confidence'])}.",
-        f"Without it, the held-out error {where} is {degrees(errors['heldout_error_before'])}, everything else fitted "
-        f"anew; with it, {degrees(errors['heldout_error_after'])}.",
+        f"Without it, the held-out error {where} is {without}, everything else fitted anew; with it, {with_it}.",
         *rivals(effect),
         *signature(effect["effect"]),
     ]
@@ -106,7 +109,8 @@ def finding(effect: Effect) -> list[str]:
 
 def rivals(effect: Effect) -> list[str]:
     """Return how far the alternatives are behind."""
-    told = [f"{titled(other)} ({degrees(other['heldout_error_after'])})" for other in effect["alternatives"]]
+    unit = effect["evidence"].get("unit", ANGLE)
+    told = [f"{titled(other)} ({friendly(other['heldout_error_after'], unit)})" for other in effect["alternatives"]]
     near = [titled(other) for other in effect.get("equals", [])]
     sentences = [f"In its place, this error would be left by {listed(told)}."] if told else []
     return sentences + ([f"These data cannot tell it from {listed(near)}."] if near else [])

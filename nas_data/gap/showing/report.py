@@ -33,10 +33,11 @@ class Equal(TypedDict):
 
 
 class Errors(TypedDict):
-    """Error without and with an effect [rad]."""
+    """Error without and with an effect, in `unit`: rad, or m for a slide."""
 
     heldout_error_before: float
     heldout_error_after: float
+    unit: NotRequired[str]
 
 
 class Effect(TypedDict):
@@ -69,10 +70,14 @@ class Rest(TypedDict):
 
 
 class Gap(TypedDict):
-    """The gap over all joints, in `unit`; `after_model_xml` is what the written file alone leaves."""
+    """The gap over all joints of one kind, in `unit`; `after_model_xml` is what the written file alone leaves.
 
-    metric: str
+    `slides` holds the same of the slides where the arm has hinges as well.
+    """
+
+    metric: NotRequired[str]
     unit: str
+    slides: NotRequired["Gap"]
     noise_floor: float
     before: float
     plain: NotRequired[float]
@@ -106,7 +111,7 @@ class Placebo(TypedDict):
 
 
 class JointGap(TypedDict):
-    """Errors of one joint [rad]."""
+    """Errors of one joint, in `unit`: rad, or m for a slide."""
 
     floor: float
     one_step: float
@@ -115,10 +120,11 @@ class JointGap(TypedDict):
     open_loop_hold: float
     open_loop_command: float | None
     ratio_to_noise: float
+    unit: NotRequired[str]
 
 
 class Bin(TypedDict):
-    """The error of one joint under one condition [rad]; `rest` is that under the condition's others."""
+    """The error of one joint under one condition [rad; slides m]; `rest` is that under the condition's others."""
 
     joint: str
     regime: str

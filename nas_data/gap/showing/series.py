@@ -7,13 +7,16 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.errors import OptionError
+from nas_data.joint_units import JointUnit, kinds_of
 
 SERIES = "series.npz"
 
 
 @dataclass(frozen=True)
 class Series:
-    """E held-out episodes of up to T rows of n joints, positions in radians.
+    """E held-out episodes of up to T rows of n joints, positions in radians, those of slides in metres.
+
+    Errors over joints are those of the first kind, hinges where there are any: radians and metres have no mean.
 
     Attributes:
         time: Since the start of an episode [s], shape (T,).
@@ -28,6 +31,7 @@ class Series:
         placebo: With a wrong name in the right one's place, where there is one.
         counts: Whether a row was recorded, shape (E, T).
         floor: Noise floor, shape (n,).
+        slides: Names of the joints that are slides.
     """
 
     time: np.ndarray
@@ -42,6 +46,22 @@ class Series:
     floor: np.ndarray
     placebo: np.ndarray | None = None
     plain: np.ndarray | None = None
+    slides: tuple[str, ...] = ()
+
+    @property
+    def kinds(self) -> list[tuple[JointUnit, np.ndarray]]:
+        """The kinds of joints, each with their places; errors over joints are over those of the first."""
+        return kinds_of(self.joints, self.slides)
+
+    @property
+    def over(self) -> str:
+        """Over what errors go, with their unit, for an axis."""
+        (unit, _), *others = self.kinds
+        return f"{unit.kind if others else 'joints'} [{unit.mark.strip()}]"
+
+    def shown(self, values: np.ndarray) -> np.ndarray:
+        """Return errors over joints in the unit in which they are shown."""
+        return np.asarray(self.kinds[0][0].factor * values)
 
     @classmethod
     def read(cls, folder: Path) -> "Series":
@@ -54,26 +74,26 @@ class Series:
         try:
             with np.load(path, allow_pickle=False) as stored:
                 parts = {name: stored[name] for name in stored.files if name in cls.__dataclass_fields__}
-            parts["joints"] = tuple(str(joint) for joint in parts["joints"])
+            parts |= {key: tuple(map(str, parts[key])) for key in ("joints", "slides") if key in parts}
             return cls(**parts)
         except (OSError, ValueError, TypeError, KeyError, zipfile.BadZipFile) as error:
             raise OptionError(f"{path} has no series to draw ({error}); make it anew with: nas gap") from None
 
     def squares(self, predicted: np.ndarray) -> np.ndarray:
-        """Return the mean squared error of each episode and joint [rad²], shape (E, n)."""
+        """Return the mean squared error of each episode and joint [rad²; m²], shape (E, n)."""
         errors = np.where(self.counts[..., None], predicted - self.measured, 0.0)
         return np.asarray((errors**2).sum(1) / self.counts.sum(1)[:, None])
 
     def by_joint(self, predicted: np.ndarray) -> np.ndarray:
-        """Return the RMSE of each joint over the episodes [rad], shape (n,)."""
+        """Return the RMSE of each joint over the episodes [rad; m], shape (n,)."""
         return np.asarray(np.sqrt(self.squares(predicted).mean(0)))
 
     def by_episode(self, predicted: np.ndarray) -> np.ndarray:
-        """Return the RMSE of each episode over the joints [rad], shape (E,)."""
-        return np.asarray(np.sqrt(self.squares(predicted).mean(1)))
+        """Return the RMSE of each episode over the joints of the first kind, shape (E,)."""
+        return np.asarray(np.sqrt(self.squares(predicted)[:, self.kinds[0][1]].mean(1)))
 
     def in_time(self, predicted: np.ndarray, window: float) -> np.ndarray:
-        """Return the RMS error over joints and a sliding window [rad], shape (E, T); NaN where nothing was recorded.
+        """Return the RMS error over joints of the first kind and a sliding window, shape (E, T); NaN beyond the rows.
 
         Args:
             predicted: Shape (E, T, n).
@@ -82,11 +102,11 @@ class Series:
         errors = np.where(self.counts[..., None], predicted - self.measured, 0.0)
         width = max(1, min(len(self.time), round(window / float(np.diff(self.time, prepend=0.0).mean()))))
         box = np.ones(width)
-        sums = np.stack([np.convolve(row, box, "same") for row in (errors**2).mean(-1)])
+        sums = np.stack([np.convolve(row, box, "same") for row in (errors[..., self.kinds[0][1]] ** 2).mean(-1)])
         rows = np.stack([np.convolve(row, box, "same") for row in self.counts.astype(float)])
         return np.where(self.counts, np.sqrt(np.maximum(sums, 0.0) / np.maximum(rows, 1.0)), np.nan)
 
     @property
     def overall_floor(self) -> float:
-        """Noise floor over all joints [rad]."""
-        return float(np.sqrt((self.floor**2).mean()))
+        """Noise floor over the joints of the first kind."""
+        return float(np.sqrt((self.floor[self.kinds[0][1]] ** 2).mean()))

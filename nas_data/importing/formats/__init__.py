@@ -1,13 +1,15 @@
 """File formats of logs: each file of the folder reads one and says which endings its files have."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol, cast
+from typing import Protocol, TypeVar, cast
 
 from nas_data import registry
 from nas_data.errors import LogError, NasError
 from nas_data.importing.layout import Layout
 from nas_data.importing.table import Table
 
+Content = TypeVar("Content")
 FORMATS = registry.names("importing.formats")
 
 
@@ -15,9 +17,17 @@ class Format(Protocol):
     """What a file of this folder defines."""
 
     SUFFIXES: tuple[str, ...]
+    FOLDER: str  # what a log that is a folder is called; a module without it reads files only
 
     def read(self, path: Path, layout: Layout) -> Table:
         """Read a file; any of `LogError`, `ValueError`, `OSError` says that it is none of this format."""
+
+
+class Bag(Protocol):
+    """What a file of this folder defines whose logs are messages of several topics, in place of `read`."""
+
+    def read_topics(self, path: Path, layout: Layout) -> dict[str, Table]:
+        """Read the topics that a map names, by the keys of its `[topics]`."""
 
 
 def find_format(name: str) -> Format:
@@ -25,24 +35,50 @@ def find_format(name: str) -> Format:
     return cast(Format, registry.module("importing.formats", name, "format"))
 
 
-def read_table(path: Path, layout: Layout) -> Table:
-    """Read one file of a log.
+def folder_kind(name: str) -> str:
+    """Return what a log of a format is called where it is a folder; empty where logs are files."""
+    return str(getattr(find_format(name), "FOLDER", ""))
+
+
+def is_folder_log(path: Path, name: str) -> bool:
+    """Return whether a folder is one log of a format."""
+    return bool(folder_kind(name)) and path.is_dir() and bool(getattr(find_format(name), "is_log")(path))  # noqa: B009
+
+
+def read_tables(path: Path, layout: Layout) -> dict[str, Table]:
+    """Read one log that is one file or folder: one table, or one for each topic that the map names.
 
     Raises:
         LogError: no such file, another ending than the format's, or content that cannot be read as it.
     """
+    if layout.topics:
+        return _read(path, layout, cast(Bag, find_format(layout.format)).read_topics)
+    return {"": read_table(path, layout)}
+
+
+def read_table(path: Path, layout: Layout) -> Table:
+    """Read one file of a log; raises as `read_tables` does."""
+    return _read(path, layout, find_format(layout.format).read)
+
+
+def _read(path: Path, layout: Layout, reader: Callable[[Path, Layout], Content]) -> Content:
+    """Read a file or folder after it was found to be one, and say in a sentence where it cannot be read."""
     known = find_format(layout.format)
-    if not path.is_file():
+    folder = is_folder_log(path, layout.format)
+    if not folder and folder_kind(layout.format) and not (path.is_file() and known.SUFFIXES):
+        there = "there is no such folder" if not path.exists() else f"it is no {folder_kind(layout.format)[2:]}"
+        raise LogError(f"{path} cannot be read: {there}; give {folder_kind(layout.format)}.")
+    if not path.is_file() and not folder:
         raise LogError(f"There is no file {path}; give a recorded log.")
-    if path.suffix.lower() not in known.SUFFIXES:
+    if not folder and path.suffix.lower() not in known.SUFFIXES:
         raise LogError(
             f"{path} does not end in {' or '.join(known.SUFFIXES)}, but the map says format = '{layout.format}'; "
             "give the log that belongs to the map, or another map."
         )
-    if path.stat().st_size == 0:
+    if not folder and path.stat().st_size == 0:
         raise LogError(f"{path} is empty; give a log with recorded rows.")
     try:
-        return known.read(path, layout)
+        return reader(path, layout)
     except NasError:
         raise
     except (ValueError, OSError, EOFError, KeyError) as error:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from nas_data.virtual_bus.arm import VirtualArm
 from nas_data.virtual_bus.faults.base import Fault, struck
-from nas_data.xl320.control_table import OVERLOAD
+from nas_data.virtual_bus.kinds.base import Reason
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,4 +19,4 @@ class Overload(Fault):
 
     def strike(self, arm: VirtualArm) -> None:
         """Shut the servo down; see `Fault.strike`."""
-        struck(arm, self.servo).fail(OVERLOAD)
+        struck(arm, self.servo).fail(Reason.OVERLOAD)

@@ -10,7 +10,7 @@ XL330_M077 = 1190  # model number, ROBOTIS e-manual
 
 @dataclass(frozen=True, kw_only=True)
 class WrongModel(Fault):
-    """One servo is no XL-320.
+    """One servo is not what it should be.
 
     Attributes:
         servo: Its identity.

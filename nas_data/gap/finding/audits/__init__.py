@@ -1,11 +1,14 @@
-"""Audits before physics: each file of the folder checks one thing that would otherwise pass for an effect."""
+"""What is looked at before physics: each file of the folder is one thing that would otherwise pass for an effect.
+
+Where no model is needed to see it, the file sums up what the audits of every recording (`dataset/audits/`) found.
+"""
 
 from typing import Protocol, cast
 
 from nas_data import registry
 from nas_data.gap.finding.audits.base import Check, Examined
 
-FIRST = ("timing", "repeated_samples", "command_shift", "velocities")  # time before everything else
+FIRST = ("timing", "repeated_samples", "command_shift", "velocities", "readings")  # time before everything else
 
 
 class Audit(Protocol):

@@ -1,9 +1,11 @@
 """What an audit looks at, and what it says."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from nas_data.dataset.audits.base import Finding
 from nas_data.dataset.dataset import Dataset
 from nas_data.gap.finding.loads import Loads
 from nas_data.gap.finding.recorded import Recorded
@@ -16,6 +18,7 @@ class Examined:
 
     Attributes:
         dataset: As recorded, rows with the torque off and all.
+        findings: What the audits of every recording say of it.
         recorded: Its rows with the torque on.
         nominal: The model.
         floor: Noise floor [rad], shape (n,).
@@ -24,6 +27,7 @@ class Examined:
     """
 
     dataset: Dataset
+    findings: tuple[Finding, ...]
     recorded: Recorded
     nominal: Nominal
     floor: np.ndarray
@@ -48,6 +52,38 @@ class Check:
     def to_json(self) -> dict[str, object]:
         """Return the form for machines."""
         return asdict(self)
+
+
+def summarized(name: str, examined: Examined, checks: Sequence[str], sound: str, advice: str = "") -> Check:
+    """Return what some audits of every recording say, one sentence for each kind of finding.
+
+    Args:
+        name: What is looked at.
+        examined: The recording with its findings.
+        checks: Which findings belong to it.
+        sound: What is said where there are none.
+        advice: What to do where a finding is more than minor.
+    """
+    kinds: dict[str, list[Finding]] = {}
+    for finding in examined.findings:
+        if finding.check in checks:
+            kinds.setdefault(finding.check, []).append(finding)
+    if not kinds:
+        return Check(name, sound)
+    ok = all(finding.minor for members in kinds.values() for finding in members)
+    said = [sentence_of(members, examined.dataset.n_episodes) for members in kinds.values()]
+    if advice and not ok:
+        said.append(f"{advice[0].upper()}{advice[1:]}.")
+    return Check(name, " ".join(said), ok)
+
+
+def sentence_of(members: Sequence[Finding], episodes: int) -> str:
+    """Return the first finding of a kind that is more than minor, and in how many episodes there is such a one."""
+    grave = [finding for finding in members if not finding.minor] or list(members)
+    places = len({finding.file for finding in grave})
+    first = grave[0]
+    more = f" (so in {places} of {episodes} episodes)" if places > 1 else ""
+    return f"In {first.file} {first.what}{more}."
 
 
 def listed(items: list[str]) -> str:

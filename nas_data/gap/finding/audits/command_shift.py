@@ -82,9 +82,9 @@ def best_shifts(examined: Examined) -> tuple[np.ndarray, np.ndarray]:
 def shift_errors(examined: Examined, shift: int) -> np.ndarray:
     """Return the error of the motion over a short window with shifted commands [rad], shape (E, n)."""
     evidence = shortened(examined.recorded.evidence)
-    effort = examined.nominal.simulator().commands_effort
+    positional = examined.nominal.simulator().layout.inputs.positional
     try:
-        predicted = examined.nominal.predict(shifted(evidence, shift, effort))
+        predicted = examined.nominal.predict(shifted(evidence, shift, positional))
     except ModelFileError:
         return np.full(evidence.starts.shape, np.inf)
     rows = max(1, round(WINDOW / evidence.period))
@@ -101,10 +101,13 @@ def shortened(evidence: Evidence) -> Evidence:
     return replace(part, commands=part.commands[:, rows], measured=part.measured[:, rows], counts=part.counts[:, rows])
 
 
-def shifted(evidence: Evidence, shift: int, effort: bool) -> Evidence:
-    """Return episodes whose commands act some rows later; before the first, the first pose was commanded."""
+def shifted(evidence: Evidence, shift: int, positional: np.ndarray) -> Evidence:
+    """Return episodes whose commands act some rows later; before the first, the first pose was commanded.
+
+    Joints that are not commanded positions, `positional` (n,), had their first command.
+    """
     commands, steps = evidence.commands, evidence.commands.shape[1]
-    before = commands[:, :1] if effort else evidence.starts[:, None]
+    before = np.where(positional, evidence.starts[:, None], commands[:, :1])
     if shift >= 0:
         moved = np.concatenate([np.repeat(before, shift, axis=1), commands[:, : steps - shift]], axis=1)
     else:

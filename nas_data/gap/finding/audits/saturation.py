@@ -8,7 +8,7 @@ from nas_data.simulators.limits import command_limits
 NAME = "saturation"
 NOTED = 0.01  # share of the rows that is worth a word
 MOSTLY = 0.5  # share of the rows from which the model is hardly a servo any more
-ROUNDING = 1e-5  # [rad or N·m]; commands are stored as float32
+ROUNDING = 1e-5  # [the commands' unit]; commands are stored as float32
 
 
 def check(examined: Examined) -> Check:

@@ -8,16 +8,14 @@ from nas_data.gap.search.hypothesis import (
     Description,
     Hypothesis,
     frees_base_parameter,
-    joints_beyond_prior,
     key,
 )
 from nas_data.gap.search.moves import optional_parameters
 from nas_data.gap.search.screen import Candidate
-from nas_data.gap.search.search import Search
+from nas_data.gap.search.search import FAR_BEHIND, Search
 from nas_data.gap.side_by_side import side_by_side
 
 FINALISTS = 3  # short fits that are continued
-AT_FLOOR = 1.15  # noise floors below which nothing is looked for
 BUNDLED = 2  # effects that are tried in all joints at once
 DOUBTFUL = 2.0  # noise floors of rest above which every effect of a joint is fitted before the search ends
 WORST = 2  # joints of which every effect is fitted then
@@ -58,9 +56,7 @@ def add_best(search: Search, kept: Hypothesis, ranked: Sequence[Hypothesis]) -> 
 
 def extensions(search: Search, kept: Hypothesis, around: Fit) -> list[Hypothesis]:
     """Return the hypotheses that one more effect makes, best first."""
-    ratios = zip(search.train.nominal.joints, search.ratio(kept), strict=True)
-    wanted = {joint for joint, ratio in ratios if ratio > AT_FLOOR} | joints_beyond_prior(kept)
-    wanted &= search.excited
+    wanted = search.above_floor(kept)
     search.say(f"  screening every effect at {', '.join(sorted(wanted)) or 'no joint'}")
     found, reach = search.screened(around, kept, wanted)
     search.say(f"  fitting the best of {len(found)} candidates")
@@ -166,7 +162,9 @@ def look_ahead(search: Search, kept: Hypothesis, ranked: Sequence[Hypothesis]) -
 
 
 def remember(search: Search, kept: Hypothesis, ranked: Sequence[Hypothesis]) -> None:
-    """Note which effects competed for a joint."""
+    """Note which effects competed for a joint, and whether the best of all left every other far behind."""
+    if len(ranked) < 2 or ranked[1].score.over(ranked[0].score) > FAR_BEHIND:
+        search.clear.add(frozenset(map(key, ranked[0].effects)))
     ranked = [h for h in ranked if len(h.effects) == len(kept.effects) + 1]
     for h in ranked:
         added = h.effects[-1]

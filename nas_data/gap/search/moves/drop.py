@@ -10,6 +10,7 @@ from nas_data.gap.search.search import Search
 from nas_data.gap.side_by_side import side_by_side
 
 TRIED = 6  # without which the rest is fitted, of what seems to be worth least
+CERTAIN = 60.0  # nats by which the loss seems to rise without a part that is surely worth its price
 MANY = 8  # effects beyond which several are dropped at a time
 
 Part = Effect | str
@@ -35,7 +36,7 @@ def drop_one(search: Search, h: Hypothesis) -> Hypothesis:
     """
     search.say(f"  dropping one of {len(parts(h))} parts, if one is not worth its price")
     losses = estimate_losses(search, h)
-    doubted = sorted(losses, key=lambda part: losses[part])[:TRIED]
+    doubted = sorted((part for part in losses if losses[part] < CERTAIN), key=lambda part: losses[part])[:TRIED]
     found = side_by_side(lambda part: fit_without(search, h, [part]), doubted)
     sound = {part: one for part, one in zip(doubted, found, strict=True) if one is not None and one.is_sound}
     if not sound:
@@ -66,6 +67,11 @@ def drop_several(search: Search, h: Hypothesis) -> Hypothesis:
 def parts(h: Hypothesis) -> list[Part]:
     """Return the effects and the names of the freed parameters."""
     return [*h.effects, *sorted(h.description.freed)]
+
+
+def joint_of(part: Part) -> str | None:
+    """Return the joint of an effect or of a freed parameter; None for an effect of the arm."""
+    return part.rsplit(".", 1)[0] if isinstance(part, str) else part.joint
 
 
 def price(part: Part) -> float:

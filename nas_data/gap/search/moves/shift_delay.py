@@ -7,10 +7,9 @@ from functools import partial
 from nas_data.effects.base import Effect, make_effect
 from nas_data.gap.search.fit import Fit, fit
 from nas_data.gap.search.hypothesis import PRICE, Hypothesis, reuse_jacobian
-from nas_data.gap.search.moves.add import AT_FLOOR
 from nas_data.gap.search.objective import Task
 from nas_data.gap.search.parameters import FreeParameters
-from nas_data.gap.search.search import Search
+from nas_data.gap.search.search import AT_FLOOR, Search
 from nas_data.gap.side_by_side import side_by_side
 
 SHIFTS = (-3, -2, -1, 1, 2, 3)  # of the model's own physics steps, either way

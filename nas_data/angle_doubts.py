@@ -1,0 +1,32 @@
+"""Whether a model's angles may be in another unit than the one in which they are read."""
+
+import math
+import re
+from pathlib import Path
+
+import mujoco
+
+TURN = 2 * math.pi  # [rad, and °] joints of arms go further than 2π degrees and less far than two turns
+STATED = re.compile(rb"<compiler[^>]*\bangle\s*=")
+
+
+def angle_doubts(path: Path, model: mujoco.MjModel, degree: bool) -> list[str]:
+    """Say of a model file whose hinges can hardly turn, or turn without end, that its angles may be misread.
+
+    Args:
+        path: The file.
+        model: What was compiled of it.
+        degree: Whether its angles were read as degrees.
+    """
+    hinges = (model.jnt_type == int(mujoco.mjtJoint.mjJNT_HINGE)) & (model.jnt_limited != 0)
+    if not hinges.any():
+        return []
+    widest = int(hinges.nonzero()[0][abs(model.jnt_range[hinges]).max(axis=1).argmax()])
+    low, high = (math.degrees(limit) if degree else float(limit) for limit in model.jnt_range[widest])
+    limits = f"{path}: the range of {model.joint(widest).name}, {low:.4g} to {high:.4g},"
+    if degree and max(-low, high) <= TURN and not STATED.search(path.read_bytes()):
+        remedy = 'if radians are meant, write <compiler angle="radian"/>, else <compiler angle="degree"/>'
+        return [f"{limits} is read in degrees, as the file does not say: {remedy}"]
+    if not degree and high - low > 2 * TURN:
+        return [f'{limits} is read in radians: if degrees are meant, write <compiler angle="degree"/>']
+    return []

@@ -1,0 +1,1 @@
+"""Arms of servos as recorders use them, whoever drives them."""

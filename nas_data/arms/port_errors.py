@@ -1,0 +1,39 @@
+"""What goes wrong with a serial port, in sentences with a remedy."""
+
+import errno
+from pathlib import Path
+
+from nas_data.errors import AdapterLost, ArmError, NoSuchPort, PortBusy, PortDenied
+
+KINDS = ("ttyUSB*", "ttyACM*", "ttyAMA*", "tty.usb*", "cu.usb*")
+
+
+def refusal(path: str, error: OSError | ValueError) -> ArmError:
+    """Say why a port could not be opened, and what to do."""
+    code = getattr(error, "errno", None)
+    if code in {errno.ENOENT, errno.ENODEV, errno.ENXIO} or not Path(path).exists():
+        return NoSuchPort(f"There is no port {path}; plug the adapter in and give one of: {_ports()}.")
+    if code in {errno.EACCES, errno.EPERM}:
+        return PortDenied(
+            f"{path} may not be opened by this user; join the group that owns it "
+            "(sudo usermod -aG dialout $USER) and log in again."
+        )
+    if code in {errno.EBUSY, errno.EAGAIN} or "lock" in str(error):
+        return busy(path)
+    return ArmError(f"{path} cannot be used as a serial port; give the adapter's port, one of: {_ports()}.")
+
+
+def _ports() -> str:
+    """Return the ports that are there, for a sentence."""
+    found = sorted(str(path) for kind in KINDS for path in Path("/dev").glob(kind))
+    return ", ".join([*found, "virtual"])
+
+
+def busy(path: str) -> PortBusy:
+    """Return what to raise where another program has a port."""
+    return PortBusy(f"{path} is used by another program; close that program (a recorder, a monitor) and try again.")
+
+
+def lost(path: str) -> AdapterLost:
+    """Return what to raise where a port that was open is gone."""
+    return AdapterLost(f"{path} vanished while it was used; plug the adapter in again and check its cable.")

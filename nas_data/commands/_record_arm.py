@@ -1,0 +1,253 @@
+"""What the commands that record an arm share: options, the plan, the recording and its dataset."""
+
+import sys
+import time
+from abc import abstractmethod
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+import tyro
+
+from nas_data.commands._patience import Counting
+from nas_data.commands.base import Command, Outcome
+from nas_data.errors import OptionError
+
+if TYPE_CHECKING:
+    from nas_data.arms.base import Driver
+    from nas_data.dataset.growing import Growing
+    from nas_data.dataset.provenance import Provenance
+    from nas_data.recorders.arm_plan import Plan
+    from nas_data.recorders.session import Protocol
+    from nas_data.robots.base import Robot
+
+COOLEST = 35.0  # [°C] a servo cools little further in a warm room, and the arm would rest for ever
+SHUTDOWN = 65.0  # [°C] lowest temperature limit of a new servo, XL-320 e-manual
+LONGEST = 3600.0  # [s] of an episode, which is lost as a whole where something fails
+VIRTUAL = "virtual"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordArm(Command):
+    """Base of the commands that record an arm."""
+
+    FASTEST: ClassVar[float]  # control rate [Hz] beyond which servos do not answer in time
+
+    episodes: int = 500
+    """Number of episodes; the paper's protocol has 500."""
+    seconds: float = 3.0
+    """Length of an episode [s]; three targets of a second each in the paper's protocol."""
+    excitation: str = "steps"
+    """Command signal, NAME or NAME:PARAMETER=NUMBER,…: steps, babbling, ramps, sine, multisine, triangle or chirp."""
+    commands: Path | None = None
+    """Play a CSV file instead: columns <joint>.pos [rad], one row a control step, optional column 'episode'."""
+    start: Literal["rest", "random"] = "rest"
+    """First pose of each episode: the robot's rest, or random within a fifth of each range."""
+    joints: tuple[str, ...] = ()
+    """Move only these joints, the others resting; all by default."""
+    seed: int = 0
+    """Seed of commands and poses."""
+    hot: float = 55.0
+    """Temperature of a servo at which the arm rests [°C]; it would shut down at 65."""
+    finish: bool = False
+    """Record nothing more: make the dataset of what is saved."""
+    effect: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    """An effect of the virtual arm, NAME:joint=JOINT,PARAMETER=NUMBER; may be given several times."""
+    fault: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    """A fault of the virtual arm, NAME:PARAMETER=NUMBER, for example unplugged:servo=3,after=20; as often as wanted."""
+    lockstep: bool = False
+    """Let the virtual arm move as fast as the machine can, instead of in real time."""
+    blind: bool = False
+    """Keep the virtual arm's effects out of the provenance, for tests in which they are to be found."""
+    name: str | None = None
+    """Name of the dataset: the next version of datasets/NAME; ROBOT_EXCITATION where not given."""
+    out: Path | None = None
+    """Write to exactly this folder instead."""
+    rate: float
+    speed: float
+
+    @property
+    @abstractmethod
+    def kind(self) -> str:
+        """Name of the robot, as datasets have it."""
+
+    @property
+    @abstractmethod
+    def virtual(self) -> bool:
+        """Whether the arm is simulated."""
+
+    @property
+    @abstractmethod
+    def step(self) -> float:
+        """By how much a command may differ from the one before it [rad]."""
+
+    @abstractmethod
+    def arm_model(self) -> "Robot":
+        """Return the model that tells what the arm would touch."""
+
+    @abstractmethod
+    def driver(self) -> "AbstractContextManager[Driver]":
+        """Return a context that yields how the arm is opened."""
+
+    @abstractmethod
+    def simulated(self) -> str:
+        """Say in a few words what a virtual arm is made of."""
+
+    def run(self) -> Outcome:
+        """Record what is not yet saved, and make the dataset."""
+        from nas_data.dataset.alone import alone
+        from nas_data.dataset.growing import Growing
+        from nas_data.dataset.versions import check_place
+        from nas_data.recorders.under_way import place
+
+        protocol, step = self._protocol(), self.step
+        task = self.commands.stem if self.commands else protocol.excitation.name()
+        name = self.name or f"{self.kind}_{task}"
+        check_place(out=self.out, name=name)
+        with alone(root := place(name, self.out)):
+            growing = Growing(root)
+            if not self.finish:
+                self._record(growing, protocol, step)
+            elif not growing.episodes:
+                raise OptionError(f"Nothing is saved in {growing.root} that could be finished; record first.")
+            return self._finish(growing, name)
+
+    def _record(self, growing: "Growing", protocol: "Protocol", step: float) -> None:
+        from nas_data.recorders.arm import Job, Recording, look
+        from nas_data.recorders.arm_ways import Ways
+        from nas_data.recorders.guarded import Setup
+        from nas_data.recorders.schedule import MonotonicClock, SteppedClock
+        from nas_data.recorders.stopping import stoppable
+
+        robot = self.arm_model()
+        with self.driver() as driver, stoppable():
+            look(driver)  # before the plan is drawn, which takes a while
+            setup = Setup(
+                driver=driver,
+                ways=Ways(robot_of(robot, driver)),
+                rate=self.rate,
+                largest_step=step,
+            )
+            plan, provenance = self._plan(growing, protocol, robot_of(robot, driver)), self._provenance(protocol)
+            job = Job(setup=setup, plan=plan, hot=self.hot, provenance=provenance)
+            clock = SteppedClock() if self.lockstep else MonotonicClock()
+            Recording(job, growing, clock, say).run(Progress(growing.episodes, len(job.plan.commands)))
+
+    def _plan(self, growing: "Growing", protocol: "Protocol", robot: "Robot") -> "Plan":
+        """Draw what is to be played; where a recording is gone on with, it must be the same.
+
+        Raises:
+            OptionError: the recording under way has another plan.
+        """
+        from nas_data.recorders.arm import PLAN
+        from nas_data.recorders.arm_plan import Plan, draw_plan, plan_key
+        from nas_data.recorders.under_way import begun_with
+
+        if not growing.episodes:
+            return draw_plan(robot, protocol, self.rate, self.speed, Counting("planned"))
+        if not (growing.root / PLAN).is_file():  # rollouts of policies have none
+            raise begun_with(growing.root, "another command")
+        plan = Plan.from_bytes((growing.root / PLAN).read_bytes())
+        if plan.key != plan_key(robot, protocol, self.rate, self.speed):
+            raise begun_with(growing.root, "other options")
+        return plan
+
+    def _finish(self, growing: "Growing", name: str) -> Outcome:
+        """Make a dataset of what is saved, and remove the recording."""
+        from nas_data.dataset.content import content_hash
+        from nas_data.dataset.provenance import read_provenance
+        from nas_data.dataset.read import read
+        from nas_data.recorders.arm_tally import Tally, summary, told
+        from nas_data.recorders.under_way import complete
+
+        dataset, provenance = read(growing.root), read_provenance(growing.root)
+        assert provenance is not None
+        numbers = summary(dataset, Tally.of(provenance.target))
+        path = complete(growing, dataset, "\n".join(told(numbers)), name=name, out=self.out)
+        text = (
+            f"Recorded {dataset.n_episodes} episodes, {dataset.n_frames} frames at {dataset.fps:g} Hz.\n"
+            + "\n".join(told(numbers))
+            + f"\n{path}"
+        )
+        data = {"dataset": str(path), "episodes": dataset.n_episodes, "frames": dataset.n_frames, "fps": dataset.fps}
+        return Outcome(text, {**data, **numbers, "content_hash": content_hash(dataset)})
+
+    def _protocol(self) -> "Protocol":
+        from nas_data.excitations.base import parse
+        from nas_data.recorders.session import Protocol
+
+        if self.episodes < 1 or not 0 < self.seconds <= LONGEST:
+            raise OptionError(
+                f"{self.episodes} episodes of {self.seconds} s cannot be recorded; "
+                f"at least one is needed, of up to {LONGEST:g} s."
+            )
+        if not 0 < self.rate <= self.FASTEST:
+            raise OptionError(f"--rate is {self.rate}; it must lie above 0 and up to {self.FASTEST:g} Hz.")
+        if not COOLEST <= self.hot <= SHUTDOWN - 1:
+            raise OptionError(
+                f"--hot is {self.hot:g}; it must lie in {COOLEST:g} … {SHUTDOWN - 1:g} °C, "
+                f"for servos shut down at {SHUTDOWN:g}."
+            )
+        return Protocol(
+            excitation=parse(self.excitation),
+            file=self.commands,
+            episodes=self.episodes,
+            seconds=self.seconds,
+            start=self.start,
+            seed=self.seed,
+            joints=self.joints,
+        )
+
+    def _provenance(self, protocol: "Protocol") -> "Provenance":
+        """Say where the episodes come from; a virtual arm with its effects, unless they are to be found."""
+        import hashlib
+
+        from nas_data.dataset.provenance import Provenance
+        from nas_data.effects.base import parse
+
+        target: dict[str, object] = {"kind": self.simulated() if self.virtual else "hardware"}
+        if self.virtual and not self.blind:
+            target |= {"effects": [parse(text).to_json() for text in self.effect], "faults": list(self.fault)}
+        file = protocol.file
+        played = {"file": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest()} if file else None
+        return Provenance(
+            how="simulated" if self.virtual else "hardware",
+            robot=self.kind,
+            target=target,
+            signal={**(played or protocol.excitation.to_json()), "start": self.start, "joints": list(self.joints)},
+            seeds=(self.seed,),
+            contiguous=True,
+        )
+
+
+def robot_of(robot: "Robot", driver: "Driver") -> "Robot":
+    """Return the model with the arm's joints alone, in their order."""
+    from dataclasses import replace
+
+    if robot.joints == driver.names:
+        return robot
+    rest = dict(zip(robot.joints, robot.rest, strict=False))
+    return replace(robot, joints=driver.names, rest=tuple(rest.get(name, 0.0) for name in driver.names))
+
+
+class Progress:
+    """Says on stderr how many episodes are saved, and how long the rest will take."""
+
+    def __init__(self, saved: int, wanted: int) -> None:
+        self._first, self._wanted = saved, wanted
+        self._began = self._spoken = time.monotonic()
+
+    def __call__(self, saved: int, warmest: float) -> None:
+        """Report: on a terminal each episode, elsewhere at most every two seconds."""
+        now = time.monotonic()
+        if not sys.stderr.isatty() and now - self._spoken < 2.0:
+            return
+        self._spoken = now
+        left = (now - self._began) / (saved - self._first) * (self._wanted - saved)
+        say(f"saved {saved} of {self._wanted} episodes, {left / 60:.0f} min left, servos up to {warmest:.0f} °C")
+
+
+def say(text: str) -> None:
+    """Tell a person something at once."""
+    print(text, file=sys.stderr, flush=True)

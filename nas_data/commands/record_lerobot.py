@@ -1,0 +1,155 @@
+"""Record episodes from any arm that LeRobot drives, or from a virtual one."""
+
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+import tyro
+
+from nas_data.commands._record_arm import VIRTUAL, RecordArm
+from nas_data.errors import OptionError
+
+if TYPE_CHECKING:
+    from nas_data.arms.base import Driver
+    from nas_data.recorders.lerobot_robot import Wish
+    from nas_data.robots.base import Robot
+
+OWN = ("type", "port", "id", "option")  # what stands behind --robot. and is read here
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotOptions:
+    """LeRobot's options of the robot."""
+
+    type: str
+    """LeRobot's robot, for example so101_follower, so100_follower or koch_follower."""
+    port: str = ""
+    """Serial port of the adapter."""
+    id: str = ""
+    """Name of this very arm, which names its calibration file."""
+    option: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    """Any other option of LeRobot's class, KEY=VALUE; --robot.KEY=VALUE says the same."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordLerobot(RecordArm):
+    """Record episodes from an arm that LeRobot drives; stopped at any moment, the same command goes on where it was.
+
+    The arm is calibrated by lerobot-calibrate before. It goes slowly to its first pose: keep hands away. Ctrl-C stops
+    it, holds it until it is slow and switches its torque off; it then sinks. What is saved stays saved.
+
+    Example: nas record lerobot --robot.type so101_follower --port virtual --episodes 3 --lockstep --name try
+    """
+
+    FASTEST: ClassVar[float] = 200.0  # [Hz] beyond what six servos answer in time at 1 Mbit/s through a USB adapter
+
+    robot: RobotOptions
+    """The robot, by the options that LeRobot's own commands take."""
+    port: str = ""
+    """Instead of --robot.port; 'virtual' for a simulated arm."""
+    model: str | None = None
+    """Model that tells what the arm would touch, and that a virtual arm moves as; ours of this name by default."""
+    reverse: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    """A joint that turns in the model against what LeRobot takes for forwards; may be given several times."""
+    zero: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    """Where a joint stands in the model when LeRobot says zero, JOINT=RADIANS; the middle of its range by default."""
+    rate: float = 50.0
+    """Control rate [Hz]."""
+    speed: float = 2.0
+    """Speed that commands are limited to [rad/s]: a step becomes a ramp."""
+    excitation: str = "multisine"
+    """Command signal, NAME or NAME:PARAMETER=NUMBER,…: steps, babbling, ramps, sine, multisine, triangle or chirp."""
+    episodes: int = 50
+    """Number of episodes."""
+    seconds: float = 6.0
+    """Length of an episode [s]."""
+
+    @classmethod
+    def spell(cls, arguments: list[str]) -> list[str]:
+        """Turn LeRobot's other options, --robot.KEY=VALUE or --robot.KEY VALUE, into --robot.option KEY=VALUE."""
+        spelt, rest = list[str](), iter(arguments)
+        for word in rest:
+            key, equals, value = word.removeprefix("--robot.").partition("=")
+            if not word.startswith("--robot.") or key in OWN:
+                spelt.append(word)
+                continue
+            spelt += ["--robot.option", f"{key}={value if equals else next(rest, '')}"]
+        return spelt
+
+    @property
+    def kind(self) -> str:
+        """See `RecordArm`."""
+        return self.robot.type
+
+    @property
+    def virtual(self) -> bool:
+        """See `RecordArm`."""
+        return self._port == VIRTUAL
+
+    @property
+    def step(self) -> float:
+        """See `RecordArm`."""
+        if not self.speed > 0:
+            raise OptionError(f"--speed is {self.speed:g}; it must be above zero.")
+        return self.speed / self.rate
+
+    def arm_model(self) -> "Robot":
+        """See `RecordArm`."""
+        from nas_data.recorders.lerobot_robot import default_model
+
+        return default_model(self.robot.type, self.model)
+
+    def driver(self) -> "AbstractContextManager[Driver]":
+        """See `RecordArm`."""
+        from nas_data.recorders.lerobot_robot import driver_of
+
+        return driver_of(self._wish(), self._port, self.effect, self.fault, self.lockstep, self.rate, self.speed)
+
+    def simulated(self) -> str:
+        """See `RecordArm`."""
+        return f"virtual servos of a {self.robot.type}"
+
+    @property
+    def _port(self) -> str:
+        port = self.port or self.robot.port
+        if not port:
+            raise OptionError(f"On which port is the arm? Give --robot.port PORT, or --port {VIRTUAL} to try it.")
+        return port
+
+    def _wish(self) -> "Wish":
+        from nas_data.recorders.lerobot_robot import Wish
+
+        named = {"id": self.robot.id} if self.robot.id else {}
+        return Wish(
+            kind=self.robot.type,
+            options={**pairs("--robot.option", self.robot.option), **named},
+            model=self.arm_model(),
+            reverse=self.reverse,
+            zero={joint: radians(joint, value) for joint, value in pairs("--zero", self.zero).items()},
+        )
+
+
+def pairs(option: str, texts: tuple[str, ...]) -> Mapping[str, str]:
+    """Read KEY=VALUE pairs.
+
+    Raises:
+        OptionError: one is none.
+    """
+    split = {text: text.partition("=") for text in texts}
+    for text, (key, equals, _) in split.items():
+        if not key or not equals:
+            raise OptionError(f"{option} is '{text}'; write KEY=VALUE.")
+    return {key: value for key, _, value in split.values()}
+
+
+def radians(joint: str, text: str) -> float:
+    """Read an angle.
+
+    Raises:
+        OptionError: it is no number.
+    """
+    try:
+        return float(text)
+    except ValueError:
+        raise OptionError(f"--zero {joint} is '{text}'; give radians (metres for a slide).") from None

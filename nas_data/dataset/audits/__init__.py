@@ -1,0 +1,63 @@
+"""Audits of recordings: each file of the folder checks one thing, and one set of them serves logs and datasets.
+
+`nas import` runs them over the rows of a log as they were recorded, `nas gap find`, `nas verify` and the commands that
+read LeRobot's datasets over the rows of a dataset.
+"""
+
+from collections.abc import Sequence
+from typing import Protocol, cast
+
+from nas_data import registry
+from nas_data.dataset.audits.base import Expected, Finding
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import STATE
+from nas_data.dataset.recording import Recording, recordings
+
+FIRST = ("finite", "timing")
+
+
+class Audit(Protocol):
+    """What a file of this folder defines."""
+
+    def check(self, recording: Recording, expected: Expected) -> list[Finding]:
+        """Look at one recording as it was recorded: in SI, nothing resampled."""
+
+
+def find_audit(name: str) -> Audit:
+    """Return an audit by its name."""
+    return cast(Audit, registry.module("dataset.audits", name, "audit"))
+
+
+def audit_dataset(dataset: Dataset) -> tuple[Finding, ...]:
+    """Run every audit over each episode of a dataset.
+
+    Args:
+        dataset: Transitions, or states and commands of named joints.
+    """
+    # Where units are stored, someone knows them: as_transitions refuses others than rad.
+    known = bool(dataset.features[STATE].units)
+    effort = not dataset.commands_positions
+    expected = Expected(rate=dataset.fps, slides=dataset.slides, effort=effort, turns=known)
+    return tuple(finding for recording in recordings(dataset) for finding in audit(recording, expected))
+
+
+def audit(recording: Recording, expected: Expected) -> list[Finding]:
+    """Run every audit over one recording.
+
+    Returns:
+        Findings. Where values or times are unusable, only that is reported, because everything else would follow.
+    """
+    found = run(FIRST, recording, expected)
+    if any(finding.error for finding in found):
+        return found
+    return found + run(others(), recording, expected)
+
+
+def others() -> list[str]:
+    """Return the audits that need finite values in rows whose time goes on."""
+    return [name for name in registry.names("dataset.audits") if name not in FIRST]
+
+
+def run(names: Sequence[str], recording: Recording, expected: Expected) -> list[Finding]:
+    """Run some audits over one recording."""
+    return [finding for name in names for finding in find_audit(name).check(recording, expected)]

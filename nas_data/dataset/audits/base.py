@@ -1,0 +1,81 @@
+"""What an audit compares a recording with, and what it says."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nas_data.dataset.lateness import LATE
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What a recording is compared with.
+
+    Attributes:
+        rate: Rows a second that are promised [Hz].
+        max_speed: Speed that no joint can have [rad/s; m/s].
+        jitter: Largest deviation of a time step, as a share of the period.
+        limits: Limits [rad; m] by joint; joints without limits are absent.
+        slides: Joints that are slides: in metres and newtons, where others are in radians and newton metres.
+        effort: Whether commands are not positions [rad; m].
+        turns: Whether joints may turn farther than two turns.
+        resampled: Whether rows are spaced evenly before they are used.
+        derived: Whether velocities are derived from the positions, whatever a register says.
+        promise: Who promises the rate, and says so.
+    """
+
+    rate: float
+    max_speed: float = 50.0
+    jitter: float = LATE
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    slides: Collection[str] = frozenset()
+    effort: bool = False
+    turns: bool = False
+    resampled: bool = False
+    derived: bool = False
+    promise: str = "the dataset promises"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What an audit says of one episode.
+
+    Attributes:
+        check: What was checked, for example `irregular_time`.
+        file: Where it was found: the log, with the episode where it holds several, or the dataset's episode.
+        what: What was found, in a sentence without its full stop.
+        remedy: What to do about it in a map, likewise; empty where there is nothing to do.
+        rows: Rows concerned, counted from 0 at the first row of data; empty where all are.
+        error: Whether the recording cannot be used; else it is used and the finding kept with the dataset.
+        minor: Whether no result suffers from it.
+    """
+
+    check: str
+    file: str
+    what: str
+    remedy: str = ""
+    rows: tuple[int, ...] = ()
+    error: bool = False
+    minor: bool = False
+
+    @property
+    def message(self) -> str:
+        """One sentence: what was found, and the remedy where there is one."""
+        return f"{self.what}; {self.remedy}." if self.remedy else f"{self.what}."
+
+    def to_json(self) -> dict[str, object]:
+        """Return the form for machines."""
+        return {
+            "check": self.check,
+            "file": self.file,
+            "rows": list(self.rows),
+            "count": len(self.rows),
+            "message": self.message,
+            "severity": "error" if self.error else "warning",
+        }
+
+
+def row_numbers(rows: np.ndarray, chosen: np.ndarray) -> tuple[int, ...]:
+    """Return the recording's row numbers of the chosen rows (a mask or indices)."""
+    return tuple(int(row) for row in rows[chosen])

@@ -1,0 +1,29 @@
+"""NaN and infinity: no row that holds one can be imported."""
+
+import numpy as np
+
+from nas_data.dataset.audits.base import Expected, Finding, row_numbers
+from nas_data.dataset.recording import Recording
+from nas_data.dataset.rows import rows_text
+
+
+def check(recording: Recording, expected: Expected) -> list[Finding]:
+    """Refuse values that are no finite numbers, by quantity and row."""
+    columns = {
+        "time": recording.time,
+        "position": recording.positions,
+        "velocity": recording.velocities,
+        "command": recording.commands,
+        **recording.signals,
+    }
+    found = []
+    for name, values in columns.items():
+        if values is None:
+            continue
+        bad = ~np.isfinite(values.reshape(len(recording), -1)).all(axis=1)
+        if bad.any():
+            rows = row_numbers(recording.rows, bad)
+            what = f"the {name} is empty, NaN or infinite in {rows_text(rows)}"
+            remedy = "take these rows out, or split the log there"
+            found.append(Finding("not_finite", recording.place, what, remedy, rows, error=True))
+    return found

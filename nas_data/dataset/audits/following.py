@@ -1,0 +1,56 @@
+"""Following: each joint goes where its own command goes, not where another joint's does."""
+
+import numpy as np
+
+from nas_data.dataset.audits.base import Expected, Finding
+from nas_data.dataset.recording import Recording
+
+ENOUGH = 20  # rows from which a correlation says something
+MOVED = 0.05  # [rad] standard deviation of a position that is more than sag or play
+ALIKE = 0.9  # correlation from which a position follows a command
+UNLIKE = 0.5  # correlation up to which it does not
+CLOSER = 0.5  # how much less a position must differ from another joint's command than from its own
+
+
+def check(recording: Recording, expected: Expected) -> list[Finding]:
+    """Report commands that are the measured positions, and joints that follow another joint's command."""
+    if expected.effort or len(recording) < ENOUGH:
+        return []
+    return _copied(recording) + _swapped(recording)
+
+
+def _copied(recording: Recording) -> list[Finding]:
+    """Report joints whose command equals the position in all rows: no servo is so good, a column is so."""
+    same = np.isclose(recording.commands, recording.positions, rtol=0, atol=1e-9).all(axis=0)
+    same &= recording.positions.std(axis=0) > 1e-6
+    if not same.any():
+        return []
+    names = ", ".join(joint for joint, copied in zip(recording.joints, same, strict=True) if copied)
+    what = f"the command of {names} equals the measured position in all rows"
+    remedy = "check that [read.command] names the commands, not the positions"
+    return [Finding("command_is_position", recording.place, what, remedy)]
+
+
+def _swapped(recording: Recording) -> list[Finding]:
+    """Report joints that move with another joint's command and not with their own."""
+    found = []
+    for index, joint in enumerate(recording.joints):
+        position = recording.positions[:, index]
+        distance = np.std(position[:, None] - recording.commands, axis=0)
+        other = int(np.argmin(distance))
+        if other == index or position.std() < MOVED or distance[other] > CLOSER * distance[index]:
+            continue
+        own = _likeness(position, recording.commands[:, index])
+        if _likeness(position, recording.commands[:, other]) >= ALIKE and own <= UNLIKE:
+            what = (
+                f"the position of {joint} follows the command of {recording.joints[other]} in all rows, not its own "
+                f"(correlation {own:.2f})"
+            )
+            remedy = "check the order of the columns in [read.position] and [read.command]"
+            found.append(Finding("joints_swapped", recording.place, what, remedy))
+    return found
+
+
+def _likeness(position: np.ndarray, command: np.ndarray) -> float:
+    """Return the correlation; zero where the command rests."""
+    return float(np.corrcoef(position, command)[0, 1]) if command.std() > 1e-9 else 0.0

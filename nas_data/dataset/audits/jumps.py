@@ -1,0 +1,35 @@
+"""Jumps: positions and velocities that no joint of this robot can reach from one row to the next."""
+
+import numpy as np
+
+from nas_data.dataset.audits.base import Expected, Finding, row_numbers
+from nas_data.dataset.recording import Recording
+from nas_data.dataset.rows import rows_text
+from nas_data.joint_units import unit_at
+
+WHOLE_TURN = 2 * np.pi  # [rad]
+
+
+def check(recording: Recording, expected: Expected) -> list[Finding]:
+    """Report rows that a joint could only reach faster than the map's `max_speed`."""
+    # Rows of one time are judged by the nominal period; the timing audit has reported them.
+    steps = np.diff(recording.time)
+    steps = np.where(steps > 0, steps, 1 / expected.rate)[:, None]
+    moves = np.diff(recording.positions, axis=0)
+    speeds = np.vstack([np.zeros((1, moves.shape[1])), np.abs(moves) / steps])
+    if recording.velocities is not None:
+        speeds = np.maximum(speeds, np.abs(recording.velocities))
+    fast = speeds > expected.max_speed
+    found = []
+    for index, joint in enumerate(recording.joints):
+        rows = row_numbers(recording.rows, fast[:, index])
+        if rows:
+            wraps = (np.abs(np.abs(moves[:, index]) - WHOLE_TURN) < 0.1 * WHOLE_TURN) & (joint not in expected.slides)
+            unit = unit_at("rad/s", joint in expected.slides)
+            hint = "jumps of a whole turn are an encoder's wrap: unwrap it first" if wraps.any() else ""
+            what = (
+                f"{joint} reaches {speeds[:, index].max():.4g} {unit} in {rows_text(rows)}, "
+                f"more than {expected.max_speed:g} {unit}"
+            )
+            found.append(Finding("jump", recording.place, what, hint, rows))
+    return found

@@ -1,0 +1,37 @@
+"""Limits: commands and positions outside the joint limits that the map gives."""
+
+import numpy as np
+
+from nas_data.dataset.audits.base import Expected, Finding, row_numbers
+from nas_data.dataset.recording import Recording
+from nas_data.dataset.rows import rows_text
+from nas_data.joint_units import joint_unit
+
+TOLERANCE = 1e-6  # [rad; m]; limits and logs are written with so many digits
+
+
+def check(recording: Recording, expected: Expected) -> list[Finding]:
+    """Report rows beyond a limit, by joint."""
+    found = []
+    for index, joint in enumerate(recording.joints):
+        if joint not in expected.limits:
+            continue
+        if not expected.effort:
+            found += _beyond(recording, expected, index, "command", recording.commands[:, index])
+        found += _beyond(recording, expected, index, "position", recording.positions[:, index])
+    return found
+
+
+def _beyond(recording: Recording, expected: Expected, index: int, what: str, values: np.ndarray) -> list[Finding]:
+    joint = recording.joints[index]
+    low, high = expected.limits[joint]
+    excess = np.maximum(values - high, low - values)
+    rows = row_numbers(recording.rows, excess > TOLERANCE)
+    if not rows:
+        return []
+    unit = joint_unit(joint, expected.slides).si
+    text = (
+        f"the {what} of {joint} is up to {excess.max():.3g} {unit} beyond its limits "
+        f"{low:.4g} … {high:.4g} {unit} in {rows_text(rows)}"
+    )
+    return [Finding(f"{what}_beyond_limits", recording.place, text, rows=rows)]

@@ -1,0 +1,123 @@
+"""Repeated samples: a reading that is bit for bit the one before while the joint or its command moves."""
+
+import numpy as np
+
+from nas_data.dataset.audits.base import Expected, Finding, row_numbers
+from nas_data.dataset.audits.torque_off import SIGNAL as TORQUE
+from nas_data.dataset.noise import SMALLEST, quantum
+from nas_data.dataset.recording import Recording
+from nas_data.dataset.rows import rows_text, spans
+
+MOVED = 2.5  # [quanta] a joint that moves this far a row cannot give the same reading twice …
+FASTER = 0.2  # … nor one that moves this share of its largest moves, where resampling has blurred the quanta
+AROUND = 0.05  # [s] on either side over which a speed is averaged where no register tells it
+COMMANDED = 0.02  # [rad] or [N·m]; a command that moves this far while all readings repeat is worth a word
+LASTING = 0.1  # [s] such repeats that are shorter are ordinary rests of a quantised reading
+STUCK = 1.5  # [s] a joint that is still for so long …
+AWAY = 0.2  # … [rad] while its own command moves so far, does not follow it
+TOLERATED = 0.02  # share of the rows in motion that may repeat: a lost answer now and then
+REGULAR = 0.7  # share of the gaps between repeats that are alike where the device has a rate of its own
+BEATS = 5  # repeats from which a beat can be told
+
+
+def check(recording: Recording, expected: Expected) -> list[Finding]:
+    """Report repeated readings: surely stale ones, and those that stiction could explain as well."""
+    same = _same_as_before(recording)
+    moving = _moving(recording, expected)
+    stale = same & moving
+    rows = row_numbers(recording.rows, stale)
+    found = []
+    if rows:
+        what = (
+            f"the reading before is repeated in {rows_text(rows)} although the joint moves: "
+            f"{_pattern(stale, expected.rate)}"
+        )
+        minor = len(rows) <= TOLERATED * np.count_nonzero(moving)
+        found.append(Finding("repeated_samples", recording.place, what, rows=rows, minor=minor))
+    held = _held(recording, expected, same & ~stale)
+    rows = row_numbers(recording.rows, held)
+    if rows:
+        longest = max(last - first + 1 for first, last in spans(np.flatnonzero(held)))
+        what = (
+            f"the reading stays the same for up to {longest / expected.rate:.2g} s while the command moves, in "
+            f"{rows_text(rows)}: a joint that sticks, or stale readings; the log alone cannot tell"
+        )
+        found.append(Finding("repeated_samples", recording.place, what, rows=rows, minor=True))
+    return found if expected.effort else found + _stuck(recording, expected, held)
+
+
+def _same_as_before(recording: Recording) -> np.ndarray:
+    """Return which rows repeat position and velocity of all joints, shape (N,).
+
+    A velocity register that changes proves a fresh reading.
+    """
+    readings = recording.positions
+    if recording.velocities is not None:
+        readings = np.hstack([readings, recording.velocities])
+    same = (readings[1:] == readings[:-1]).all(axis=1)
+    return np.concatenate([[False], same])
+
+
+def _moving(recording: Recording, expected: Expected) -> np.ndarray:
+    """Return which rows lie in a motion that must change the next reading, shape (N,).
+
+    The motion a row is the velocity register's, or, where there is none, the smaller of the mean moves on either
+    side, in one direction; averaged, so that a repeat does not hide itself.
+    """
+    positions = recording.positions
+    if recording.velocities is not None:
+        moves = np.abs(recording.velocities) / expected.rate
+    else:
+        reach = max(1, round(AROUND * expected.rate))
+        padded = np.pad(positions, ((reach + 1, reach), (0, 0)), mode="edge")
+        before = (padded[reach:-reach] - padded[: -2 * reach])[:-1] / reach
+        after = (padded[2 * reach :] - padded[reach:-reach])[1:] / reach
+        moves = np.where(before * after > 0, np.minimum(np.abs(before), np.abs(after)), 0.0)
+    coarse = MOVED * np.array([quantum(column) for column in positions.T])
+    large = np.quantile(np.abs(np.diff(positions, axis=0)), 0.99, axis=0)
+    return np.asarray((moves > np.maximum(np.maximum(coarse, FASTER * large), SMALLEST)).any(axis=1))
+
+
+def _pattern(stale: np.ndarray, rate: float) -> str:
+    """Say whether repeats come at a beat, which tells the device's own rate [Hz], or here and there."""
+    gaps = np.diff(np.flatnonzero(stale))
+    beat = gaps[np.abs(gaps - np.median(gaps)) <= 1] if gaps.size else gaps
+    if gaps.size >= BEATS and len(beat) >= REGULAR * len(gaps) and beat.mean() > 1:
+        device = rate * (1 - 1 / float(beat.mean()))
+        return (
+            f"they come at a beat, so the robot gave about {device:.3g} readings a second, not {rate:.4g}, and a delay "
+            "of up to one of its periods will be found"
+        )
+    return "they come here and there: the recorder was faster than the robot answered, or lost an answer"
+
+
+def _held(recording: Recording, expected: Expected, same: np.ndarray) -> np.ndarray:
+    """Return which repeated rows belong to a lasting run in which the command moves all the time, shape (N,)."""
+    held = np.zeros(len(recording), bool)
+    commanded = np.concatenate([[False], (np.diff(recording.commands, axis=0) != 0).any(axis=1)])
+    for first, last in spans(np.flatnonzero(same & commanded)):
+        commands = recording.commands[first - 1 : last + 1]
+        if (last - first + 1) / expected.rate >= LASTING and np.ptp(commands, axis=0).max() > COMMANDED:
+            held[first : last + 1] = True
+    return held
+
+
+def _stuck(recording: Recording, expected: Expected, said: np.ndarray) -> list[Finding]:
+    """Report joints whose reading alone stands still for long while their own command goes far away and back."""
+    found = []
+    released = (recording.signals.get(TORQUE, np.ones((len(recording), 1))) == 0).any(axis=1)
+    for index, joint in enumerate(recording.joints):
+        position, command = recording.positions[:, index], recording.commands[:, index]
+        stuck = np.zeros(len(recording), bool)
+        for first, last in spans(np.flatnonzero(np.diff(position) == 0) + 1):
+            known = (said | released)[first : last + 1].any()
+            if (last - first + 1) / expected.rate >= STUCK and np.ptp(command[first - 1 : last]) > AWAY and not known:
+                stuck[first : last + 1] = True
+        rows = row_numbers(recording.rows, stuck)
+        if rows:
+            what = (
+                f"the reading of {joint} stands still in {rows_text(rows)} while its command moves: a servo that is "
+                "blocked or released, or readings that are not fresh"
+            )
+            found.append(Finding("frozen_reading", recording.place, what, rows=rows))
+    return found

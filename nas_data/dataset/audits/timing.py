@@ -1,0 +1,111 @@
+"""Time: it must go on, at the promised rate, in even steps."""
+
+import numpy as np
+
+from nas_data.dataset.audits.base import Expected, Finding, row_numbers
+from nas_data.dataset.recording import Recording
+from nas_data.dataset.rows import rows_text
+
+RATE_NOTED = 0.005  # relative deviation of the rate that is reported …
+RATE_REFUSED = 0.05  # … and that is refused where rows stay as recorded
+RATE_FACTOR_REFUSED = 3.0  # … and where they are resampled: seconds taken for milliseconds, not a slower loop
+GAP = 2.0  # [periods] step that resampling cannot honestly fill
+MISSING = 10.0  # [periods] fewer missing rows may be jitter or a busy computer …
+SECONDS = 0.2  # … [s] and shorter holes too little motion to lose, also at high rates
+TOLERATED = 0.01  # share of uneven steps that no fit notices
+STEP_ROUNDING = 1e-3  # share of a period that stamps with few digits round off
+
+
+def check(recording: Recording, expected: Expected) -> list[Finding]:
+    """Report rows whose time goes back, stands still or jumps, and a rate that is not the promised one."""
+    if not np.isfinite(recording.time).all() or len(recording) < 2:
+        return []
+    steps = np.diff(recording.time)
+    back = row_numbers(recording.rows[1:], steps < 0)
+    if back:
+        what = f"the time goes back in {rows_text(back)}"
+        remedy = "sort the rows, or split the log there"
+        return [Finding("time_backwards", recording.place, what, remedy, back, error=True)]
+    found = []
+    repeated = row_numbers(recording.rows[1:], steps == 0)
+    if len(repeated) == len(steps):
+        what, remedy = "the time is the same in all rows", "name the time column in [read.time]"
+        return [Finding("repeated_time", recording.place, what, remedy, repeated, error=True)]
+    if repeated:
+        kept = "resampling takes the last of them" if expected.resampled else "they are kept as rows of their own"
+        what = f"the time does not go on in {rows_text(repeated)}: {kept}"
+        found.append(Finding("repeated_time", recording.place, what, rows=repeated))
+    return _divided(recording) + found + _rate(recording, steps, expected) + _steps(recording, steps, expected)
+
+
+def find_holes(steps: np.ndarray, period: float) -> np.ndarray:
+    """Return which steps [s] are holes in which nothing was measured, shape (N,); `period` [s] is the usual step."""
+    return np.asarray(steps > max(MISSING * period, SECONDS))
+
+
+def _divided(recording: Recording) -> list[Finding]:
+    """Report the hole before a recording's first row, at which its log was divided."""
+    if not recording.gap:
+        return []
+    row = (int(recording.rows[0]),)
+    what = (
+        f"{recording.gap:.3g} s are missing before {rows_text(row)}; the log is divided there into two episodes, "
+        "because nothing was measured in between"
+    )
+    return [Finding("time_gap", recording.place, what, rows=row)]
+
+
+def _rate(recording: Recording, steps: np.ndarray, expected: Expected) -> list[Finding]:
+    """Compare the usual rate with the promised one."""
+    whole = steps[(steps > 0) & ~find_holes(steps, max(float(np.median(steps)), 1 / expected.rate))]
+    if not whole.size:
+        return []
+    rates = [float(1 / np.median(whole))]
+    if len(whole) == len(steps):  # where steps alternate, their median is none that counts: the line through all is
+        rates.append(1 / float(np.polyfit(np.arange(len(recording)), recording.time, 1)[0]))
+    nearest = min(rates, key=lambda rate: abs(rate / expected.rate - 1))
+    off = abs(nearest / expected.rate - 1)
+    ratio = rates[0] / expected.rate
+    gross = not 1 / RATE_FACTOR_REFUSED < ratio < RATE_FACTOR_REFUSED
+    if off <= RATE_NOTED or (expected.resampled and not gross):
+        return []
+    refused = gross or off > RATE_REFUSED
+    what = f"rows come at {rates[0] if refused else nearest:.6g} Hz, but {expected.promise} {expected.rate:.6g} Hz"
+    remedy = "correct 'rate' or the unit of [read.time]" + ("" if gross else ", or add [resample]")
+    return [Finding("rate", recording.place, what, remedy, error=refused)]
+
+
+def _steps(recording: Recording, steps: np.ndarray, expected: Expected) -> list[Finding]:
+    """Report holes and uneven steps; where rows are resampled only gaps that interpolation would have to invent."""
+    periods = steps * expected.rate
+    if expected.resampled:
+        gaps = row_numbers(recording.rows[1:], periods > GAP)
+        if not gaps:
+            return []
+        what = f"up to {steps.max() * 1e3:.3g} ms pass before {rows_text(gaps)}"
+        remedy = "what resampling puts there was never measured"
+        return [Finding("time_gap", recording.place, what, remedy, gaps)]
+    found = []
+    holes = find_holes(steps, 1 / expected.rate) & find_holes(steps, float(np.median(steps)))
+    rows = row_numbers(recording.rows[1:], holes)
+    if rows:
+        what = f"{steps[holes].max():.3g} s are missing before {rows_text(rows)}, in which nothing was measured"
+        found.append(Finding("time_gap", recording.place, what, rows=rows, error=True))
+    uneven = (np.abs(periods - 1) > expected.jitter + STEP_ROUNDING) & (steps > 0) & ~holes
+    rows = row_numbers(recording.rows[1:], uneven)
+    if not rows:
+        return found
+    what = (
+        f"the step before {rows_text(rows)} is {_milliseconds(steps[uneven])} ms "
+        f"instead of {1e3 / expected.rate:.4g} ms"
+    )
+    derived = ", because velocities are derived as if they were" if expected.derived else ""
+    remedy = f"add [resample] to the map to space rows evenly{derived}"
+    minor = len(rows) <= TOLERATED * len(steps)
+    return [*found, Finding("irregular_time", recording.place, what, remedy, rows, minor=minor)]
+
+
+def _milliseconds(steps: np.ndarray) -> str:
+    """Return the range of some steps, or their one length."""
+    low, high = f"{steps.min() * 1e3:.4g}", f"{steps.max() * 1e3:.4g}"
+    return low if low == high else f"{low} to {high}"

@@ -1,0 +1,80 @@
+"""Travel: how far a position goes in a while against what its velocity register says of that while."""
+
+import numpy as np
+
+from nas_data.dataset.audits.base import Expected, Finding, row_numbers
+from nas_data.dataset.audits.velocity import LATEST, STEP, Fit, fit_register
+from nas_data.dataset.recording import Recording
+from nas_data.dataset.rows import rows_text, spans
+
+WHILE = 0.2  # [s]; a register's filter and a coarse encoder even out over it
+ROWS = 5  # fewer rows cannot tell a mean speed
+NOTED = 0.3  # [rad/s] difference of mean speeds that is more than the step of a register …
+SHARE = 0.5  # … and the share of the larger speed that no filter takes away
+FROZEN = 0.5  # [s]; a position that never changes for so long …
+CARRIED = 0.1  # [rad] … while the register travels so far, was not measured
+LASTING = 2  # [whiles] one wrong sample spoils one while, a contradiction lasts longer
+
+
+def check(recording: Recording, expected: Expected) -> list[Finding]:
+    """Report rows in which a joint's position does not go where its velocity takes it, or the reverse."""
+    once = np.concatenate([[True], np.diff(recording.time) > 0])
+    if recording.velocities is None or np.count_nonzero(once) <= LASTING * max(round(WHILE * expected.rate), ROWS):
+        return []
+    found = []
+    for index, joint in enumerate(recording.joints):
+        # A register that is zero all the time is the velocity audit's finding.
+        if not recording.velocities[:, index].any():
+            continue
+        fit = fit_register(recording, index, 1 / expected.rate)
+        delays = [fit.delay] if fit else np.arange(-1.0, LATEST + STEP, STEP).tolist()  # [periods]
+        fits = [Fit(fit.factor if fit else 1.0, delay) for delay in delays]
+        wrong = min((_contradicting(recording, expected, index, one) for one in fits), key=np.count_nonzero)
+        wrong |= _frozen(recording, expected, index)
+        if wrong.any():
+            rows = row_numbers(recording.rows, wrong)
+            what = (
+                f"the position of {joint} contradicts its velocity in {rows_text(rows)}: one of them is stale or "
+                "another joint's"
+            )
+            remedy = "check 'columns' in [read.position] and [read.velocity]"
+            found.append(Finding("position_contradicts_velocity", recording.place, what, remedy, rows))
+    return found
+
+
+def _contradicting(recording: Recording, expected: Expected, index: int, fit: Fit) -> np.ndarray:
+    """Return which rows lie in lasting runs of whiles whose mean speeds disagree, shape (N,)."""
+    assert recording.velocities is not None
+    rows = max(round(WHILE * expected.rate), ROWS)
+    once = np.concatenate([[True], np.diff(recording.time) > 0])
+    time, position = recording.time[once], recording.positions[once, index]
+    register = np.interp(time + fit.delay / expected.rate, time, recording.velocities[once, index]) / fit.factor
+    travel = np.concatenate([[0.0], np.cumsum((register[1:] + register[:-1]) / 2 * np.diff(time))])
+    span = time[rows:] - time[:-rows]
+    gone, said = (position[rows:] - position[:-rows]) / span, (travel[rows:] - travel[:-rows]) / span
+    larger = np.maximum(np.abs(gone), np.abs(said))
+    # Samples of a velocity miss what happens between them: up to half of how much the moves from row to row change.
+    changes = np.cumsum(np.abs(np.diff(position, 2, prepend=[position[0]] * 2)))
+    missed = (changes[rows:] - changes[:-rows]) / 2 / span
+    apart = np.abs(gone - said) > np.maximum(np.maximum(NOTED, SHARE * larger), missed)
+    wrong = np.zeros(len(time), bool)
+    for first, last in spans(np.flatnonzero(apart)):
+        if last - first + 1 >= LASTING * rows:
+            wrong[first + rows // 2 : last + 1 + rows // 2] = True
+    every = np.zeros(len(recording), bool)
+    every[once] = wrong
+    return every
+
+
+def _frozen(recording: Recording, expected: Expected, index: int) -> np.ndarray:
+    """Return which rows repeat a position for long while the register runs, however late it is, shape (N,)."""
+    assert recording.velocities is not None
+    position, register = recording.positions[:, index], recording.velocities[:, index]
+    frozen = np.zeros(len(recording), bool)
+    for first, last in spans(np.flatnonzero(np.diff(position) == 0) + 1):
+        late = register[first + int(LATEST) : last + 1]
+        if (last - first + 1) / expected.rate < FROZEN or not late.size or np.abs(late).max() < NOTED:
+            continue
+        if np.ptp(np.cumsum(late)) / expected.rate > CARRIED:
+            frozen[first : last + 1] = True
+    return frozen

@@ -1,0 +1,58 @@
+"""Unit slips: what no joint reaches, because degrees were read as radians, millimetres as metres, or ticks."""
+
+import numpy as np
+
+from nas_data.dataset.audits.base import Expected, Finding, row_numbers
+from nas_data.dataset.joints import LARGEST_ANGLE, LARGEST_LENGTH
+from nas_data.dataset.recording import Recording
+from nas_data.dataset.rows import rows_text
+from nas_data.joint_units import joint_unit
+
+FURTHEST = {  # by whether a joint is a slide: how far it goes at most, in words too, and what else the log may hold
+    False: (LARGEST_ANGLE, "two turns", "degrees or ticks"),
+    True: (LARGEST_LENGTH, "any arm's slide goes", "millimetres or ticks"),
+}
+BEYOND = 0.5  # share of the range by which a measured position cannot exceed its limits
+
+
+def check(recording: Recording, expected: Expected) -> list[Finding]:
+    """Refuse positions and commands that cannot be in the unit that they are said to be in."""
+    found = [] if expected.turns else _too_large(recording, expected, "position", recording.positions)
+    if not expected.effort and not expected.turns:
+        found += _too_large(recording, expected, "command", recording.commands)
+    return found or _far_beyond(recording, expected)
+
+
+def _too_large(recording: Recording, expected: Expected, what: str, values: np.ndarray) -> list[Finding]:
+    found = []
+    for index, joint in enumerate(recording.joints):
+        size = np.abs(values[:, index])
+        most, told, units = FURTHEST[joint in expected.slides]
+        rows = row_numbers(recording.rows, size > most)
+        if rows:
+            unit = joint_unit(joint, expected.slides).si
+            text = f"the {what} of {joint} reaches {size.max():.4g} {unit} in {rows_text(rows)}, more than {told}"
+            remedy = (
+                f"if the log is in {units}, say so: unit in [read.{what}]; if the joint does go so far, "
+                "add allow = ['unit_slip'] to [audit]"
+            )
+            found.append(Finding("unit_slip", recording.place, text, remedy, rows, error=True))
+    return found
+
+
+def _far_beyond(recording: Recording, expected: Expected) -> list[Finding]:
+    """A joint cannot turn far beyond its limits: the number must mean something else."""
+    found = []
+    for joint, (low, high) in expected.limits.items():
+        values = recording.positions[:, recording.joints.index(joint)]
+        excess = np.maximum(values - high, low - values)
+        rows = row_numbers(recording.rows, excess > BEYOND * (high - low))
+        if rows:
+            unit, units = joint_unit(joint, expected.slides).si, FURTHEST[joint in expected.slides][2]
+            what = (
+                f"the position of {joint} is {excess.max():.3g} {unit} beyond its limits {low:.4g} … {high:.4g} {unit} "
+                f"in {rows_text(rows)}"
+            )
+            remedy = f"if the log is in {units}, say so: unit in [read.position]"
+            found.append(Finding("unit_slip", recording.place, what, remedy, rows, error=True))
+    return found

@@ -1,0 +1,227 @@
+"""The velocity register against the differenced position: its unit, its sign, its delay."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from nas_data.dataset.audits.base import Expected, Finding
+from nas_data.dataset.recording import Recording
+
+UNLIKE = 0.44  # distance as a share of the speed from which they are not the same motion: a correlation of 0.9
+KEPT = 0.95  # share of the rows that are compared
+TOLD = 0.02  # by how much the distance must shrink for a delay to be believed
+AROUND = 0.05  # [s] on either side over which velocities are averaged: one quantum is not a motion
+STEADY = 0.25  # share by which both halves of a span may differ
+SLOWEST = 0.1  # share of the greatest speed from which a row counts
+ENOUGH = 50  # rows in motion from which a factor is worth naming
+LATEST, LONGEST = 6.0, 0.06  # [periods], [s] latest register that is looked for
+STEP, FINEST = 0.25, 1e-3  # [periods], [s] between the delays that are tried
+LATE, LEAST = 0.6, 3e-3  # [periods], [s] delay that is reported
+ALIKE = 0.9  # correlation from which register and difference are the same motion
+FACTOR_NOTED = 1.15  # a register filters what it measures, which costs it a few percent of the amplitude
+WHILE = 0.2  # [s]
+SURELY_MOVING = 0.3  # [rad/s] mean speed over that while which any register shows; the STS3215's step is 0.08 rad/s
+NEAR = 0.1  # relative distance within which a factor is a known one …
+EXACTLY = 0.02  # … and where the sampling may be a reason as well
+FAST = 0.25  # share of the way to its command in one row from which a sampled velocity is clearly below the mean one
+OVERSHOT = 1.05  # share of the way from which a joint overshoots
+
+KNOWN = {
+    57.2958: "degrees and radians",
+    9.5493: "turns a minute and rad/s",
+    6.0: "turns a minute and degrees a second",
+    6.28319: "turns and radians",
+    1000.0: "seconds and milliseconds",
+}
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How one joint's register relates to its differenced position.
+
+    Attributes:
+        factor: Register per difference.
+        delay: How late the register is [periods].
+        way: Share of the way to its command that the joint makes in one row.
+    """
+
+    factor: float
+    delay: float
+    way: float = 0.0
+
+    def explained(self) -> bool:
+        """Whether the sampling alone may be why register and difference disagree.
+
+        A joint that is done with a command within a row is fast after each new command and slow when it is sampled,
+        every row alike: its velocity there is less than its mean velocity, and where it overshoots it may be anything.
+        """
+        return self.way > OVERSHOT or (self.way > FAST and 0 < self.factor < 1)
+
+
+def check(recording: Recording, expected: Expected) -> list[Finding]:
+    """Refuse velocities of another unit or sign than the positions; report other factors, and a late register."""
+    if recording.velocities is None:
+        return []
+    fits = {
+        joint: fit
+        for index, joint in enumerate(recording.joints)
+        if (fit := fit_register(recording, index, 1 / expected.rate)) is not None
+    }
+    if expected.effort:  # how soon a joint is done with a torque, nothing tells
+        fits = {joint: replace(fit, way=1.0) for joint, fit in fits.items()}
+    found = _silent(recording, expected) + _scales(recording, fits)
+    if expected.derived:  # the register is only kept beside the velocities
+        found = [replace(finding, error=False) for finding in found]
+    least = LEAST * expected.rate
+    late = {joint: fit.delay for joint, fit in fits.items() if fit.delay >= max(LATE + (fit.way > FAST), least)}
+    if late and not expected.derived:
+        delay = float(np.median(list(late.values())))
+        what = (
+            f"the velocity register of {_names(list(late))} is about {delay / expected.rate * 1e3:.2g} ms behind the "
+            "position"
+        )
+        remedy = "velocity = 'derive' in the map takes it from the positions instead"
+        found.append(Finding("velocity_lag", recording.place, what, remedy))
+    return found
+
+
+def fit_register(recording: Recording, index: int, period: float) -> Fit | None:
+    """Fit the register's mean over a while to the mean velocity that the positions have over an earlier one.
+
+    Both are means over the same span, so that neither noise nor the span itself makes a difference. Only steady motion
+    counts, in which a joint comes as far in the first half of a span as in the second: where a fast servo is over with
+    a step within two rows, samples of its velocity say nothing about how far it went between them.
+
+    Returns:
+        None where too little of the motion is steady to tell.
+    """
+    assert recording.velocities is not None
+    once = np.concatenate([[True], np.diff(recording.time) > 0])
+    time, position = recording.time[once], recording.positions[once, index]
+    register = recording.velocities[once, index]
+    reach = max(1, round(AROUND / period))
+    if len(time) < max(ENOUGH, 4 * reach) or not np.any(register):
+        return None
+    spans = time[2 * reach :] - time[: -2 * reach]
+    first, second = position[reach:-reach] - position[: -2 * reach], position[2 * reach :] - position[reach:-reach]
+    speed, middles = (first + second) / spans, time[reach:-reach]
+    steady = np.abs(first - second) <= STEADY * np.maximum(np.abs(first), np.abs(second))
+    steady &= np.abs(speed) > SLOWEST * np.abs(speed).max()
+    travel = np.concatenate([[0.0], np.cumsum((register[1:] + register[:-1]) / 2 * np.diff(time))])
+    told = (travel[2 * reach :] - travel[: -2 * reach]) / spans
+
+    def compare(delay: float) -> tuple[float, float, float]:
+        """Return how far register and delayed motion are apart as a share, the delay [s] and the factor."""
+        rows = np.flatnonzero(np.interp(middles - delay, middles, steady, left=0, right=0) == 1)
+        if len(rows) < ENOUGH // 2:
+            return float(np.inf), delay, 1.0
+        factor, apart = _fit(np.interp(middles[rows] - delay, middles, speed), told[rows])
+        return apart, delay, factor
+
+    best = undelayed = compare(0.0)
+    if undelayed[0] > TOLD:  # else no delay can bring them clearly nearer
+        step = max(STEP * period, FINEST)
+        delayed = min(
+            compare(float(number * step)) for number in range(-1, int(max(LATEST * period, LONGEST) / step) + 2)
+        )
+        # So steady may the motion be that its delay does not show.
+        best = delayed if delayed[0] < undelayed[0] - TOLD else undelayed
+    apart, delay, factor = best
+    if apart > UNLIKE:
+        return None
+    way = _way(recording, index)
+    if undelayed[0] > TOLD and way <= FAST:  # else both delays look alike
+        delay = _delay(time, position, register, period) or delay
+    return Fit(factor, delay / period, way)
+
+
+def _delay(time: np.ndarray, position: np.ndarray, register: np.ndarray, period: float) -> float | None:
+    """Return the delay [s] at which register and differenced position are most alike over all rows; None if nowhere."""
+    difference, middles = np.diff(position) / np.diff(time), (time[1:] + time[:-1]) / 2
+    best: tuple[float, float | None] = (ALIKE, None)
+    for delay in np.arange(-1.0, LATEST + STEP, STEP) * period:
+        delayed = np.interp(time - delay, middles, difference)
+        size = float(np.linalg.norm(delayed) * np.linalg.norm(register))
+        likeness = abs(float(delayed @ register)) / size if size else 0.0
+        best = (likeness, float(delay)) if likeness > best[0] else best
+    return best[1]
+
+
+def _fit(earlier: np.ndarray, later: np.ndarray) -> tuple[float, float]:
+    """Return the factor between speeds, and how far they are apart beside it as a share; without the worst rows.
+
+    Single wrong samples are the finding of another audit.
+    """
+    rest = np.abs(later - float(np.median(later / earlier)) * earlier)
+    kept = rest <= np.quantile(rest, KEPT)
+    earlier, later = earlier[kept], later[kept]
+    size = float(np.sqrt(np.mean(later**2)))
+    if size == 0:
+        return 0.0, 1.0
+    factor = float(earlier @ later) / float(earlier @ earlier)
+    return factor, float(np.sqrt(np.mean((later - factor * earlier) ** 2))) / size
+
+
+def _silent(recording: Recording, expected: Expected) -> list[Finding]:
+    """Refuse registers that are zero in all rows although their joint moves."""
+    assert recording.velocities is not None
+    rows = max(round(WHILE * expected.rate), 1)
+    if len(recording) <= rows:
+        return []
+    speeds = np.abs(recording.positions[rows:] - recording.positions[:-rows]).max(axis=0) * expected.rate / rows
+    silent = ~recording.velocities.any(axis=0) & (speeds > SURELY_MOVING)
+    if not silent.any():
+        return []
+    names = _names([joint for joint, zero in zip(recording.joints, silent, strict=True) if zero])
+    what = (
+        f"the velocity of {names} is zero in all rows although the position moves at up to "
+        f"{speeds[silent].max():.2g} rad/s"
+    )
+    return [Finding("velocity_scale", recording.place, what, "say velocity = 'derive' in the map", error=True)]
+
+
+def _scales(recording: Recording, fits: dict[str, Fit]) -> list[Finding]:
+    """Report joints whose register has another sign or scale than the position."""
+    found = []
+    wrong = [joint for joint, fit in fits.items() if fit.factor < 0 and not fit.explained()]
+    if wrong:
+        what = f"the velocity of {_names(wrong)} has the sign opposite to the differenced position"
+        remedy = "correct 'sign' in [read.velocity] or [read.position]"
+        found.append(Finding("velocity_scale", recording.place, what, remedy, error=True))
+    for joint, fit in fits.items():
+        size = abs(fit.factor)
+        if 1 / FACTOR_NOTED < size < FACTOR_NOTED:
+            continue
+        near = EXACTLY if fit.explained() else NEAR
+        known = next(
+            (name for factor, name in KNOWN.items() if _is(size, factor, near) or _is(size, 1 / factor, near)), None
+        )
+        if fit.explained() and known is None:
+            continue
+        reason = f", the factor between {known}" if known else ""
+        what = f"the velocity of {joint} is {size:.3g} times the differenced position{reason}"
+        remedy = "correct the unit or 'scale' in [read.velocity], [read.position] or [read.time]"
+        found.append(Finding("velocity_scale", recording.place, what, remedy, error=known is not None))
+    return found
+
+
+def _is(value: float, wanted: float, near: float) -> bool:
+    return abs(value / wanted - 1) < near
+
+
+def _way(recording: Recording, index: int) -> float:
+    """Return what share of the way to its command a joint makes in one row, usually; above 1 where it overshoots."""
+    position, command = recording.positions[:, index], recording.commands[:, index]
+    moves = np.diff(position)
+    rows = np.abs(moves) > SLOWEST * np.abs(moves).max(initial=0.0)
+    # A row's command acts after its state or before it; the nearer one tells the faster servo.
+    shares = [
+        np.median((moves / np.where(ways == 0, np.inf, ways))[rows])
+        for ways in (command[:-1] - position[:-1], command[1:] - position[:-1])
+        if rows.any()
+    ]
+    return float(np.max(shares, initial=0.0))
+
+
+def _names(joints: list[str]) -> str:
+    return ", ".join(joints)

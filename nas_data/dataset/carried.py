@@ -1,0 +1,271 @@
+"""What a dataset carries along although nothing here uses it: cameras, depth, language, texts, matrices.
+
+Values stay in the files of the datasets that they come from until a dataset is written. Videos are linked or copied as
+they are, never encoded again; columns of data files are copied row by row.
+"""
+
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from nas_data.dataset import layout
+
+VIDEO = "video"
+VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
+PLACE = ("chunk_index", "file_index", "from_timestamp", "to_timestamp")
+
+
+@dataclass(frozen=True)
+class Clip:
+    """Where the pictures of an episode lie.
+
+    Attributes:
+        file: The video.
+        start: When they begin in it [s].
+        stop: When they end [s].
+    """
+
+    file: Path
+    start: float
+    stop: float
+
+
+@dataclass(frozen=True)
+class Carried:
+    """Features of N frames that are carried along.
+
+    Attributes:
+        roots: Datasets that hold them, alike in these features.
+        rows: For each frame its row, counted over the episodes of all roots one after another, shape (N,).
+    """
+
+    roots: tuple[Path, ...]
+    rows: np.ndarray
+
+    @classmethod
+    def of(cls, root: Path, frames: int) -> "Carried | None":
+        """Return what a dataset has beside its vectors of numbers; None where that is nothing."""
+        return cls((root.resolve(),), np.arange(frames)) if layout.left_out(layout.read_info(root)) else None
+
+    @cached_property
+    def features(self) -> dict[str, Mapping[str, object]]:
+        """LeRobot's description of each feature."""
+        info = layout.read_info(self.roots[0])
+        described = layout.described(info)
+        return {key: described[key] for key in layout.left_out(info)}
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """Number of frames of each root."""
+        return tuple(source.frames for source in self._sources)
+
+    def take(self, chosen: np.ndarray) -> "Carried":
+        """Return some of the frames."""
+        return replace(self, rows=self.rows[chosen])
+
+    def columns(self, frames: slice) -> dict[str, pa.ChunkedArray]:
+        """Return the columns of some frames as LeRobot stores them; videos have none."""
+        keys = [key for key, entry in self.features.items() if entry.get("dtype") != VIDEO]
+        wanted = self.rows[frames]
+        if not keys or not len(wanted):
+            return {}
+        parts, places, start = [], np.empty(len(wanted), np.int64), 0
+        offset = 0
+        for source in self._sources:
+            here = np.flatnonzero((wanted >= offset) & (wanted < offset + source.frames))
+            if here.size:
+                parts.append(source.rows(keys, wanted[here] - offset))
+                places[here] = start + np.arange(here.size)
+                start += here.size
+            offset += source.frames
+        table = pa.concat_tables(parts, promote_options="permissive").take(places)
+        return {key: table[key] for key in keys}
+
+    def huggingface(self) -> dict[str, object]:
+        """Return how `datasets.Features` describes the columns."""
+        written = self._sources[0].schema_metadata()
+        return {key: written[key] for key in self.features if key in written}
+
+    def clips(self, starts: np.ndarray, lengths: np.ndarray, fps: float) -> dict[str, list[Clip]]:
+        """Return where the pictures of each episode lie, for every camera that is a video.
+
+        Args:
+            starts: First frame of each episode, shape (E,).
+            lengths: Its frames, which follow each other in their source, shape (E,).
+            fps: Rate [Hz].
+        """
+        cameras = [key for key, entry in self.features.items() if entry.get("dtype") == VIDEO]
+        found: dict[str, list[Clip]] = {key: [] for key in cameras}
+        for start, length in zip(starts, lengths, strict=True):
+            source, row = self._source_of(int(self.rows[start]))
+            for key in cameras:
+                found[key].append(source.clip(key, row, int(length), fps))
+        return found
+
+    def statistics(self, starts: np.ndarray) -> list[Mapping[str, object]]:
+        """Return the statistics that the source holds of the episode in which each begins, by their column."""
+        found: list[Mapping[str, object]] = []
+        for start in starts:
+            source, row = self._source_of(int(self.rows[start]))
+            entry = source.episode(row)
+            prefixes = tuple(f"stats/{key}/" for key in self.features)
+            found.append({key: value for key, value in entry.items() if key.startswith(prefixes)})
+        return found
+
+    @cached_property
+    def _sources(self) -> tuple["Source", ...]:
+        return tuple(Source(root) for root in self.roots)
+
+    def _source_of(self, row: int) -> tuple["Source", int]:
+        """Return the source of a row, and its number there."""
+        for source in self._sources:
+            if row < source.frames:
+                return source, row
+            row -= source.frames
+        raise IndexError(row)
+
+
+class Source:
+    """A dataset from which features are carried along."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+
+    @cached_property
+    def frames(self) -> int:
+        """Number of frames."""
+        return len(self._order)
+
+    def rows(self, keys: Sequence[str], rows: np.ndarray) -> pa.Table:
+        """Return columns of some rows, in the order of the episodes."""
+        from nas_data.dataset.read import read_parquet
+
+        wanted, parts, places, start, offset = self._order[rows], [], np.empty(len(rows), np.int64), 0, 0
+        for path, count in self._files:
+            here = np.flatnonzero((wanted >= offset) & (wanted < offset + count))
+            if here.size:
+                parts.append(read_parquet(path, keys).take(wanted[here] - offset))
+                places[here] = start + np.arange(here.size)
+                start += here.size
+            offset += count
+        return pa.concat_tables(parts).take(places)
+
+    def schema_metadata(self) -> dict[str, object]:
+        """Return how the data files describe their columns to `datasets`."""
+        from nas_data.dataset.read import open_parquet
+
+        metadata = open_parquet(self._files[0][0]).schema_arrow.metadata or {}
+        try:
+            content = json.loads(metadata[b"huggingface"])
+            return dict(content["info"]["features"])
+        except (KeyError, ValueError, TypeError):
+            return {}
+
+    def clip(self, key: str, row: int, length: int, fps: float) -> Clip:
+        """Return where the pictures of some frames of an episode lie."""
+        entry = self.episode(row)
+        place = {name: entry[f"videos/{key}/{name}"] for name in PLACE}
+        template = str(layout.read_info(self.root).get("video_path") or VIDEO_PATH)
+        file = self.root / template.format(video_key=key, **{name: int(str(place[name])) for name in PLACE[:2]})
+        start = float(str(place["from_timestamp"])) + (row - int(str(entry["dataset_from_index"]))) / fps
+        whole = length == int(str(entry["length"]))
+        return Clip(file, start, float(str(place["to_timestamp"])) if whole else start + length / fps)
+
+    def episode(self, row: int) -> Mapping[str, object]:
+        """Return what the episode table says of the episode that holds a row."""
+        starts = [int(str(entry["dataset_from_index"])) for entry in self._episodes]
+        return self._episodes[int(np.searchsorted(starts, row, side="right")) - 1]
+
+    @cached_property
+    def _files(self) -> list[tuple[Path, int]]:
+        from nas_data.dataset.read import open_parquet
+
+        return [(path, open_parquet(path).metadata.num_rows) for path in layout.data_files(self.root)]
+
+    @cached_property
+    def _order(self) -> np.ndarray:
+        """Row in the files of each row in the order of the episodes, shape (N,)."""
+        from nas_data.dataset.read import read_parquet
+
+        parts = [read_parquet(path, ["episode_index"])["episode_index"].to_numpy() for path, _ in self._files]
+        return np.argsort(np.concatenate(parts), kind="stable")
+
+    @cached_property
+    def _episodes(self) -> list[dict[str, object]]:
+        from nas_data.dataset.read import read_parquet
+
+        rows = [row for path in layout.episode_files(self.root) for row in read_parquet(path).to_pylist()]
+        return sorted(rows, key=lambda row: row["episode_index"])
+
+
+def place_videos(folder: Path, clips: Mapping[str, Sequence[Clip]]) -> tuple[dict[str, list[object]], dict[str, Path]]:
+    """Link the videos of some clips into a dataset's folder, or copy them where a link cannot be made.
+
+    Args:
+        folder: The dataset that is written.
+        clips: Of each camera, one an episode.
+
+    Returns:
+        Columns of the episode table, and the files by their path in the dataset.
+    """
+    columns: dict[str, list[object]] = {}
+    files: dict[str, Path] = {}
+    for key, parts in clips.items():
+        numbers = {file: number for number, file in enumerate(dict.fromkeys(clip.file for clip in parts))}
+        for file, number in numbers.items():
+            chunk, index = divmod(number, layout.FILES_PER_CHUNK)
+            name = VIDEO_PATH.format(video_key=key, chunk_index=chunk, file_index=index)
+            link(file, folder / name)
+            files[name] = folder / name
+        placed = [divmod(numbers[clip.file], layout.FILES_PER_CHUNK) for clip in parts]
+        columns[f"videos/{key}/chunk_index"] = [chunk for chunk, _ in placed]
+        columns[f"videos/{key}/file_index"] = [index for _, index in placed]
+        columns[f"videos/{key}/from_timestamp"] = [clip.start for clip in parts]
+        columns[f"videos/{key}/to_timestamp"] = [clip.stop for clip in parts]
+    return columns, files
+
+
+def link(file: Path, target: Path) -> None:
+    """Give a file a second name, or copy it where the file system cannot."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        os.link(file.resolve(), target)
+    except OSError:
+        shutil.copyfile(file, target)
+
+
+def overall(episodes: Sequence[Mapping[str, object]]) -> dict[str, dict[str, object]]:
+    """Join the statistics of episodes as LeRobot does: exact, but quantiles are means of the episodes' quantiles.
+
+    Args:
+        episodes: Of each episode, `stats/<feature>/<statistic>` → values.
+    """
+    joined: dict[str, dict[str, object]] = {}
+    for key, names in _statistics_of(episodes):
+        values = {name: np.array([entry[f"stats/{key}/{name}"] for entry in episodes], float) for name in names}
+        if not {"min", "max", "mean", "std", "count"} <= values.keys():
+            continue
+        count = values["count"].reshape(len(episodes), -1)[:, :1].reshape(-1, *[1] * (values["mean"].ndim - 1))
+        weights = count / count.sum()
+        mean = (weights * values["mean"]).sum(0)
+        variance = (weights * (values["std"] ** 2 + (values["mean"] - mean) ** 2)).sum(0)
+        result = {name: (weights * column).sum(0) for name, column in values.items() if name.startswith("q")}
+        result |= {"min": values["min"].min(0), "max": values["max"].max(0), "mean": mean, "std": np.sqrt(variance)}
+        joined[key] = {name: column.tolist() for name, column in result.items()}
+        joined[key]["count"] = [int(count.sum())]
+    return joined
+
+
+def _statistics_of(episodes: Sequence[Mapping[str, object]]) -> Iterator[tuple[str, list[str]]]:
+    """Return each feature with the names of the statistics that every episode has of it."""
+    shared = [key for key in episodes[0] if all(entry.get(key) is not None for entry in episodes)] if episodes else []
+    keys = dict.fromkeys(name.removeprefix("stats/").rpartition("/")[0] for name in shared)
+    for key in keys:
+        yield key, [name.rpartition("/")[2] for name in shared if name.startswith(f"stats/{key}/")]

@@ -1,0 +1,60 @@
+"""Episodes are cut in time: at holes in which nothing was measured, or every so many seconds."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from nas_data.dataset.audits.timing import find_holes
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import TIME
+from nas_data.errors import OptionError
+
+SHORTEST = 3  # frames; two transitions
+
+
+def find_gaps(dataset: Dataset) -> list[tuple[int, float]]:
+    """Return the frames before which time is missing by the recorder's clock, and how much [s]."""
+    if TIME not in dataset.columns:
+        return []
+    time, found = dataset.columns[TIME][:, 0], []
+    for frames in dataset.episodes():
+        steps = np.diff(time[frames])
+        if not len(steps) or not np.isfinite(steps).all() or not (steps >= 0).all() or not steps.any():
+            continue
+        period = max(1 / dataset.fps, float(np.median(steps[steps > 0])))
+        found += [
+            (frames.start + int(place) + 1, float(steps[place])) for place in np.flatnonzero(find_holes(steps, period))
+        ]
+    return found
+
+
+def cut_every(dataset: Dataset, seconds: float) -> Dataset:
+    """Cut episodes into stretches of so many seconds; what is left at an end goes with the stretch before it.
+
+    Raises:
+        OptionError: the stretches would be shorter than three frames.
+    """
+    size = round(seconds * dataset.fps)
+    if not np.isfinite(seconds) or size < SHORTEST:
+        raise OptionError(
+            f"Stretches of {seconds:g} s have {max(size, 0)} frames at {dataset.fps:g} Hz; give at least "
+            f"{SHORTEST / dataset.fps:.2g} s."
+        )
+    starts = [
+        start for frames in dataset.episodes() for start in range(frames.start + size, frames.stop - size + 1, size)
+    ]
+    return cut_at(dataset, starts)
+
+
+def cut_at(dataset: Dataset, frames: Sequence[int]) -> Dataset:
+    """Begin a new episode at each of some frames; the clock begins anew there."""
+    starts = np.union1d(dataset.starts, np.asarray(frames, np.int64)).astype(np.int64)
+    lengths = np.diff(np.append(starts, dataset.n_frames))
+    episodes = np.searchsorted(dataset.starts, starts, side="right") - 1
+    cut = replace(dataset, lengths=lengths, tasks=tuple(dataset.tasks[episode] for episode in episodes))
+    if TIME not in dataset.columns:
+        return cut
+    time = dataset.columns[TIME]
+    first = time[starts] - time[dataset.starts[episodes]]  # of an episode's own start, which need not be zero
+    return cut.with_column(TIME, dataset.features[TIME], time - np.repeat(first, lengths, axis=0))

@@ -1,0 +1,111 @@
+"""A dataset that others recorded is audited before it is used; what cannot be right is refused with the command to say.
+
+What nas itself recorded or imported was audited then.
+"""
+
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from nas_data.dataset.audits import audit_dataset
+from nas_data.dataset.audits.base import Finding
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import STATE
+from nas_data.dataset.joints import REMEDY
+from nas_data.dataset.provenance import Provenance, read_provenance
+from nas_data.dataset.transitions import as_transitions
+from nas_data.errors import DatasetInvalid
+
+OURS = {"simulated", "hardware", "imported", "paired"}
+MAPS = Path(__file__).parents[1] / "importing" / "maps"
+REFUSED = ("rate", "time_gap", "time_backwards", "repeated_time", "not_finite", "unit_slip")
+LEROBOT = "_lerobot"  # how the names of maps of LeRobot's datasets end
+
+
+def take_in(root: Path, recorded: Dataset) -> tuple[Dataset, dict[str, str], tuple[str, ...]]:
+    """Bring a dataset into the contract's form, audited where others recorded it.
+
+    Args:
+        root: Its folder.
+        recorded: What was read of it, or some of its episodes.
+
+    Returns:
+        Transitions, what was derived (feature → how), and warnings.
+
+    Raises:
+        JointMismatch: state and action name different joints, or none.
+        DatasetInvalid: another unit than radians, a clock that denies the rate, or holes in it; names the command
+            that imports it.
+    """
+    try:
+        dataset, derived = as_transitions(recorded)
+    except DatasetInvalid as error:
+        raise DatasetInvalid(str(error).replace(REMEDY, in_its_unit(root, recorded))) from None
+    if is_ours(read_provenance(root)):
+        return dataset, derived, ()
+    findings = audit_dataset(dataset)
+    refuse(root, findings, recorded)
+    return dataset, derived, warnings_of(findings)
+
+
+def is_ours(provenance: Provenance | None) -> bool:
+    """Whether nas recorded or imported a dataset, so that it is in SI and was audited."""
+    return provenance is not None and provenance.how in OURS
+
+
+def refuse(root: Path, findings: Sequence[Finding], dataset: Dataset) -> None:
+    """Raise DatasetInvalid where the clock or the unit cannot be right, with the command that imports the dataset."""
+    error = next((finding for finding in findings if finding.error and finding.check in REFUSED), None)
+    if error is None:
+        return
+    where = shlex.quote(str(root))
+    if error.check == "rate":
+        median = error.what.partition(" come at ")[2].partition(" Hz")[0]
+        remedy = (
+            f"if they are right, import it at their rate (nas import {where} --rate {median}), if the dataset's rate "
+            f"is, without them (nas import {where} --uniform)"
+        )
+    elif error.check == "time_gap":
+        remedy = f"nas import {where} divides the episodes there"
+    elif error.check in ("time_backwards", "repeated_time"):
+        remedy = f"import it without its time stamps: nas import {where} --uniform"
+    elif error.check == "not_finite":
+        remedy = "take these rows out"
+    else:
+        remedy = in_its_unit(root, dataset)
+    raise DatasetInvalid(f"{root}: in {error.file} {error.what}; {remedy}.")
+
+
+def in_its_unit(root: Path, dataset: Dataset) -> str:
+    """Return the command that imports a dataset of degrees or −100 … 100."""
+    where = shlex.quote(str(root))
+    name = map_for(dataset.robot_type)
+    if name:
+        return f"import it: nas import {where} --map {name}"
+    gripper = any("gripper" in joint for joint in dataset.features[STATE].names)
+    return f"import it: nas import {where} --unit deg" + (" --model MODEL.xml" if gripper else "")
+
+
+def map_for(robot_type: str) -> str | None:
+    """Return the shipped map of a robot that LeRobot knows by this name; None where there is none."""
+    names = sorted(file.stem for file in MAPS.glob(f"*{LEROBOT}.toml") if file.stem != "example" + LEROBOT)
+    return next((name for name in names if robot_type.startswith(name.removesuffix(LEROBOT))), None)
+
+
+def warnings_of(findings: Sequence[Finding]) -> tuple[str, ...]:
+    """Return a sentence for each kind of finding, with how many there are."""
+    kinds: dict[str, list[Finding]] = {}
+    for finding in findings:
+        if not finding.minor:
+            kinds.setdefault(finding.check, []).append(finding)
+    return tuple(
+        f"in {members[0].file} {members[0].what}" + (f" (and {len(members) - 1} more like this)" if members[1:] else "")
+        for members in kinds.values()
+    )
+
+
+def warn(warnings: Sequence[str]) -> None:
+    """Print warnings on stderr."""
+    for warning in warnings:
+        print(f"nas: warning: {warning}", file=sys.stderr)

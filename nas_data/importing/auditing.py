@@ -1,0 +1,38 @@
+"""Audits of a log by what its map promises."""
+
+from dataclasses import replace
+
+from nas_data.dataset import audits
+from nas_data.dataset.audits.base import Expected, Finding
+from nas_data.dataset.recording import Recording
+from nas_data.importing import degrees
+from nas_data.importing.map import Map
+
+
+def audit(recording: Recording, mapping: Map) -> list[Finding]:
+    """Run every audit over a recording as it was recorded: nothing resampled, commands in their own rows.
+
+    Returns:
+        Findings; errors that the map allows have become warnings.
+    """
+    expected = expected_of(mapping)
+    found = audits.run(audits.FIRST, recording, expected)
+    if not any(finding.error for finding in found):
+        found += [*degrees.check(recording, mapping), *audits.run(audits.others(), recording, expected)]
+    allowed = mapping.thresholds.allow
+    return [replace(finding, error=finding.error and finding.check not in allowed) for finding in found]
+
+
+def expected_of(mapping: Map) -> Expected:
+    """Return what the audits compare a log with."""
+    return Expected(
+        rate=mapping.rate,
+        max_speed=mapping.thresholds.max_speed,
+        jitter=mapping.thresholds.jitter,
+        limits=mapping.limits,
+        slides=mapping.slides,
+        effort=mapping.commands_effort,
+        resampled=mapping.resample is not None,
+        derived=mapping.derive_velocity,
+        promise="the map says",
+    )

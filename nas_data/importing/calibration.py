@@ -1,0 +1,175 @@
+"""LeRobot's units: degrees or −100 … 100 of the range that a calibration file says, and which of them a dataset holds.
+
+LeRobot's `MotorsBus._normalize` (0.4.4 and 0.6.1 alike) makes of ticks t, with range_min, range_max of the calibration:
+degrees (t − (min + max) / 2) · 360 / (resolution − 1); −100 … 100: (t − min) / (max − min) · 200 − 100, turned round
+where drive_mode is 1 and the bus applies it (Feetech does, Dynamixel does not); 0 … 100 likewise, 100 − x where it is.
+So −100 … 100 are degrees times a factor a joint, and both are zero in the middle of the calibrated range.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.errors import LogError, OptionError
+from nas_data.importing.conversion import NORMALISED
+from nas_data.importing.map import Map, Quantity, Servo
+
+UNITS = ("deg", "range", "rad")
+RANGE = "range"  # of −100 … 100
+LARGEST = 100.0  # of that unit
+FEW = 8  # different readings from which their step can be told
+NEAR = 0.03  # of a tick; float32 holds degrees to a thousandth of one
+CLIPPED = 3  # readings exactly at an end from which it is one
+WHERE = "LeRobot keeps it in ~/.cache/huggingface/lerobot/calibration/robots/ROBOT/ID.json"
+
+
+@dataclass(frozen=True)
+class Motor:
+    """What a calibration says of one motor, in ticks.
+
+    Attributes:
+        low: `range_min`.
+        high: `range_max`.
+        turned: `drive_mode` is 1.
+    """
+
+    low: int
+    high: int
+    turned: bool
+
+
+def read_calibration(path: Path) -> dict[str, Motor]:
+    """Read LeRobot's calibration file.
+
+    Raises:
+        LogError: there is none, or it is no such file.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        return {
+            str(name): Motor(int(entry["range_min"]), int(entry["range_max"]), bool(entry["drive_mode"]))
+            for name, entry in content.items()
+        }
+    except FileNotFoundError:
+        raise LogError(f"There is no calibration file {path}; {WHERE}.") from None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        raise LogError(
+            f"{path} is no calibration of LeRobot's, which holds drive_mode, range_min and range_max of each motor; "
+            f"{WHERE}."
+        ) from None
+
+
+def motors_of(mapping: Map, calibration: Mapping[str, Motor], path: Path) -> list[Motor]:
+    """Return the motor of each joint of a map.
+
+    Raises:
+        LogError: one is not in the calibration, or its range is empty.
+    """
+    names = [name.removesuffix(".pos") for name in mapping.position.source.names or mapping.joints]
+    missing = next((name for name in names if name not in calibration), None)
+    if missing is not None:
+        raise LogError(
+            f"{path} has no motor '{missing}'; it has: {', '.join(calibration)}. Give this robot's own file."
+        )
+    empty = next((name for name in names if calibration[name].low >= calibration[name].high), None)
+    if empty is not None:
+        raise LogError(f"{path} says an empty range for '{empty}'; calibrate the robot again.")
+    return [calibration[name] for name in names]
+
+
+def choose_unit(mapping: Map, raw: np.ndarray, motors: Sequence[Motor]) -> tuple[str, str]:
+    """Tell degrees from −100 … 100 by the readings of the joints that the map has in degrees.
+
+    Args:
+        mapping: A map whose joints are in degrees.
+        raw: Readings as stored, shape (N, n).
+        motors: Of each joint; empty without a calibration.
+
+    Returns:
+        `deg` or `range`, and why.
+
+    Raises:
+        OptionError: they cannot be degrees, and without a calibration nothing else.
+    """
+    body = [index for index, unit in enumerate(mapping.position.conversion.units) if unit == "deg"]
+    servo = mapping.servo or Servo(4096, True)
+    if not body:
+        return "deg", "the map says"
+    if np.abs(raw[:, body]).max(initial=0.0) > LARGEST + 1e-3:
+        return "deg", "readings go beyond 100"
+    degrees = [_on_grid(raw[:, index], 360 / (servo.resolution - 1)) for index in body]
+    if motors:
+        ranges = [_on_grid(raw[:, index], 200 / (motors[index].high - motors[index].low)) for index in body]
+        if _all(degrees) and not _all(ranges):
+            return "deg", "readings are the servo's ticks in degrees"
+        if _all(ranges):
+            return RANGE, "readings are the servo's ticks in −100 … 100"
+        return RANGE, "a calibration was given; say --unit deg if they are degrees"
+    if _all(degrees):
+        return "deg", "readings are the servo's ticks in degrees"
+    ends = any((np.abs(raw[:, index]) == LARGEST).sum() >= CLIPPED for index in body)
+    if ends or any(fit is False and _has_step(raw[:, index]) for fit, index in zip(degrees, body, strict=True)):
+        raise OptionError(
+            "The readings are no degrees of these servos (another step, or cut off at 100), so they are −100 … 100, "
+            f"which mean nothing without the calibration: add --calibration FILE ({WHERE}); or say --unit "
+            "deg or --unit rad, if they are."
+        )
+    return "deg", "LeRobot's default; say --unit range --calibration FILE if they are −100 … 100"
+
+
+def in_unit(mapping: Map, unit: str, motors: Sequence[Motor]) -> Map:
+    """Return a map that reads another unit where it says degrees, and turns 0 … 100 round where a motor is turned.
+
+    Raises:
+        OptionError: −100 … 100 without a calibration.
+    """
+    if unit == RANGE and not motors:
+        raise OptionError(f"--unit range means nothing without the calibration: add --calibration FILE; {WHERE}.")
+    servo = mapping.servo or Servo(4096, True)
+
+    def converted(quantity: Quantity) -> Quantity:
+        lines = zip(quantity.conversion.gain, quantity.conversion.bias, quantity.conversion.units, strict=True)
+        changed = [_line(line, unit, servo, motors[index] if motors else None) for index, line in enumerate(lines)]
+        gain, bias, units = zip(*changed, strict=True)
+        return replace(quantity, conversion=replace(quantity.conversion, gain=gain, bias=bias, units=units))
+
+    command = mapping.command if mapping.commands_effort else converted(mapping.command)
+    return replace(mapping, position=converted(mapping.position), command=command)
+
+
+def _line(line: tuple[float, float, str], unit: str, servo: Servo, motor: Motor | None) -> tuple[float, float, str]:
+    """Return gain, bias and raw unit of one joint in another unit."""
+    gain, bias, held = line
+    turned = motor is not None and motor.turned and servo.drive_mode
+    if held == NORMALISED and turned:  # 100 − x is what lies in the direction of the servo
+        return -gain, bias + LARGEST * gain, held
+    if held != "deg" or unit == "deg":
+        return line
+    if unit == "rad":
+        return gain * 180 / np.pi, bias, "rad"
+    assert motor is not None
+    factor = (motor.high - motor.low) / 200 * 360 / (servo.resolution - 1)
+    return gain * factor * (-1 if turned else 1), bias, RANGE
+
+
+def _on_grid(values: np.ndarray, step: float) -> bool | None:
+    """Return whether readings lie whole steps apart; None where too few differ to tell."""
+    different = np.unique(values)
+    if len(different) < FEW:
+        return None
+    counts = (different - different[0]) / step
+    return bool((np.abs(counts - np.round(counts)) < NEAR).all())
+
+
+def _has_step(values: np.ndarray) -> bool:
+    """Return whether readings come in steps at all, whatever these are."""
+    steps = np.diff(np.unique(values))
+    return len(steps) >= FEW and bool(np.median(steps) < 1.2 * steps.min())
+
+
+def _all(fits: Sequence[bool | None]) -> bool:
+    """Return whether every joint of which it can be told fits, and there is one."""
+    return any(fits) and all(fit is not False for fit in fits)

@@ -1,0 +1,36 @@
+"""Radians that a map takes for degrees: numbers that all lie within a few degrees of zero, in every joint."""
+
+import numpy as np
+
+from nas_data.dataset.audits.base import Finding
+from nas_data.dataset.recording import Recording
+from nas_data.importing.map import Map, Quantity
+
+SMALLEST_LIKELY = 3.5  # [°]; a whole log within this many degrees of zero holds radians
+AT_REST = 0.02  # [°]; a log that spans less does not move, whatever its unit
+
+
+def check(recording: Recording, mapping: Map) -> list[Finding]:
+    """Refuse numbers that hardly can be the degrees that the map says."""
+    read = [(mapping.position, recording.positions)]
+    if not mapping.commands_effort:
+        read.append((mapping.command, recording.commands))
+    found = []
+    for quantity, values in read:
+        degrees = _logged_degrees(quantity, values)
+        if not degrees.size or np.ptp(degrees, axis=0).max() < AT_REST or np.abs(degrees).max() > SMALLEST_LIKELY:
+            continue
+        what = (
+            f"the {quantity.name} stays within {np.abs(degrees).max():.3g} as logged, in all joints: as degrees the "
+            "robot hardly moved"
+        )
+        radians = "--unit rad" if mapping.layout.format == "lerobot" else f"unit = 'rad' in [read.{quantity.name}]"
+        remedy = f"if these are radians, say {radians}, if they are degrees, add allow = ['unit_slip'] to [audit]"
+        found.append(Finding("unit_slip", recording.place, what, remedy, error=True))
+    return found
+
+
+def _logged_degrees(quantity: Quantity, values: np.ndarray) -> np.ndarray:
+    """Return the numbers that the log gives in degrees, shape (N, k)."""
+    in_degrees = [unit == "deg" for unit in quantity.conversion.units]
+    return quantity.conversion.raw(values)[:, in_degrees]

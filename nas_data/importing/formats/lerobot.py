@@ -1,0 +1,32 @@
+"""LeRobot: a dataset in LeRobot's format; components are named, and each episode has its task."""
+
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.dataset.layout import INFO
+from nas_data.dataset.read import read as read_dataset
+from nas_data.dataset.read import read_stamps
+from nas_data.dataset.versions import list_versions, resolve
+from nas_data.importing.layout import Layout
+from nas_data.importing.table import Table
+
+SUFFIXES = ()
+FOLDER = "a LeRobot dataset"
+
+
+def is_log(path: Path) -> bool:
+    """Return whether a folder is such a log."""
+    return (path / INFO).is_file() or bool(list_versions(path))
+
+
+def read(path: Path, layout: Layout) -> Table:
+    """Read a dataset's vectors, its time stamps, and the number and the task of each row's episode."""
+    root = resolve(path)
+    dataset = read_dataset(root)
+    columns: dict[str, np.ndarray] = {key: np.asarray(column) for key, column in dataset.columns.items()}
+    columns["timestamp"] = read_stamps(root)[:, 0]
+    columns["episode_index"] = np.repeat(np.arange(dataset.n_episodes), dataset.lengths)
+    columns["task"] = np.repeat(np.array(dataset.tasks, dtype=object), dataset.lengths)
+    names = {key: feature.names for key, feature in dataset.features.items()}
+    return Table(path, columns, {"fps": dataset.fps, "robot_type": dataset.robot_type}, names=names)

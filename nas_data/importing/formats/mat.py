@@ -1,0 +1,48 @@
+"""MAT: variables of a MATLAB file, rows first; fields of a struct are named with a dot, single values are constants."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.errors import LogError
+from nas_data.importing.layout import Layout
+from nas_data.importing.table import Table
+
+SUFFIXES = (".mat",)
+
+
+def read(path: Path, layout: Layout) -> Table:
+    """Read a file; nothing in it is run."""
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError
+
+    try:
+        content = loadmat(path, struct_as_record=True, chars_as_strings=True)
+    except NotImplementedError:
+        raise LogError(f"{path} is of MATLAB's format 7.3; save it with save(…, '-v7').") from None
+    except (MatReadError, ValueError, TypeError, IndexError) as error:
+        raise LogError(f"{path} cannot be read as mat ({error}); save it again with save(…, '-v7').") from None
+    columns: dict[str, np.ndarray] = {}
+    constants: dict[str, object] = {}
+    for name, value in _variables({key: value for key, value in content.items() if not key.startswith("__")}):
+        if value.dtype.kind in "US" and value.size == 1:
+            constants[name] = str(value.item())
+        elif value.size == 1:
+            constants[name] = value.item()
+        else:
+            columns[name] = value.ravel() if value.ndim == 2 and 1 in value.shape else value
+    return Table(path, columns, constants)
+
+
+def _variables(variables: dict[str, np.ndarray], inside: str = "") -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the arrays of numbers and texts, those inside structs with the struct's name before theirs."""
+    for key, value in variables.items():
+        name = f"{inside}.{key}" if inside else key
+        if value.dtype.names and value.size == 1:
+            record = value.ravel()[0]
+            yield from _variables({field: np.asarray(record[field]) for field in value.dtype.names}, name)
+        elif value.dtype == object and all(np.asarray(cell).dtype.kind in "US" for cell in value.ravel()):
+            yield name, np.array([str(np.asarray(cell).ravel()[0]) for cell in value.ravel()])
+        elif value.dtype.kind in "biufUS":
+            yield name, value

@@ -1,0 +1,54 @@
+"""MCAP: messages of ROS 2 or JSON, one table a topic."""
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from mcap.decoder import DecoderFactory
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap.records import Schema
+from mcap_ros2.decoder import DecoderFactory as Ros2
+
+from nas_data.errors import LogError
+from nas_data.importing.layout import Layout
+from nas_data.importing.messages import to_tables
+from nas_data.importing.table import Table
+
+SUFFIXES = (".mcap",)
+
+
+def read_topics(path: Path, layout: Layout) -> dict[str, Table]:
+    """Read the topics that a map names."""
+    try:
+        return to_tables(path, dict(layout.topics), _messages(path, layout))
+    except McapError as error:
+        reason = (str(error) or type(error).__name__).splitlines()[0].rstrip(".")
+        raise LogError(
+            f"{path} is damaged or cut off ({reason}); repair it with 'mcap recover', or copy it again."
+        ) from None
+
+
+def _messages(path: Path, layout: Layout) -> Iterator[tuple[str, int, object]]:
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[Ros2(), _Json()])
+        there = {channel.topic for channel in summary.channels.values()} if (summary := reader.get_summary()) else set()
+        missing = next((topic for topic in layout.topics.values() if summary and topic not in there), None)
+        if missing is not None:
+            raise LogError(
+                f"{path} has no topic '{missing}', which [topics] of the map names; it has: {_listed(there)}."
+            )
+        for _, channel, message, decoded in reader.iter_decoded_messages(topics=list(layout.topics.values())):
+            yield channel.topic, message.log_time, decoded
+
+
+def _listed(topics: set[str]) -> str:
+    return ", ".join(sorted(topics)) or "none"
+
+
+class _Json(DecoderFactory):
+    """Decodes messages that are JSON."""
+
+    def decoder_for(self, message_encoding: str, schema: Schema | None) -> Callable[[bytes], object] | None:
+        """Return the decoder of an encoding; None for others."""
+        return json.loads if message_encoding == "json" else None

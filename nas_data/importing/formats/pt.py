@@ -1,0 +1,45 @@
+"""PT: plain tensors that torch.save wrote, rows first, by their names; nothing else is read from such a file."""
+
+import pickle
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.errors import LogError
+from nas_data.importing.layout import Layout
+from nas_data.importing.table import Table
+
+SUFFIXES = (".pt", ".pth")
+REMEDY = "save plain tensors: torch.save({'q': q, 't': t}, path)"
+
+
+def read(path: Path, layout: Layout) -> Table:
+    """Read a file without running anything that it holds: objects beside tensors, numbers and texts are refused."""
+    import torch
+
+    try:
+        content = torch.load(path, map_location="cpu", weights_only=True)
+    except (pickle.UnpicklingError, RuntimeError, EOFError):
+        raise LogError(f"{path} is damaged, or holds more than tensors, numbers and texts; {REMEDY}.") from None
+    if not isinstance(content, Mapping):
+        raise LogError(f"{path} holds a {type(content).__name__}, not tensors by their names; {REMEDY}.")
+    columns: dict[str, np.ndarray] = {}
+    constants: dict[str, object] = {}
+    for name, value in _values(content):
+        array = value.detach().numpy() if isinstance(value, torch.Tensor) else np.asarray(value)
+        if array.ndim:
+            columns[name] = array
+        else:
+            constants[name] = array.item()
+    return Table(path, columns, constants)
+
+
+def _values(content: Mapping[object, object], inside: str = "") -> Iterator[tuple[str, object]]:
+    """Yield values by their names, those of a mapping inside with its name before theirs."""
+    for key, value in content.items():
+        name = f"{inside}.{key}" if inside else str(key)
+        if isinstance(value, Mapping):
+            yield from _values(value, name)
+        elif value is not None:
+            yield name, value

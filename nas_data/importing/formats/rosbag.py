@@ -1,0 +1,45 @@
+"""Bags of ROS: the folder of a ROS 2 bag, or the file of a ROS 1 bag; one table a topic."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.rosbag1 import ReaderError as Reader1Error
+from rosbags.rosbag2 import ReaderError as Reader2Error
+from rosbags.typesys import Stores, get_typestore
+
+from nas_data.errors import LogError
+from nas_data.importing.layout import Layout
+from nas_data.importing.messages import to_tables
+from nas_data.importing.table import Table
+
+SUFFIXES = (".bag",)
+FOLDER = "a ROS 2 bag"
+
+
+def is_log(path: Path) -> bool:
+    """Return whether a folder is such a log."""
+    return (path / "metadata.yaml").is_file()
+
+
+def read_topics(path: Path, layout: Layout) -> dict[str, Table]:
+    """Read the topics that a map names."""
+    try:
+        return to_tables(path, dict(layout.topics), _messages(path, layout))
+    except (AnyReaderError, Reader1Error, Reader2Error) as error:
+        reason = (str(error) or type(error).__name__).splitlines()[0].rstrip(".")
+        raise LogError(
+            f"{path} cannot be read as a bag: {reason}; copy it again, or run 'ros2 bag reindex' on it."
+        ) from None
+
+
+def _messages(path: Path, layout: Layout) -> Iterator[tuple[str, int, object]]:
+    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        wanted = [connection for connection in reader.connections if connection.topic in layout.topics.values()]
+        there = sorted({connection.topic for connection in reader.connections})
+        missing = next((topic for topic in layout.topics.values() if topic not in there), None)
+        if missing is not None:
+            listed = ", ".join(there) or "none"
+            raise LogError(f"{path} has no topic '{missing}', which [topics] of the map names; it has: {listed}.")
+        for connection, time, raw in reader.messages(connections=wanted):
+            yield connection.topic, time, reader.deserialize(raw, connection.msgtype)

@@ -1,0 +1,78 @@
+"""Messages of a bag as the columns of tables: one table a topic, nested fields with dots between their names."""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.errors import LogError
+from nas_data.importing.table import Table
+
+RECEIVED = "log_time"  # when the recorder got a message [ns]
+NANOSECONDS = 10**9
+
+
+def to_tables(path: Path, topics: dict[str, str], messages: Iterable[tuple[str, int, object]]) -> dict[str, Table]:
+    """Return one table for each of some topics.
+
+    Args:
+        path: The bag.
+        topics: Table → topic.
+        messages: Topic, time of receipt [ns] and content of each message, in the order of that time.
+
+    Raises:
+        LogError: a topic has no messages, or several kinds of them.
+    """
+    rows: dict[str, list[dict[str, object]]] = {topic: [] for topic in topics.values()}
+    for topic, time, message in messages:
+        rows[topic].append({RECEIVED: time, **dict(fields_of(message))})
+    return {key: _table(path, topic, rows[topic]) for key, topic in topics.items()}
+
+
+def fields_of(message: object, name: str = "") -> Iterator[tuple[str, object]]:
+    """Yield the fields of a message: times in ns, lists of numbers or texts as they are, others field by field."""
+    values = message if isinstance(message, dict) else _attributes(message)
+    if values is None:
+        yield name, message
+        return
+    if set(values) == {"sec", "nanosec"}:
+        yield name, int(values["sec"]) * NANOSECONDS + int(values["nanosec"])
+        return
+    for key, value in values.items():
+        inner = f"{name}.{key}" if name else key
+        if isinstance(value, list | tuple) and value and (isinstance(value[0], dict) or _attributes(value[0])):
+            for number, item in enumerate(value):
+                yield from fields_of(item, f"{inner}.{number}")
+        else:
+            yield from fields_of(value, inner)
+
+
+def _attributes(value: object) -> dict | None:
+    """Return the fields of a message object; None for a plain value."""
+    if isinstance(value, str | bytes | int | float | bool | np.ndarray | np.generic | list | tuple) or value is None:
+        return None
+    slots = getattr(value, "__slots__", None) or getattr(value, "__dict__", {})
+    return {key: getattr(value, key) for key in slots if not key.startswith("_") and key != "__msgtype__"} or None
+
+
+def _table(path: Path, topic: str, rows: list[dict[str, object]]) -> Table:
+    """Put the messages of a topic into columns; a field that only some of them have is left out."""
+    if not rows:
+        raise LogError(f"{path} has no messages of '{topic}'; give the bag that has, or correct [topics] of the map.")
+    shared = [key for key in rows[0] if all(key in row for row in rows)]
+    return Table(Path(f"{path}:{topic}"), {key: _column([row[key] for row in rows]) for key in shared})
+
+
+def _column(values: list[object]) -> np.ndarray:
+    """Return a column as an array; lists of different lengths, and texts, as objects."""
+    listed = [value.tolist() if isinstance(value, np.ndarray) else value for value in values]
+    lists = [list(value) for value in listed if isinstance(value, list | tuple)]
+    if len(lists) < len(listed):
+        return np.array(listed, object) if isinstance(listed[0], str) else np.array(listed)
+    widths = {len(row) for row in lists}
+    if len(widths) == 1 and 0 not in widths and not isinstance(lists[0][0], str):
+        return np.array(lists)
+    column = np.empty(len(lists), object)
+    for number, row in enumerate(lists):
+        column[number] = row
+    return column

@@ -1,0 +1,112 @@
+"""Joint names that a log has: once, to be compared with the map's, or in every row, where they put vectors in order."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+import pyarrow as pa
+
+from nas_data.dataset.rows import rows_text
+from nas_data.errors import LogError, MapError
+from nas_data.importing.map import Map
+from nas_data.importing.table import Column, Table
+
+SHOWN = 8  # names that are listed
+
+
+def arrange(table: Table, mapping: Map, must: bool) -> Table:
+    """Compare a table's joint names with the map's, or put its vectors in the map's order where each row has names.
+
+    Rows that name none of the map's joints are left out: they are another publisher's.
+
+    Args:
+        table: One file, or one topic.
+        mapping: Names the column of the names, and the joints.
+        must: Whether the table must have that column.
+
+    Raises:
+        MapError: the names of the whole table are others, or in another order.
+        LogError: a row names some of the joints only.
+    """
+    if not mapping.joint_names or (not must and mapping.joint_names not in table.columns):
+        return table
+    held = table.constants.get(mapping.joint_names)
+    rows = _lists(table.column(mapping.joint_names) if held is None else held)
+    if isinstance(rows, tuple):
+        _compare(table, mapping, rows)
+        return table
+    return _ordered(table, mapping, rows)
+
+
+def _lists(column: object) -> tuple[str, ...] | list[tuple[str, ...]]:
+    """Return the names of the whole table, or those of each row."""
+    plain = column.to_pylist() if isinstance(column, pa.Array | pa.ChunkedArray) else column
+    listed: list[object] = plain.tolist() if isinstance(plain, np.ndarray) else list(cast(Iterable[object], plain))
+    if any(isinstance(value, list | tuple) for value in listed):
+        rows = [cast(Sequence[object], value) or () for value in listed]
+        return [tuple(text(name) for name in row) for row in rows]
+    return tuple(text(name) for name in listed)
+
+
+def text(name: object) -> str:
+    """Return a name as text; h5py and NumPy give bytes."""
+    return name.decode(errors="replace") if isinstance(name, bytes) else str(name)
+
+
+def _compare(table: Table, mapping: Map, found: Sequence[str]) -> None:
+    """Refuse other names, or another order."""
+    if tuple(found) == mapping.joints:
+        return
+    order = "in this order" if set(found) == set(mapping.joints) else "so"
+    shown = ", ".join(found[:SHOWN]) + (f" … ({len(found)} in all)" if len(found) > SHOWN else "")
+    raise MapError(
+        f"{table.path} has the joints {shown}, but the map {', '.join(mapping.joints)}; "
+        f"name them {order} in 'joints' of the map, and what it lists by joint with them."
+    )
+
+
+def _ordered(table: Table, mapping: Map, rows: list[tuple[str, ...]]) -> Table:
+    """Put every vector that has a number for each name into the map's order."""
+    kinds = {names: _places(names, mapping.joints) for names in dict.fromkeys(rows)}
+    kept = np.array([kinds[names] is not None for names in rows])
+    if not kept.any():
+        raise MapError(
+            f"{table.path}: no row names a joint of the map ({', '.join(mapping.joints)}); the first names "
+            f"{', '.join(rows[0][:SHOWN]) or 'none'}. Name them so in 'joints' of the map."
+        )
+    partial = next((row for row, names in enumerate(rows) if -1 in (kinds[names] or ())), None)
+    if partial is not None:
+        missing = next(joint for joint in mapping.joints if joint not in rows[partial])
+        there = ", ".join(rows[partial][:SHOWN])
+        raise LogError(f"{table.path}: {rows_text([partial])} lacks the joint '{missing}'; it has {there}.")
+    places = np.array([kinds[names] for names, keep in zip(rows, kept, strict=True) if keep])
+    widths = [len(names) for names, keep in zip(rows, kept, strict=True) if keep]
+    columns: dict[str, Column] = {}
+    for key, column in table.columns.items():
+        columns[key] = _column(column, kept, places, widths)
+    return replace(table, columns=columns)
+
+
+def _places(names: tuple[str, ...], joints: tuple[str, ...]) -> tuple[int, ...] | None:
+    """Return where each joint stands among names, -1 for none; None where none of them does."""
+    places = tuple(names.index(joint) if joint in names else -1 for joint in joints)
+    return None if set(places) == {-1} else places
+
+
+def _column(column: Column, kept: np.ndarray, places: np.ndarray, widths: list[int]) -> Column:
+    """Return the kept rows of a column, in the map's order where it has a number for each name."""
+    if isinstance(column, np.ndarray):
+        chosen = column[kept]
+        listed = [*chosen] if chosen.ndim == 2 or chosen.dtype == object else None
+    else:
+        chosen = column.filter(pa.array(kept))
+        nested = pa.types.is_list(column.type) or pa.types.is_large_list(column.type)
+        listed = chosen.to_pylist() if nested or pa.types.is_fixed_size_list(column.type) else None
+    fits = listed is not None and all(
+        not isinstance(row, str | bytes) and row is not None and len(row) == width
+        for row, width in zip(listed, widths, strict=True)
+    )
+    if not fits or listed is None or isinstance(listed[0][0], str | bytes):
+        return chosen
+    return np.array([np.asarray(row, np.float64)[order] for row, order in zip(listed, places, strict=True)])

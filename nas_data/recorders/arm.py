@@ -1,0 +1,169 @@
+"""The recording of an arm: each episode is on the disk before the next begins, and the arm is safe at the end."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from nas_data.arms.base import Arm, Driver
+from nas_data.dataset.growing import Growing
+from nas_data.dataset.provenance import Provenance, read_provenance
+from nas_data.errors import ArmError
+from nas_data.recorders.arm_dataset import to_dataset
+from nas_data.recorders.arm_motion import Episode, Motion
+from nas_data.recorders.arm_plan import Plan
+from nas_data.recorders.arm_settings import Settings
+from nas_data.recorders.arm_tally import Tally
+from nas_data.recorders.guarded import GuardedArm, Setup
+from nas_data.recorders.schedule import Clock
+from nas_data.recorders.tolerance import PASSING
+from nas_data.recorders.under_way import SAVING, told
+
+PLAN = "meta/plan.npz"
+TRIES = 3  # times that an episode is begun before it is given up, or taken with readings that were missed
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """What is to be recorded, and how.
+
+    Attributes:
+        setup: The arm, and how it is to be moved.
+        plan: Commands and first poses.
+        hot: Temperature at which the arm pauses [°C].
+        provenance: Where the episodes come from, without what the arm says itself.
+    """
+
+    setup: Setup
+    plan: Plan
+    hot: float
+    provenance: Provenance
+
+
+def look(driver: Driver) -> None:
+    """Find out whether an arm could be recorded; nothing moves.
+
+    Raises:
+        ArmError: says why not.
+    """
+    arm = driver.open(time.monotonic)
+    try:
+        arm.check()
+    finally:
+        arm.close()
+
+
+class Recording:
+    """A job under way; a second one of the same plan goes on where the first stopped.
+
+    Attributes:
+        growing: What is saved.
+        tally: What happened so far.
+    """
+
+    def __init__(self, job: Job, growing: Growing, clock: Clock, say: Callable[[str], None]) -> None:
+        """Prepare; nothing moves yet.
+
+        Args:
+            job: What is to be recorded.
+            growing: Where.
+            clock: By which.
+            say: Told what a person should know at once.
+        """
+        self.growing, self._job, self._clock, self._say = growing, job, clock, say
+        known = read_provenance(growing.root) if growing.episodes else None
+        self.tally = Tally.of(known.target if known else None)
+        self.tally.sittings += 1
+        self._settings = Settings.of(known.target if known else None)
+
+    def run(self, progress: Callable[[int, float], None]) -> None:
+        """Record what is not yet saved; leave the arm without torque, whatever happens.
+
+        Args:
+            progress: Told after each episode how many are saved, and the warmest servo [°C].
+
+        Raises:
+            ArmError: something is wrong with the arm; says how many episodes are saved, and where.
+        """
+        guarded = GuardedArm(self._job.setup, self._clock)
+        try:
+            with guarded:
+                self._record_all(guarded, progress)
+        except ArmError as error:
+            raise type(error)(f"{error} {self._saved()}") from error
+        except KeyboardInterrupt:
+            self._say(self._saved())
+            raise
+        finally:
+            if guarded.doubt:
+                self._say(guarded.doubt)
+
+    def _record_all(self, guarded: GuardedArm, progress: Callable[[int, float], None]) -> None:
+        poses = self._job.plan.poses
+        motion = guarded.take(poses[min(self.growing.episodes, len(poses) - 1)])
+        for number in range(self.growing.episodes, len(poses)):
+            motion = self._record(guarded, motion, number)
+            progress(number + 1, float(motion.vitals.temperature.max()))
+        motion.approach(poses[-1])
+
+    def _record(self, guarded: GuardedArm, motion: Motion, number: int) -> Motion:
+        """Record one episode and save it; return who moves the arm now."""
+        arm = guarded.arm
+        for left in reversed(range(TRIES)):
+            before = arm.retries
+            try:
+                episode = self._play(motion, number)
+            except PASSING as error:
+                if not left:
+                    raise
+                self._say(f"{error} Episode {number} is recorded anew.")
+                motion = self._again(guarded, number)
+            else:
+                missed = int(episode.missed(motion.period).sum())
+                self.tally.missed += missed
+                if not missed or not left:
+                    break
+            finally:
+                self.tally.retries += arm.retries - before
+            self.tally.anew += 1
+        self._save(guarded, episode)
+        return motion
+
+    def _play(self, motion: Motion, number: int) -> Episode:
+        pose = self._job.plan.poses[number]
+        motion.approach(pose)
+        if motion.vitals.temperature.max() >= self._job.hot:
+            self._cool(motion, pose)
+        self._settings.note(number, motion.arm.registers())
+        return motion.play(self._job.plan.commands[number])
+
+    def _cool(self, motion: Motion, pose: np.ndarray) -> None:
+        """Wait in the rest pose until the warmest servo has cooled."""
+        self.tally.pauses += 1
+        self._say(f"A servo has {motion.vitals.temperature.max():.0f} °C; the arm rests until it is cooler.")
+        motion.cool(pose, self._job.hot)
+
+    def _again(self, guarded: GuardedArm, number: int) -> Motion:
+        """Begin an episode anew with an arm whose line failed."""
+        guarded.recover()
+        return guarded.take(self._job.plan.poses[number])
+
+    def _save(self, guarded: GuardedArm, episode: Episode) -> None:
+        job = self._job
+        guarded.promise(SAVING)
+        dataset = to_dataset(episode, job.setup.driver.names, job.setup.rate, job.plan.task, job.provenance.robot)
+        plan = {PLAN: job.plan.to_bytes()} if not self.growing.episodes else {}
+        self.growing.append(dataset, self._provenance(guarded.arm), plan)
+
+    def _provenance(self, arm: Arm) -> Provenance:
+        known: Mapping[str, object] = self._job.provenance.target or {}
+        made = {
+            "tally": asdict(self.tally),
+            "drawn_again": self._job.plan.replaced,
+            "registers": self._settings.to_json(),
+        }
+        return replace(self._job.provenance, target={**arm.describe(), **known, **made})
+
+    def _saved(self) -> str:
+        return told(self.growing.root, self.growing.episodes, len(self._job.plan.commands))

@@ -1,0 +1,78 @@
+"""Episodes of an arm as a dataset: what was read and sent, with flags on what came late or twice."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import (
+    ACTION,
+    NEXT_STATE,
+    STATE,
+    TIME,
+    Feature,
+    position_feature,
+    state_feature,
+    time_feature,
+)
+from nas_data.recorders.arm_motion import Episode
+
+LOAD = "nas.load"
+VOLTAGE = "nas.voltage"
+TEMPERATURE = "nas.temperature"
+LATE = "nas.late"
+REPEATED = "nas.repeated"
+
+
+def to_dataset(episode: Episode, joints: Sequence[str], rate: float, task: str, robot: str) -> Dataset:
+    """Return one episode as a dataset.
+
+    Args:
+        episode: What was read and sent.
+        joints: Names of the arm's joints.
+        rate: Control rate [Hz].
+        task: What the episode does, in a word.
+        robot: The arm's kind.
+    """
+    states = np.array([np.concatenate([reading.positions, reading.velocities]) for reading in episode.readings])
+    times = np.array([reading.time for reading in episode.readings])
+    loads = np.array([reading.loads for reading in episode.readings])
+    columns = {
+        STATE: states[:-1],
+        ACTION: episode.held(),
+        NEXT_STATE: states[1:],
+        TIME: (times[:-1] - times[0])[:, None],
+        LOAD: loads[:-1],
+        VOLTAGE: np.array(episode.voltages),
+        TEMPERATURE: np.array(episode.temperatures),
+        LATE: episode.late(1 / rate)[:-1, None],
+        REPEATED: episode.repeated()[:-1, None],
+    }
+    features = features_of(joints)
+    return Dataset(
+        features=features,
+        columns={key: column.astype(features[key].dtype) for key, column in columns.items()},
+        lengths=np.array([len(episode.commands)]),
+        fps=rate,
+        robot_type=robot,
+        tasks=(task,),
+    )
+
+
+def features_of(joints: Sequence[str]) -> dict[str, Feature]:
+    """Return the features of such a dataset."""
+    return {
+        STATE: state_feature(joints),
+        ACTION: position_feature(joints),
+        NEXT_STATE: state_feature(joints),
+        TIME: time_feature(),
+        LOAD: _per_joint(joints, "load", "1"),
+        VOLTAGE: _per_joint(joints, "voltage", "V"),
+        TEMPERATURE: _per_joint(joints, "temperature", "°C"),
+        LATE: Feature(names=("late",), units=("1",)),
+        REPEATED: Feature(names=("repeated",), units=("1",)),
+    }
+
+
+def _per_joint(joints: Sequence[str], what: str, unit: str) -> Feature:
+    return Feature(names=tuple(f"{name}.{what}" for name in joints), units=(unit,) * len(joints))

@@ -1,0 +1,146 @@
+"""What an arm is going to be told: commands that touch neither the arm itself nor the floor, drawn before it moves."""
+
+import hashlib
+import io
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from nas_data.effects.base import Effect, make_effect
+from nas_data.errors import OptionError
+from nas_data.recorders.arm_ways import Ways
+from nas_data.recorders.readings import Readings
+from nas_data.recorders.session import Protocol, Session, Target
+from nas_data.robots.base import Robot
+from nas_data.simulators.contact import contact_counts
+from nas_data.simulators.mujoco import MujocoSimulator
+
+RETURN = 2.0  # [s] in which the arm goes back to where it began, and must not touch anything either
+LOOK = 0.03  # [s] between two looks at a motion
+FAR = 1_000_003  # step of the seed that nobody takes by hand
+ROUNDS = 50  # of draws, after which what is asked for is taken to be impossible
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Commands and first poses of every episode.
+
+    Attributes:
+        commands: [rad], shape (E, T, n).
+        poses: First poses [rad], shape (E, n).
+        task: What every episode does, in a word.
+        replaced: Episodes that were drawn again because they would have touched something.
+        key: What it follows from; see `plan_key`.
+    """
+
+    commands: np.ndarray
+    poses: np.ndarray
+    task: str
+    replaced: int
+    key: str
+
+    def to_bytes(self) -> bytes:
+        """Return the plan as it is stored with the recording."""
+        stream = io.BytesIO()
+        task, key = np.array(self.task), np.array(self.key)
+        np.savez_compressed(
+            stream, commands=self.commands, poses=self.poses, task=task, replaced=self.replaced, key=key
+        )
+        return stream.getvalue()
+
+    @classmethod
+    def from_bytes(cls, content: bytes) -> "Plan":
+        """Read what `to_bytes` wrote."""
+        stored = np.load(io.BytesIO(content))
+        words = str(stored["task"]), int(stored["replaced"]), str(stored["key"])
+        return cls(stored["commands"], stored["poses"], *words)
+
+
+def plan_key(robot: Robot, protocol: Protocol, rate: float, speed: float) -> str:
+    """Return everything that a plan follows from, as one line: equal lines give equal plans."""
+    file = hashlib.sha256(protocol.file.read_bytes()).hexdigest() if protocol.file else None
+    values = {**vars(protocol), "excitation": protocol.excitation.to_json(), "file": file, "rate": rate, "speed": speed}
+    return json.dumps({**values, "model": robot.sha256}, sort_keys=True)
+
+
+def draw_plan(
+    robot: Robot, protocol: Protocol, rate: float, speed: float, progress: Callable[[int, int], None] = lambda *_: None
+) -> Plan:
+    """Draw episodes until as many as are asked for touch nothing; those of a file must do so as they are.
+
+    Args:
+        robot: Model that tells what touches.
+        protocol: What is to be played.
+        rate: Control rate [Hz].
+        speed: Speed limit of the servos [rad/s]; 0 for none.
+        progress: Told how many episodes there are, of how many.
+
+    Raises:
+        OptionError: a file's episode touches something, or nothing else can be drawn.
+    """
+    simulator = MujocoSimulator(robot, 1 / rate, effects=_limits(robot, speed), threads=1)
+    target, ways = Target(robot, simulator, Readings(), rate), Ways(robot)
+    commands, poses, fates = list[np.ndarray](), list[np.ndarray](), list[bool]()
+    for attempt in range(ROUNDS):
+        session = Session.draw(target, replace(protocol, seed=protocol.seed + attempt * FAR))
+        wanted = protocol.episodes if protocol.file is None else len(session.commands)
+        block = np.stack([_same_length(rows, session.commands[0]) for rows in session.commands])
+        first = session.starts[:, : len(simulator.joints)]
+        free = free_of_contact(simulator, block, first, ways)
+        if protocol.file is not None and not free.all():
+            raise OptionError(
+                f"{protocol.file}: in episode {int(np.argmin(free))} the arm would touch itself or the floor; "
+                "change those commands."
+            )
+        commands += list(block[free])
+        poses += list(first[free])
+        fates += free.tolist()
+        progress(min(wanted, len(commands)), wanted)
+        if len(commands) >= wanted:
+            last = int(np.flatnonzero(fates)[wanted - 1])
+            return Plan(
+                commands=np.stack(commands[:wanted]),
+                poses=np.stack(poses[:wanted]),
+                task=session.task,
+                replaced=last + 1 - wanted,
+                key=plan_key(robot, protocol, rate, speed),
+            )
+    raise OptionError(
+        f"Of {len(fates)} episodes of {session.task} only {len(commands)} touch neither the arm nor the floor; use "
+        "less of the joints' range (--excitation NAME:share=0.5)."
+    )
+
+
+def free_of_contact(simulator: MujocoSimulator, commands: np.ndarray, poses: np.ndarray, ways: Ways) -> np.ndarray:
+    """Return which episodes touch nothing on their way, on the way back, and on slow ways from and to rest, shape (E,).
+
+    Args:
+        simulator: The arm.
+        commands: [rad], shape (E, T, n).
+        poses: First poses [rad], shape (E, n).
+        ways: The arm's slow ways.
+    """
+    n, steps = poses.shape[1], commands.shape[1]
+    back = np.repeat(poses[:, None], round(RETURN / simulator.period), axis=1)
+    initial = np.concatenate([poses, np.zeros_like(poses)], axis=1)
+    path = simulator.rollout(initial, np.concatenate([commands, back], axis=1))[..., :n]
+    seen = path[:, :: max(1, round(LOOK / simulator.period))]
+    counts = contact_counts(simulator, seen.reshape(-1, n)).reshape(len(poses), -1)
+    free = np.asarray((counts == 0).all(axis=1) & (contact_counts(simulator, poses) == 0))
+    for episode in np.flatnonzero(free):
+        last, first = path[episode, steps - 1], poses[episode]
+        free[episode] = ways.exists(last, ways.rest) and ways.exists(ways.rest, first)
+    return free
+
+
+def _limits(robot: Robot, speed: float) -> list[Effect]:
+    """Return what makes the simulated servos as slow as the real ones are set."""
+    return [make_effect("speed_limit", joint, {"speed": speed}) for joint in robot.joints] if speed else []
+
+
+def _same_length(rows: np.ndarray, first: np.ndarray) -> np.ndarray:
+    if len(rows) != len(first):
+        raise OptionError(f"Episodes of {len(first)} and {len(rows)} steps are in one file; make them equally long.")
+    return rows

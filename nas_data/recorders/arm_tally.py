@@ -1,0 +1,81 @@
+"""What happened while a recording was made: late, missed and repeated readings, warmth, pauses, what was done anew."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Self
+
+import numpy as np
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import TIME
+from nas_data.recorders.arm_dataset import LATE, REPEATED, TEMPERATURE, VOLTAGE
+
+SUSPICIOUS = 0.01  # share of repeated readings from which the servos' own rate is too low for the recorder's
+
+
+@dataclass
+class Tally:
+    """Counts over all sittings of a recording.
+
+    Attributes:
+        sittings: How often it was begun or gone on with.
+        missed: Readings whose moment was lost.
+        anew: Episodes that were recorded again, because a reading was missed or the line failed.
+        pauses: How often the arm had to cool.
+        retries: Readings that needed more than one attempt.
+    """
+
+    sittings: int = 0
+    missed: int = 0
+    anew: int = 0
+    pauses: int = 0
+    retries: int = 0
+
+    @classmethod
+    def of(cls, target: Mapping[str, object] | None) -> Self:
+        """Read the counts from a recording's provenance."""
+        stored = (target or {}).get("tally")
+        known = dict(stored) if isinstance(stored, Mapping) else {}
+        return cls(**{key: int(known.get(key, 0)) for key in asdict(cls())})
+
+
+def summary(dataset: Dataset, tally: Tally) -> dict[str, object]:
+    """Return the numbers that say whether a recording can be trusted."""
+    times = dataset.columns[TIME][:, 0]
+    steps = np.concatenate([np.diff(times[rows]) for rows in dataset.episodes()] or [np.array([])])
+    late, repeated = (int(dataset.columns[key].sum()) for key in (LATE, REPEATED))
+    return {
+        "late": late,
+        "late_share": late / dataset.n_frames,
+        "repeated": repeated,
+        "repeated_share": repeated / dataset.n_frames,
+        "rate": float(1 / steps.mean()) if len(steps) else dataset.fps,
+        "longest_step": float(steps.max()) if len(steps) else 0.0,
+        "coldest": float(dataset.columns[TEMPERATURE].min()),
+        "warmest": float(dataset.columns[TEMPERATURE].max()),
+        "lowest_voltage": float(dataset.columns[VOLTAGE].min()),
+        **asdict(tally),
+    }
+
+
+def told(numbers: Mapping[str, object]) -> list[str]:
+    """Return the same in lines for people."""
+    lines = [
+        f"{numbers['late']} late readings ({_float(numbers, 'late_share'):.3%}), {numbers['repeated']} repeated, "
+        f"{numbers['missed']} missed; {numbers['anew']} episodes recorded anew, {numbers['retries']} readings tried "
+        "again",
+        f"{_float(numbers, 'rate'):.2f} Hz by the clock, longest step {_float(numbers, 'longest_step') * 1e3:.1f} ms; "
+        f"servos up to {_float(numbers, 'warmest'):.0f} °C, supply down to {_float(numbers, 'lowest_voltage'):.1f} V, "
+        f"{numbers['pauses']} pauses to cool",
+    ]
+    share = _float(numbers, "repeated_share")
+    if share > SUSPICIOUS:
+        lines.append(
+            f"warning: {share:.0%} of the readings repeat the one before while the arm moves: what answers renews its "
+            f"registers at about {_float(numbers, 'rate') * (1 - share):.0f} Hz; check the adapter's latency timer."
+        )
+    return lines
+
+
+def _float(numbers: Mapping[str, object], key: str) -> float:
+    return float(str(numbers[key]))

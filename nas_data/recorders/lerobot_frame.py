@@ -1,0 +1,131 @@
+"""How a model's joints and LeRobot's motors go together: zero, sign and unit, told by LeRobot's calibration."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from lerobot.motors import MotorCalibration, MotorNormMode
+from lerobot.motors.motors_bus import SerialMotorsBus
+
+from nas_data.dataset.features import POSITION
+from nas_data.errors import JointMismatch, OptionError
+from nas_data.robots.base import Robot
+from nas_data.simulators.limits import command_limits, excitable_limits
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Conversion between servo counts and joint positions; all arrays have the shape (n,).
+
+    A servo's zero is the middle of its calibrated range, where LeRobot's degrees and −100 … 100 are zero. There the
+    joint stands in the middle of the model's range, or at zero where the servo may turn a whole turn. A gripper of
+    0 … 100 stands at its lowest position where it is at 0.
+
+    Attributes:
+        names: Of the joints.
+        zeros: Counts where the joints are at zero.
+        ticks: Change of the joint with a count [rad; m], negative where it turns against its servo.
+        low: Lowest positions that may be commanded [rad; m].
+        high: Highest positions [rad; m].
+    """
+
+    names: tuple[str, ...]
+    zeros: np.ndarray
+    ticks: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+    def positions(self, counts: np.ndarray) -> np.ndarray:
+        """Return positions [rad; m] for counts."""
+        return np.asarray((counts - self.zeros) * self.ticks)
+
+    def counts(self, positions: np.ndarray) -> np.ndarray:
+        """Return the nearest counts for positions [rad; m] within the limits."""
+        return np.rint(np.clip(positions, self.low, self.high) / self.ticks + self.zeros).astype(int)
+
+
+def frame_of(
+    robot: Robot,
+    bus: SerialMotorsBus,
+    calibration: Mapping[str, MotorCalibration],
+    reverse: Sequence[str] = (),
+    zero: Mapping[str, float] | None = None,
+) -> Frame:
+    """Return how a model and a calibrated arm go together.
+
+    Args:
+        robot: The model; its joints carry the motors' names.
+        bus: The arm's motors.
+        calibration: Of each.
+        reverse: Joints that turn against what LeRobot takes for forwards.
+        zero: Where joints stand in the model when LeRobot says zero [rad; m].
+
+    Raises:
+        JointMismatch: the model lacks a motor's joint, or an option names a joint that is not there.
+    """
+    names, zero = tuple(bus.motors), zero or {}
+    for joint in (*reverse, *zero):
+        if joint not in names:
+            raise JointMismatch(f"The arm has no joint '{joint}'; it has: {', '.join(names)}.")
+    refuse_other_joints(robot, names)
+    model = robot.spec().compile()
+    low, high = excitable_limits(*command_limits(model, names, robot.name), names, [POSITION] * len(names))
+    zeros, ticks = np.empty(len(names)), np.empty(len(names))
+    for place, name in enumerate(names):
+        known, motor = calibration[name], bus.motors[name]
+        turn = bus.model_resolution_table[motor.model]
+        span = known.range_max - known.range_min
+        backwards = bool(bus.apply_drive_mode and known.drive_mode) != (name in reverse)
+        slides = model.joint(name).type[0] == mujoco.mjtJoint.mjJNT_SLIDE
+        unit = (high[place] - low[place]) / span if slides else 2 * math.pi / turn
+        ticks[place] = -unit if backwards else unit
+        if motor.norm_mode is MotorNormMode.RANGE_0_100:
+            at, there = (known.range_max if backwards else known.range_min), low[place]
+        else:
+            at = (known.range_min + known.range_max) / 2
+            there = 0.0 if span >= turn - 1 else (low[place] + high[place]) / 2
+        zeros[place] = at - zero.get(name, there) / ticks[place]
+    ends = np.array([[calibration[name].range_min, calibration[name].range_max] for name in names]).T
+    first, last = np.sort((ends - zeros) * ticks, axis=0)
+    return Frame(names, zeros, ticks, np.maximum(low, first), np.minimum(high, last))
+
+
+def refuse_other_joints(robot: Robot, names: Sequence[str]) -> None:
+    """Refuse a model that lacks the joint of a motor.
+
+    Raises:
+        JointMismatch: it does.
+    """
+    missing = [name for name in names if name not in robot.joints]
+    if missing:
+        raise JointMismatch(
+            f"{robot.mjcf.name} has no actuated joint '{missing[0]}'; rename its joints as LeRobot names the motors: "
+            f"{', '.join(names)}."
+        )
+
+
+def full_range(robot: Robot, names: Sequence[str], turn: int, offsets: Sequence[int]) -> dict[str, MotorCalibration]:
+    """Return the calibration that a sweep of every joint through the model's range leaves.
+
+    Args:
+        robot: The model.
+        names: Its joints.
+        turn: Counts of a turn.
+        offsets: Homing offsets of the servos.
+
+    Raises:
+        OptionError: a joint can turn farther than a servo counts.
+    """
+    model = robot.spec().compile()
+    low, high = excitable_limits(*command_limits(model, names, robot.name), names, [POSITION] * len(names))
+    found = {}
+    for place, name in enumerate(names):
+        slides = model.joint(name).type[0] == mujoco.mjtJoint.mjJNT_SLIDE
+        half = turn // 4 if slides else math.floor((high[place] - low[place]) / 2 / (2 * math.pi / turn))
+        middle = (turn - 1) // 2
+        if half > middle:
+            raise OptionError(f"{name} turns farther in the model than a servo can; give it a range below a turn.")
+        found[name] = MotorCalibration(place + 1, 0, offsets[place], middle - half, middle + half)
+    return found

@@ -1,0 +1,18 @@
+"""LeRobot's SO-101 follower arm, in primitive shapes: six Feetech STS3215 servos."""
+
+import math
+
+from nas_data.robots.base import FOLDER, Robot
+
+JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+QUANTUM = 2 * math.pi / 4096  # [rad] a count of the STS3215's encoder, and [rad/s] a unit of its speed
+
+ROBOT = Robot(
+    name="so101_follower",
+    mjcf=FOLDER / "so101_follower.xml",
+    joints=JOINTS,
+    rest=(0.0, -0.8, 0.8, 0.0, 0.0, 0.0),
+    position_quantum=QUANTUM,
+    velocity_quantum=QUANTUM,
+    tip="tip",
+)

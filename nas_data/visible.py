@@ -1,0 +1,18 @@
+"""The files of a folder that are somebody's data: those whose names do not hide them."""
+
+from pathlib import Path
+
+# Systems and tools leave files beside data: `._x` (macOS on foreign disks), `.ipynb_checkpoints`, `.~lock.x#`
+# (LibreOffice), `.nfs…`, `~$x` (Microsoft Office). The shell's `*` passes over most of them, `Path.glob` does not.
+HIDDEN = (".", "~$")
+
+
+def visible(folder: Path, pattern: str = "*") -> list[Path]:
+    """Return what a pattern finds below a folder, sorted, without hidden files and what lies in hidden folders."""
+    found = folder.glob(pattern)
+    return sorted(path for path in found if not any(map(is_hidden, path.relative_to(folder).parts)))
+
+
+def is_hidden(name: str) -> bool:
+    """Whether a name hides its file or folder."""
+    return name.startswith(HIDDEN)

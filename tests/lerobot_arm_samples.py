@@ -1,0 +1,53 @@
+"""Virtual arms that LeRobot drives, for tests: they answer at once, and move with the goals instead of by the clock."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from nas_data.arms.line import open_line
+from nas_data.recorders.lerobot_arm import LeRobotDriver
+from nas_data.recorders.lerobot_frame import frame_of
+from nas_data.recorders.lerobot_robot import Wish, make_robot, virtual_arm
+from nas_data.robots.base import find_robot
+from nas_data.virtual_bus.options import Options
+from nas_data.virtual_bus.process import VirtualBus
+
+ROBOT = find_robot("so101_follower")
+PERIOD = 0.02
+
+
+def wish(folder: Path, kind: str = "so101_follower", **options: str) -> Wish:
+    """Return a robot whose calibration lies in a folder."""
+    return Wish(kind=kind, options={"id": "test", "calibration_dir": str(folder), **options}, model=ROBOT)
+
+
+def arm_of(folder: Path, kind: str = "so101_follower") -> Options:
+    """Calibrate a virtual arm: write LeRobot's file, return what it is started with."""
+    robot = make_robot(wish(folder, kind), "virtual")
+    options = virtual_arm(wish(folder, kind), robot, PERIOD)
+    robot._save_calibration()
+    return options
+
+
+@contextmanager
+def virtual(folder: Path, *faults: str, kind: str = "so101_follower", **changes: object) -> Iterator[VirtualBus]:
+    """Yield a virtual arm in its own process; its calibration lies in the folder."""
+    chosen = {"faults": faults, "honest": False, "lockstep": True, **changes}
+    with VirtualBus(replace(arm_of(folder, kind), **chosen)) as bus:
+        yield bus
+
+
+def driver(folder: Path, port: str, kind: str = "so101_follower", **options: str) -> LeRobotDriver:
+    """Return the driver of such an arm."""
+    robot = make_robot(wish(folder, kind, **options), port)
+    return LeRobotDriver(robot=robot, kind=kind, frame=frame_of(ROBOT, robot.bus, robot.calibration))
+
+
+def torques(known: LeRobotDriver) -> list[int]:
+    """Read the torque of every servo by another program's eyes."""
+    line = open_line(**{key: value for key, value in known.charge().items() if key != "opener"})
+    try:
+        return [line.read(identity, line.table.torque) for identity in line.ids]
+    finally:
+        line.close()

@@ -1,0 +1,127 @@
+"""Datasets as LeRobot's own writer makes them, of a two-joint arm or of an SO-101, in any unit, with cameras."""
+
+import os
+
+os.environ["HF_HUB_OFFLINE"] = "1"  # before anything imports huggingface_hub
+os.environ["HF_DATASETS_DISABLE_PROGRESS_BARS"] = "1"
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+RATE = 50  # [Hz]
+ARM = """<mujoco><compiler angle="radian" autolimits="true"/>
+<option timestep="0.002" integrator="implicitfast"/><worldbody>
+<body pos="0 0 0.5"><joint name="j1" axis="0 1 0" damping="0.05" armature="0.002" range="-2 2"/>
+<geom type="capsule" fromto="0 0 0 0.15 0 0" size="0.01" mass="0.05" contype="0" conaffinity="0"/>
+<body pos="0.15 0 0"><joint name="j2" axis="0 1 0" damping="0.05" armature="0.002" range="-2 2"/>
+<geom type="capsule" fromto="0 0 0 0.1 0 0" size="0.01" mass="0.03" contype="0" conaffinity="0"/>
+</body></body></worldbody>
+<actuator><position joint="j1" kp="2" kv="0.1"/><position joint="j2" kp="2" kv="0.1"/></actuator></mujoco>"""
+JOINTS = ("j1", "j2")
+SO101 = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+
+
+def motions(episodes: int = 3, rows: int = 60) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Positions and commands [rad] of the two-joint arm, (rows, 2) each an episode."""
+    model, rng, found = mujoco.MjModel.from_xml_string(ARM), np.random.default_rng(0), []
+    for _ in range(episodes):
+        data, states, commands, command = mujoco.MjData(model), [], [], np.zeros(2)
+        for row in range(rows):
+            if row % 25 == 5:
+                command = rng.uniform(-1, 1, 2)
+            states.append(data.qpos.copy())
+            commands.append(command.copy())
+            data.ctrl[:] = command
+            mujoco.mj_step(model, data, 10)
+        found.append((np.array(states), np.array(commands)))
+    return found
+
+
+def write_lerobot(
+    root: Path,
+    episodes: list[tuple[np.ndarray, np.ndarray]],
+    joints: tuple[str, ...] = JOINTS,
+    robot: str = "arm2",
+    camera: bool = False,
+    only_video: bool = False,
+) -> Path:
+    """Write a dataset by LeRobot itself; with a camera it has a video, a picture, and a text and a matrix as well."""
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    vector = {"dtype": "float32", "shape": (len(joints),), "names": [f"{joint}.pos" for joint in joints]}
+    features = {"observation.state": vector, "action": dict(vector)}
+    if camera:
+        names = ["height", "width", "channels"]
+        features["observation.images.front"] = {"dtype": "video", "shape": (64, 96, 3), "names": names}
+    if camera and not only_video:
+        features |= {
+            "observation.images.wrist": {"dtype": "image", "shape": (16, 16, 3), "names": names},
+            "language": {"dtype": "string", "shape": (1,), "names": None},
+            "grid": {"dtype": "float32", "shape": (2, 2), "names": None},
+        }
+    target = LeRobotDataset.create(
+        "nas/test", fps=RATE, features=features, root=root, robot_type=robot, use_videos=camera, video_backend="pyav"
+    )
+    for number, (states, commands) in enumerate(episodes):
+        for row, (state, command) in enumerate(zip(states, commands, strict=True)):
+            frame = {"observation.state": state.astype(np.float32), "action": command.astype(np.float32)}
+            if camera:
+                frame |= {key: value for key, value in pictures(row).items() if key in features}
+            target.add_frame({**frame, "task": f"pick {number % 2}"})
+        target.save_episode()
+    target.finalize()
+    return root
+
+
+def pictures(row: int) -> dict[str, object]:
+    """What the cameras see at a row, its text and matrix."""
+    front = np.full((64, 96, 3), 4 * (row % 60), np.uint8)
+    text, grid = f"row {row}", np.full((2, 2), row, np.float32)
+    return {
+        "observation.images.front": front,
+        "observation.images.wrist": front[:16, :16],
+        "language": text,
+        "grid": grid,
+    }
+
+
+def stamp(root: Path, times: Callable[[np.ndarray], np.ndarray]) -> Path:
+    """Replace the time stamps of a dataset, by a function of the frame's number."""
+    for path in sorted((root / "data").glob("*/*.parquet")):
+        table = pq.read_table(path)
+        stamps = pa.array(times(table["frame_index"].to_numpy()).astype(np.float32))
+        pq.write_table(table.set_column(table.schema.get_field_index("timestamp"), "timestamp", stamps), path)
+    return root
+
+
+def write_calibration(path: Path, joints: tuple[str, ...], turned: tuple[str, ...] = ()) -> dict[str, dict[str, int]]:
+    """Write LeRobot's calibration file, every motor with a range of its own."""
+    content = {
+        joint: {
+            "id": index + 1,
+            "drive_mode": int(joint in turned),
+            "homing_offset": 37 * index,
+            "range_min": 700 + 13 * index,
+            "range_max": 3300 + 29 * index,
+        }
+        for index, joint in enumerate(joints)
+    }
+    path.write_text(json.dumps(content))
+    return content
+
+
+def from_ticks(ticks: np.ndarray, motor: dict[str, int], unit: str) -> np.ndarray:
+    """LeRobot's own `_normalize` for a Feetech bus."""
+    low, high = motor["range_min"], motor["range_max"]
+    if unit == "deg":
+        return (ticks - (low + high) / 2) * 360 / 4095
+    share = (np.clip(ticks, low, high) - low) / (high - low)
+    if unit == "range":
+        return (200 * share - 100) * (-1 if motor["drive_mode"] else 1)
+    return 100 - 100 * share if motor["drive_mode"] else 100 * share

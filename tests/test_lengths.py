@@ -1,0 +1,104 @@
+"""A slide's metres stay metres from the map or the model to the tables, and never enter a mean with radians."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from dataset_samples import recorded
+from import_samples import columns_of, map_text, motion, sample_map, write_log
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import ACTION, STATE, position_feature, state_feature
+from nas_data.dataset.transitions import as_transitions
+from nas_data.effects.base import parse
+from nas_data.errors import DatasetInvalid, JointMismatch
+from nas_data.joint_units import table_unit, unit_at
+from nas_data.metrics import Errors, table
+from nas_data.pairing import pair
+from nas_data.recorders.logs import import_logs
+from nas_data.robots.base import find_robot
+from nas_data.simulators.mujoco import MujocoSimulator
+
+ARM = """<mujoco><compiler angle="radian" autolimits="true"/><option timestep="0.002" integrator="implicitfast"/>
+<worldbody><body pos="0 0 .5"><joint name="j" axis="0 1 0" damping=".05" armature=".002"/>
+<geom type="capsule" fromto="0 0 0 .15 0 0" size=".01" mass=".05" contype="0" conaffinity="0"/><body pos=".15 0 0">
+<joint name="g" type="slide" axis="0 1 0" damping="2" armature=".05"/>
+<geom type="box" size=".02 .005 .01" mass=".03" contype="0" conaffinity="0"/></body></body></worldbody>
+<actuator><position joint="j" kp="20" kv=".3"/><position joint="g" kp="200" kv="5"/></actuator></mujoco>"""
+
+
+@pytest.fixture
+def simulator(tmp_path) -> MujocoSimulator:
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM)
+    return MujocoSimulator(find_robot(path), 0.02)
+
+
+def lerobot(units: tuple[str, ...]) -> Dataset:
+    """A recording with LeRobot's keys alone: positions and commands of a hinge and a slide."""
+    whole = recorded(joints=("j", "g"))
+    places = position_feature(("j", "g"))
+    features = {STATE: replace(places, units=units), ACTION: replace(places, units=units)}
+    columns = {STATE: whole.columns[STATE][:, :2], ACTION: whole.columns[ACTION]}
+    return Dataset(features, columns, whole.lengths, 50.0)
+
+
+def test_metres_with_lerobots_keys_are_taken():
+    dataset, _ = as_transitions(lerobot(("rad", "m")))
+    assert dataset.features[STATE] == state_feature(("j", "g"), ("g",))
+    assert dataset.features[STATE].units == ("rad", "m", "rad/s", "m/s")
+    assert dataset.slides == {"g"}
+
+
+def test_millimetres_in_a_dataset_are_answered_with_what_is_known():
+    with pytest.raises(DatasetInvalid, match="joint g is in mm, rad is needed, or m for a slide"):
+        as_transitions(lerobot(("rad", "mm")))
+
+
+@pytest.mark.parametrize("units", [(), ("rad", "rad"), ("rad", "m")])
+def test_where_a_model_is_at_hand_it_tells_slides_from_hinges(simulator, units):
+    paired = pair(as_transitions(lerobot(units))[0], simulator)
+    assert simulator.slides == ("g",)
+    assert all(paired.features[key].units[1] == "m" for key in (STATE, ACTION, "next.observation.sim_state"))
+
+
+def test_metres_of_a_hinge_are_refused(simulator):
+    with pytest.raises(JointMismatch, match="has j in metres, but the model's j is a hinge"):
+        pair(as_transitions(lerobot(("m", "m")))[0], simulator)
+
+
+@pytest.mark.parametrize(("unit", "metres"), [("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)])
+def test_a_map_takes_lengths(tmp_path, unit, metres):
+    wave = motion()
+    wave = wave.edited(position=wave.position / [1, 100 * metres], command=wave.command / [1, 100 * metres])
+    log = write_log(tmp_path / "log.npz", columns_of(wave))
+    extra = f'[read.position.joints.elbow]\nunit = "{unit}"\n[read.command.joints.elbow]\nunit = "{unit}"\n'
+    register = f'column = "dq"\nunit = "rad/s"\n[read.velocity.joints.elbow]\nunit = "{unit}/s"'
+    assert extra in map_text(extra=extra)
+    found = import_logs([log], sample_map(tmp_path, extra=extra, velocity='"derive"', register=register)).dataset
+    assert found.features[STATE].units == ("rad", "m", "rad/s", "m/s")
+    np.testing.assert_allclose(found.states[:, 1], motion().position[:-1, 1] / 100, atol=1e-6)
+
+
+def test_a_table_never_averages_both_kinds():
+    squared = np.array([[np.radians(2.0) ** 2, 0.003**2]])
+    errors = Errors(("j", "g"), squared, np.array([10]), frozenset({"g"}))
+    assert errors.overall == pytest.approx(np.radians(2.0))
+    assert errors.to_json()["overall_slides"] == pytest.approx(0.003)
+    text = table({"source": errors}, "Errors")
+    assert "[deg; g mm]" in text and "hinges" in text and "slides" in text
+    assert [float(word) for word in text.splitlines()[-1].split()[1:]] == [2.0, 3.0, 2.0, 3.0, 2.0]
+    assert table_unit(("g",), ("g",)) == "mm"
+
+
+@pytest.mark.parametrize(
+    ("unit", "there"), [("rad", "m"), ("N·m", "N"), ("N·m·s/rad", "N·s/m"), ("kg·m²", "kg"), ("s", "s"), ("", "")]
+)
+def test_an_effects_unit_is_that_of_its_joint(unit, there):
+    assert unit_at(unit, slide=True) == there and unit_at(unit, slide=False) == unit
+
+
+def test_an_effects_file_says_metres_at_a_slide():
+    effect = parse("backlash:joint=g,half_width=0.002")
+    assert effect.to_json(("g",))["parameters"]["half_width"]["unit"] == "m"
+    assert effect.to_json()["parameters"]["half_width"]["unit"] == "rad"
