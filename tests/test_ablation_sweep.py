@@ -234,6 +234,7 @@ def test_a_result_that_cannot_be_trusted_is_made_again(place, tmp_path):
     assert answers(tmp_path) == before
 
 
+@pytest.mark.slow
 def test_two_workers_give_the_same_results_as_one_and_what_the_second_costs_is_told(place, here):
     command = ("ablate", place.paired, "--counts", "2,4", "--seeds", "0", *BRIEF)
     done(*command, "--out", "one")
