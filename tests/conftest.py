@@ -39,9 +39,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return Path("datasets")
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Place:
-    """Return a place with a dataset, a model and a checkpoint."""
+    """Return a place with a dataset, a model and a checkpoint, which no test changes."""
     return furnish(tmp_path_factory.mktemp("place"))
 
 

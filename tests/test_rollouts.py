@@ -97,7 +97,7 @@ def refused(capsys, *words: str) -> str:
 
 def test_a_policy_fares_on_the_arm_as_in_the_simulation_that_moves_it(capsys):
     reacher = policy("ErgoReacher", (0.3, -0.2, 0.2, 0.1))
-    options = (reacher, "--episodes", "3")
+    options = (reacher, "--episodes", "2")
     simulated = evaluate(capsys, *options, "--on", "source")["groups"][0]["seeds"][0]
     measured = evaluate(capsys, *options, *LOCKSTEP, "--speed", "0")["groups"][0]["seeds"][0]
     assert measured["mean_length"] == pytest.approx(simulated["mean_length"], abs=3)
@@ -113,11 +113,11 @@ def test_rollouts_are_kept_as_a_dataset(capsys, monkeypatch):
 
     monkeypatch.setattr(RobotStepper, "reset", remembering)
     reacher = policy("ErgoReacher", (0.3, -0.2, 0.2, 0.1))
-    answer = evaluate(capsys, reacher, "--episodes", "3", *LOCKSTEP, "--record", "rolled")
+    answer = evaluate(capsys, reacher, "--episodes", "2", *LOCKSTEP, "--record", "rolled")
     root = Path(answer["dataset"])
     dataset, provenance = read(root), read_provenance(root)
     assert verify(root) == []
-    assert dataset.n_episodes == 3
+    assert dataset.n_episodes == 2
     assert dataset.n_frames == answer["steps"] > 100
     assert dataset.commands / TICK == pytest.approx(np.rint(dataset.commands / TICK), abs=1e-3)
     for rows in dataset.episodes():
@@ -161,7 +161,7 @@ def test_an_arm_is_not_led_into_the_floor(capsys, monkeypatch):
     def touching(name: str) -> tuple[int, int]:
         """Roll out, and return how many commands were held back and in how many readings the arm touched something."""
         reacher = policy("ErgoReacher", (1.0, 0.6, 0.0, 0.0))
-        options = ("--episodes", "3", *LOCKSTEP, "--record", name, "--speed", "3")
+        options = ("--episodes", "2", *LOCKSTEP, "--record", name, "--speed", "3")
         answer = evaluate(capsys, reacher, *options)
         reached = read(Path(answer["dataset"])).next_states[:, :6].astype(float)
         assert reached[:, 1].max() > 0.3
