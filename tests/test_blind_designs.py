@@ -103,7 +103,7 @@ def test_the_model_handed_over_follows_its_plant_up_to_its_timestep(number):
     assert (apart < conditions.sensor.noise + ahead).all()
 
 
-@pytest.mark.parametrize("plant", [*INDEPENDENT, "mujoco"])
+@pytest.mark.parametrize("plant", ["numpy", pytest.param("bullet", marks=[pytest.mark.bullet, pytest.mark.slow])])
 def test_a_payload_weighs_where_it_is(plant):
     """A load beside the link turns the joints otherwise than one at its centre of mass; all plants alike."""
     arm, conditions, commands, poses = drawn(4)

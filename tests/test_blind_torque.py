@@ -114,7 +114,7 @@ def test_the_model_handed_over_follows_its_plant_up_to_its_timestep(number):
     assert (np.sqrt(np.square(one - other)[..., :n].mean(axis=(0, 1))) < conditions.sensor.noise + ahead).all()
 
 
-@pytest.mark.parametrize("plant", ["numpy", pytest.param("bullet", marks=pytest.mark.bullet)])
+@pytest.mark.parametrize("plant", ["numpy", pytest.param("bullet", marks=[pytest.mark.bullet, pytest.mark.slow])])
 @pytest.mark.parametrize("effect", TORQUE.inside)
 def test_an_effect_does_to_a_plant_what_ours_does_to_the_model(plant, effect):
     """The change that each hidden effect makes, in a joint that turns and in one that slides."""
@@ -131,7 +131,7 @@ def test_an_effect_does_to_a_plant_what_ours_does_to_the_model(plant, effect):
         assert np.sqrt(np.square((own[1] - own[0]) - (native[1] - native[0])).mean()) < 0.1 * moved
 
 
-@pytest.mark.parametrize("plant", INDEPENDENT)
+@pytest.mark.parametrize("plant", ["numpy", pytest.param("bullet", marks=[pytest.mark.bullet, pytest.mark.slow])])
 def test_motions_stay_in_range_and_torques_within_their_limits(plant):
     case = draw_case("two", plant, 2, 3, setting="torque")
     constants = Constants.of(case.arm.model())

@@ -136,7 +136,13 @@ def test_what_a_hook_expresses_and_what_a_file_does_meet_where_they_are_confused
     assert names(replace_by_rival.apply(search, kept).effects) == [(hidden, "m2")]
 
 
-@pytest.mark.parametrize("hidden", ["deadband:joint={},half_width=0.02", "coulomb_friction:joint={},torque=0.02"])
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        "coulomb_friction:joint={},torque=0.02",
+        pytest.param("deadband:joint={},half_width=0.02", marks=pytest.mark.slow),
+    ],
+)
 def test_what_all_joints_have_alike_is_found_to_be_one_value(hidden: str):
     alike = [hidden.format(joint) for joint in ("j1", "j2", "j3")]
     search = begun(arm(joints=3), *alike)
