@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from safetensors.numpy import save_file
-from xl320_samples import torques, virtual
+from xl320_samples import be_patient, torques, virtual
 
 from nas_data.cli import main
 from nas_data.dataset.features import DONE, ENVIRONMENT, NEXT_ENVIRONMENT, NEXT_STATE, REWARD, STATE, SUCCESS
@@ -50,6 +50,11 @@ JOINTS = ergojr_joints()
 LOCKSTEP = ("--on", "ergojr", "--port", "virtual", "--lockstep")
 DUEL = (*LOCKSTEP, "--defender-port", "virtual")
 UNDER_WAY = Path("datasets/rolled/recording")
+
+
+@pytest.fixture(autouse=True)
+def _patient(monkeypatch) -> None:
+    be_patient(monkeypatch)
 
 
 @pytest.fixture(autouse=True)
