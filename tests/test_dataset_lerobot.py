@@ -219,6 +219,7 @@ def lerobot_program(name, *arguments, folder):
     return subprocess.run(command, capture_output=True, text=True, env=environment, check=False, timeout=240)
 
 
+@pytest.mark.slow
 def test_lerobot_edit_dataset_describes_our_dataset(tmp_path):
     root = write(recorded(), tmp_path / "d", SIMULATED)
     arguments = ["--repo_id", "nas/test", "--root", str(root), "--operation.type", "info"]

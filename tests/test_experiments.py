@@ -154,6 +154,7 @@ def test_the_experiments_share_recordings_and_models(folder):
 
 
 @pytest.mark.bullet
+@pytest.mark.slow
 def test_the_target_may_be_computed_by_another_engine(tmp_path):
     request = tiny(tmp_path, "ErgoReacher", dynamics="source", engine="bullet", methods=("source", "nas"), seeds=(0,))
     found = conduct("figure5", request)
@@ -264,6 +265,7 @@ def test_differences_are_in_units_of_right_angles_and_what_diverged_counts_as_in
 # --- figure 6 and 8
 
 
+@pytest.mark.slow
 def test_figure6_sweeps_nested_subsets_and_says_how_many_are_enough(tmp_path):
     request = tiny(tmp_path, "Pusher", seeds=(0,))
     found = conduct("figure6", request)
@@ -350,6 +352,7 @@ def test_figure6_trains_phi_for_few_trajectories_beside_that_for_many(tmp_path):
         conduct("figure6", replace(request, methods=("expert",)))
 
 
+@pytest.mark.slow
 def test_figure6_where_nothing_is_named_has_the_source(tmp_path, monkeypatch):
     monkeypatch.setattr(counting.workflow, "investigate", named_by(episodes=TINY.counts))
     found = conduct("figure6", tiny(tmp_path, "Pusher", seeds=(0,), counts=(2,), methods=("named", "named_nas", "nas")))
