@@ -257,6 +257,7 @@ def test_a_word_about_one_arm_is_a_word_about_both(monkeypatch):
             assert len(told) == 1, "the other is safe, and its guard was sent home"
 
 
+@pytest.mark.slow
 def test_hits_are_what_the_keyboard_says(capsys, monkeypatch):
     short(monkeypatch, 60)
     os.mkfifo("keys")
