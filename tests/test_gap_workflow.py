@@ -245,5 +245,5 @@ def test_positions_are_not_commanded_to_torque_motors(
     motors = tmp_path / "motors.xml"
     motors.write_text(ARM.replace("<position name", "<motor name"))
     assert main(["gap", str(data), "--model", str(motors), "--out", str(tmp_path / "out")]) == 2
-    assert "commands positions, the model's actuators take torques" in capsys.readouterr().err
+    assert "commands positions of shoulder, the model's actuator takes torques" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
