@@ -42,7 +42,7 @@ def positions(plant: str, arm: Arm, truths: list[Truth], commands: np.ndarray, p
     return find_plant(plant)(arm, truths, commands, poses, PERIOD)[..., : len(arm.joints)]
 
 
-def drawn(number: int, episodes: int = 2) -> tuple[Arm, Conditions, np.ndarray, np.ndarray]:
+def drawn(number: int, episodes: int = 1) -> tuple[Arm, Conditions, np.ndarray, np.ndarray]:
     """Return an arm of the setting `any`, its conditions, and a few commands and poses."""
     setting, identity = any_setting.SETTING, Identity("none", "numpy", number, 5, setting="any")
     arm, conditions = setting.draw(identity)

@@ -1,6 +1,7 @@
 """What several files of tests start from."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import astuple
 from pathlib import Path
 
 import pytest
@@ -38,9 +39,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return Path("datasets")
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Place:
-    """Return a place with a dataset, a model and a checkpoint."""
+    """Return a place with a dataset, a model and a checkpoint, which no test changes."""
     return furnish(tmp_path_factory.mktemp("place"))
 
 
@@ -62,6 +63,15 @@ def one_thread() -> Iterator[None]:
     torch.set_num_threads(1)
     yield
     torch.set_num_threads(before)
+
+
+@pytest.fixture
+def small_ppo(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let commands that train policies learn from rollouts of 256 frames."""
+    from nas_data.policies.learner import Hyperparameters
+
+    small = Hyperparameters(arms=4, rollout=256, minibatches=2, epochs=1)
+    monkeypatch.setattr(Hyperparameters.__init__, "__defaults__", astuple(small))
 
 
 @pytest.fixture(scope="module")

@@ -234,6 +234,7 @@ def test_a_result_that_cannot_be_trusted_is_made_again(place, tmp_path):
     assert answers(tmp_path) == before
 
 
+@pytest.mark.slow
 def test_two_workers_give_the_same_results_as_one_and_what_the_second_costs_is_told(place, here):
     command = ("ablate", place.paired, "--counts", "2,4", "--seeds", "0", *BRIEF)
     done(*command, "--out", "one")
@@ -453,15 +454,15 @@ def test_a_sweep_of_every_kind_on_the_sample_ends_in_table_figure_and_sentence(h
     write_effects(Path("gap"), [parse(text) for text in texts], {"m2.damping": 1.1})
     kinds = "delta,forward,named,named_delta"
     answer = done(
-        "ablate", "arm", "--kinds", kinds, "--effects", "gap", "--counts", "2,4", "--seeds", "0,1", "--out", "run",
+        "ablate", "arm", "--kinds", kinds, "--effects", "gap", "--counts", "2,4", "--seeds", "0", "--out", "run",
         "--quick", *BRIEF,
     )  # fmt: skip
     for word in ("source + φ", "ψ", "named", "named + φ", "source", "hold", "command", "Smallest amount of data"):
         assert word in answer.out
-    assert "16 of 16" in answer.err and "left" in answer.err
+    assert "8 of 8" in answer.err and "left" in answer.err
     content = json.loads(Path("run/ablation.json").read_text())
     assert list(content["kinds"]) == kinds.split(",")
-    assert content["seeds"] == [0, 1] and content["sweep"]["option hidden"] == 8
+    assert content["seeds"] == [0] and content["sweep"]["option hidden"] == 8
     named = [cell["open_loop"]["values"] for cell in content["kinds"]["named"]]
     assert named[0] == named[1], "given effects do not depend on the subset"
     assert named[0] != content["baselines"]["source"]["open_loop"]["values"]

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,9 +26,10 @@ def tree(folder: Path) -> dict[str, bytes | None]:
     return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in found}
 
 
-def spoilt(place: Place, here: Path) -> None:
-    """Make the wrong things that bad input names, beside the folder in which the program runs."""
-    aside = here.parent
+@pytest.fixture(scope="module")
+def spoilt(place: Place, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the wrong things that bad input names."""
+    aside = tmp_path_factory.mktemp("spoilt")
     half = write(read(place.paired), aside / "half", SIMULATED)
     file = data_files(half)[0]
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
@@ -53,6 +55,7 @@ def spoilt(place: Place, here: Path) -> None:
     still = recorded_on(pendulum(), wander((1, 1)))
     write(still, aside / "blink", SIMULATED)
     write(replace(still, fps=200.0), aside / "quick", SIMULATED)
+    return aside
 
 
 BAD = {
@@ -122,9 +125,9 @@ BAD = {
 
 @pytest.mark.parametrize("case", BAD)
 @pytest.mark.parametrize("as_json", [False, True], ids=["text", "json"])
-def test_bad_input_costs_one_sentence_and_writes_nothing(place, here, capfd, case, as_json):
+def test_bad_input_costs_one_sentence_and_writes_nothing(place, spoilt, here, capfd, case, as_json):
     words, named = BAD[case]
-    spoilt(place, here)
+    shutil.copytree(spoilt, here.parent, symlinks=True, dirs_exist_ok=True)
     known = {"RAW": place.raw, "PAIRED": place.paired, "PHI": place.phi, "PSI": place.psi}
     before = tree(here.parent), tree(place.root)
     capfd.readouterr()

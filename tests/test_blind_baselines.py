@@ -1,6 +1,7 @@
 """Baselines of the blind benchmark: each answers a case in its form and predicts what it was not given."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,10 +20,16 @@ from nas_data.blind.write import ANSWER, DATASET, NOMINAL, write_case
 from nas_data.dataset.layout import read_json
 
 
-@pytest.fixture
-def weak_servo(monkeypatch, tmp_path):
+@pytest.fixture(scope="module")
+def weak_servo(tmp_path_factory):
     """Return the folder of a case in which the servo of m3 has half its gain, and nothing else is off."""
-    shorten(monkeypatch)
+    with pytest.MonkeyPatch.context() as patch:
+        shorten(patch)
+        return written_case(tmp_path_factory.mktemp("weak"))
+
+
+def written_case(folder: Path) -> Path:
+    """Write a case with a weak servo into a folder; return where."""
     arm = arms()[0]
     commands, poses = steps(4, 1.0)
     truth = Truth(Base.nominal(6), (Hidden("servo_stiffness", "m3", {"factor": 0.5}),))
@@ -30,8 +37,8 @@ def weak_servo(monkeypatch, tmp_path):
     episodes = Episodes(commands, poses, true, SENSOR.positions(true, np.random.default_rng(0)))
     case = draw_case("none", "numpy", 0, 0)
     write_case(replace(case, arm=arm, truth=truth, recorded=episodes, fresh=episodes, marks=(9.0,),
-                       marked_joints=("m3",)), tmp_path / "case")  # fmt: skip
-    return tmp_path / "case"
+                       marked_joints=("m3",)), folder / "case")  # fmt: skip
+    return folder / "case"
 
 
 def test_every_baseline_can_be_found_by_its_name():

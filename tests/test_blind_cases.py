@@ -26,7 +26,8 @@ def _short(monkeypatch):
 
 
 def test_the_same_name_gives_the_same_case():
-    one, other = (draw_case("two", "numpy", 3, 7) for _ in range(2))
+    identity = {"family": "one", "plant": "numpy", "number": 0, "seed": 0}
+    one, other = shortened(**identity), draw_case(**identity)
     assert one.answer() == other.answer()
     np.testing.assert_array_equal(one.recorded.readings, other.recorded.readings)
     np.testing.assert_array_equal(one.fresh.readings, other.fresh.readings)
@@ -38,7 +39,10 @@ def test_another_number_seed_or_plant_gives_another_case():
     assert len(set(draws)) == len(names)
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize(
+    "family",
+    [pytest.param(name, marks=pytest.mark.slow if name in {"none", "two", EVERY} else ()) for name in FAMILIES],
+)
 def test_each_family_hides_as_many_visible_effects_as_it_says(family):
     case = shortened(family=family, plant="numpy", number=0, seed=0)
     kinds = OUTSIDE if family == "outside" else INSIDE
@@ -70,9 +74,10 @@ def test_every_joint_lacks_the_same_effect_in_about_the_same_size(setting):
     assert effects == set(EVERYWHERE) & set(sort.inside)
 
 
+@pytest.mark.slow
 def test_faint_cases_may_hide_less(monkeypatch):
-    marks = [draw_case("one", "numpy", number, 0, faint=True).marks[0] for number in range(3)]
-    assert min(marks) >= 0.3
+    (mark,) = draw_case("one", "numpy", 0, 0, faint=True).marks
+    assert mark >= 0.3
 
 
 def test_a_written_case_is_a_sound_dataset(tmp_path):

@@ -1,5 +1,7 @@
 """Other arms than the Ergo Jr: as different as users' are, well designed, and the same on every plant."""
 
+from functools import cache
+
 import mujoco
 import numpy as np
 import pytest
@@ -68,13 +70,20 @@ def test_whatever_hides_in_other_arms_is_an_effect_of_the_contract(number):
             assert not made.is_neutral
 
 
+@cache
+def moved(number: int) -> np.ndarray:
+    """Return positions (1, T + 1, n) of a nominal drawn arm in MuJoCo."""
+    arm, conditions, commands, poses = drawn(number)
+    return reference(arm, commands, poses, conditions.period, conditions.settle)
+
+
 @pytest.mark.parametrize("plant", INDEPENDENT)
-@pytest.mark.parametrize("number", ARMS)
+@pytest.mark.parametrize("number", [ARMS[0], *(pytest.param(number, marks=pytest.mark.slow) for number in ARMS[1:])])
 def test_without_effects_a_plant_follows_mujoco_within_the_noise(plant, number):
     arm, conditions, commands, poses = drawn(number)
     n = len(arm.joints)
     played = find_plant(plant)(arm, [Truth(Base.nominal(n))], commands, poses, conditions.period, conditions.settle)[0]
-    true = reference(arm, commands, poses, conditions.period, conditions.settle)
+    true = moved(number)
     assert np.abs(played[:, 0, :n] - true[:, 0]).max() < conditions.sensor.noise
     assert np.sqrt(np.square(played[..., :n] - true).mean(axis=(0, 1))).max() < conditions.sensor.noise
     speeds = np.gradient(true, conditions.period, axis=1)[:, 1:-1]
@@ -94,7 +103,7 @@ def test_the_model_handed_over_follows_its_plant_up_to_its_timestep(number):
     assert (apart < conditions.sensor.noise + ahead).all()
 
 
-@pytest.mark.parametrize("plant", [*INDEPENDENT, "mujoco"])
+@pytest.mark.parametrize("plant", ["numpy", pytest.param("bullet", marks=[pytest.mark.bullet, pytest.mark.slow])])
 def test_a_payload_weighs_where_it_is(plant):
     """A load beside the link turns the joints otherwise than one at its centre of mass; all plants alike."""
     arm, conditions, commands, poses = drawn(4)

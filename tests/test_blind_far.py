@@ -42,6 +42,7 @@ def test_only_the_gains_are_far_off_and_by_one_factor():
     assert EXCESS[0] <= min(factors) < 6 and 25 < max(factors) <= EXCESS[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", INDEPENDENT)
 def test_with_its_answer_a_plant_moves_as_the_arm_with_the_true_servos(plant):
     arm, conditions = FAR.draw(named(7))
@@ -54,7 +55,8 @@ def test_with_its_answer_a_plant_moves_as_the_arm_with_the_true_servos(plant):
     assert np.abs(one - other)[..., : len(arm.joints)].max() < conditions.sensor.noise
 
 
-@pytest.mark.parametrize("family", ["none", pytest.param("one", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("family", ["none", "one"])
 def test_families_hide_their_effects_beside_the_gains(family):
     case = draw_case(family, "numpy", 0, 3, setting="far")
     hidden, joints = case.truth.hidden, case.arm.joints

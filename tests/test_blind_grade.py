@@ -128,7 +128,7 @@ def small(monkeypatch):
 
 
 def test_who_knows_everything_is_right_and_leaves_little(small, tmp_path):
-    plan = Plan(("one", "two"), ("numpy",), 2, 4)
+    plan = Plan(("one", "two"), ("numpy",), 1, 4)
     records = run(plan, tmp_path, know_everything, lambda line: None)
     assert all(record["exact"] for record in records), records
     for record in records:

@@ -24,12 +24,12 @@ from nas_data.errors import UnknownName
 # of `fingerprint`, computed before there were settings
 BEFORE = [
     (("none", "numpy", 0, 11), "ed6a2e6bfa971089"),
-    (("one", "numpy", 1, 11), "5ce12b0927f20eb7"),
     (("none", "mujoco", 2, 11), "d6a7f43edfc1f7da"),  # what is hidden there is ours, and may become more exact
-    (("two", "numpy", 2, 11), "2922a59b9ea72931"),
-    (("three", "numpy", 0, 11), "3bfcaa65c35fd586"),
-    (("outside", "numpy", 3, 11), "0698bd6e65eb2201"),
-    pytest.param(("one", "bullet", 0, 11), "7140c84926ada8b3", marks=pytest.mark.bullet),
+    pytest.param(("one", "numpy", 1, 11), "5ce12b0927f20eb7", marks=pytest.mark.slow),
+    pytest.param(("two", "numpy", 2, 11), "2922a59b9ea72931", marks=pytest.mark.slow),
+    pytest.param(("three", "numpy", 0, 11), "3bfcaa65c35fd586", marks=pytest.mark.slow),
+    pytest.param(("outside", "numpy", 3, 11), "0698bd6e65eb2201", marks=pytest.mark.slow),
+    pytest.param(("one", "bullet", 0, 11), "7140c84926ada8b3", marks=[pytest.mark.bullet, pytest.mark.slow]),
 ]
 
 
@@ -79,9 +79,8 @@ def test_other_cases_have_names_of_their_own():
     assert names == {"any-one-numpy-0-0000", "one-numpy-0-0000"}
 
 
-@pytest.mark.parametrize(
-    "family", ["none", *(pytest.param(name, marks=pytest.mark.slow) for name in ("one", "two", "three", "outside"))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("family", ["none", "one", "two", "three", "outside"])
 def test_other_cases_hide_what_can_be_seen_and_is_not_huge(family, tmp_path):
     case = draw_case(family, "numpy", 1, 3, setting="any")
     assert all(4 <= mark <= 60 for mark in case.marks)
@@ -113,7 +112,7 @@ def test_measured_speeds_are_handed_over_and_others_differenced(tmp_path):
 @pytest.mark.parametrize(
     "plant",
     [
-        pytest.param("bullet", marks=pytest.mark.bullet),
+        pytest.param("bullet", marks=[pytest.mark.bullet, pytest.mark.slow]),
         pytest.param("numpy", marks=pytest.mark.slow),
         pytest.param("mujoco", marks=pytest.mark.slow),
     ],
@@ -129,7 +128,7 @@ def test_who_knows_everything_is_right_about_other_arms_too(plant, tmp_path):
     assert run(plan, tmp_path, know_everything, said.append) == records and len(said) == 1
 
 
-def test_poor_data_are_five_slow_episodes_of_one_sort(tmp_path):
+def test_poor_data_are_five_slow_episodes_of_one_sort():
     signals = set()
     for number in range(20):
         identity = Identity("none", "numpy", number, 3, setting="poor")
@@ -137,6 +136,10 @@ def test_poor_data_are_five_slow_episodes_of_one_sort(tmp_path):
         assert conditions.rate == 20 and conditions.episodes == 5
         signals.add(conditions.signal)
     assert signals == set(SIGNALS) - {MIXTURE}
+
+
+@pytest.mark.slow
+def test_a_case_of_poor_data_is_a_sound_dataset(tmp_path):
     case = draw_case("none", "numpy", 0, 3, setting="poor")
     write_case(case, tmp_path / "case")
     assert verify(tmp_path / "case" / DATASET) == []
@@ -146,7 +149,7 @@ def test_poor_data_are_five_slow_episodes_of_one_sort(tmp_path):
 @pytest.mark.parametrize(
     ("family", "setting"),
     [
-        ("one", "poor"),
+        pytest.param("one", "poor", marks=pytest.mark.slow),
         ("every", "xl320"),
         pytest.param("every", "any", marks=pytest.mark.slow),
         pytest.param("every", "torque", marks=pytest.mark.slow),

@@ -1,5 +1,7 @@
 """Machines under commanded torques: episodes cut from motions under way, true to MuJoCo on every plant."""
 
+from functools import cache
+
 import mujoco
 import numpy as np
 import pytest
@@ -39,9 +41,11 @@ def play(plant: str, arm: Arm, truths: list[Truth], tape: Tape, period: float) -
     return find_plant(plant)(arm, truths, tape.commands, tape.poses, period, 0.0, tape.start_speeds)
 
 
-def reference(arm: Arm, tape: Tape, period: float) -> np.ndarray:
-    """Return positions (E, T + 1, n) of the nominal machine in MuJoCo at a fine timestep."""
-    spec = arm.spec()
+@cache
+def reference(number: int, episodes: int) -> np.ndarray:
+    """Return positions (episodes, T + 1, n) of a nominal machine in MuJoCo at a fine timestep."""
+    arm, conditions, tape = followed(number)
+    spec, period, tape = arm.spec(), conditions.period, tape[:episodes]
     spec.option.timestep = FINE
     for joint in spec.joints:
         joint.solref_friction = [2 * FINE, 1]
@@ -91,9 +95,9 @@ def test_rigid_body_dynamics_with_slides_equal_mujocos(number):
 @pytest.mark.parametrize("number", MACHINES)
 def test_without_effects_a_plant_follows_mujoco_within_the_noise(plant, number):
     arm, conditions, tape = followed(number)
-    n, few = len(arm.joints), tape[:3]
+    n, few = len(arm.joints), tape[:1]
     played = play(plant, arm, [Truth(Base.nominal(n))], few, conditions.period)[0]
-    true = reference(arm, few, conditions.period)
+    true = reference(number, len(few.poses))
     assert np.abs(played[:, 0] - np.concatenate([few.poses, few.start_speeds], axis=1)).max() < 1e-12
     assert np.sqrt(np.square(played[..., :n] - true).mean(axis=(0, 1))).max() < conditions.sensor.noise
     speeds = np.gradient(true, conditions.period, axis=1)[:, 1:-1]
@@ -110,7 +114,7 @@ def test_the_model_handed_over_follows_its_plant_up_to_its_timestep(number):
     assert (np.sqrt(np.square(one - other)[..., :n].mean(axis=(0, 1))) < conditions.sensor.noise + ahead).all()
 
 
-@pytest.mark.parametrize("plant", ["numpy", pytest.param("bullet", marks=pytest.mark.bullet)])
+@pytest.mark.parametrize("plant", ["numpy", pytest.param("bullet", marks=[pytest.mark.bullet, pytest.mark.slow])])
 @pytest.mark.parametrize("effect", TORQUE.inside)
 def test_an_effect_does_to_a_plant_what_ours_does_to_the_model(plant, effect):
     """The change that each hidden effect makes, in a joint that turns and in one that slides."""
@@ -127,7 +131,7 @@ def test_an_effect_does_to_a_plant_what_ours_does_to_the_model(plant, effect):
         assert np.sqrt(np.square((own[1] - own[0]) - (native[1] - native[0])).mean()) < 0.1 * moved
 
 
-@pytest.mark.parametrize("plant", INDEPENDENT)
+@pytest.mark.parametrize("plant", ["numpy", pytest.param("bullet", marks=[pytest.mark.bullet, pytest.mark.slow])])
 def test_motions_stay_in_range_and_torques_within_their_limits(plant):
     case = draw_case("two", plant, 2, 3, setting="torque")
     constants = Constants.of(case.arm.model())
@@ -153,8 +157,12 @@ def test_pieces_go_on_where_the_one_before_ended_and_fresh_ones_begin_in_motion(
 
 
 def test_a_dataset_has_torques_and_speeds_measured_or_estimated(tmp_path):
+    sorts = {}
+    for number in range(12):
+        _, conditions = TORQUE.draw(Identity("none", "numpy", number, 3, setting="torque"))
+        sorts.setdefault(conditions.sensor.speed_noise is None, number)
     estimated = set()
-    for number in range(4):
+    for number in sorts.values():
         case = draw_case("none", "numpy", number, 3, setting="torque")
         write_case(case, tmp_path / str(number))
         assert verify(tmp_path / str(number) / DATASET) == []
@@ -167,9 +175,16 @@ def test_a_dataset_has_torques_and_speeds_measured_or_estimated(tmp_path):
     assert estimated == {True, False}
 
 
-@pytest.mark.parametrize("plant", [*INDEPENDENT, pytest.param("mujoco", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "plant",
+    [
+        "numpy",
+        pytest.param("bullet", marks=[pytest.mark.bullet, pytest.mark.slow]),
+        pytest.param("mujoco", marks=pytest.mark.slow),
+    ],
+)
 def test_who_knows_everything_is_right_about_machines_too(plant, tmp_path):
-    plan = Plan(("two",), (plant,), 2, 4, setting="torque")
+    plan = Plan(("two",), (plant,), 1, 4, setting="torque")
     for record in run(plan, tmp_path, know_everything, lambda line: None):
         assert record["exact"] and record["verdict_right"], record
         fresh = record["fresh"]

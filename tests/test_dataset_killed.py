@@ -102,7 +102,10 @@ def unchanged(root):
     return {path: path.read_bytes() for path in root.rglob("*") if path.is_file()}
 
 
-@pytest.mark.parametrize(("count", "end"), [(12, KILL), (5, EXIT), (5, MIDWAY + KILL)])
+@pytest.mark.parametrize(
+    ("count", "end"),
+    [pytest.param(12, KILL, marks=pytest.mark.slow), pytest.param(5, EXIT, marks=pytest.mark.slow), (5, MIDWAY + KILL)],
+)
 def test_every_episode_that_a_killed_lerobot_had_saved_is_rescued(folder, count, end, capsys):
     root = killed(folder / "rec", BEGIN, episodes(0, count), end)
     before = unchanged(root)

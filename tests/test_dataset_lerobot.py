@@ -219,6 +219,7 @@ def lerobot_program(name, *arguments, folder):
     return subprocess.run(command, capture_output=True, text=True, env=environment, check=False, timeout=240)
 
 
+@pytest.mark.slow
 def test_lerobot_edit_dataset_describes_our_dataset(tmp_path):
     root = write(recorded(), tmp_path / "d", SIMULATED)
     arguments = ["--repo_id", "nas/test", "--root", str(root), "--operation.type", "info"]
@@ -227,6 +228,7 @@ def test_lerobot_edit_dataset_describes_our_dataset(tmp_path):
     assert "17" in run.stdout + run.stderr
 
 
+@pytest.mark.slow
 def test_lerobot_dataset_viz_saves_our_dataset(tmp_path):
     if importlib.util.find_spec("rerun") is None:
         pytest.skip("rerun is not installed (on LeRobot 0.6 it comes with the extra viz)")

@@ -37,7 +37,13 @@ def test_both_checkers_pass_on_every_registered_environment_without_a_warning(ta
         check_stable_baselines(env)
 
 
-@pytest.mark.parametrize(("task", "dynamics"), EVERY)
+@pytest.mark.parametrize(
+    ("task", "dynamics"),
+    [
+        pytest.param(*pair, marks=pytest.mark.slow if find_task(pair[0]).horizon > 100 and pair[1] != "source" else ())
+        for pair in EVERY
+    ],
+)
 def test_many_arms_live_through_the_same_episodes_as_one(task, dynamics):
     many, seed = 3, 5
     steps = 230 if find_task(task).horizon <= 100 else 1030  # more than two episodes, or one and the next one's start

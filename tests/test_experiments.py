@@ -154,6 +154,7 @@ def test_the_experiments_share_recordings_and_models(folder):
 
 
 @pytest.mark.bullet
+@pytest.mark.slow
 def test_the_target_may_be_computed_by_another_engine(tmp_path):
     request = tiny(tmp_path, "ErgoReacher", dynamics="source", engine="bullet", methods=("source", "nas"), seeds=(0,))
     found = conduct("figure5", request)
@@ -188,7 +189,7 @@ def test_named_methods_learn_in_what_was_named(tmp_path, monkeypatch, effects):
     assert "has nothing to learn" not in found.text
 
 
-@pytest.mark.parametrize("verdict", ["explained", "retuned"])
+@pytest.mark.parametrize("verdict", ["explained", pytest.param("retuned", marks=pytest.mark.slow)])
 def test_where_the_names_explain_all_phi_is_left_out_and_no_policy_trained_twice(tmp_path, monkeypatch, verdict):
     effect = "coulomb_friction:joint=j1,torque=0.8"
     named = named_by(effect, episodes=(TINY.named, 2), verdict=verdict)
@@ -264,6 +265,7 @@ def test_differences_are_in_units_of_right_angles_and_what_diverged_counts_as_in
 # --- figure 6 and 8
 
 
+@pytest.mark.slow
 def test_figure6_sweeps_nested_subsets_and_says_how_many_are_enough(tmp_path):
     request = tiny(tmp_path, "Pusher", seeds=(0,))
     found = conduct("figure6", request)
@@ -278,6 +280,7 @@ def test_figure6_sweeps_nested_subsets_and_says_how_many_are_enough(tmp_path):
     assert again.data["runs"] == found.data["runs"]
 
 
+@pytest.mark.slow
 def test_counts_added_to_figure6_are_subsets_of_the_same_recording(tmp_path):
     few = conduct("figure6", tiny(tmp_path, "Pusher", seeds=(0,), counts=(2,)))
     learned = tmp_path / "tiny/Pusher-backlash" / f"counts{max(TINY.counts)}/sweep/2/seed0"
@@ -349,6 +352,7 @@ def test_figure6_trains_phi_for_few_trajectories_beside_that_for_many(tmp_path):
         conduct("figure6", replace(request, methods=("expert",)))
 
 
+@pytest.mark.slow
 def test_figure6_where_nothing_is_named_has_the_source(tmp_path, monkeypatch):
     monkeypatch.setattr(counting.workflow, "investigate", named_by(episodes=TINY.counts))
     found = conduct("figure6", tiny(tmp_path, "Pusher", seeds=(0,), counts=(2,), methods=("named", "named_nas", "nas")))
@@ -388,8 +392,13 @@ def test_figure8_counts_hits_and_draws_a_response(tmp_path):
     [
         ("figure4", "", ()),
         ("figure5", "-methods-expert-source-seeds-0", ("--methods", "expert", "source", "--seeds", "0")),
-        ("figure6", "-seeds-0-counts-2-frames-128", ("--counts", "2", "--seeds", "0", "--frames", "128")),
-        ("table1", "", ("--env", "Pusher")),
+        pytest.param(
+            "figure6",
+            "-seeds-0-counts-2-frames-128",
+            ("--counts", "2", "--seeds", "0", "--frames", "128"),
+            marks=pytest.mark.slow,
+        ),
+        pytest.param("table1", "", ("--env", "Pusher"), marks=pytest.mark.slow),
     ],
 )
 def test_each_command_makes_its_experiment(tmp_path, monkeypatch, name, end, options):
@@ -431,6 +440,7 @@ def test_material_of_other_sizes_is_left_alone(folder):
     assert times(folder / "tiny") == before
 
 
+@pytest.mark.slow
 def test_what_one_model_lost_is_made_again_and_the_other_kept(folder, tmp_path):
     conduct("figure4", tiny(tmp_path, "ErgoReacher"))
     place = tmp_path / "tiny/ErgoReacher-backlash/material"

@@ -263,9 +263,14 @@ def test_the_minimum_within_bounds_is_the_minimum():
     ("truth", "start", "name"),
     [
         ("backlash:joint=m3,half_width=0.03", "backlash:joint=m3,half_width=0.012", "half_width"),
-        ("command_delay:delay=0.04", "command_delay:delay=0.02", "delay"),
-        ("joint_offset:joint=m5,offset=-0.05", "joint_offset:joint=m5,offset=0.01", "offset"),
-        ("torque_limit:joint=m2,torque=0.08", "torque_limit:joint=m2,torque=0.13", "torque"),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in (
+                ("command_delay:delay=0.04", "command_delay:delay=0.02", "delay"),
+                ("joint_offset:joint=m5,offset=-0.05", "joint_offset:joint=m5,offset=0.01", "offset"),
+                ("torque_limit:joint=m2,torque=0.08", "torque_limit:joint=m2,torque=0.13", "torque"),
+            )
+        ),
     ],
 )
 def test_a_fit_recovers_effect_and_base(truth: str, start: str, name: str):

@@ -5,6 +5,7 @@ import pytest
 from command_samples import done
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from test_gap_workflow import ARM
 
 from nas_data.command_file import check_limits, read_commands
 from nas_data.dataset.read import read
@@ -20,10 +21,10 @@ from nas_data.gap.experiments.rivalry import as_evidence, concerned_joints, sepa
 from nas_data.gap.experiments.room import SPEED, Room, moves
 from nas_data.gap.nominal import Nominal
 
-JOINTS = ("m1", "m2", "m3", "m4", "m5", "m6")
-PLAY = Rival((Backlash(joint="m3", half_width=0.02),), {"m3.gain": 1.05})
-FRICTION = Rival((CoulombFriction(joint="m3", torque=0.004),), {"m3.gain": 0.97, "m5.damping": 1.1})
-FLOOR = np.full(6, np.radians(0.29) / np.sqrt(12))
+JOINTS = ("shoulder", "elbow")
+PLAY = Rival((Backlash(joint="elbow", half_width=0.02),), {"elbow.gain": 1.05})
+FRICTION = Rival((CoulombFriction(joint="elbow", torque=0.004),), {"elbow.gain": 0.97, "shoulder.damping": 1.1})
+FLOOR = np.full(2, np.radians(0.29) / np.sqrt(12))
 
 HINGE = """
 <mujoco>
@@ -48,25 +49,29 @@ def nothing(joints, period):
 
 
 @pytest.fixture(scope="module")
-def ergojr():
-    return nominal_of("ergojr", JOINTS)
+def arm(tmp_path_factory):
+    path = tmp_path_factory.mktemp("arm") / "arm.xml"
+    path.write_text(ARM)
+    return nominal_of(path, JOINTS)
 
 
 @pytest.fixture(scope="module")
-def experiment(ergojr):
-    return next_experiment(ergojr, (PLAY, FRICTION), FLOOR, seed=3)
+def experiment(arm):
+    return next_experiment(arm, (PLAY, FRICTION), FLOOR, seed=3)
 
 
 def test_the_file_is_played_by_the_recorder(experiment, tmp_path):
     write(experiment, tmp_path / "next.csv")
-    done("record", "sim", "--commands", tmp_path / "next.csv", "--out", tmp_path / "recorded")
+    (tmp_path / "arm.xml").write_text(ARM)
+    options = ("--robot", tmp_path / "arm.xml", "--rate", "100", "--commands", tmp_path / "next.csv")
+    done("record", "sim", *options, "--out", tmp_path / "recorded")
     recorded = read(tmp_path / "recorded")
     np.testing.assert_allclose(recorded.commands, experiment.commands, atol=1e-6)
     assert recorded.fps == pytest.approx(1 / experiment.period)
 
 
-def test_every_experiment_starts_at_rest_slowly_and_stays_within_limits(ergojr, experiment, tmp_path):
-    room = Room.of(ergojr)
+def test_every_experiment_starts_at_rest_slowly_and_stays_within_limits(arm, experiment, tmp_path):
+    room = Room.of(arm)
     for row in experiment.table:
         commands = row.trial.commands
         check_limits(tmp_path, experiment.names, [commands], room.low, room.high)
@@ -76,10 +81,10 @@ def test_every_experiment_starts_at_rest_slowly_and_stays_within_limits(ergojr, 
         assert 10 <= row.seconds <= 20
 
 
-def test_the_chosen_experiment_separates_the_rivals_at_least_as_well_as_every_other(ergojr, experiment):
+def test_the_chosen_experiment_separates_the_rivals_at_least_as_well_as_every_other(arm, experiment):
     commands = [row.trial.commands for row in experiment.table]
-    evidence = as_evidence(ergojr, commands, Room.of(ergojr).pose)
-    again = separations(ergojr, (PLAY, FRICTION), evidence, FLOOR, ("m3",)).max(axis=1)
+    evidence = as_evidence(arm, commands, Room.of(arm).pose)
+    again = separations(arm, (PLAY, FRICTION), evidence, FLOOR, ("elbow",)).max(axis=1)
     np.testing.assert_allclose(again, [row.separation for row in experiment.table], rtol=1e-6)
     assert again.argmax() == 0
     np.testing.assert_array_equal(commands[0], experiment.commands)
@@ -94,35 +99,36 @@ def test_the_sentence_names_the_experiment_and_both_rivals(experiment):
     assert f"{best.separation:.1f} times the noise" in experiment.text
 
 
-def test_a_rival_that_follows_differs_less_than_one_that_does_not(ergojr, experiment):
-    chosen = as_evidence(ergojr, [experiment.commands], Room.of(ergojr).pose)
-    one, two = (ergojr.predict(chosen, rival.effects, rival.factors) for rival in (PLAY, FRICTION))
-    fixed = float(np.sqrt(((one - two)[..., 2] ** 2).mean()) / FLOOR[2])
+def test_a_rival_that_follows_differs_less_than_one_that_does_not(arm, experiment):
+    chosen = as_evidence(arm, [experiment.commands], Room.of(arm).pose)
+    one, two = (arm.predict(chosen, rival.effects, rival.factors) for rival in (PLAY, FRICTION))
+    fixed = float(np.sqrt(((one - two)[..., 1] ** 2).mean()) / FLOOR[1])
     assert experiment.table[0].separation < fixed
 
 
-def test_rivals_that_are_the_same_are_said_to_be_inseparable(ergojr, experiment):
-    chosen = as_evidence(ergojr, [experiment.commands], Room.of(ergojr).pose)
-    apart = separations(ergojr, (PLAY, PLAY), chosen, FLOOR, ("m3",))
+def test_rivals_that_are_the_same_are_said_to_be_inseparable(arm, experiment):
+    chosen = as_evidence(arm, [experiment.commands], Room.of(arm).pose)
+    apart = separations(arm, (PLAY, PLAY), chosen, FLOOR, ("elbow",))
     assert apart.max() < 0.5
-    worst = experiment.table[0].__class__(experiment.table[0].trial, float(apart.max()), "m3", 12.0)
+    worst = experiment.table[0].__class__(experiment.table[0].trial, float(apart.max()), "elbow", 12.0)
     assert sentence(worst, (PLAY, FRICTION), JOINTS).startswith("nothing tried separates backlash from")
 
 
 def test_rivals_of_one_name_are_told_apart_by_their_joints(experiment):
-    other = Rival((Backlash(joint="m4", half_width=0.02),), {})
+    other = Rival((Backlash(joint="shoulder", half_width=0.02),), {})
     text = sentence(experiment.table[0], (PLAY, other), JOINTS)
-    assert "separates backlash in m3 from backlash in m4" in text
-    assert concerned_joints((PLAY, other), JOINTS) == ("m3", "m4")
+    assert "separates backlash in elbow from backlash in shoulder" in text
+    assert concerned_joints((PLAY, other), JOINTS) == JOINTS
 
 
 def test_an_effect_of_the_whole_arm_concerns_every_joint():
-    arm = Rival((Payload(joint=None, mass=0.02), *PLAY.effects), {})
-    assert concerned_joints((PLAY, arm), JOINTS) == JOINTS
-    assert concerned_joints((PLAY, FRICTION), JOINTS) == ("m3",)
+    loaded = Rival((Payload(joint=None, mass=0.02), *PLAY.effects), {})
+    assert concerned_joints((PLAY, loaded), JOINTS) == JOINTS
+    assert concerned_joints((PLAY, FRICTION), JOINTS) == ("elbow",)
 
 
-def test_an_experiment_that_hits_the_floor_is_seen_to(ergojr):
+def test_an_experiment_that_hits_the_floor_is_seen_to():
+    ergojr = nominal_of("ergojr", ("m1", "m2", "m3", "m4", "m5", "m6"))
     room = Room.of(ergojr)
     down = room.ramp(room.pose, np.array([0.0, -1.5, -1.5, 0.0, -1.5, 0.0]), 1.0)
     up = room.ramp(room.pose, np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0]), 1.0)

@@ -29,6 +29,7 @@ RATE = 100.0  # [Hz]
 QUANTUM = np.radians(0.29)  # [rad] XL-320
 EPISODES = 20
 STEPS = 200
+PLAY_AND_DELAY = ("backlash:joint=m3,half_width=0.05", "command_delay:delay=0.03")
 
 
 def jumps(episodes: int = EPISODES, joints: int = 6) -> list[np.ndarray]:
@@ -92,8 +93,15 @@ def test_a_model_has_no_gap_on_its_own_recording():
     assert "nowhere in particular" in found.text()
 
 
-@pytest.mark.parametrize("rows", [STEPS, STEPS // 4], ids=["whole", "cut in motion"])
-@pytest.mark.parametrize("effects", [(), ("backlash:joint=m3,half_width=0.05", "command_delay:delay=0.03")])
+@pytest.mark.parametrize(
+    ("effects", "rows"),
+    [
+        pytest.param((), STEPS, id="plain, whole", marks=pytest.mark.slow),
+        pytest.param((), STEPS // 4, id="plain, cut in motion", marks=pytest.mark.slow),
+        pytest.param(PLAY_AND_DELAY, STEPS, id="play and delay, whole", marks=pytest.mark.slow),
+        pytest.param(PLAY_AND_DELAY, STEPS // 4, id="play and delay, cut in motion"),
+    ],
+)
 def test_the_open_loop_gap_is_the_one_that_evaluate_reports(effects: tuple[str, ...], rows: int, tmp_path: Path):
     """Both start episodes at the same velocity, play and delays settled alike."""
     whole = recording(("viscous_friction:joint=m2,coefficient=0.1",))

@@ -46,7 +46,9 @@ def rubbing() -> Search:
     return begun(arm(), VISCOUS, DRY)
 
 
-@pytest.fixture(scope="module", params=["a dead band for dry friction", "too much"])
+@pytest.fixture(
+    scope="module", params=["a dead band for dry friction", pytest.param("too much", marks=pytest.mark.slow)]
+)
 def half_way(request: pytest.FixtureRequest, rubbing: Search) -> tuple[Search, Hypothesis]:
     """A search, and a fitted hypothesis that is not the right one."""
     search = afresh(rubbing)
@@ -118,6 +120,7 @@ def test_a_beaten_effect_that_does_better_beside_the_others_comes_back(rubbing: 
     assert replace_by_rival.apply(search, better) is better
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wrong", "hidden"),
     [("torque_limit:joint=m2,torque=0.15", "load_friction"), ("load_friction:joint=m2,ratio=0.3", "torque_limit")],
@@ -133,7 +136,13 @@ def test_what_a_hook_expresses_and_what_a_file_does_meet_where_they_are_confused
     assert names(replace_by_rival.apply(search, kept).effects) == [(hidden, "m2")]
 
 
-@pytest.mark.parametrize("hidden", ["deadband:joint={},half_width=0.02", "coulomb_friction:joint={},torque=0.02"])
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        "coulomb_friction:joint={},torque=0.02",
+        pytest.param("deadband:joint={},half_width=0.02", marks=pytest.mark.slow),
+    ],
+)
 def test_what_all_joints_have_alike_is_found_to_be_one_value(hidden: str):
     alike = [hidden.format(joint) for joint in ("j1", "j2", "j3")]
     search = begun(arm(joints=3), *alike)
@@ -147,6 +156,7 @@ def test_what_all_joints_have_alike_is_found_to_be_one_value(hidden: str):
     assert share_value.apply(search, one) is one, "and stays it"
 
 
+@pytest.mark.slow
 def test_what_joints_have_each_of_their_own_is_shared_by_none():
     own = [f"coulomb_friction:joint=j{n},torque={torque}" for n, torque in ((1, 0.01), (2, 0.02), (3, 0.03))]
     search = begun(arm(joints=3), *own)
@@ -165,7 +175,13 @@ def test_a_delay_of_every_joint_is_the_arms():
     assert whole.delay == pytest.approx(0.02, abs=1e-3)
 
 
-@pytest.mark.parametrize(("hidden", "apart"), [("payload:mass=0.04", False), ("payload:mass=0.04,y=0.04,z=0.06", True)])
+@pytest.mark.parametrize(
+    ("hidden", "apart"),
+    [
+        pytest.param("payload:mass=0.04", False, marks=pytest.mark.slow),
+        ("payload:mass=0.04,y=0.04,z=0.06", True),
+    ],
+)
 def test_the_place_of_a_payload_is_sought_where_the_data_tell_it(hidden: str, apart: bool):
     nominal, evidence = measured(hidden)
     task = Task(nominal, evidence, FLOOR)
@@ -181,7 +197,9 @@ def test_the_place_of_a_payload_is_sought_where_the_data_tell_it(hidden: str, ap
 STRIBECK = "stribeck_friction:joint=j1,torque={},kinetic_ratio={},stribeck_velocity={}"
 
 
-@pytest.mark.parametrize("beside", [(), ("coulomb_friction:joint=j1,torque=0.001",)])
+@pytest.mark.parametrize(
+    "beside", [(), pytest.param(("coulomb_friction:joint=j1,torque=0.001",), marks=pytest.mark.slow)]
+)
 def test_friction_that_does_not_fall_with_speed_is_dry_whether_two_names_share_it_or_not(beside: tuple[str, ...]):
     search = begun(arm(), DRY)
     kept = fitted(search, STRIBECK.format(0.03, 0.99, 0.5), *beside)
@@ -190,6 +208,7 @@ def test_friction_that_does_not_fall_with_speed_is_dry_whether_two_names_share_i
     assert friction.torque == pytest.approx(0.03, rel=0.03)
 
 
+@pytest.mark.slow
 def test_friction_that_falls_with_speed_stays_what_it_is():
     hidden = STRIBECK.format(0.05, 0.3, 0.3)
     search = begun(arm(), hidden)
@@ -197,6 +216,7 @@ def test_friction_that_falls_with_speed_stays_what_it_is():
     assert simplify.apply(search, kept) is kept
 
 
+@pytest.mark.slow
 def test_what_the_model_bent_to_is_undone_by_beginning_anew(rubbing: Search):
     """Each joint's gain went as far as it may for the dead band; without it, they let go of each other."""
     search = afresh(rubbing)
@@ -263,6 +283,7 @@ def recorded(name: str, steps: int) -> Task:
     return Task(nominal, evidence.with_objects(dataset, nominal.simulator()), floor, fine=False)
 
 
+@pytest.mark.slow
 def test_a_scan_along_the_parameters_finds_wide_play_that_no_slope_leads_to():
     task = recorded("striker", steps=30)
     parameters = FreeParameters(WIDE_PLAY, free_base(task.nominal.base, WIDE_PLAY))

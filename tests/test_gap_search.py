@@ -79,6 +79,7 @@ def test_a_search_among_joints_that_stood_still_names_nothing(rubbing: Search):
     assert choose(search, search.null) is search.null
 
 
+@pytest.mark.slow
 def test_servos_that_all_lack_the_same_are_named_together():
     """All gains are a tenth of the model's."""
     naming = name(*tasks(*played(arm(gain=5.0), target=arm(gain=0.5))))
@@ -86,6 +87,7 @@ def test_servos_that_all_lack_the_same_are_named_together():
     assert [effect.factor for effect in naming.final.effects] == pytest.approx([0.1] * 2, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_recording_cut_out_of_a_motion_tells_both_frictions_of_a_spindle(tmp_path: Path):
     """A log at 500 Hz in pieces of 2 s that begin at up to 6 rad/s, velocities derived, inertia 7.5 % off."""
     dataset = derived_torques(*spindle())

@@ -3,6 +3,7 @@
 import copy
 import json
 import re
+import shutil
 from html import unescape
 
 import numpy as np
@@ -153,6 +154,12 @@ def written(folder, changes=None, drawn=None, gap=0.02):
     return folder
 
 
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    """Return the page of a report as it is."""
+    return show(written(tmp_path_factory.mktemp("plain")))
+
+
 def text_of(page):
     """Return the words of a page."""
     content = re.sub(r"<style>.*?</style>", "", page.read_text(), flags=re.DOTALL)
@@ -190,17 +197,16 @@ def test_every_number_comes_from_the_files(tmp_path):
     assert "leaves 0.636° of the 1.98° before" in text
 
 
-def test_what_the_written_file_alone_leaves_is_told_where_it_is_more(tmp_path):
-    assert "computed from that file, read back" in text_of(show(written(tmp_path)))
+def test_what_the_written_file_alone_leaves_is_told_where_it_is_more(page, tmp_path):
+    assert "computed from that file, read back" in text_of(page)
     gap = {**REPORT["gap"], "after_model_xml": 0.0047}
     assert "it alone leaves 0.269°" in text_of(show(written(tmp_path, {"gap": gap})))
 
 
-def test_pictures_are_written_and_embedded(tmp_path):
-    page = show(written(tmp_path))
+def test_pictures_are_written_and_embedded(page):
     names = {"gap_per_joint", "joint_m2", "error_over_time", "shares", "episodes", "regimes"}
-    assert {path.stem for path in (tmp_path / "figures").glob("*.png")} == names
-    assert page == tmp_path / "report.html"
+    assert {path.stem for path in (page.parent / "figures").glob("*.png")} == names
+    assert page.name == "report.html"
     content = page.read_text()
     assert content.count("data:image/png;base64,") == len(names)
     assert not re.search(r'(?:src|href)="(?!data:)', content)
@@ -225,8 +231,8 @@ def test_a_joint_that_never_moved_does_not_stretch_the_axis(tmp_path):
     assert 1e-4 < low < high < 10  # [°]
 
 
-def test_pictures_of_an_earlier_report_go(tmp_path):
-    show(written(tmp_path))
+def test_pictures_of_an_earlier_report_go(page, tmp_path):
+    shutil.copytree(page.parent, tmp_path, dirs_exist_ok=True)
     show(written(tmp_path, {"verdict": "none", **VERDICTS["none"]}, gap=0.0))
     left = {path.stem for path in (tmp_path / "figures").glob("*.png")}
     assert "shares" not in left
@@ -241,19 +247,17 @@ def test_a_report_that_holds_only_the_contract_is_shown(tmp_path):
     assert "The gap between the model and the recording comes from backlash" in text_of(show(folder))
 
 
-def test_the_same_files_give_the_same_page(tmp_path):
-    one, two = show(written(tmp_path / "a")), show(written(tmp_path / "b"))
-    assert one.read_bytes() == two.read_bytes()
+def test_the_same_files_give_the_same_page(page, tmp_path):
+    assert page.read_bytes() == show(written(tmp_path)).read_bytes()
 
 
-def test_torques_are_not_drawn_as_positions(tmp_path, monkeypatch):
+def test_torques_are_not_drawn_as_positions(page, tmp_path):
     find = copy.deepcopy(FIND)
     for gap in find["joints"].values():
         gap["open_loop_command"] = None
-    plain = show(written(tmp_path / "a")).parent
-    torques = show(written(tmp_path / "b", {"find": find})).parent
+    torques = show(written(tmp_path, {"find": find}))
     name = "figures/joint_m2.png"
-    assert (plain / name).read_bytes() != (torques / name).read_bytes()
+    assert (page.parent / name).read_bytes() != (torques.parent / name).read_bytes()
 
 
 def test_rmse_counts_recorded_rows_only():

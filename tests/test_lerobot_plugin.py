@@ -74,6 +74,7 @@ def robot_on(plugin, tmp_path):
         robot.disconnect()
 
 
+@pytest.mark.slow
 def test_lerobot_finds_robot_and_teleoperator_by_their_names(installed, tmp_path):
     run = subprocess.run(
         [sys.executable, "-c", REGISTERED], env=installed, cwd=tmp_path, capture_output=True, text=True, check=True

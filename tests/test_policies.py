@@ -1,8 +1,8 @@
 """Policies: same seed, same bits, also when interrupted; saved is loaded; PPO learns; comparisons are fair."""
 
-import dataclasses
 import json
 import signal
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -26,6 +26,7 @@ from nas_data.policies.ppo import train
 from nas_data.policies.share import share
 
 SMALL = Hyperparameters(arms=4, rollout=512, minibatches=4, epochs=2)
+BRIEF = replace(SMALL, rollout=128, minibatches=2, epochs=1)
 REACHER = Plant("ErgoReacher")
 
 
@@ -64,7 +65,7 @@ def stop_after(rollouts):
 
 
 def test_same_seed_same_bits_for_10000_frames_and_another_seed_others(tmp_path):
-    full = Hyperparameters(epochs=2)
+    full = Hyperparameters(epochs=1)
     for name, seed in (("a", 0), ("b", 0), ("c", 1)):
         learn(tmp_path / name, 10_000, seed, full)
     assert_same_bits(weights(tmp_path / "a"), weights(tmp_path / "b"))
@@ -83,11 +84,11 @@ def test_a_rollout_in_which_no_episode_ended_has_no_score(tmp_path):
 
 @pytest.mark.parametrize("stopped", [3, Learner.SEGMENT, Learner.SEGMENT + 4])
 def test_an_interrupted_training_goes_on_to_the_same_bits(tmp_path, stopped):
-    frames = (Learner.SEGMENT + 6) * SMALL.rollout
-    learn(tmp_path / "whole", frames)
+    frames = (Learner.SEGMENT + 6) * BRIEF.rollout
+    learn(tmp_path / "whole", frames, hyperparameters=BRIEF)
     with pytest.raises(Interrupted):
-        learn(tmp_path / "stopped", frames, report=stop_after(stopped))
-    learn(tmp_path / "stopped", frames)
+        learn(tmp_path / "stopped", frames, hyperparameters=BRIEF, report=stop_after(stopped))
+    learn(tmp_path / "stopped", frames, hyperparameters=BRIEF)
     assert_same_bits(weights(tmp_path / "whole"), weights(tmp_path / "stopped"))
     whole, going_on = (read_progress(tmp_path / name) for name in ("whole", "stopped"))
     for column in set(whole) - {"seconds", "cpu_seconds"}:
@@ -95,10 +96,10 @@ def test_an_interrupted_training_goes_on_to_the_same_bits(tmp_path, stopped):
 
 
 def test_a_longer_training_equals_a_short_one_that_was_extended(tmp_path):
-    short, long = (Learner.SEGMENT + 3) * SMALL.rollout, (Learner.SEGMENT + 5) * SMALL.rollout
-    learn(tmp_path / "extended", short)
-    learn(tmp_path / "extended", long)
-    learn(tmp_path / "long", long)
+    short, long = (Learner.SEGMENT + 3) * BRIEF.rollout, (Learner.SEGMENT + 5) * BRIEF.rollout
+    learn(tmp_path / "extended", short, hyperparameters=BRIEF)
+    learn(tmp_path / "extended", long, hyperparameters=BRIEF)
+    learn(tmp_path / "long", long, hyperparameters=BRIEF)
     assert_same_bits(weights(tmp_path / "extended"), weights(tmp_path / "long"))
 
 
@@ -115,7 +116,7 @@ def test_a_folder_of_another_training_is_refused_and_left_alone(tmp_path):
     with pytest.raises(OutputExists, match="differs in: seed"):
         learn(tmp_path / "p", 1024, seed=1)
     with pytest.raises(OutputExists, match="hyperparameters"):
-        learn(tmp_path / "p", 1024, hyperparameters=dataclasses.replace(SMALL, clip=0.1))
+        learn(tmp_path / "p", 1024, hyperparameters=replace(SMALL, clip=0.1))
     with pytest.raises(OutputExists, match="1024 frames, more than"):
         learn(tmp_path / "p", 512)
     (tmp_path / "other").mkdir()
@@ -127,7 +128,7 @@ def test_a_folder_of_another_training_is_refused_and_left_alone(tmp_path):
 
 @pytest.mark.parametrize("hidden", [(64, 64), (16,)])
 def test_the_actor_and_critic_learn_what_those_of_stable_baselines3_do(monkeypatch, hidden):
-    task = training(2048, seed=3, hyperparameters=dataclasses.replace(SMALL, hidden=hidden))
+    task = training(2048, seed=3, hyperparameters=replace(SMALL, hidden=hidden))
     learners = []
     for policy in (learner.ActorCritic, "MlpPolicy"):
         monkeypatch.setattr(learner, "ActorCritic", policy)
@@ -153,7 +154,7 @@ def test_the_actor_and_critic_learn_what_those_of_stable_baselines3_do(monkeypat
 def test_an_entropy_with_a_weight_is_learned_from():
     deviations = []
     for weight in (0.0, 0.5):
-        task = training(2048, hyperparameters=dataclasses.replace(SMALL, entropy_weight=weight))
+        task = training(2048, hyperparameters=replace(SMALL, entropy_weight=weight))
         one = Learner(task, FirstOrderArm(SMALL.arms))
         deviations.append([one.advance() for _ in range(4)][-1].action_std)
     assert deviations[1] > deviations[0]
@@ -169,7 +170,7 @@ def test_networks_that_are_no_longer_finite_are_told_in_a_sentence():
 
 @pytest.mark.parametrize("hidden", [(64, 64), (16,), (8, 16, 24)])
 def test_a_loaded_policy_acts_like_the_trained_network(tmp_path, hidden):
-    task = training(2048, hyperparameters=dataclasses.replace(SMALL, hidden=hidden))
+    task = training(2048, hyperparameters=replace(SMALL, hidden=hidden))
     learner = Learner(task, FirstOrderArm(SMALL.arms))
     for _ in range(4):
         learner.advance()
@@ -181,11 +182,11 @@ def test_a_loaded_policy_acts_like_the_trained_network(tmp_path, hidden):
 
 
 def test_every_file_of_a_policy_is_plain_data(tmp_path):
-    learn(tmp_path, Learner.SEGMENT * SMALL.rollout)
+    learn(tmp_path, Learner.SEGMENT * BRIEF.rollout, hyperparameters=BRIEF)
     kinds = {path.suffix for path in tmp_path.iterdir()}
     assert kinds == {".json", ".csv", ".safetensors"}
     config = json.loads((tmp_path / CONFIG).read_text())
-    assert config["frames"] == Learner.SEGMENT * SMALL.rollout
+    assert config["frames"] == Learner.SEGMENT * BRIEF.rollout
     assert config["plant"]["simulator"]["name"] == "ergojr_penholder"
 
 
@@ -250,10 +251,10 @@ def test_a_damaged_policy_is_refused_with_the_files_name(tmp_path, damage):
 
 
 def test_a_damaged_training_state_is_refused(tmp_path):
-    learn(tmp_path, Learner.SEGMENT * SMALL.rollout)
+    learn(tmp_path, Learner.SEGMENT * BRIEF.rollout, hyperparameters=BRIEF)
     (tmp_path / STATE).write_bytes(b"half")
     with pytest.raises(CheckpointError, match="train anew"):
-        learn(tmp_path, 2 * Learner.SEGMENT * SMALL.rollout)
+        learn(tmp_path, 2 * Learner.SEGMENT * BRIEF.rollout, hyperparameters=BRIEF)
 
 
 def test_policies_are_found_alone_and_by_seed_in_the_order_of_numbers(tmp_path):
@@ -338,14 +339,15 @@ def test_a_worker_that_the_system_ends_is_told_in_a_sentence():
         list(run_jobs(signal.raise_signal, [signal.SIGKILL] * 2, workers=2))
 
 
+@pytest.mark.usefixtures("small_ppo")
 def test_the_commands_train_and_judge(tmp_path, capsys):
     out = tmp_path / "source"
-    assert cli.main(["policy", "train", "--frames", "8192", "--seed", "0", "--out", str(out)]) == 0
+    assert cli.main(["policy", "train", "--frames", "512", "--seed", "0", "--out", str(out)]) == 0
     assert "nas policy evaluate" in capsys.readouterr().out
     assert cli.main(["policy", "evaluate", str(out), "--episodes", "10", "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
     assert data["dynamics"] == "backlash"
-    assert data["groups"][0]["seeds"][0]["frames"] == 8192
+    assert data["groups"][0]["seeds"][0]["frames"] == 512
     assert set(data["baselines"]) == set(evaluate.BASELINES)
 
 
@@ -373,14 +375,14 @@ def test_bad_input_is_one_sentence_and_writes_nothing(tmp_path, monkeypatch, cap
 
 @pytest.mark.parametrize("left", [(STATE,), (STATE, WEIGHTS), (WEIGHTS,), (f".{STATE}.17.part",)])
 def test_a_training_killed_at_its_first_save_begins_anew(tmp_path, left):
-    frames = Learner.SEGMENT * SMALL.rollout
-    learn(tmp_path / "whole", frames)
-    learn(tmp_path / "killed", frames, seed=1)
+    frames = Learner.SEGMENT * BRIEF.rollout
+    learn(tmp_path / "whole", frames, hyperparameters=BRIEF)
+    learn(tmp_path / "killed", frames, seed=1, hyperparameters=BRIEF)
     for path in (tmp_path / "killed").iterdir():
         path.unlink()
     for name in left:
         (tmp_path / "killed" / name).write_bytes(b"half")
-    learn(tmp_path / "killed", frames)
+    learn(tmp_path / "killed", frames, hyperparameters=BRIEF)
     assert_same_bits(weights(tmp_path / "whole"), weights(tmp_path / "killed"))
 
 

@@ -117,7 +117,10 @@ def test_a_plants_description_follows_the_effects_and_not_their_folder(tmp_path)
 SOURCES = {"plain": (), "play": TRUE[:1], "true": TRUE, "limit": (LIMIT,), "friction": (DRAG,), "gain": ()}
 
 
-@pytest.mark.parametrize("own", SOURCES)
+@pytest.mark.parametrize(
+    "own",
+    [pytest.param(name, marks=pytest.mark.slow if name in {"play", "true", "limit"} else ()) for name in SOURCES],
+)
 def test_a_correction_is_used_on_its_own_source_only(tmp_path, own):
     plants = {"plain": Plant("ErgoReacher")}
     for name, effects in SOURCES.items():
@@ -164,10 +167,11 @@ def test_effects_of_another_robot_or_of_nothing_are_refused(tmp_path, content, e
         Plant("ErgoReacher", effects=str(tmp_path)).check()
 
 
+@pytest.mark.usefixtures("small_ppo")
 def test_the_commands_learn_in_the_named_source_and_compare_it(tmp_path, capsys):
     gap = report(tmp_path / "gap", TRUE, {"m3.gain": 1.05})
     out = tmp_path / "policy"
-    words = ["policy", "train", "--on", "named", "--effects", gap, "--frames", "8192", "--out", str(out)]
+    words = ["policy", "train", "--on", "named", "--effects", gap, "--frames", "256", "--out", str(out)]
     assert cli.main(words) == 0
     assert cli.main(["policy", "evaluate", str(out), "--on", "named", "--effects", gap, "--episodes", "2"]) == 0
     plant = load_policy(out / "seed0").config["plant"]

@@ -68,6 +68,7 @@ def test_a_trial_whose_process_dies_is_told_in_one_sentence():
         list(executor.run(end, [0], 1))
 
 
+@pytest.mark.slow
 def test_a_sweep_on_the_cluster_finds_what_it_finds_here(place, tmp_path):
     brief = {"kinds": ("forward",), "amounts": (Amount(2, "episodes"), Amount(3, "episodes"))}
     for name, run in (("here", here_and_now), ("cluster", executor.run)):

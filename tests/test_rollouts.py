@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from safetensors.numpy import save_file
-from xl320_samples import torques, virtual
+from xl320_samples import be_patient, torques, virtual
 
 from nas_data.cli import main
 from nas_data.dataset.features import DONE, ENVIRONMENT, NEXT_ENVIRONMENT, NEXT_STATE, REWARD, STATE, SUCCESS
@@ -50,6 +50,11 @@ JOINTS = ergojr_joints()
 LOCKSTEP = ("--on", "ergojr", "--port", "virtual", "--lockstep")
 DUEL = (*LOCKSTEP, "--defender-port", "virtual")
 UNDER_WAY = Path("datasets/rolled/recording")
+
+
+@pytest.fixture(autouse=True)
+def _patient(monkeypatch) -> None:
+    be_patient(monkeypatch)
 
 
 @pytest.fixture(autouse=True)
@@ -97,7 +102,7 @@ def refused(capsys, *words: str) -> str:
 
 def test_a_policy_fares_on_the_arm_as_in_the_simulation_that_moves_it(capsys):
     reacher = policy("ErgoReacher", (0.3, -0.2, 0.2, 0.1))
-    options = (reacher, "--episodes", "3")
+    options = (reacher, "--episodes", "2")
     simulated = evaluate(capsys, *options, "--on", "source")["groups"][0]["seeds"][0]
     measured = evaluate(capsys, *options, *LOCKSTEP, "--speed", "0")["groups"][0]["seeds"][0]
     assert measured["mean_length"] == pytest.approx(simulated["mean_length"], abs=3)
@@ -113,11 +118,11 @@ def test_rollouts_are_kept_as_a_dataset(capsys, monkeypatch):
 
     monkeypatch.setattr(RobotStepper, "reset", remembering)
     reacher = policy("ErgoReacher", (0.3, -0.2, 0.2, 0.1))
-    answer = evaluate(capsys, reacher, "--episodes", "3", *LOCKSTEP, "--record", "rolled")
+    answer = evaluate(capsys, reacher, "--episodes", "2", *LOCKSTEP, "--record", "rolled")
     root = Path(answer["dataset"])
     dataset, provenance = read(root), read_provenance(root)
     assert verify(root) == []
-    assert dataset.n_episodes == 3
+    assert dataset.n_episodes == 2
     assert dataset.n_frames == answer["steps"] > 100
     assert dataset.commands / TICK == pytest.approx(np.rint(dataset.commands / TICK), abs=1e-3)
     for rows in dataset.episodes():
@@ -161,7 +166,7 @@ def test_an_arm_is_not_led_into_the_floor(capsys, monkeypatch):
     def touching(name: str) -> tuple[int, int]:
         """Roll out, and return how many commands were held back and in how many readings the arm touched something."""
         reacher = policy("ErgoReacher", (1.0, 0.6, 0.0, 0.0))
-        options = ("--episodes", "3", *LOCKSTEP, "--record", name, "--speed", "3")
+        options = ("--episodes", "2", *LOCKSTEP, "--record", name, "--speed", "3")
         answer = evaluate(capsys, reacher, *options)
         reached = read(Path(answer["dataset"])).next_states[:, :6].astype(float)
         assert reached[:, 1].max() > 0.3
@@ -174,15 +179,22 @@ def test_an_arm_is_not_led_into_the_floor(capsys, monkeypatch):
 # Two arms
 
 
-def test_a_duel_is_fought_and_kept(capsys):
+def short(monkeypatch: pytest.MonkeyPatch, steps: int) -> None:
+    """Let bouts of ErgoShield last so many steps at most."""
+    task = replace(find_task("ErgoShield"), horizon=steps)
+    monkeypatch.setattr("nas_data.commands._on_arm.find_task", lambda _: task)
+
+
+def test_a_duel_is_fought_and_kept(capsys, monkeypatch):
     shield = policy("ErgoShield", (0.1, 0.2, 0.2, 0.0, 0.1, 0.0))
+    short(monkeypatch, 300)
     answer = evaluate(capsys, shield, "--episodes", "1", *DUEL, "--record", "duel", "--missed", "0.125")
     root = Path(answer["dataset"])
     dataset = read(root)
     assert verify(root) == []
-    assert dataset.n_frames == answer["steps"] == 1000
+    assert dataset.n_frames == answer["steps"] == 300
     opponent = dataset.columns[ENVIRONMENT]
-    assert opponent.shape == (1000, 12)
+    assert opponent.shape == (300, 12)
     assert np.ptp(opponent[:, :6], axis=0).max() > 0.1, "the defender takes another pose every 2.5 s"
     assert np.abs(opponent[:, :6]).max() < np.radians(45) + 0.1
     assert (answer["hits"], answer["missed"]) == ("simulated", 0.125)
@@ -206,6 +218,7 @@ def test_a_sword_may_lie_on_a_shield_but_no_arm_on_the_other():
     assert not bodies.leads_into_touch(crashed, upright)
 
 
+@pytest.mark.slow
 def test_arms_are_kept_from_touching_one_another(capsys, monkeypatch):
     def touching(name: str) -> tuple[int, int]:
         """Roll out, and return how many commands were held back and in how many readings the sword was in the arm."""
@@ -215,8 +228,7 @@ def test_arms_are_kept_from_touching_one_another(capsys, monkeypatch):
         places = (dataset.next_states[:, :6], dataset.columns[NEXT_ENVIRONMENT][:, :6])
         return answer["held_back"], sum(ways.touches(pose) for pose in np.concatenate(places, axis=1).astype(float))
 
-    task = replace(find_task("ErgoShield"), horizon=150)
-    monkeypatch.setattr("nas_data.commands._on_arm.find_task", lambda _: task)
+    short(monkeypatch, 150)
     check_care(touching, monkeypatch, touches=3)
 
 
@@ -245,15 +257,15 @@ def test_a_word_about_one_arm_is_a_word_about_both(monkeypatch):
             assert len(told) == 1, "the other is safe, and its guard was sent home"
 
 
+@pytest.mark.slow
 def test_hits_are_what_the_keyboard_says(capsys, monkeypatch):
-    task = replace(find_task("ErgoShield"), horizon=300)
-    monkeypatch.setattr("nas_data.commands._on_arm.find_task", lambda _: task)
+    short(monkeypatch, 60)
     os.mkfifo("keys")
     writer = os.open("keys", os.O_RDWR | os.O_NONBLOCK)
     over = threading.Event()
 
     def press() -> None:
-        while not over.wait(0.5):
+        while not over.wait(0.05):
             os.write(writer, key(1) + key(0))
 
     thread = threading.Thread(target=press)
@@ -423,8 +435,7 @@ def test_recordings_and_rollouts_are_not_mixed(capsys, begun):
 
 
 def test_a_rollout_is_saved_with_all_its_bouts_or_not_at_all(capsys, monkeypatch):
-    task = replace(find_task("ErgoShield"), horizon=60)
-    monkeypatch.setattr("nas_data.commands._on_arm.find_task", lambda _: task)
+    short(monkeypatch, 60)
     calls = []
 
     def touched(stepper) -> np.ndarray:

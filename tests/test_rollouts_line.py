@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from test_rollouts import LOCKSTEP, evaluate, folder, policy, refused  # noqa: F401  # a fixture
-from xl320_samples import virtual
+from xl320_samples import be_patient, virtual
 
 from nas_data.dataset.features import TIME
 from nas_data.dataset.provenance import read_provenance
@@ -76,7 +76,8 @@ def in_steps(monkeypatch) -> Callable[[Callable[[Arm, int], None]], None]:
     return happen
 
 
-def test_a_passing_error_ends_no_episode_and_is_counted_told_and_flagged(capsys, in_steps):
+def test_a_passing_error_ends_no_episode_and_is_counted_told_and_flagged(capsys, in_steps, monkeypatch):
+    be_patient(monkeypatch)
     errors = cycle(ERRORS)
 
     def fail(_: Arm, attempt: int) -> None:
@@ -109,6 +110,7 @@ def test_a_health_that_is_not_heard_at_once_is_asked_for_again(capsys, monkeypat
 
 
 def test_a_late_reading_is_flagged_and_those_after_it_come_in_time(capsys, in_steps, monkeypatch):
+    be_patient(monkeypatch)
     clocks, wait = [], SteppedClock.wait_until
     monkeypatch.setattr(SteppedClock, "wait_until", lambda clock, when: (clocks.append(clock), wait(clock, when)))
 

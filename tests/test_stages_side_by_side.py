@@ -108,6 +108,7 @@ def test_a_stage_that_says_nothing_of_it_builds_on_all_before_it():
     assert prerequisites((a, staged("b"), c)) == {0: [], 1: [], 2: [0, 1]}
 
 
+@pytest.mark.slow
 def test_the_material_of_an_environment_is_the_same_side_by_side(tmp_path):
     made = {
         workers: tiny(tmp_path / str(workers), "Pusher", workers=workers).material("Pusher", (PHI, PSI))

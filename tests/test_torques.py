@@ -256,14 +256,24 @@ def test_slopes_by_command_are_those_of_a_linear_arm():
     np.testing.assert_allclose(slopes, np.broadcast_to(source.b, slopes.shape), atol=1e-9)
 
 
-def test_the_preset_learns_pushers_torques_and_knows_its_symmetry(tmp_path):
+def pushers_torques(episodes: int, **options) -> Training:
+    """Return a training of the preset on what Pusher's target does."""
     source = find_task("Pusher").simulator("source")
-    commands = [1.5 * episode for episode in wander((50,) * 24, 3)]
+    commands = [1.5 * episode for episode in wander((50,) * episodes, 3)]
     dataset = pair(recorded_on(find_task("Pusher").simulator("backlash"), commands), source)
-    options = preset("symmetric", hidden=32, updates=120, frames=800, horizon=25)
-    trained = TrainingRun(Training("delta", dataset, options, source, device="cpu"), tmp_path / "a", print).run()
+    return Training("delta", dataset, preset("symmetric", **options), source, device="cpu")
+
+
+@pytest.mark.slow
+def test_the_preset_learns_pushers_torques(tmp_path):
+    TrainingRun(pushers_torques(24, hidden=32, updates=120, frames=800, horizon=25), tmp_path / "a", print).run()
     rows = history(tmp_path / "a")
     assert min(row["validation"] for row in rows) < 0.8 * rows[0]["validation"]
+
+
+def test_the_preset_knows_pushers_symmetry(tmp_path):
+    training = pushers_torques(6, hidden=8, updates=2, frames=100, horizon=10)
+    trained = TrainingRun(training, tmp_path / "a", print).run()
     loaded = load_frozen(tmp_path / "a/checkpoint")
     assert loaded.corrects == "command"
     assert loaded.symmetry == Symmetry((True, False, False), (0.0, 0.785, 1.57), (-1, -1, -1))

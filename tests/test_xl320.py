@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from xl320_samples import connected, virtual
+from xl320_samples import be_patient, connected, virtual
 
 from nas_data import errors, registry
 from nas_data.cli import main
@@ -169,21 +169,21 @@ def test_leaving_the_arm_switches_the_torque_off():
         again.close()
 
 
-def test_an_honest_line_takes_its_time_and_less_of_it_once_the_arm_is_set_up():
+def test_an_honest_line_takes_its_time_and_less_of_it_once_the_arm_is_set_up(monkeypatch):
+    """Of many readings the fastest counts: a busy machine adds to the others."""
+    be_patient(monkeypatch)
+    wire = 6 * 17 * 10e-6  # [s] of six replies
+    factory = wire + 6 * 500e-6  # [s] with the pause that a servo makes before its reply
     with VirtualBus(Options(honest=True)) as bus, Arm(bus.port, JOINTS) as arm:
 
-        def fastest() -> float:
-            times = []
-            for _ in range(10):
-                began = time.monotonic()
-                arm.bus.sync_read(JOINTS.ids, 37, 6)
-                times.append(time.monotonic() - began)
-            return min(times)
+        def reading() -> float:
+            began = time.monotonic()
+            assert arm.bus.sync_read(JOINTS.ids, 37, 6) is not None
+            return time.monotonic() - began
 
-        factory = fastest()
+        assert min(reading() for _ in range(20)) >= factory
         arm.configure(FAST)
-        assert factory >= 6 * (500e-6 + 17 * 10e-6)
-        assert 6 * 17 * 10e-6 <= fastest() < factory - 1e-3
+        assert wire <= min(reading() for _ in range(200)) < factory
 
 
 def test_servos_without_sync_read_are_read_one_by_one():
@@ -401,7 +401,8 @@ def folder(tmp_path, monkeypatch) -> Path:
     return tmp_path
 
 
-def test_the_command_shows_what_is_found(folder, capsys):
+def test_the_command_shows_what_is_found(folder, capsys, monkeypatch):
+    be_patient(monkeypatch)
     code, out, _ = run(capsys, "--port", "virtual", "--json")
     answer = json.loads(out)
     assert code == 0

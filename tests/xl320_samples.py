@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import pytest
+
 from nas_data.virtual_bus.options import Options
 from nas_data.virtual_bus.process import VirtualBus
 from nas_data.xl320.arm import Arm
@@ -22,6 +24,11 @@ def connected(*faults: str, effects: tuple[str, ...] = (), offsets: tuple[int, .
     """Yield a driver on a virtual arm."""
     with virtual(*faults, effects=effects, offsets=offsets) as bus, Arm(bus.port, ergojr_joints()) as arm:
         yield arm
+
+
+def be_patient(monkeypatch: pytest.MonkeyPatch, seconds: float = 1.0) -> None:
+    """Let drivers in this process wait so long for each answer: on a busy machine, a virtual arm may be that late."""
+    monkeypatch.setattr("nas_data.xl320.port.LENIENCE", seconds)
 
 
 def torques(port: str) -> list[int]:
