@@ -6,6 +6,7 @@ from nas_data.dataset.audits.base import Expected, Finding
 from nas_data.dataset.recording import Recording
 
 ENOUGH = 20  # rows from which a correlation says something
+FOLLOWED = 1.0  # [s] in which a servo has followed its commands, however slow it is
 ALIKE = 0.7  # correlation from which the position follows the command
 DEGREES = 180 / np.pi
 WITHIN = 2.0  # a servo that lags or sags follows with another amplitude, but not by this factor
@@ -29,7 +30,8 @@ def check(recording: Recording, expected: Expected) -> list[Finding]:
         slide = joint in expected.slides
         ratio, units = (1e3, "millimetres and metres") if slide else (DEGREES, "degrees and radians")
         slip = any(1 / WITHIN < factor / wanted < WITHIN for wanted in (ratio, 1 / ratio))
-        if slip and abs(likeness) >= ALIKE:
+        lasting = float(np.ptp(recording.time)) >= FOLLOWED
+        if slip and lasting and abs(likeness) >= ALIKE:
             what = (
                 f"the command of {joint} moves {factor:.3g} times as far as the position that follows it, about the "
                 f"factor between {units}"
