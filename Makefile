@@ -27,7 +27,7 @@ test test-slow check: export HF_HUB_OFFLINE := 1
 help:
 	@echo "make demo       everything once, small: records, pairs, learns, trains policies, writes a page"
 	@echo "make test       ruff, mypy and the tests"
-	@echo "make test-slow  the tests that take over a minute each"
+	@echo "make test-slow  the tests that are marked slow"
 	@echo "make check      ruff and mypy only"
 	@echo "make setup      only set up $(VENV)"
 	@echo "make clean      remove the environments and caches"
