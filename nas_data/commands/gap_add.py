@@ -6,11 +6,12 @@ from pathlib import Path
 
 import tyro
 
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands._actuators import TakesModel
+from nas_data.commands.base import Outcome
 
 
 @dataclass(frozen=True, kw_only=True)
-class GapAdd(Command):
+class GapAdd(TakesModel):
     """Write the model with the effects of an effects.json, and re-score it from the written file.
 
     Example: nas gap add datasets/arm --model arm.xml --effects runs/gap/effects.json --out runs/gap
@@ -36,7 +37,7 @@ class GapAdd(Command):
         from nas_data.joint_units import unit_named
 
         check_model(self.out, self.model)
-        problem = Problem.load(self.dataset, self.model)
+        problem = Problem.load(self.dataset, self.actuated(self.model))
         named = Named.read(self.effects)
         final = Final(named.effects, named.retuned, ())
         self.out.mkdir(parents=True, exist_ok=True)
