@@ -3,15 +3,15 @@
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 
-from nas_data.effects.base import Effect, Parameter, add_effects
+from nas_data.effects.base import Effect, Parameter, add_effects, make_effect
 from nas_data.effects.edits.servo import damping, stiffness, torque_limit
 from nas_data.errors import OptionError
-from nas_data.gap.added import EFFECTS
+from nas_data.gap.add import EFFECTS
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.report import REPORT
 from nas_data.joint_units import unit_at
@@ -174,5 +174,7 @@ def _of_effect(spec: mujoco.MjSpec, effect: Effect, intervals: Intervals, slide:
 def _with(effects: Sequence[Effect], place: int, parameter: Parameter, value: float) -> list[Effect]:
     """Return effects of which one has another number, within what it may be."""
     lowest, highest = (end(parameter.neutral, bound) for end, bound in ((min, parameter.low), (max, parameter.high)))
-    changed = {parameter.name: min(max(value, lowest), highest)}
-    return [replace(effect, **changed) if index == place else effect for index, effect in enumerate(effects)]
+    effect = effects[place]
+    numbers = {each.name: getattr(effect, each.name) for each in effect.parameters}
+    changed = make_effect(effect.name(), effect.joint, numbers | {parameter.name: min(max(value, lowest), highest)})
+    return [*effects[:place], changed, *effects[place + 1 :]]
