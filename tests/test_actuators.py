@@ -5,8 +5,7 @@ import pytest
 
 from nas_data.cli import main
 from nas_data.dataset.read import read
-from nas_data.errors import JointMismatch, ModelFileError
-from nas_data.pairing import check_fits
+from nas_data.errors import ModelFileError
 from nas_data.robots.base import find_robot
 from nas_data.simulators.engines import ENGINES, load_simulator
 
@@ -48,48 +47,51 @@ def test_motors_of_a_urdf_take_torques_and_forces_within_its_effort_limits(urdf)
 def test_torques_recorded_of_a_urdf_are_refused_by_its_servos_and_the_remedy_works(urdf, engine, capsys):
     if engine == "bullet":
         pytest.importorskip("pybullet")
-    assert run(f"record sim --robot lever.urdf --actuators torque {RECORD} --name lever") == 0
-    assert read(urdf.parent / "datasets/lever/v1").kinds == (".effort", ".effort")
-    pair = f"pair datasets/lever/v1 --model lever.urdf --engine {engine}"
+    assert run(f"record sim --robot lever.urdf --actuators torque {RECORD} --out lever") == 0
+    assert read(urdf.parent / "lever").kinds == (".effort", ".effort")
+    pair = f"pair lever --out paired --model lever.urdf --engine {engine}"
     assert run(pair) == 2
     said = capsys.readouterr().err
     assert "commands torques of turn" in said
     remedy = said[said.index("--actuators") :].strip().rstrip(".")
     assert remedy == "--actuators torque"
     assert run(f"{pair} {remedy}") == 0
-    paired = read(urdf.parent / "datasets/lever/v2")
+    paired = read(urdf.parent / "paired")
     if engine == "mujoco":  # which recorded, exactly but for the noise
         assert np.abs(paired.sim_states - paired.next_states)[:, :2].mean() < 0.002
 
 
-def test_the_source_that_is_kept_has_the_motors(urdf):
-    assert run(f"record sim --robot lever.urdf --actuators torque {RECORD} --name lever") == 0
-    assert run("pair datasets/lever --model lever.urdf --actuators torque") == 0
-    assert run("train delta datasets/lever --updates 2 --hidden 4 --horizon 8 --out runs/phi") == 0
-    assert run("evaluate runs/phi datasets/lever/v1") == 0
-    assert run("evaluate lever.urdf datasets/lever/v1 --actuators torque") == 0
-    assert run("evaluate lever.urdf datasets/lever/v1") == 2
+def test_the_source_that_is_kept_has_the_motors(urdf, capsys):
+    assert run(f"record sim --robot lever.urdf --actuators torque {RECORD} --out lever") == 0
+    assert run("pair lever --out paired --model lever.urdf --actuators torque") == 0
+    assert run("train delta paired --updates 2 --hidden 4 --horizon 8 --out runs/phi") == 0
+    assert run("evaluate runs/phi lever") == 0
+    assert run("evaluate lever.urdf lever --actuators torque") == 0
+    assert run("evaluate lever.urdf lever") == 2
+    capsys.readouterr()
+    assert run("train delta paired --actuators torque") == 2
+    assert "--actuators is for a URDF given with --model" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     "command",
     [
-        "gap find datasets/lever --model lever.urdf",
-        "train delta datasets/lever --updates 2 --hidden 4 --model lever.urdf",
+        "gap find lever --model lever.urdf",
+        "train delta paired --updates 2 --hidden 4 --model lever.urdf",
     ],
 )
 def test_each_command_with_a_model_takes_motors(command, urdf):
-    assert run(f"record sim --robot lever.urdf --actuators torque {RECORD} --name lever") == 0
-    assert run("pair datasets/lever --model lever.urdf --actuators torque") == 0
+    assert run(f"record sim --robot lever.urdf --actuators torque {RECORD} --out lever") == 0
+    assert run("pair lever --out paired --model lever.urdf --actuators torque") == 0
     assert run(command) == 2
     assert run(f"{command} --actuators torque") == 0
 
 
 def test_positions_are_refused_by_motors_and_the_remedy_works(urdf, capsys):
-    assert run(f"record sim --robot lever.urdf {RECORD} --name lever") == 0
-    assert run("pair datasets/lever --model lever.urdf --actuators torque") == 2
+    assert run(f"record sim --robot lever.urdf {RECORD} --out lever") == 0
+    assert run("pair lever --out paired --model lever.urdf --actuators torque") == 2
     assert "give --actuators position" in capsys.readouterr().err
-    assert run("pair datasets/lever --model lever.urdf --actuators position") == 0
+    assert run("pair lever --out paired --model lever.urdf --actuators position") == 0
 
 
 def test_only_a_urdf_is_given_actuators(urdf, tmp_path, capsys):
@@ -98,13 +100,3 @@ def test_only_a_urdf_is_given_actuators(urdf, tmp_path, capsys):
     assert run("record sim --robot ergojr --actuators torque") == 2
     assert run("record sim --env ErgoReacher --actuators torque") == 2
     assert "--actuators does not go with --env" in capsys.readouterr().err
-    assert run("train delta datasets/lever --actuators torque") == 2
-
-
-def test_a_urdf_has_no_remedy_for_velocities_but_another_model(urdf):
-    assert run(f"record sim --robot lever.urdf {RECORD} --name lever") == 0
-    recorded = read(urdf.parent / "datasets/lever/v1")
-    arm = load_simulator(urdf, 0.02)
-    arm.kinds = (".vel", ".vel")  # the test's: what a dataset of positions meets in a model that takes velocities
-    with pytest.raises(JointMismatch, match="give --actuators position"):
-        check_fits(recorded, arm)

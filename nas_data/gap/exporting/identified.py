@@ -173,7 +173,7 @@ def _of_effect(spec: mujoco.MjSpec, effect: Effect, intervals: Intervals, slide:
 
 def _with(effects: Sequence[Effect], place: int, parameter: Parameter, value: float) -> list[Effect]:
     """Return effects of which one has another number, within what it may be."""
-    lowest, highest = (end(parameter.neutral, bound) for end, bound in ((min, parameter.low), (max, parameter.high)))
+    lowest, highest = min(parameter.neutral, parameter.low), max(parameter.neutral, parameter.high)
     effect = effects[place]
     numbers = {each.name: getattr(effect, each.name) for each in effect.parameters}
     changed = make_effect(effect.name(), effect.joint, numbers | {parameter.name: min(max(value, lowest), highest)})
