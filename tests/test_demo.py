@@ -15,6 +15,7 @@ from command_samples import Answer, nas
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
+from nas_data.demo.naming import BLIND, FOLDER
 from nas_data.demo.pipeline import STAGES
 from nas_data.demo.plan import FULL, QUICK, Demo
 from nas_data.demo.recording import HELDOUT, TRAIN, newest
@@ -93,14 +94,35 @@ def test_the_page_and_the_pictures_say_what_the_files_say(demo):
     errors = json.loads((folder / "models/errors.json").read_text())["open_loop"]
     for row in errors.values():
         assert f"<td>{np.degrees(row['all']):.2f}</td>" in page
-    for method in ("expert", "source", "augmented", "forward"):
+    assert list(errors) == ["source + φ", "ψ", "source + names", "source", "hold", "command"]
+    for method in ("expert", "source", "augmented", "forward", "named"):
         record = json.loads((folder / f"policies/{method}/seed0/result.json").read_text())
         assert f"<td>{record['score']['return']:.2f}</td>" in page
     for name in (TRAIN, HELDOUT):
         assert read_provenance(newest(Demo(QUICK, folder, print), name)).content_hash in page
     pictures = {path.stem for path in (folder / "figures").glob("*.png")}
-    assert pictures == {"trajectory", "error_growth", "returns_on_target", "learning_curves", "model_training"}
+    models = {"trajectory", "error_growth", "model_training"}
+    assert pictures == models | {"gap_per_joint", "returns_on_target", "learning_curves"}
     assert page.count("data:image/png;base64,") == len(pictures)
+
+
+def test_the_search_is_not_told_what_hides_and_the_page_sets_both_side_by_side(demo):
+    folder, answer = demo
+    given = newest(Demo(QUICK, folder, print), BLIND)
+    assert read(given).n_episodes == QUICK.named
+    assert not any(word in (given / "meta/nas.json").read_text() for word in ("backlash", "speed_limit"))
+    report = json.loads((folder / FOLDER / "report.json").read_text())
+    assert report["effects"], "or the page has nothing to set beside what hides"
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"<tr><th>([\w ]+ in \w+)</th>(.*?)</tr>", page))
+    hidden = {f"{effect.name().replace('_', ' ')} in {effect.joint}" for effect in QUICK.task.effects(QUICK.dynamics)}
+    named = {f"{one['effect'].replace('_', ' ')} in {one['joint']}" for one in report["effects"]}
+    assert set(rows) == hidden | named
+    for effect in report["effects"]:
+        said = re.findall(r"<td>(.*?)</td>", rows[f"{effect['effect'].replace('_', ' ')} in {effect['joint']}"])
+        degrees = [f"{np.degrees(one['value']):.3g}" for one in effect["parameters"].values() if "rad" in one["unit"]]
+        assert all(value in said[1] for value in degrees)
+    assert f"nas gap names: {next(iter(named))}" in answer.out or len(named) > 1
 
 
 def test_errors_on_the_page_are_those_of_nas_evaluate(demo):
@@ -258,6 +280,7 @@ def test_the_full_demo_is_what_the_readme_promises():
     effects = [effect.name() for effect in FULL.task.effects(FULL.dynamics)]
     assert effects.count("backlash") == 2
     assert "speed_limit" in effects
+    assert FULL.named >= 3 * len(FULL.holds), "nas gap needs episodes of every kind to fit and to judge by"
 
 
 def test_a_plan_says_all_that_tells_it_from_another():

@@ -1,4 +1,4 @@
-"""The demo's third stage: policies learn on the target, in the source and in what was learned; the target judges."""
+"""The demo's fourth stage: policies learn on the target, in the source and in what was learned or named."""
 
 import json
 from pathlib import Path
@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.demo.learning import FOLDERS, cores
+from nas_data.demo.naming import named_plant
 from nas_data.demo.plan import Demo
 from nas_data.envs.loop.plant import Plant
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compare
@@ -55,9 +56,10 @@ def load_baselines(path: Path) -> dict[str, dict[str, float]]:
 
 
 def study_of(demo: Demo) -> Study:
-    """Return what is compared: the two ends, φ and ψ."""
+    """Return what is compared: the two ends, φ, ψ and the names, where there are any."""
     plan = demo.plan
     delta, forward = (str(demo.folder / FOLDERS[kind]) for kind in FOLDERS)
+    named = named_plant(demo)
     return Study(
         target=plan.target,
         methods={
@@ -65,6 +67,7 @@ def study_of(demo: Demo) -> Study:
             SOURCE_METHOD: plan.source,
             "augmented": Plant(plan.environment, checkpoint=delta),
             "forward": Plant(plan.environment, checkpoint=forward),
+            **({} if named is None else {"named": named}),
         },
         seeds=plan.seeds,
         frames=plan.frames,
