@@ -20,7 +20,7 @@ from nas_data.stages import INDENT, Found
 
 FOLDER = "gap"
 BLIND = "ergojr_demo_blind"
-PAUSE = 8.0  # [s] between two lines of the search, which says much
+PAUSE = 5.0  # [s] between two lines of the search, which says much
 
 
 def name_effects(demo: Demo) -> Found:

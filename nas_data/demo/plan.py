@@ -82,8 +82,8 @@ FULL = Plan(
     named=24,
     seconds=3.0,
     holds=(1.0, 0.2, 0.05, 0.01),
-    delta=preset("fast", updates=400, horizon=100),
-    forward=preset("fast", updates=600, horizon=100),
+    delta=preset("fast", updates=200, horizon=100),
+    forward=preset("fast", updates=300, horizon=100),
     frames=400_000,  # the expert's plant is the hardest to learn on: with 300,000 the others are still ahead of it
     seeds=(0, 1),
     judged=100,
