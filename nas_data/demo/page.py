@@ -205,7 +205,8 @@ def policies_blocks(demo: Demo, runs: Runs) -> Sequence[Block]:
     seeds = Text(
         f"Every method got the same {plan.frames:,} control steps and the same {len(plan.seeds)} of PPO's seeds, "
         f"{listed(list(map(str, plan.seeds)))}. Few seeds and short trainings keep the demo short: policies of one "
-        "method still spread, by more than what lies between the best methods. Five seeds are the usual measure."
+        "method still spread, by more than what lies between the best methods, so that a share of the distance of more "
+        "than 100 % is chance. Five seeds are the usual measure."
     )
     return [
         task,
