@@ -19,7 +19,7 @@ class Demo(Command):
     out: Path = Path("demo")
     """Folder for everything that the demo makes; the page is report.html in it."""
     quick: bool = False
-    """Go through every stage within a minute, at sizes at which nothing is learned yet."""
+    """Go through the stages within a minute, at sizes at which nothing is learned yet, without the search for names."""
 
     def run(self) -> Outcome:
         """Run every stage that is not done yet."""

@@ -1,5 +1,6 @@
 """The demo's second stage: `nas gap` names what the source lacks, from the recording alone."""
 
+import textwrap
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,13 +11,14 @@ from nas_data.dataset.read import read
 from nas_data.demo.plan import Demo
 from nas_data.demo.recording import DATASETS, TRAIN, newest
 from nas_data.envs.loop.plant import Plant
+from nas_data.gap.add import EFFECTS
 from nas_data.gap.named import Named
 from nas_data.gap.showing.page_words import listed, titled
 from nas_data.gap.showing.report import read_report
 from nas_data.gap.summary import mapping, shrinking, summary
 from nas_data.gap.workflow import investigate
 from nas_data.policies.ppo import Calm
-from nas_data.stages import INDENT, Found
+from nas_data.stages import INDENT, WIDTH, Found
 
 FOLDER = "gap"
 BLIND = "ergojr_demo_blind"
@@ -24,10 +26,13 @@ PAUSE = 5.0  # [s] between two lines of the search, which says much
 
 
 def name_effects(demo: Demo) -> Found:
-    """Run `nas gap` on episodes of the recording, and keep its report."""
+    """Run `nas gap` on episodes of the recording, and keep its report; nothing where the plan leaves the search out."""
     folder = demo.folder / FOLDER
+    if not demo.plan.named:
+        folder.mkdir(exist_ok=True)
+        return Found(["left out at this size"], {})
     recording, model = record_blind(demo), newest(demo, TRAIN) / SOURCE
-    say = Calm(lambda line: demo.report(f"{INDENT}{line.strip()}"), PAUSE)
+    say = Calm(lambda line: demo.report(INDENT + textwrap.shorten(line, WIDTH, placeholder=" …")), PAUSE)
     report = investigate(recording, model, folder, say)
     effects = [titled(effect) for effect in read_report(folder)["effects"]]
     return Found(
@@ -53,5 +58,7 @@ def record_blind(demo: Demo) -> Path:
 def named_plant(demo: Demo) -> Plant | None:
     """Return the source with what was named and retuned; None where that is the plain source."""
     folder = demo.folder / FOLDER
+    if not (folder / EFFECTS).is_file():
+        return None
     named = Named.read(folder)
     return Plant(demo.plan.environment, effects=str(folder)) if named.effects or named.retuned else None

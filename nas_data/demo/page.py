@@ -8,6 +8,7 @@ from nas_data.benchmarks.hardware import hardware
 from nas_data.dataset.provenance import now, read_provenance
 from nas_data.demo.learning import ERRORS, FOLDERS, NAMES, ROLLOUTS, load_errors, load_rollouts
 from nas_data.demo.naming import FOLDER as GAP
+from nas_data.demo.naming import named_plant
 from nas_data.demo.plan import Demo, Plan
 from nas_data.demo.policies import BASELINES, load_baselines
 from nas_data.demo.policies import FOLDER as POLICIES
@@ -89,6 +90,8 @@ def about(plan: Plan) -> list[str]:
 def names_blocks(demo: Demo) -> list[Block]:
     """Return what `nas gap` found, beside what hides there, and how the gap shrinks."""
     folder = demo.folder / GAP
+    if named_plant(demo) is None:
+        return [Text("Nothing was named and nothing retuned.")]
     report, series = read_report(folder), Series.read(folder)
     return [
         Text(
@@ -143,7 +146,7 @@ def predictions(demo: Demo) -> Picture:
     chosen = {name: values[episode, :, joint] for name, values in curves.items()}
     figure = trajectory(
         chosen["measured"],
-        {name: chosen[name] for name in LEARNERS},
+        {name: chosen[name] for name in LEARNERS if name in chosen},
         chosen.get("command"),
         plan.task.period,
         joints[joint],
