@@ -206,10 +206,10 @@ def policies_blocks(demo: Demo, runs: Runs) -> Sequence[Block]:
         f"in the same {plan.judged} episodes."
     )
     seeds = Text(
-        f"Every method got the same {plan.frames:,} control steps and the same {len(plan.seeds)} of PPO's seeds, "
-        f"{listed(list(map(str, plan.seeds)))}. Few seeds and short trainings keep the demo short: policies of one "
-        "method still spread, by more than what lies between the best methods, so that a share of the distance of more "
-        "than 100 % is chance. Five seeds are the usual measure."
+        f"Every method got the same {plan.frames:,} control steps and the same "
+        f"seed{'' if len(plan.seeds) == 1 else 's'} of PPO: {listed(list(map(str, plan.seeds)))}. Short trainings of few "
+        "seeds spread by more than what lies between the best methods, so that a share of the distance of more than "
+        "100 % is chance. Five seeds are the usual measure: docs/results/README.md has them."
     )
     return [
         task,

@@ -79,13 +79,15 @@ Demo = Work[Plan]
 FULL = Plan(
     episodes=200,
     heldout=40,
-    named=24,
+    named=12,
     seconds=3.0,
     holds=(1.0, 0.2, 0.05, 0.01),
     delta=preset("fast", updates=200, horizon=100),
     forward=preset("fast", updates=300, horizon=100),
-    frames=400_000,  # the expert's plant is the hardest to learn on: with 300,000 the others are still ahead of it
-    seeds=(0, 1),
+    # The expert's plant is the hardest to learn on: with 300,000 steps others are ahead of it. One long training each
+    # says more than two short ones.
+    frames=400_000,
+    seeds=(0,),
     judged=100,
 )
 

@@ -36,12 +36,14 @@ def learn_policies(demo: Demo) -> Found:
     ]
     scores = {name: score.describe() for name, score in baselines.items()}
     write_whole(demo.folder / BASELINES, (json.dumps(scores, indent=1) + "\n").encode())
-    resampled = bootstrap_of(len(plan.seeds))
+    several = len(plan.seeds) > 1
+    over = f", median of {len(plan.seeds)} seeds" if several else f", seed {plan.seeds[0]}"
+    brackets = f" (in brackets: {bootstrap_of(len(plan.seeds))})" if several else ""
     summary = [
-        f"Return on the target, median of {len(plan.seeds)} seeds: "
+        f"Return on the target{over}: "
         + ", ".join(f"{method} {np.median(comparison.values(method)):.2f}" for method in study.methods),
         *(
-            f"{method} closes {closed} of the distance from source to expert (in brackets: {resampled})"
+            f"{method} closes {closed} of the distance from source to expert{brackets}"
             for method in study.methods
             if (closed := comparison.share_closed(method)) is not None and not np.isnan(closed.value)
         ),
