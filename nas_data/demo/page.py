@@ -208,7 +208,7 @@ def policies_blocks(demo: Demo, runs: Runs) -> Sequence[Block]:
     seeds = Text(
         f"Every method got the same {plan.frames:,} control steps and the same "
         f"seed{'' if len(plan.seeds) == 1 else 's'} of PPO: {listed(list(map(str, plan.seeds)))}. Short trainings of "
-        "few seeds spread by more than what lies between the best methods, so that a share of the distance of more than "
+        "few seeds spread by more than what lies between the best methods, so that a share of the distance of over "
         "100 % is chance. Five seeds are the usual measure: docs/results/README.md has them."
     )
     return [
