@@ -16,10 +16,11 @@ from command_samples import Answer, nas
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
-from nas_data.demo.naming import FOLDER, record_blind
+from nas_data.demo import naming
+from nas_data.demo.naming import FOLDER
 from nas_data.demo.pipeline import STAGES
 from nas_data.demo.plan import FULL, QUICK, Demo
-from nas_data.demo.recording import HELDOUT, TRAIN, newest
+from nas_data.demo.recording import DATASETS, HELDOUT, TRAIN, newest
 from nas_data.effects.base import parse
 from nas_data.errors import OutputExists
 from nas_data.gap.add import write_effects
@@ -51,6 +52,7 @@ REPORT = {
     "retuned": [],
     "unexplained": [],
     "gap": {"unit": "rad", "noise_floor": 0.001, "before": 0.2, "plain": 0.1, "after": 0.01},
+    "find": {"joints": {}, "regimes": [], "audit": []},
     "next_experiment": None,
     "episodes": {"train": [0], "heldout": [1]},
     "seed": 0,
@@ -163,12 +165,26 @@ def test_the_page_sets_what_was_named_beside_what_hides(demo):
     assert len(rows) == len(QUICK.task.effects(QUICK.dynamics)) + 1
 
 
-def test_the_search_is_given_episodes_that_do_not_say_what_hides(demo):
+def test_the_search_is_given_episodes_that_do_not_say_what_hides_and_its_names_are_told(demo, tmp_path, monkeypatch):
+    """The search itself is replaced: it takes minutes."""
     folder, _ = demo
-    given = record_blind(Demo(replace(QUICK, named=3), folder, print))
-    assert read(given).n_episodes == 3
-    assert not any(effect in (given / "meta/nas.json").read_text() for effect in ("backlash", "speed_limit"))
-    shutil.rmtree(given.parent)
+    given: list[Path] = []
+
+    def search(dataset: Path, model: Path, out: Path, say) -> dict:
+        given.append(dataset)
+        say("  tried: " + 50 * "one thing, ")
+        leave_report(out)
+        return REPORT
+
+    lines: list[str] = []
+    shutil.copytree(folder / DATASETS, tmp_path / DATASETS)
+    monkeypatch.setattr(naming, "investigate", search)
+    told = naming.name_effects(Demo(replace(QUICK, named=3), tmp_path, lines.append))
+    assert read(given[0]).n_episodes == 3
+    assert not any(effect in (given[0] / "meta/nas.json").read_text() for effect in ("backlash", "speed_limit"))
+    assert told.summary[0] == "nas gap names: backlash in m3 and command delay (whole arm)"
+    assert "11.46° → 0.57° (plain fit 5.73°, noise floor 0.06°)" in told.summary[1]
+    assert [len(line) < 120 for line in lines] == [True]
 
 
 @pytest.mark.slow
