@@ -23,6 +23,7 @@ from nas_data.dataset.features import (
 )
 from nas_data.dataset.start_velocities import find_start_velocities
 from nas_data.errors import JointMismatch
+from nas_data.robots.base import URDF, Robot
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.held import refuse_standing
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -226,6 +227,14 @@ def check_fits(dataset: Dataset, simulator: Simulator) -> None:
     for joint, given, taken in zip(dataset.joints, dataset.kinds, simulator.kinds, strict=True):
         if given != taken:
             raise JointMismatch(
-                f"The dataset commands {names[given]} of {joint}, the model's actuator takes {names[taken]}; give a "
-                f"model with {ACTUATORS[given]} there."
+                f"The dataset commands {names[given]} of {joint}, the model's actuator takes {names[taken]}; "
+                f"{_other_actuator(simulator, given)}."
             )
+
+
+def _other_actuator(simulator: Simulator, kind: str) -> str:
+    """Say how a model is given actuators that take commands of another kind."""
+    robot = getattr(simulator, "robot", None)
+    if isinstance(robot, Robot) and robot.mjcf.suffix == URDF and kind != VELOCITY:
+        return f"a URDF does not say which it has: give --actuators {'torque' if kind == EFFORT else 'position'}"
+    return f"give a model with {ACTUATORS[kind]} there"

@@ -1,4 +1,4 @@
-"""Servos for a model that has none: a URDF names joints and limits, but not what holds them."""
+"""Actuators for a model that has none: a URDF names joints and limits, but not what moves them."""
 
 import mujoco
 import numpy as np
@@ -23,6 +23,20 @@ def add_position_servos(spec: mujoco.MjSpec) -> None:
         if model.jnt_limited[compiled.id]:
             servo.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
             servo.ctrlrange = np.array(model.jnt_range[compiled.id])
+
+
+def add_torque_motors(spec: mujoco.MjSpec) -> None:
+    """Give every hinge and slide with a motor one that takes torques [N·m] or forces [N], named after its joint.
+
+    The effort limit of the URDF's joint limits the command.
+    """
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    for name in motor_joints(spec):
+        joint = spec.joint(name)
+        motor = spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        motor.set_to_motor()
+        if np.any(joint.actfrcrange):
+            motor.ctrllimited, motor.ctrlrange = mujoco.mjtLimited.mjLIMITED_TRUE, np.array(joint.actfrcrange)
 
 
 def motor_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -15,19 +16,68 @@ from command_samples import Answer, nas
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
+from nas_data.demo import naming
+from nas_data.demo.naming import FOLDER
 from nas_data.demo.pipeline import STAGES
 from nas_data.demo.plan import FULL, QUICK, Demo
-from nas_data.demo.recording import HELDOUT, TRAIN, newest
+from nas_data.demo.recording import DATASETS, HELDOUT, TRAIN, newest
+from nas_data.effects.base import parse
 from nas_data.errors import OutputExists
-from nas_data.stages import Found, Stage, read_done, run_stages
+from nas_data.gap.add import write_effects
+from nas_data.gap.showing.report import read_report
+from nas_data.stages import Found, Stage, claim, read_done, run_stages
 
 NAMES = [stage.name for stage in STAGES]
+ROW = r"<tr><th>([\w ]+ in [\w ]+)</th>(.*?)</tr>"  # of the table of what hides and what was named
+
+
+def number(value: float, unit: str, width: float) -> dict:
+    """A parameter as a gap report lists it."""
+    return {"value": value, "unit": unit, "interval95": [value - width, value + width]}
+
+
+def found(effect: str, joint: str | None, confidence: float, **parameters: dict) -> dict:
+    """A finding as a gap report lists it."""
+    errors = {"heldout_error_before": 0.2, "heldout_error_after": 0.01, "unit": "rad"}
+    kept = {"parameters": parameters, "confidence": confidence, "evidence": errors}
+    return {"effect": effect, "joint": joint, **kept, "alternatives": [], "in_model_xml": True}
+
+
+REPORT = {
+    "verdict": "partly_explained",
+    "effects": [
+        found("backlash", "m3", 0.96, half_width=number(np.radians(6.7), "rad", np.radians(0.05))),
+        found("command_delay", None, 0.51, delay=number(0.007, "s", 0.001)),
+    ],
+    "retuned": [],
+    "unexplained": [],
+    "gap": {"unit": "rad", "noise_floor": 0.001, "before": 0.2, "plain": 0.1, "after": 0.01},
+    "find": {"joints": {}, "regimes": [], "audit": []},
+    "next_experiment": None,
+    "episodes": {"train": [0], "heldout": [1]},
+    "seed": 0,
+    "seconds": 1.0,
+}
+
+
+def leave_report(folder: Path) -> None:
+    """Put a gap report where the search would, which takes minutes."""
+    folder.mkdir(parents=True)
+    write_effects(folder, [parse("backlash:joint=m3,half_width=0.117"), parse("command_delay:delay=0.007")], {})
+    (folder / "report.json").write_text(json.dumps(REPORT))
+    shape, joints = (1, 20, 6), QUICK.task.joints
+    moved = {name: np.full(shape, error) for name, error in (("before", 0.2), ("retuned", 0.1), ("after", 0.01))}
+    still = {"measured": np.zeros(shape), "command": np.zeros(shape), "counts": np.ones(shape[:2], bool)}
+    time, floor = np.arange(1, 21) / 100, np.full(6, 0.001)
+    np.savez(folder / "series.npz", time=time, joints=joints, episodes=[1], floor=floor, **moved, **still)
 
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory) -> tuple[Path, Answer]:
     """The folder of a quick demo, and what the program said."""
     folder = tmp_path_factory.mktemp("somewhere") / "demo"
+    claim(Demo(QUICK, folder, print))
+    leave_report(folder / FOLDER)
     answer = nas("demo", "--quick", "--out", folder)
     assert answer.code == 0, answer.err
     return folder, answer
@@ -93,14 +143,57 @@ def test_the_page_and_the_pictures_say_what_the_files_say(demo):
     errors = json.loads((folder / "models/errors.json").read_text())["open_loop"]
     for row in errors.values():
         assert f"<td>{np.degrees(row['all']):.2f}</td>" in page
-    for method in ("expert", "source", "augmented", "forward"):
+    assert list(errors) == ["source + φ", "ψ", "source + names", "source", "hold", "command"]
+    for method in ("expert", "source", "augmented", "forward", "named"):
         record = json.loads((folder / f"policies/{method}/seed0/result.json").read_text())
         assert f"<td>{record['score']['return']:.2f}</td>" in page
     for name in (TRAIN, HELDOUT):
         assert read_provenance(newest(Demo(QUICK, folder, print), name)).content_hash in page
     pictures = {path.stem for path in (folder / "figures").glob("*.png")}
-    assert pictures == {"trajectory", "error_growth", "returns_on_target", "learning_curves", "model_training"}
+    models = {"trajectory", "error_growth", "model_training"}
+    assert pictures == models | {"gap_per_joint", "returns_on_target", "learning_curves"}
     assert page.count("data:image/png;base64,") == len(pictures)
+
+
+def test_the_page_sets_what_was_named_beside_what_hides(demo):
+    folder, _ = demo
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    rows = {name: re.findall(r"<td>(.*?)</td>", cells) for name, cells in re.findall(ROW, page)}
+    assert rows["backlash in m3"] == ["6.88°", "6.70°", "6.65° … 6.75°", "96 % (sure)"]
+    assert rows["speed limit in m2"] == ["286°/s", "–", "–", "–"]
+    assert rows["command delay in the whole arm"] == ["–", "7.00 ms", "6.00 ms … 8.00 ms", "51 % (a guess, not more)"]
+    assert len(rows) == len(QUICK.task.effects(QUICK.dynamics)) + 1
+
+
+def test_the_search_is_given_episodes_that_do_not_say_what_hides_and_its_names_are_told(demo, tmp_path, monkeypatch):
+    """The search itself is replaced: it takes minutes."""
+    folder, _ = demo
+    given: list[Path] = []
+
+    def search(dataset: Path, model: Path, out: Path, say) -> dict:
+        given.append(dataset)
+        say("  tried: " + 50 * "one thing, ")
+        leave_report(out)
+        return REPORT
+
+    lines: list[str] = []
+    shutil.copytree(folder / DATASETS, tmp_path / DATASETS)
+    monkeypatch.setattr(naming, "investigate", search)
+    told = naming.name_effects(Demo(replace(QUICK, named=3), tmp_path, lines.append))
+    assert read(given[0]).n_episodes == 3
+    assert not any(effect in (given[0] / "meta/nas.json").read_text() for effect in ("backlash", "speed_limit"))
+    assert told.summary[0] == "nas gap names: backlash in m3 and command delay (whole arm)"
+    assert "11.46° → 0.57° (plain fit 5.73°, noise floor 0.06°)" in told.summary[1]
+    assert [len(line) < 120 for line in lines] == [True]
+
+
+@pytest.mark.slow
+def test_the_full_demos_search_names_what_moves_and_nothing_else(tmp_path):
+    full = Demo(FULL, tmp_path / "demo", print)
+    run_stages(STAGES[:2], full)
+    named = {(effect["effect"], effect["joint"]) for effect in read_report(full.folder / FOLDER)["effects"]}
+    hidden = {(effect.name(), effect.joint) for effect in FULL.task.effects(FULL.dynamics)}
+    assert named == hidden - {("speed_limit", "m1"), ("speed_limit", "m4")}
 
 
 def test_errors_on_the_page_are_those_of_nas_evaluate(demo):
@@ -258,6 +351,7 @@ def test_the_full_demo_is_what_the_readme_promises():
     effects = [effect.name() for effect in FULL.task.effects(FULL.dynamics)]
     assert effects.count("backlash") == 2
     assert "speed_limit" in effects
+    assert FULL.named >= 3 * len(FULL.holds), "nas gap needs episodes of every kind to fit and to judge by"
 
 
 def test_a_plan_says_all_that_tells_it_from_another():

@@ -18,6 +18,7 @@ from nas_data.errors import CheckpointError, JointMismatch, OptionError
 from nas_data.gap.add import write_effects
 from nas_data.gap.named import Named
 from nas_data.policies.policy import load_policy
+from nas_data.reports.runs import find_runs
 from nas_data.sources import source_files
 
 TRUE = TASK.dynamics["backlash"]
@@ -184,6 +185,7 @@ def test_the_commands_learn_in_the_named_source_and_compare_it(tmp_path, capsys)
     assert cli.main(["policy", "compare", *options, "--out", str(tmp_path / "compare")]) == 0
     methods = json.loads((tmp_path / "compare" / "comparison.json").read_text())["methods"]
     assert list(methods) == ["expert", "source", "named", "named_nas"]
+    assert list(find_runs([tmp_path / "compare"]).groups()) == list(methods), "reports call them what comparisons do"
 
 
 @pytest.mark.parametrize(

@@ -215,7 +215,9 @@ def typed(path: Path) -> list[str]:
     return [line.strip() for block in blocks for line in block.splitlines() if line.strip().startswith("nas ")]
 
 
-@pytest.mark.parametrize("page", ["docs/ergojr.md", "docs/lerobot_arms.md", "lerobot_robot_ergojr/README.md"])
+@pytest.mark.parametrize(
+    "page", ["docs/ergojr.md", "docs/lerobot_arms.md", "docs/your_arm.md", "lerobot_robot_ergojr/README.md"]
+)
 def test_each_command_of_a_page_can_be_typed(page):
     commands = typed(ROOT / page)
     assert commands

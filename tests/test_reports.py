@@ -124,13 +124,14 @@ def test_a_predictor_and_the_method_that_learns_on_it_share_their_colour_in_ever
             assert to_hex(line.get_color()) == STROKES[name].colour.lower(), name
     assert STROKES["augmented"].colour == STROKES["source + φ"].colour
     assert STROKES["forward"].colour == STROKES["ψ"].colour
+    assert STROKES["named"].colour == STROKES["source + names"].colour
     assert STROKES["expert"].colour == STROKES["measured"].colour
 
 
 @pytest.mark.parametrize("kind", [None, *BLINDNESS])
 def test_predictors_differ_in_stroke_or_colour_for_every_kind_of_sight(kind):
     seen = {}
-    for name in ("measured", "source", "source + φ", "ψ", "command"):
+    for name in ("measured", "source", "source + φ", "ψ", "source + names", "command"):
         rgb = np.array(to_rgb(STROKES[name].colour)) ** 2.2
         seen[name] = np.clip(rgb if kind is None else BLINDNESS[kind] @ rgb, 0, 1) ** (1 / 2.2)
     for one, other in itertools.combinations(seen, 2):

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
+from nas_data.commands._actuators import TakesModel
 from nas_data.commands._patience import Counting
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Outcome
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Train(Command):
+class Train(TakesModel):
     """Options of a training; None leaves the preset's value."""
 
     kind: ClassVar[Literal["delta", "forward"]]
@@ -119,10 +120,11 @@ class Train(Command):
         from nas_data.robots.base import find_robot
         from nas_data.sources import find_source, kept_files, source_files
 
+        model = self.actuated(self.model)
         try:
-            simulator = find_source(self.model, (), dataset, [root], self.engine)
+            simulator = find_source(model, (), dataset, [root], self.engine)
         except ModelFileError as error:
-            if self.model is not None:
+            if model is not None:
                 raise
             if self.kind == "delta":
                 notes.append(
@@ -131,9 +133,9 @@ class Train(Command):
             return None, {}
         if self.kind == "delta" and dataset.paired:
             check_source(dataset, simulator)
-        if self.model is None:
+        if model is None:
             return simulator, kept_files(root)
-        robot = find_robot(self.model)
+        robot = find_robot(model)
         warn_of_ranges(dataset, robot.spec().compile())
         return simulator, source_files(robot)
 

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import tyro
 
+from nas_data.commands._actuators import TakesModel
 from nas_data.commands._patience import saying
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Outcome
 from nas_data.errors import OptionError
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ QUICK = {"hidden": 32, "layers": 1, "updates": 40, "horizon": 60, "frames": 1600
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ablate(Command):
+class Ablate(TakesModel):
     """Learn from nested parts of a dataset, judge on held-out episodes, and say how much data is enough.
 
     Trials already done are not done again; the same command goes on where it stopped. Trials by other code of nas_data
@@ -115,7 +116,7 @@ class Ablate(Command):
         from nas_data.dataset import versions
 
         test = versions.resolve(self.test) if self.test else None
-        material = Material(versions.resolve(self.dataset), test, self.model, self.engine, self.effects)
+        material = Material(versions.resolve(self.dataset), test, self.actuated(self.model), self.engine, self.effects)
         seeds = words(self.seeds)
         if not all(word.isdecimal() for word in seeds):
             raise OptionError(f"--seeds are {', '.join(seeds)}; give different whole numbers, 0 or more.")

@@ -1,4 +1,4 @@
-"""Everything once, small: record, pair, learn the gap, learn policies, show it on one page."""
+"""Everything once, small: record, pair, name the gap, learn it, learn policies, show it on one page."""
 
 import sys
 from dataclasses import dataclass
@@ -9,9 +9,9 @@ from nas_data.commands.base import Command, Outcome
 
 @dataclass(frozen=True, kw_only=True)
 class Demo(Command):
-    """Record a simulated robot, learn what its simulator lacks, learn policies with it, and write a page with pictures.
+    """Record a simulated robot, name and learn what its simulator lacks, learn policies with it, and write a page.
 
-    Takes about ten minutes on two cores. Started again, it goes on where it was interrupted.
+    Takes about eight minutes on two cores. Started again, it goes on where it was interrupted.
 
     Example: nas demo --out demo
     """
@@ -19,7 +19,7 @@ class Demo(Command):
     out: Path = Path("demo")
     """Folder for everything that the demo makes; the page is report.html in it."""
     quick: bool = False
-    """Go through every stage within a minute, at sizes at which nothing is learned yet."""
+    """Go through the stages within a minute, at sizes at which nothing is learned yet, without the search for names."""
 
     def run(self) -> Outcome:
         """Run every stage that is not done yet."""

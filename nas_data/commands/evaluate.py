@@ -5,12 +5,13 @@ from pathlib import Path
 
 import tyro
 
+from nas_data.commands._actuators import TakesModel
 from nas_data.commands._patience import Counting
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Outcome
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evaluate(Command):
+class Evaluate(TakesModel):
     """Print one-step and open-loop errors of a checkpoint or a model file on a dataset, beside the trivial baselines.
 
     Example: nas evaluate runs/phi/checkpoint datasets/arm_test --model arm.xml
@@ -52,13 +53,14 @@ class Evaluate(Command):
             raise OptionError(
                 f"{folder} is a model by itself; leave out --model, or give a checkpoint that corrects it."
             )
+        given = self.actuated(str(folder) if alone else self.model)
         try:
-            simulator = find_source(str(folder) if alone else self.model, (), dataset, [folder, root], self.engine)
+            simulator = find_source(given, (), dataset, [folder, root], self.engine)
         except ModelFileError:
             if self.model is not None or model is None or model.kind == "delta":
                 raise
             simulator = None
-        if simulator is not None and (given := str(folder) if alone else self.model) is not None:
+        if simulator is not None and given is not None:
             warn_of_ranges(dataset, find_robot(given).spec().compile())
         evaluation = evaluate(dataset, simulator, model, Counting("rolling out"))
         seen = None if model is None else model.provenance.get("dataset")

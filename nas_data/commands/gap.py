@@ -6,11 +6,12 @@ from pathlib import Path
 
 import tyro
 
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands._actuators import TakesModel
+from nas_data.commands.base import Outcome
 
 
 @dataclass(frozen=True, kw_only=True)
-class Gap(Command):
+class Gap(TakesModel):
     """Run find, name, add and show; write report.json, report.html, model.xml, effects.json and figures.
 
     Example: nas gap datasets/arm --model arm.xml --out runs/gap
@@ -30,7 +31,7 @@ class Gap(Command):
         from nas_data.gap.summary import summary
         from nas_data.gap.workflow import investigate
 
-        report = investigate(self.dataset, self.model, self.out, say, self.learn)
+        report = investigate(self.dataset, self.actuated(self.model), self.out, say, self.learn)
         return Outcome(summary(report, self.out), report)
 
 

@@ -1,16 +1,23 @@
 """Only add named effects to a model: write model.xml from effects.json and score it on held-out episodes."""
 
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands._actuators import TakesModel
+from nas_data.commands.base import Outcome
+
+if TYPE_CHECKING:
+    from nas_data.gap.named import Named
+    from nas_data.gap.nominal import Nominal
 
 
 @dataclass(frozen=True, kw_only=True)
-class GapAdd(Command):
+class GapAdd(TakesModel):
     """Write the model with the effects of an effects.json, and re-score it from the written file.
 
     Example: nas gap add datasets/arm --model arm.xml --effects runs/gap/effects.json --out runs/gap
@@ -24,6 +31,9 @@ class GapAdd(Command):
     """A gap report's folder, its effects.json (as `nas gap name` writes it) or its report.json, which is rounded."""
     out: Path
     """Folder for model.xml."""
+    export: Literal["bam", "csv"] | None = None
+    """Also write what was identified as parameters: bam/JOINT.json as Rhoban's BAM reads them, or parameters.csv with
+    gain, damping, armature, friction, delay and limits of every joint, and ranges to randomise them in."""
 
     def run(self) -> Outcome:
         """Write and score."""
@@ -36,7 +46,7 @@ class GapAdd(Command):
         from nas_data.joint_units import unit_named
 
         check_model(self.out, self.model)
-        problem = Problem.load(self.dataset, self.model)
+        problem = Problem.load(self.dataset, self.actuated(self.model))
         named = Named.read(self.effects)
         final = Final(named.effects, named.retuned, ())
         self.out.mkdir(parents=True, exist_ok=True)
@@ -52,4 +62,26 @@ class GapAdd(Command):
             f"Open-loop position error on {len(problem.held.evidence)} held-out episodes: {told}, "
             f"from the written file.\n{outcome.model}"
         )
-        return Outcome(text, {"model": outcome.model, "before": found["before"], "after": found["after"]})
+        data = {"model": outcome.model, "before": found["before"], "after": found["after"]}
+        if self.export is not None:
+            data["exported"] = self._export(problem.train.nominal, named)
+            text += f"\n{data['exported']}"
+        return Outcome(text, data)
+
+    def _export(self, nominal: "Nominal", named: "Named") -> Path:
+        """Write the parameters, and say on stderr what the format does not hold."""
+        from nas_data.gap.exporting.bam import write_bam
+        from nas_data.gap.exporting.csv_table import write_table
+        from nas_data.gap.exporting.identified import identify, read_intervals
+
+        intervals = read_intervals(self.effects, named.effects)
+        quantities = identify(nominal, named.effects, named.retuned, intervals)
+        if self.export == "csv":
+            path, lost = write_table(self.out, quantities)
+        else:
+            hinges = [joint for joint in nominal.joints if joint not in nominal.slides]
+            path, lost = write_bam(self.out, hinges, quantities)
+            lost += [f"{joint}, which is a slide" for joint in nominal.slides]
+        for what in lost:
+            print(f"nas: note: not in {path}: {what}", file=sys.stderr)
+        return path

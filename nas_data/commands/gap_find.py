@@ -6,11 +6,12 @@ from pathlib import Path
 
 import tyro
 
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands._actuators import TakesModel
+from nas_data.commands.base import Outcome
 
 
 @dataclass(frozen=True, kw_only=True)
-class GapFind(Command):
+class GapFind(TakesModel):
     """Print the gap per joint and regime beside the noise floor, and what is odd in the recording.
 
     Example: nas gap find datasets/arm --model arm.xml
@@ -29,7 +30,7 @@ class GapFind(Command):
         from nas_data.gap.finding.find import find
         from nas_data.gap.problem import Problem
 
-        problem = Problem.load(self.dataset, self.model)
+        problem = Problem.load(self.dataset, self.actuated(self.model))
         found = find(problem.dataset, problem.evidence, problem.train.nominal, problem.train.floor)
         text = found.text()
         if self.out is not None:

@@ -5,12 +5,13 @@ from pathlib import Path
 
 import tyro
 
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands._actuators import TakesModel
+from nas_data.commands.base import Outcome
 from nas_data.commands.gap import say
 
 
 @dataclass(frozen=True, kw_only=True)
-class GapName(Command):
+class GapName(TakesModel):
     """Name the effects that the model lacks; write them and the retuned base parameters to effects.json.
 
     Example: nas gap name datasets/arm --model arm.xml --out runs/gap
@@ -31,7 +32,7 @@ class GapName(Command):
         from nas_data.gap.report import described
         from nas_data.gap.summary import finding_text
 
-        problem = Problem.load(self.dataset, self.model)
+        problem = Problem.load(self.dataset, self.actuated(self.model))
         naming = name(problem.train, problem.held, say)
         nominal = problem.train.nominal
         self.out.mkdir(parents=True, exist_ok=True)

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands._actuators import TakesModel
+from nas_data.commands.base import Outcome
 
 if TYPE_CHECKING:
     from nas_data.dataset.dataset import Dataset
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pair(Command):
+class Pair(TakesModel):
     """Reset a source to every measured state, hold the command for one control step, store what it predicts.
 
     Example: nas pair datasets/arm --model arm.xml
@@ -55,7 +56,7 @@ class Pair(Command):
         dataset, derived, noticed = take_in(root, recorded)
         named = Named.read(self.effects) if self.effects else None
         effects = (*map(parse, self.effect), *(named.effects if named else ()))
-        plain = find_robot(self.model)
+        plain = find_robot(self.actuated(self.model))
         robot = named.robot(plain, dataset.joints) if named else plain
         simulator = load_simulator(robot, 1 / dataset.fps, dataset.joints, effects, self.engine)
         started = time.perf_counter()
@@ -110,6 +111,6 @@ class Pair(Command):
         except NasError:
             return {}, (
                 "the source's colliding meshes touch something in these motions, and without their files it would "
-                f"predict otherwise: it is not kept, later commands need --model {self.model} again"
+                f"predict otherwise: it is not kept, later commands need --model {self.actuated(self.model)} again"
             )
         return files, remark

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands._actuators import TakesModel
+from nas_data.commands.base import Outcome
 from nas_data.errors import OptionError
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ PATIENCE = 2.0  # [s] of silence between two reports
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecordSim(Command):
+class RecordSim(TakesModel):
     """Record episodes from a simulated target into a new dataset version.
 
     Example: nas record sim --robot ergojr --effect backlash:joint=m3,half_width=0.02 --episodes 200 --seconds 3
@@ -109,7 +110,7 @@ class RecordSim(Command):
 
         if self.env is not None:
             return self._environment(self.env)
-        robot = find_robot(self.robot)
+        robot = find_robot(self.actuated(self.robot))
         rate = robot.rate if self.rate is None else self.rate
         if not 0 < rate <= FASTEST:
             raise OptionError(f"--rate is {rate}; it must lie above 0 and up to {FASTEST:g} Hz.")
@@ -125,7 +126,8 @@ class RecordSim(Command):
         from nas_data.recorders.session import Target
         from nas_data.simulators.engines import load_simulator
 
-        own = {"rate": self.rate, "effect": self.effect, "effects": self.effects, "joints": self.joints}
+        own: dict[str, object] = {"rate": self.rate, "effect": self.effect, "effects": self.effects}
+        own |= {"joints": self.joints, "actuators": self.actuators != "position"}
         given = [option for option, value in own.items() if value]
         if given or self.start != "rest":
             raise OptionError(f"--{(given or ['start'])[0]} does not go with --env: the environment brings its own.")

@@ -1,22 +1,24 @@
-"""The demo's second stage: φ and ψ learn side by side, and are compared on episodes that neither has seen."""
+"""The demo's third stage: φ and ψ learn side by side, and are compared with the names on fresh episodes."""
 
 import json
 import os
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from safetensors.numpy import load_file, save
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
+from nas_data.demo.naming import named_plant
 from nas_data.demo.plan import Demo
 from nas_data.demo.recording import HELDOUT, TRAIN, newest
 from nas_data.experiments.pipeline.learning import ModelJob, train_model
 from nas_data.experiments.pipeline.trajectories import PREDICTORS, compare_models
 from nas_data.metrics import Errors
-from nas_data.models.evaluation import MODEL, Evaluation
+from nas_data.models.evaluation import MODEL, Evaluation, evaluate
 from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions
 from nas_data.parallel import run_jobs
@@ -27,7 +29,10 @@ from nas_data.stages import INDENT, Found, Report
 FOLDERS: dict[Kind, str] = {"delta": "models/phi", "forward": "models/psi"}
 ROLLOUTS = "models/rollouts.safetensors"
 ERRORS = "models/errors.json"
+NAMES = "source + names"
+SHOWN = (*MODEL.values(), NAMES, *PREDICTORS[len(MODEL) :])  # in the order of tables
 
+Kept = TypeVar("Kept")
 ErrorTable = dict[str, dict[str, float]]
 """RMSE [rad] by predictor, then by joint; `all` is over all joints."""
 
@@ -43,7 +48,7 @@ def reporter(name: str) -> Report:
 
 
 def learn_models(demo: Demo) -> Found:
-    """Train both models and compare them on the held-out episodes."""
+    """Train both models and compare them, and the source with the names, on the held-out episodes."""
     train, heldout = newest(demo, TRAIN), newest(demo, HELDOUT)
     options: dict[Kind, TrainingOptions] = {"delta": demo.plan.delta, "forward": demo.plan.forward}
     threads = 1 if cores() > 1 else None  # side by side, a core each
@@ -52,11 +57,13 @@ def learn_models(demo: Demo) -> Found:
     dataset = read(heldout)
     delta, psi = (demo.folder / FOLDERS[kind] for kind in FOLDERS)
     evaluation = compare_models(dataset, find_source(None, (), dataset, [heldout]), delta, psi)
+    if (named := named_plant(demo)) is not None:
+        evaluation = with_names(evaluation, evaluate(dataset, named.simulator(), None))
     save_rollouts(evaluation, dataset, demo.folder / ROLLOUTS)
     errors = {"one_step": table_of(evaluation.one_step), "open_loop": table_of(evaluation.open_loop)}
     write_whole(demo.folder / ERRORS, (json.dumps(errors, indent=1) + "\n").encode())
     said = [
-        f"On {dataset.n_episodes} held-out episodes, what was learned above what needs no learning:",
+        f"On {dataset.n_episodes} held-out episodes, what was learned and named above what needs neither:",
         *evaluation.text().splitlines(),
         f"φ → {demo.folder / FOLDERS['delta']}, ψ → {demo.folder / FOLDERS['forward']}",
     ]
@@ -66,6 +73,27 @@ def learn_models(demo: Demo) -> Found:
         + ", ".join(f"{name} {error:.2f}°" for name, error in overall.items())
     ]
     return Found(said, {"histories": {MODEL[kind]: histories[kind] for kind in FOLDERS}, **errors}, summary)
+
+
+def with_names(evaluation: Evaluation, named: Evaluation) -> Evaluation:
+    """Return an evaluation with the source that has the names beside the others.
+
+    Args:
+        evaluation: Of φ, ψ and what needs no learning.
+        named: Of the source with the names, on the same episodes.
+    """
+
+    def merge(others: Mapping[str, Kept], own: Mapping[str, Kept]) -> dict[str, Kept]:
+        both = {**others, NAMES: own["source"]}
+        return {name: both[name] for name in SHOWN if name in both}
+
+    left = {NAMES: named.diverged["source"]} if "source" in named.diverged else {}
+    return Evaluation(
+        merge(evaluation.one_step, named.one_step),
+        merge(evaluation.open_loop, named.open_loop),
+        merge(evaluation.rollouts, named.rollouts),
+        {**evaluation.diverged, **left},
+    )
 
 
 def table_of(errors: Mapping[str, Errors]) -> ErrorTable:
@@ -91,7 +119,7 @@ def save_rollouts(evaluation: Evaluation, dataset: Dataset, path: Path) -> None:
 def load_rollouts(path: Path) -> dict[str, np.ndarray]:
     """Return positions [rad] of shape (E, T, n): measured, and by predictor in the order of tables."""
     kept = load_file(path)
-    return {name: kept[name] for name in ("measured", *PREDICTORS)}
+    return {name: kept[name] for name in ("measured", *SHOWN) if name in kept}
 
 
 def cores() -> int:

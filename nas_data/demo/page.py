@@ -6,11 +6,19 @@ import numpy as np
 
 from nas_data.benchmarks.hardware import hardware
 from nas_data.dataset.provenance import now, read_provenance
-from nas_data.demo.learning import ERRORS, FOLDERS, ROLLOUTS, load_errors, load_rollouts
+from nas_data.demo.learning import ERRORS, FOLDERS, NAMES, ROLLOUTS, load_errors, load_rollouts
+from nas_data.demo.naming import FOLDER as GAP
+from nas_data.demo.naming import named_plant
 from nas_data.demo.plan import Demo, Plan
 from nas_data.demo.policies import BASELINES, load_baselines
 from nas_data.demo.policies import FOLDER as POLICIES
 from nas_data.demo.recording import HELDOUT, TRAIN, newest
+from nas_data.gap.showing.page_pictures import gap_picture
+from nas_data.gap.showing.page_tables import NONE, joints_table
+from nas_data.gap.showing.page_verdict import lead
+from nas_data.gap.showing.page_words import confidence, friendly, interval, listed, spoken
+from nas_data.gap.showing.report import Report, read_report
+from nas_data.gap.showing.series import Series
 from nas_data.reports.file import write_whole
 from nas_data.reports.page import Block, Facts, Page, Picture, Section, Table, Text
 from nas_data.reports.prediction_figures import growth, joint_errors, trajectory
@@ -22,20 +30,21 @@ from nas_data.stages import Found, read_stage
 PAGE = "report.html"
 FIGURES = "figures"
 LEAD = (
-    "A simulator of a robot arm is never quite right. From recordings of the arm, a network φ learns what the "
-    "simulator gets wrong, and policies then learn in the corrected simulator."
+    "A simulator of a robot arm is never quite right. From recordings of the arm, nas gap names what the simulator "
+    "lacks, a network φ learns what it gets wrong, and policies then learn in the corrected simulator."
 )
-LEARNERS = ("source", "source + φ", "ψ")  # whose trajectories are drawn; hold and command are in the tables
+LEARNERS = ("source", "source + φ", "ψ", NAMES)  # whose trajectories are drawn; hold and command are in the tables
 
 
 def write_page(demo: Demo) -> Found:
     """Write the page, and its pictures once more as files."""
     runs = find_runs([demo.folder / folder for folder in (*FOLDERS.values(), POLICIES)])
     page = Page(
-        "The gap between a simulator and its robot: recorded, learned, closed",
+        "The gap between a simulator and its robot: recorded, named, learned, closed",
         [
             Section("", [Text(LEAD, lead=True), *(Text(line) for line in about(demo.plan))]),
             Section("In short", [Text(line + ".") for line in in_short(demo)]),
+            Section("What the simulator lacks, by name", names_blocks(demo)),
             Section("One joint, as it moved and as it was predicted", [predictions(demo)]),
             Section("Errors of prediction", errors_blocks(demo)),
             Section("Policies", policies_blocks(demo, runs)),
@@ -58,7 +67,7 @@ def joints_with(plan: Plan, effect: str) -> list[str]:
 
 def in_short(demo: Demo) -> list[str]:
     """Return what the stages came to, whoever comes off best."""
-    return [line for name in ("models", "policies") for line in read_stage(name, demo.folder).summary]
+    return [line for name in ("names", "models", "policies") for line in read_stage(name, demo.folder).summary]
 
 
 def about(plan: Plan) -> list[str]:
@@ -72,10 +81,57 @@ def about(plan: Plan) -> list[str]:
         f"{plan.episodes} episodes of {plan.seconds:g} s were recorded, with random targets that are held "
         f"for {held} s in turn, at {1 / plan.task.period:.0f} control steps a second. The source was set to every "
         "measured state and asked where the same command would lead: these pairs are what φ learns from. ψ is the "
-        "alternative without a simulator: a network that predicts the next state alone. All errors below are on "
-        f"{plan.heldout} further episodes that no training has seen; in open loop, each is predicted from its first "
-        "measured state and its commands only.",
+        "alternative without a simulator: a network that predicts the next state alone. Their errors and those of the "
+        f"source with the names are on {plan.heldout} further episodes that none of them has seen; in open loop, each "
+        "is predicted from its first measured state and its commands only.",
     ]
+
+
+def names_blocks(demo: Demo) -> list[Block]:
+    """Return what `nas gap` found, beside what hides there, and how the gap shrinks."""
+    folder = demo.folder / GAP
+    if named_plant(demo) is None:
+        return [Text("Nothing was named and nothing retuned.")]
+    report, series = read_report(folder), Series.read(folder)
+    return [
+        Text(
+            f"nas gap was given the first {demo.plan.named} of the recorded episodes and the plain source; what hides "
+            "in the target is known to the reader, not to the search. Find: where does the source err, and by how much?"
+        ),
+        *joints_table(report),
+        Text("Name: which effects of the catalogue does it lack, and how large are they?"),
+        names_table(demo.plan, report),
+        Text(
+            f"Add: {GAP}/model.xml is the source with what was named and retuned. {lead(report)} All that nas gap has "
+            f"to say is on its own page, {GAP}/report.html."
+        ),
+        gap_picture(report, series),
+    ]
+
+
+def names_table(plan: Plan, report: Report) -> Table:
+    """Return a row for each effect that hides in the target or was named."""
+    hidden = {(effect.name(), effect.joint): effect for effect in plan.task.effects(plan.dynamics)}
+    named = {(effect["effect"], effect["joint"]): effect for effect in report["effects"]}
+    rows = []
+    for name, joint in {**hidden, **named}:
+        there, found = hidden.get((name, joint)), named.get((name, joint))
+        numbers = list(found["parameters"].values()) if found else []
+        truth = [friendly(getattr(there, one.name), one.unit) for one in there.sought] if there else []
+        rows.append(
+            (
+                f"{spoken(name)} in {joint or 'the whole arm'}",
+                "; ".join(truth) or NONE,
+                "; ".join(friendly(number["value"], number["unit"]) for number in numbers) or NONE,
+                "; ".join(interval(number) for number in numbers) or NONE,
+                confidence(found["confidence"]) if found else NONE,
+            )
+        )
+    note = (
+        "Hidden: what the target has. Joints that the task does not act on are commanded to stay: nothing in the "
+        "recording tells of their speed limits."
+    )
+    return Table(("", "hidden", "named", "95 % interval", "confidence"), rows, note)
 
 
 def predictions(demo: Demo) -> Picture:
@@ -90,7 +146,7 @@ def predictions(demo: Demo) -> Picture:
     chosen = {name: values[episode, :, joint] for name, values in curves.items()}
     figure = trajectory(
         chosen["measured"],
-        {name: chosen[name] for name in LEARNERS},
+        {name: chosen[name] for name in LEARNERS if name in chosen},
         chosen.get("command"),
         plan.task.period,
         joints[joint],
@@ -150,8 +206,10 @@ def policies_blocks(demo: Demo, runs: Runs) -> Sequence[Block]:
         f"in the same {plan.judged} episodes."
     )
     seeds = Text(
-        f"Few seeds of each method, {len(plan.seeds)} here, keep the demo short and say little about spread; five are "
-        "the usual measure."
+        f"Every method got the same {plan.frames:,} control steps and the same "
+        f"seed{'' if len(plan.seeds) == 1 else 's'} of PPO: {listed(list(map(str, plan.seeds)))}. Short trainings of "
+        "few seeds spread by more than what lies between the best methods, so that a share of the distance of over "
+        "100 % is chance. Five seeds are the usual measure: docs/results/README.md has them."
     )
     return [
         task,
@@ -165,7 +223,7 @@ def policies_blocks(demo: Demo, runs: Runs) -> Sequence[Block]:
 def facts(demo: Demo) -> dict[str, str]:
     """Return what the page rests on: machine, times, data, seeds, versions."""
     plan, machine = demo.plan, hardware()
-    stages = {name: read_stage(name, demo.folder) for name in ("record", "models", "policies")}
+    stages = {name: read_stage(name, demo.folder) for name in ("record", "names", "models", "policies")}
     versions = machine["versions"]
     assert isinstance(versions, Mapping)
     times = ", ".join(f"{name} {done.seconds:.0f} s" for name, done in stages.items())

@@ -13,15 +13,22 @@ def record(demo: Demo) -> Found:
     return record_pairs(demo)
 
 
-def learn_gap(demo: Demo) -> Found:
+def name_gap(demo: Demo) -> Found:
     """Do the second stage."""
+    from nas_data.demo.naming import name_effects
+
+    return name_effects(demo)
+
+
+def learn_gap(demo: Demo) -> Found:
+    """Do the third stage."""
     from nas_data.demo.learning import learn_models
 
     return learn_models(demo)
 
 
 def learn_task(demo: Demo) -> Found:
-    """Do the third stage."""
+    """Do the fourth stage."""
     from nas_data.demo.policies import learn_policies
 
     return learn_policies(demo)
@@ -45,11 +52,19 @@ STAGES = (
         ("datasets",),
     ),
     Stage(
+        "names",
+        "Name what is missing",
+        "`nas gap` is given episodes of the recording and the plain simulator, and is not told what differs. It finds "
+        "where the two disagree, names the effects that the simulator lacks, and adds them to its model.",
+        name_gap,
+        ("gap",),
+    ),
+    Stage(
         "models",
         "Learn the gap",
         "Two networks learn from the pairs, side by side: φ corrects each step of the simulator, ψ predicts without a "
         "simulator. Both are trained on their own rollouts. 'validation' is the error of such rollouts [rad]; "
-        "* marks the best so far, which is kept.",
+        "* marks the best so far, which is kept. Then both are compared with the simulator that has the names.",
         learn_gap,
         ("models",),
     ),
@@ -57,8 +72,8 @@ STAGES = (
         "policies",
         "Learn policies",
         "The task is to reach a point with the arm's tip. Policies learn it by PPO on the target (expert), in the "
-        "plain simulator (source), in the simulator corrected by φ (augmented) and in ψ (forward). Then each is "
-        "judged on the target.",
+        "plain simulator (source), in the simulator corrected by φ (augmented), in ψ (forward) and in the simulator "
+        "with the names (named). Then each is judged on the target.",
         learn_task,
         ("policies",),
     ),

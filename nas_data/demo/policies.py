@@ -1,4 +1,4 @@
-"""The demo's third stage: policies learn on the target, in the source and in what was learned; the target judges."""
+"""The demo's fourth stage: policies learn on the target, in the source and in what was learned or named."""
 
 import json
 from pathlib import Path
@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.demo.learning import FOLDERS, cores
+from nas_data.demo.naming import named_plant
 from nas_data.demo.plan import Demo
 from nas_data.envs.loop.plant import Plant
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compare
@@ -35,12 +36,14 @@ def learn_policies(demo: Demo) -> Found:
     ]
     scores = {name: score.describe() for name, score in baselines.items()}
     write_whole(demo.folder / BASELINES, (json.dumps(scores, indent=1) + "\n").encode())
-    resampled = bootstrap_of(len(plan.seeds))
+    several = len(plan.seeds) > 1
+    over = f", median of {len(plan.seeds)} seeds" if several else f", seed {plan.seeds[0]}"
+    brackets = f" (in brackets: {bootstrap_of(len(plan.seeds))})" if several else ""
     summary = [
-        f"Return on the target, median of {len(plan.seeds)} seeds: "
+        f"Return on the target{over}: "
         + ", ".join(f"{method} {np.median(comparison.values(method)):.2f}" for method in study.methods),
         *(
-            f"{method} closes {closed} of the distance from source to expert (in brackets: {resampled})"
+            f"{method} closes {closed} of the distance from source to expert{brackets}"
             for method in study.methods
             if (closed := comparison.share_closed(method)) is not None and not np.isnan(closed.value)
         ),
@@ -55,9 +58,10 @@ def load_baselines(path: Path) -> dict[str, dict[str, float]]:
 
 
 def study_of(demo: Demo) -> Study:
-    """Return what is compared: the two ends, φ and ψ."""
+    """Return what is compared: the two ends, φ, ψ and the names, where there are any."""
     plan = demo.plan
     delta, forward = (str(demo.folder / FOLDERS[kind]) for kind in FOLDERS)
+    named = named_plant(demo)
     return Study(
         target=plan.target,
         methods={
@@ -65,6 +69,7 @@ def study_of(demo: Demo) -> Study:
             SOURCE_METHOD: plan.source,
             "augmented": Plant(plan.environment, checkpoint=delta),
             "forward": Plant(plan.environment, checkpoint=forward),
+            **({} if named is None else {"named": named}),
         },
         seeds=plan.seeds,
         frames=plan.frames,

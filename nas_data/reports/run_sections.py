@@ -9,7 +9,7 @@ from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD
 from nas_data.policies.share import share
 from nas_data.reports.learning_figures import learning, model_training, returns_on_target
 from nas_data.reports.page import Block, Picture, Section, Table, Text
-from nas_data.reports.runs import ModelRun, PolicyRun, scores
+from nas_data.reports.runs import NAMED, NAMED_AND_LEARNED, ModelRun, PolicyRun, scores
 from nas_data.reports.style import to_png
 
 LEARNED_ON = {
@@ -17,6 +17,8 @@ LEARNED_ON = {
     SOURCE_METHOD: "the plain simulator",
     "augmented": "the simulator corrected by φ",
     "forward": "ψ alone",
+    NAMED: "the simulator with the named effects",
+    NAMED_AND_LEARNED: "the simulator with the named effects, corrected by φ",
 }
 
 

@@ -17,6 +17,7 @@ from nas_data.visible import visible
 HISTORY, CHECKPOINT = "history.json", "checkpoint"
 MODEL_NAMES = {"delta": "source + φ", "forward": "ψ"}
 METHODS = {"delta": "augmented", "forward": "forward"}
+NAMED, NAMED_AND_LEARNED = "named", "named_nas"  # learned in a source with named effects, without and with φ
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,8 @@ class PolicyRun:
 
     Attributes:
         folder: Where it lies.
-        method: What it learned on: expert (the target), source, augmented (φ) or forward (ψ).
+        method: What it learned on: expert (the target), source, augmented (φ), forward (ψ), named (the source with
+            named effects) or named_nas (φ beside).
         seed: Its seed.
         environment: What it learned to do.
         frames: Control steps it learned from.
@@ -110,7 +112,7 @@ class Runs:
 
 def order(method: str) -> int:
     """Return the place of a method in tables: the two ends first."""
-    known = (EXPERT_METHOD, SOURCE_METHOD, *METHODS.values())
+    known = (EXPERT_METHOD, SOURCE_METHOD, *METHODS.values(), NAMED, NAMED_AND_LEARNED)
     return known.index(method) if method in known else len(known)
 
 
@@ -195,7 +197,9 @@ def read_policy(folder: Path) -> PolicyRun:
 
 def method_of(plant: Mapping[str, object]) -> str:
     """Return what a policy learned on, given its plant as its configuration holds it."""
-    model = plant.get("model")
+    model, named = plant.get("model"), "retuned" in plant
+    if named:
+        return NAMED_AND_LEARNED if model else NAMED
     if isinstance(model, dict):
         return METHODS.get(str(model.get("kind")), str(model.get("kind")))
     return SOURCE_METHOD if plant["dynamics"] == "source" else EXPERT_METHOD

@@ -17,7 +17,8 @@ WIDTH = 7.6  # [in] 988 pixels: sharp at the 830 pixels that a README shows
 # Okabe and Ito's palette, which people with any kind of colour vision can tell apart.
 BLACK, GREY, LIGHT = "#000000", "#777777", "#999999"
 BLUE, ORANGE, GREEN, PURPLE = "#0072B2", "#E69F00", "#009E73", "#CC79A7"
-OTHERS = (PURPLE, "#56B4E9", "#D55E00", "#8C6D31")  # for what has no colour of its own, in order of appearance
+VERMILION = "#D55E00"
+OTHERS = (PURPLE, "#56B4E9", "#8C6D31")  # for what has no colour of its own, in order of appearance
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,8 @@ STROKES = {
     "nas": Stroke(ORANGE, "-", 2.0, 6),  # the same, by the paper's name
     "ψ": Stroke(GREEN, "--", 1.6, 5),
     "forward": Stroke(GREEN, "--", 1.8, 5),  # learned on ψ
+    "source + names": Stroke(VERMILION, "-.", 1.6, 5),
+    "named": Stroke(VERMILION, "-.", 1.8, 5),  # learned on source + names
     "hold": Stroke(LIGHT, "-.", 1.2, 1),
     "command": Stroke(GREY, ":", 1.4, 1),
 }

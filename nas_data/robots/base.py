@@ -18,12 +18,14 @@ from nas_data.drives import driven_joint
 from nas_data.engine_warnings import heard_warnings, pass_on
 from nas_data.errors import ModelFileError
 from nas_data.floating_base import falling_bases, hold_bases
-from nas_data.servos import add_position_servos, motor_joints
+from nas_data.servos import add_position_servos, add_torque_motors, motor_joints
 from nas_data.visible import visible
 
 FOLDER = Path(__file__).parent
 MISSING = re.compile(r"Error opening file '([^']+)'")  # how MuJoCo speaks of meshes, textures and included files
-KNOWN = (".xml", ".urdf")  # endings by which MuJoCo knows a model
+URDF = ".urdf"
+KNOWN = (".xml", URDF)  # endings by which MuJoCo knows a model
+TORQUES = ":torque"  # after a URDF's name: its joints have motors, which take torques
 NOT_A_NUMBER = "'NaN'"  # in MuJoCo's warning, after which it reads the number as not given
 
 
@@ -159,20 +161,25 @@ def slide_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
 
 
 def find_robot(name_or_path: str | Path) -> Robot:
-    """Return a robot of ours by name, or any user's model by its file; a URDF is given position servos.
+    """Return a robot of ours by name, or any user's model by its file.
+
+    A URDF, which names no actuators, is given position servos; `arm.urdf:torque` is one with motors instead.
 
     Raises:
         UnknownName: neither a robot's name nor a path.
-        ModelFileError: the file cannot be used as a model.
+        ModelFileError: the file cannot be used as a model, or names its actuators itself.
     """
-    path = Path(name_or_path)
-    named = str(name_or_path) in registry.names("robots")
+    given = str(name_or_path).removesuffix(TORQUES)
+    path, named = Path(given), given in registry.names("robots")
+    add_actuators = add_position_servos if given == str(name_or_path) else add_torque_motors
+    if add_actuators is add_torque_motors and path.suffix != URDF:
+        raise ModelFileError(f"{given} says itself what moves its joints; leave out --actuators, which is for a URDF.")
     if path.suffix or path.is_file() or (path.is_dir() and not named):
         spec = read_spec(path)
         for doubt in angle_doubts(path, spec.compile(), bool(spec.compiler.degree)):
             say_once(doubt)
-        if path.suffix == ".urdf" and (joints := motor_joints(spec)):
-            return Robot(name=path.stem, mjcf=path, joints=joints, edit=add_position_servos)
+        if path.suffix == URDF and (joints := motor_joints(spec)):
+            return Robot(name=path.stem, mjcf=path, joints=joints, edit=add_actuators)
         joints = actuated_joints(spec)
         if not joints:
             raise ModelFileError(f"{path} has no actuator that drives a joint; add <position joint=…> actuators.")
@@ -180,4 +187,4 @@ def find_robot(name_or_path: str | Path) -> Robot:
             say_held(path, bases)
             return Robot(name=path.stem, mjcf=path, joints=joints, edit=hold_bases, bases=bases)
         return Robot(name=path.stem, mjcf=path, joints=joints)
-    return registry.module("robots", str(name_or_path), "robot").ROBOT
+    return registry.module("robots", given, "robot").ROBOT

@@ -50,9 +50,8 @@ def legend(report: Report) -> str:
 def shrinking(report: Report, series: Series) -> list[Picture]:
     """Return the pictures of how the gap shrinks."""
     shown = with_placebo(report, series)
-    joints = to_png(per_joint(series, models(report, series)))
     return [
-        Picture("gap_per_joint", joints, f"Error of each joint on the held-out episodes. {legend(report)}."),
+        gap_picture(report, series),
         *shares_picture(report),
         Picture(
             "episodes",
@@ -66,6 +65,12 @@ def shrinking(report: Report, series: Series) -> list[Picture]:
             "lower to the upper quartile. Every episode is predicted from its first pose and its commands alone.",
         ),
     ]
+
+
+def gap_picture(report: Report, series: Series) -> Picture:
+    """Return the picture of each joint's error by each model."""
+    joints = to_png(per_joint(series, models(report, series)))
+    return Picture("gap_per_joint", joints, f"Error of each joint on the held-out episodes. {legend(report)}.")
 
 
 def shares_picture(report: Report) -> list[Picture]:

@@ -1,0 +1,64 @@
+"""The demo's second stage: `nas gap` names what the source lacks, from the recording alone."""
+
+import textwrap
+from dataclasses import replace
+from pathlib import Path
+
+from nas_data.dataset import versions
+from nas_data.dataset.layout import SOURCE
+from nas_data.dataset.provenance import Provenance, read_provenance
+from nas_data.dataset.read import read
+from nas_data.demo.plan import Demo
+from nas_data.demo.recording import DATASETS, TRAIN, newest
+from nas_data.envs.loop.plant import Plant
+from nas_data.gap.add import EFFECTS
+from nas_data.gap.named import Named
+from nas_data.gap.showing.page_words import listed, titled
+from nas_data.gap.showing.report import read_report
+from nas_data.gap.summary import mapping, shrinking, summary
+from nas_data.gap.workflow import investigate
+from nas_data.policies.ppo import Calm
+from nas_data.stages import INDENT, WIDTH, Found
+
+FOLDER = "gap"
+BLIND = "ergojr_demo_blind"
+PAUSE = 5.0  # [s] between two lines of the search, which says much
+
+
+def name_effects(demo: Demo) -> Found:
+    """Run `nas gap` on episodes of the recording, and keep its report; nothing where the plan leaves the search out."""
+    folder = demo.folder / FOLDER
+    if not demo.plan.named:
+        folder.mkdir(exist_ok=True)
+        return Found(["left out at this size"], {})
+    recording, model = record_blind(demo), newest(demo, TRAIN) / SOURCE
+    say = Calm(lambda line: demo.report(INDENT + textwrap.shorten(line, WIDTH, placeholder=" …")), PAUSE)
+    report = investigate(recording, model, folder, say)
+    effects = [titled(effect) for effect in read_report(folder)["effects"]]
+    return Found(
+        summary(report, folder).splitlines(),
+        {key: report[key] for key in ("verdict", "effects", "retuned", "gap")},
+        [
+            f"nas gap names: {listed(effects) if effects else 'nothing'}",
+            f"Open-loop error on its own held-out episodes: {shrinking(mapping(report['gap']))}",
+        ],
+    )
+
+
+def record_blind(demo: Demo) -> Path:
+    """Return the folder of what `nas gap` is given: the first episodes, without a word about what hides in them."""
+    root = newest(demo, TRAIN)
+    recorded = read(root)
+    known = read_provenance(root) or Provenance(how="edited")
+    target = {key: value for key, value in (known.target or {}).items() if key != "effects"}
+    provenance = replace(known, how="edited", target=target, parents=(versions.parent_of(root, recorded),))
+    return versions.new_version(recorded.select(range(demo.plan.named)), BLIND, provenance, demo.folder / DATASETS)
+
+
+def named_plant(demo: Demo) -> Plant | None:
+    """Return the source with what was named and retuned; None where that is the plain source."""
+    folder = demo.folder / FOLDER
+    if not (folder / EFFECTS).is_file():
+        return None
+    named = Named.read(folder)
+    return Plant(demo.plan.environment, effects=str(folder)) if named.effects or named.retuned else None

@@ -1,0 +1,92 @@
+"""An identified model as files that `bam.model.load_model` of BAM (github.com/Rhoban/bam) reads, one a joint.
+
+BAM describes a servo by its motor. With a position error e and the speed ω its actuator `sts3215` gives the torque
+
+    (k_t / R) · V_in · clip(k_p · g · r · e, ±d) − (k_t² / R) · ω
+
+with V_in, k_p, g and d constants of its own, r the parameter `error_gain_ratio`, and a goal that moves no faster than
+`max_velocity`. With the gain K, the velocity feedback D and the largest torque L of a joint,
+
+    k_t / R = L / (V_in · d),   k_t = D / (k_t / R),   r = K · d / (L · k_p · g);
+
+without a largest torque r is 1 and k_t / R is K / (V_in · k_p · g). Friction is M1 to M4 of Rhoban's paper
+(arXiv:2410.08650): K_l · |τ_m − τ_ext| is 2 K_l · |τ_m| for a joint at rest, so that K_l is half of our ratio.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from nas_data.gap.exporting.identified import Quantity
+
+FOLDER = "bam"
+ACTUATOR = "sts3215"  # the one of BAM's whose parameters say gain, torque limit and speed limit
+VOLTAGE = 7.4  # [V] V_in of that actuator
+FIRMWARE_GAIN = 32.0  # k_p likewise
+ERROR_GAIN = 0.166  # [1/rad] g likewise
+LARGEST_DUTY = 0.97  # d likewise
+CURVATURE = 2.0  # BAM's alpha: our friction falls with exp(−(v / v_s)²)
+
+PLAIN = {  # our name: BAM's
+    "armature": "armature",
+    "speed_limit": "max_velocity",
+    "command_delay": "command_delay",
+    "viscous_friction": "friction_viscous",
+}
+KEPT = {*PLAIN, "gain", "damping", "torque_limit", "dry_friction", "load_friction"}
+STRIBECK = {"stribeck_friction.torque", "stribeck_friction.kinetic_ratio", "stribeck_friction.stribeck_velocity"}
+
+
+def write_bam(folder: Path, joints: Sequence[str], quantities: Sequence[Quantity]) -> tuple[Path, list[str]]:
+    """Write `bam/JOINT.json` for every hinge; return the folder and what it does not hold, a sentence each.
+
+    Args:
+        folder: Where.
+        joints: Measured hinges; BAM has no slides.
+        quantities: What is known of the model.
+    """
+    place = folder / FOLDER
+    place.mkdir(parents=True, exist_ok=True)
+    arm = {each.name: each.value for each in quantities if each.joint is None}
+    told = [f"{', '.join(sorted({q.name for q in quantities if q.interval}))}: their ranges"]
+    told = told if any(quantity.interval for quantity in quantities) else []
+    for joint in joints:
+        own = {each.name: each.value for each in quantities if each.joint == joint}
+        if "command_delay" in arm:
+            own.setdefault("command_delay", arm["command_delay"])
+        content, lost = parameters(own)
+        (place / f"{joint}.json").write_text(json.dumps(content, indent=1), encoding="utf-8")
+        told += [f"{joint}: {what}" for what in lost]
+    return place, told + [f"the arm's {name}" for name in arm if name != "command_delay"]
+
+
+def parameters(own: Mapping[str, float]) -> tuple[dict[str, str | float], list[str]]:
+    """Return BAM's parameters of a joint, and what of it they do not hold.
+
+    Args:
+        own: The joint's numbers by name, in SI units.
+    """
+    content: dict[str, str | float] = {"actuator": ACTUATOR, "friction_base": own.get("dry_friction", 0.0)}
+    content |= {"friction_viscous": 0.0} | {theirs: own[ours] for ours, theirs in PLAIN.items() if ours in own}
+    has_stribeck, has_load = own.keys() >= STRIBECK, "load_friction" in own
+    content["model"] = {(0, 0): "m1", (1, 0): "m2", (0, 1): "m3", (1, 1): "m4"}[has_stribeck, has_load]
+    if has_stribeck:
+        content["friction_stribeck"] = own["stribeck_friction.torque"] * (1 - own["stribeck_friction.kinetic_ratio"])
+        content["dtheta_stribeck"] = own["stribeck_friction.stribeck_velocity"]
+        content["alpha"] = CURVATURE
+    if has_load:
+        content["load_friction_base"] = own["load_friction"] / 2
+    if has_stribeck and has_load:
+        content["load_friction_stribeck"] = 0.0
+    lost = sorted(own.keys() - KEPT - (STRIBECK if has_stribeck else set()))
+    gain, feedback, limit = (own.get(name, 0.0) for name in ("gain", "damping", "torque_limit"))
+    if gain and feedback:
+        per_volt = limit / (VOLTAGE * LARGEST_DUTY) if limit else gain / (VOLTAGE * FIRMWARE_GAIN * ERROR_GAIN)
+        content["kt"] = feedback / per_volt
+        content["R"] = feedback / per_volt**2
+        content["error_gain_ratio"] = gain / (per_volt * VOLTAGE * FIRMWARE_GAIN * ERROR_GAIN)
+    else:
+        missing = "position servo" if not gain else "velocity feedback, which is BAM's back-EMF"
+        lost += [f"kt and R, as the joint has no {missing}", *(["gain"] if gain else [])]
+        lost += ["torque_limit"] if limit else []
+    return content, lost

@@ -1,0 +1,28 @@
+"""An identified model as a CSV table: a row for each number of each joint, with its randomisation range."""
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+from nas_data.gap.exporting.identified import Quantity
+
+FILE = "parameters.csv"
+HEADER = ("joint", "parameter", "unit", "value", "low", "high")
+
+
+def write_table(folder: Path, quantities: Sequence[Quantity]) -> tuple[Path, list[str]]:
+    """Write `parameters.csv`; return its path and what it does not hold.
+
+    `low` and `high` are the ends of the 95 % interval, empty where it is not known; a number of the whole arm has an
+    empty `joint`.
+    """
+    path = folder / FILE
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(HEADER)
+        for quantity in quantities:
+            numbers = (quantity.value, *(quantity.interval or ()))
+            row = [quantity.joint or "", quantity.name, quantity.unit, *(repr(float(number)) for number in numbers)]
+            writer.writerow(row + [""] * (len(HEADER) - len(row)))
+    unknown = sum(quantity.interval is None for quantity in quantities)
+    return path, [f"ranges of {unknown} of {len(quantities)} numbers, which no interval is known of"] if unknown else []

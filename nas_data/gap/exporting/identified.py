@@ -1,0 +1,180 @@
+"""What is known of each joint of an identified model: numbers with the ranges that the data leave them."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+
+from nas_data.effects.base import Effect, Parameter, add_effects, make_effect
+from nas_data.effects.edits.servo import damping, stiffness, torque_limit
+from nas_data.errors import OptionError
+from nas_data.gap.add import EFFECTS
+from nas_data.gap.nominal import Nominal
+from nas_data.gap.report import REPORT
+from nas_data.joint_units import unit_at
+
+ROUNDING = 1e-9  # relative difference of numbers that were only written otherwise
+ALIKE = 1e-3  # relative difference below which a report's number is that of an effects.json
+UNITS = {
+    "gain": "N·m/rad",
+    "damping": "N·m·s/rad",
+    "armature": "kg·m²",
+    "dry_friction": "N·m",
+    "viscous_friction": "N·m·s/rad",
+    "torque_limit": "N·m",
+}  # what a joint has anyway, at a hinge; `damping` is the servo's velocity feedback
+
+Interval = tuple[float, float]
+Intervals = Mapping[tuple[str, str | None, str], Interval]  # by effect, joint and parameter
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One number of an identified model.
+
+    Attributes:
+        joint: Joint that it belongs to; None for the whole arm.
+        name: Which: one of `UNITS`, or an effect or `effect.parameter`.
+        unit: Its unit; empty for a ratio.
+        value: The number.
+        interval: Where it lies with 95 %, as far as the data tell; None where that is not known.
+    """
+
+    joint: str | None
+    name: str
+    unit: str
+    value: float
+    interval: Interval | None
+
+
+def identify(
+    nominal: Nominal, effects: Sequence[Effect], factors: Mapping[str, float], intervals: Intervals
+) -> list[Quantity]:
+    """Return what is known of each joint, then of the arm.
+
+    An effect changes what the joint has anyway (friction adds to the model's, say): that is read from a model with the
+    effect in it, at its value and at both ends of its interval. What cannot be read there stands for itself.
+
+    Args:
+        nominal: The model as given.
+        effects: The effects named.
+        factors: Factors of the model's parameters, by name.
+        intervals: Of the effects' parameters, as far as they are known.
+    """
+    spec = nominal.edited(factors)
+    found: list[Quantity] = []
+    for joint in (*nominal.joints, None):
+        own = [effect for effect in effects if effect.joint == joint]
+        if joint is not None:
+            found += _of_joint(spec, joint, own, intervals, joint in nominal.slides)
+        for effect in own:
+            found += _of_effect(spec, effect, intervals, joint in nominal.slides)
+    return found
+
+
+def read_intervals(path: Path, effects: Sequence[Effect]) -> Intervals:
+    """Return the 95 % intervals of effects' parameters from the report that they are from; none where there is none.
+
+    Args:
+        path: A report's folder, or one of its files.
+        effects: The effects; a report about other ones tells nothing of them.
+
+    Raises:
+        OptionError: the report is none.
+    """
+    report = (path if path.is_dir() else path.parent) / REPORT
+    if path.suffix == ".json" and path.name != EFFECTS:
+        report = path
+    if not report.is_file():
+        return {}
+    try:
+        entries = json.loads(report.read_text(encoding="utf-8"))["effects"]
+        known = {
+            (entry["effect"], entry["joint"], name): (float(number["value"]), *map(float, number["interval95"]))
+            for entry in entries
+            for name, number in entry["parameters"].items()
+            if "interval95" in number
+        }
+    except (KeyError, TypeError, ValueError, AttributeError):
+        raise OptionError(f"{report} is not a gap report; give the folder that `nas gap` wrote.") from None
+    values = {
+        (effect.name(), effect.joint, parameter.name): float(getattr(effect, parameter.name))
+        for effect in effects
+        for parameter in effect.sought
+    }
+    return {
+        key: (low, high)
+        for key, (value, low, high) in known.items()
+        if key in values and math.isclose(value, values[key], rel_tol=ALIKE)
+    }
+
+
+def _numbers(spec: mujoco.MjSpec, joint: str, effects: Sequence[Effect]) -> dict[str, float]:
+    """Return what a joint has with some effects in it."""
+    edited = spec.copy()
+    add_effects(edited, effects)
+    element = edited.joint(joint)
+    return {
+        "gain": max(stiffness(edited, joint), 0.0),
+        "damping": max(damping(edited, joint), 0.0),
+        "armature": float(element.armature),
+        "dry_friction": float(element.frictionloss),
+        "viscous_friction": float(element.damping[0]),
+        "torque_limit": torque_limit(edited, joint),
+    }
+
+
+def _of_joint(
+    spec: mujoco.MjSpec, joint: str, effects: Sequence[Effect], intervals: Intervals, slide: bool
+) -> list[Quantity]:
+    """Return what a joint has of `UNITS`; what is zero or infinite is left out."""
+    value = _numbers(spec, joint, effects)
+    low, high, known = dict(value), dict(value), set()
+    for place, effect in enumerate(effects):
+        for parameter in effect.sought:
+            ends = intervals.get((effect.name(), joint, parameter.name))
+            if ends is None:
+                continue
+            moved = [_numbers(spec, joint, _with(effects, place, parameter, end)) for end in ends]
+            for name, number in value.items():
+                off = [other[name] - number for other in moved if math.isfinite(other[name]) and math.isfinite(number)]
+                if any(off):
+                    known.add(name)
+                    low[name] += min(0.0, *off)
+                    high[name] += max(0.0, *off)
+    return [
+        Quantity(joint, name, unit_at(unit, slide), value[name], (low[name], high[name]) if name in known else None)
+        for name, unit in UNITS.items()
+        if value[name] > 0 and math.isfinite(value[name])
+    ]
+
+
+def _of_effect(spec: mujoco.MjSpec, effect: Effect, intervals: Intervals, slide: bool) -> list[Quantity]:
+    """Return an effect's own numbers; nothing for an effect of one number that can be read in its joint."""
+    several = len(effect.sought) > 1
+    if effect.joint is not None and not several:
+        before, after = (_numbers(spec, effect.joint, effects).values() for effects in ([], [effect]))
+        if not all(math.isclose(*pair, rel_tol=ROUNDING) for pair in zip(before, after, strict=True)):
+            return []
+    return [
+        Quantity(
+            effect.joint,
+            f"{effect.name()}.{parameter.name}" if several else effect.name(),
+            unit_at(parameter.unit, slide),
+            float(getattr(effect, parameter.name)),
+            intervals.get((effect.name(), effect.joint, parameter.name)),
+        )
+        for parameter in effect.sought
+    ]
+
+
+def _with(effects: Sequence[Effect], place: int, parameter: Parameter, value: float) -> list[Effect]:
+    """Return effects of which one has another number, within what it may be."""
+    lowest, highest = min(parameter.neutral, parameter.low), max(parameter.neutral, parameter.high)
+    effect = effects[place]
+    numbers = {each.name: getattr(effect, each.name) for each in effect.parameters}
+    changed = make_effect(effect.name(), effect.joint, numbers | {parameter.name: min(max(value, lowest), highest)})
+    return [*effects[:place], changed, *effects[place + 1 :]]
