@@ -24,7 +24,6 @@ from nas_data.demo.recording import DATASETS, HELDOUT, TRAIN, newest
 from nas_data.effects.base import parse
 from nas_data.errors import OutputExists
 from nas_data.gap.add import write_effects
-from nas_data.gap.showing.report import read_report
 from nas_data.stages import Found, Stage, claim, read_done, run_stages
 
 NAMES = [stage.name for stage in STAGES]
@@ -185,15 +184,6 @@ def test_the_search_is_given_episodes_that_do_not_say_what_hides_and_its_names_a
     assert told.summary[0] == "nas gap names: backlash in m3 and command delay (whole arm)"
     assert "11.46° → 0.57° (plain fit 5.73°, noise floor 0.06°)" in told.summary[1]
     assert [len(line) < 120 for line in lines] == [True]
-
-
-@pytest.mark.slow
-def test_the_full_demos_search_names_what_moves_and_nothing_else(tmp_path):
-    full = Demo(FULL, tmp_path / "demo", print)
-    run_stages(STAGES[:2], full)
-    named = {(effect["effect"], effect["joint"]) for effect in read_report(full.folder / FOLDER)["effects"]}
-    hidden = {(effect.name(), effect.joint) for effect in FULL.task.effects(FULL.dynamics)}
-    assert named == hidden - {("speed_limit", "m1"), ("speed_limit", "m4")}
 
 
 def test_errors_on_the_page_are_those_of_nas_evaluate(demo):
