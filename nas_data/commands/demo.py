@@ -1,7 +1,7 @@
-"""Everything once, small: record, pair, name the gap, learn it, learn policies, show it on one page."""
+"""Everything once, small: record, pair, learn the gap, learn policies, show it on one page."""
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from nas_data.commands.base import Command, Outcome
@@ -9,7 +9,7 @@ from nas_data.commands.base import Command, Outcome
 
 @dataclass(frozen=True, kw_only=True)
 class Demo(Command):
-    """Record a simulated robot, name and learn what its simulator lacks, learn policies with it, and write a page.
+    """Record a simulated robot, learn what its simulator lacks, learn policies with it, and write a page.
 
     Takes about ten minutes on two cores. Started again, it goes on where it was interrupted.
 
@@ -19,14 +19,17 @@ class Demo(Command):
     out: Path = Path("demo")
     """Folder for everything that the demo makes; the page is report.html in it."""
     quick: bool = False
-    """Go through the stages within a minute, at sizes at which nothing is learned yet, without the search for names."""
+    """Go through the stages within a minute, at sizes at which nothing is learned yet."""
+    names: bool = False
+    """Let `nas gap` name what the source lacks, and learn policies on the names; the search takes many minutes more."""
 
     def run(self) -> Outcome:
         """Run every stage that is not done yet."""
         from nas_data.demo.pipeline import run_demo
-        from nas_data.demo.plan import FULL, QUICK
+        from nas_data.demo.plan import FULL, NAMED, QUICK
 
-        results = run_demo(QUICK if self.quick else FULL, self.out, report)
+        plan = QUICK if self.quick else FULL
+        results = run_demo(replace(plan, named=NAMED) if self.names else plan, self.out, report)
         data = {
             name: {"seconds": done.seconds, "when": done.when, "load": done.load, **done.data}
             for name, done in results.items()
