@@ -80,7 +80,7 @@ def test_the_blocks_of_the_page_run_one_after_the_other(tmp_path):
     run_page(tmp_path, slow=False)
     written = {path.name for path in (tmp_path / "datasets").iterdir()}
     assert written == {"so101", "my_arm", "my_arm_in_ros", "torques"}
-    assert len(list((tmp_path / "datasets/so101").glob("v*"))) == 2  # imported, paired
+    assert len(list((tmp_path / "datasets/torques").glob("v*"))) == 2  # recorded, paired
 
 
 @pytest.mark.slow
