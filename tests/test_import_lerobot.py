@@ -135,7 +135,7 @@ def test_ranges_without_a_calibration_are_refused_and_the_remedy_works(here, cap
     assert main(["import", "d", "--map", "so101_lerobot", "--calibration", "FILE", "--out", "done"]) == 0
 
 
-@pytest.mark.parametrize("robot", ["so101_follower", "so100_follower", "koch_follower", "arm2"])
+@pytest.mark.parametrize("robot", ["so101_follower", "so_follower", "so100_follower", "koch_follower", "arm2"])
 @pytest.mark.parametrize("command", ["gap find", "pair", "train forward"])
 def test_degrees_are_answered_with_the_command_that_imports_them(here, capsys, robot, command):
     joints = JOINTS if robot == "arm2" else SO101

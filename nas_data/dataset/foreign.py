@@ -20,6 +20,7 @@ from nas_data.errors import DatasetInvalid
 OURS = {"simulated", "hardware", "imported", "paired"}
 MAPS = Path(__file__).parents[1] / "importing" / "maps"
 REFUSED = ("rate", "time_gap", "time_backwards", "repeated_time", "not_finite", "unit_slip")
+ALSO_CALLED = {"so_follower": "so101_follower"}  # LeRobot's name of a SO-100 and a SO-101, whose servos count alike
 LEROBOT = "_lerobot"  # how the names of maps of LeRobot's datasets end
 
 
@@ -89,6 +90,7 @@ def in_its_unit(root: Path, dataset: Dataset) -> str:
 
 def map_for(robot_type: str) -> str | None:
     """Return the shipped map of a robot that LeRobot knows by this name; None where there is none."""
+    robot_type = ALSO_CALLED.get(robot_type, robot_type)
     names = sorted(file.stem for file in MAPS.glob(f"*{LEROBOT}.toml") if file.stem != "example" + LEROBOT)
     return next((name for name in names if robot_type.startswith(name.removesuffix(LEROBOT))), None)
 
