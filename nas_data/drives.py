@@ -3,6 +3,8 @@
 import mujoco
 import numpy as np
 
+HELD = "_held"  # the constraint `<joint>_held`; without it the joint is as its author made it
+WIDEST_PLAY = 0.2  # [rad] half width up to which a hinge with stops is a joint's play
 # Parts of a servo with a dead band are known by these names, which are such that nobody's model has them by chance.
 DRIVE = "_deadband_drive"  # a fixed tendon `<joint>_deadband_drive` stands for its joint: the goal its servo follows
 GOAL = "_deadband_goal"  # a weightless joint in the world, which is where the servo's goal is

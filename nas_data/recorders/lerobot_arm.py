@@ -32,7 +32,7 @@ from nas_data.xl320.fitness import MARGIN
 
 VOLT = 0.1  # [V] a unit of both makers' voltages
 VOLTAGE, OVERHEAT, OVERLOAD = 1, 4, 32  # bits of both makers' hardware errors
-TRIES = 3  # looks for a second servo of one identity
+TRIES = 3  # looks for a servo, and for a second one of its identity; one answer may come late
 FLEETING = ("Present_", "Goal_", "Moving", "Status", "Hardware_Error", "Realtime", "Registered", "Torque_Enable")
 
 
@@ -354,14 +354,21 @@ class LeRobotArm:
                 said = " ".join(str(error).split()).rstrip(".")
                 raise BadReply(f"LeRobot could not set a servo up or command it: {said}.") from None
 
+    def _find(self, identity: int) -> int | None:
+        """Return the model number of a servo; None where it answers in none of several tries."""
+        tries = (self.line.ping(identity) for _ in range(TRIES))
+        return next((model for model in tries if model is not None), None)
+
     def _refuse_strangers(self) -> None:
-        found = {identity: self.line.ping(identity) for identity in self.ids}
+        found = {identity: self._find(identity) for identity in self.ids}
         here = [identity for identity, model in found.items() if model is not None]
         if not here:
             raise nobody(self.bus.port)
         for identity in here:
             heard = [self.line.voices(identity, self._start, self._end - self._start) for _ in range(TRIES)]
-            if any(sound > 1 for sound, _ in heard) or all(damaged and not sound for sound, damaged in heard):
+            if 2 * sum(sound > 1 for sound, _ in heard) > TRIES or all(
+                damaged and not sound for sound, damaged in heard
+            ):
                 raise DuplicateId(
                     f"Two servos answer as {identity}; unplug all but one of them and give it its own identity "
                     "(lerobot-setup-motors)."

@@ -7,14 +7,12 @@ import mujoco
 import numpy as np
 
 from nas_data.dataset.features import POSITION
-from nas_data.drives import goal_joints, pad_joints
-from nas_data.effects.edits.series import WIDEST_PLAY
+from nas_data.drives import HELD, WIDEST_PLAY, goal_joints, pad_joints
 from nas_data.errors import ModelFileError
 from nas_data.free_name import free_name
 from nas_data.simulators.controls import UntoldControl, length_control, length_feedback
 from nas_data.simulators.layout import Layout
 
-HELD = "_held"  # the constraint `<joint>_held`; without it the joint is as its author made it
 RIGID = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # impedance, the engine's largest
 STILL = 1e-6  # [rad] or [m] off its reference to which a servo without a command may go
 GENERIC = 0.05  # [rad] or [m] off the reference, where no lever happens to be zero

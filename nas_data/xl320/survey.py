@@ -98,7 +98,7 @@ def refuse_duplicates(bus: Bus, identities: Sequence[int]) -> None:
     """
     for identity in identities:
         heard = [bus.voices(identity, FEEDBACK, MOVING_PART) for _ in range(TRIES)]
-        if any(sound > 1 for sound, _ in heard) or all(damaged and not sound for sound, damaged in heard):
+        if 2 * sum(sound > 1 for sound, _ in heard) > TRIES or all(damaged and not sound for sound, damaged in heard):
             raise DuplicateId(
                 f"Two servos answer as {identity}; unplug all but one of them and give it its own identity "
                 f"(nas robot ergojr --port PORT --rename {identity}:NEW)."

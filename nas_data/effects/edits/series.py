@@ -15,8 +15,6 @@ SMALLEST = 2e-5  # [kg m²] a hinge that carries less inertia than this rings at
 STOP = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # impedance that on the lightest link still holds the motor behind it
 SURE = 0.5  # part of a link's inertia in the reference posture that it has in nearly all postures
 
-WIDEST_PLAY = 0.2  # [rad] half width up to which a hinge with stops is somebody's backlash
-
 
 def add_series_joint(spec: mujoco.MjSpec, joint: str, suffix: str) -> mujoco.MjsJoint:
     """Add the joint `<joint>_<suffix>` on the same body and axis, free and without friction, and measure the sum.
