@@ -30,7 +30,7 @@ def name_effects(demo: Demo) -> Found:
     folder = demo.folder / FOLDER
     if not demo.plan.named:
         folder.mkdir(exist_ok=True)
-        return Found(["left out at this size"], {})
+        return Found(["left out; nas demo --names runs it"], {})
     recording, model = record_blind(demo), newest(demo, TRAIN) / SOURCE
     say = Calm(lambda line: demo.report(INDENT + textwrap.shorten(line, WIDTH, placeholder=" …")), PAUSE)
     report = investigate(recording, model, folder, say)

@@ -30,8 +30,8 @@ from nas_data.stages import Found, read_stage
 PAGE = "report.html"
 FIGURES = "figures"
 LEAD = (
-    "A simulator of a robot arm is never quite right. From recordings of the arm, nas gap names what the simulator "
-    "lacks, a network φ learns what it gets wrong, and policies then learn in the corrected simulator."
+    "A simulator of a robot arm is never quite right. From recordings of the arm, a network φ learns what it gets "
+    "wrong, nas gap can name what it lacks, and policies then learn in the corrected simulator."
 )
 LEARNERS = ("source", "source + φ", "ψ", NAMES)  # whose trajectories are drawn; hold and command are in the tables
 
@@ -40,7 +40,7 @@ def write_page(demo: Demo) -> Found:
     """Write the page, and its pictures once more as files."""
     runs = find_runs([demo.folder / folder for folder in (*FOLDERS.values(), POLICIES)])
     page = Page(
-        "The gap between a simulator and its robot: recorded, named, learned, closed",
+        "The gap between a simulator and its robot: recorded, learned, closed",
         [
             Section("", [Text(LEAD, lead=True), *(Text(line) for line in about(demo.plan))]),
             Section("In short", [Text(line + ".") for line in in_short(demo)]),
@@ -81,8 +81,9 @@ def about(plan: Plan) -> list[str]:
         f"{plan.episodes} episodes of {plan.seconds:g} s were recorded, with random targets that are held "
         f"for {held} s in turn, at {1 / plan.task.period:.0f} control steps a second. The source was set to every "
         "measured state and asked where the same command would lead: these pairs are what φ learns from. ψ is the "
-        "alternative without a simulator: a network that predicts the next state alone. Their errors and those of the "
-        f"source with the names are on {plan.heldout} further episodes that none of them has seen; in open loop, each "
+        "alternative without a simulator: a network that predicts the next state alone. Their errors, and those of the "
+        f"source with the names if there are any, are on {plan.heldout} further episodes that none of them has seen; "
+        "in open loop, each "
         "is predicted from its first measured state and its commands only.",
     ]
 
@@ -91,7 +92,8 @@ def names_blocks(demo: Demo) -> list[Block]:
     """Return what `nas gap` found, beside what hides there, and how the gap shrinks."""
     folder = demo.folder / GAP
     if named_plant(demo) is None:
-        return [Text("Nothing was named and nothing retuned.")]
+        asked = "Nothing was named and nothing retuned." if demo.plan.named else "Not searched for: nas demo --names."
+        return [Text(asked)]
     report, series = read_report(folder), Series.read(folder)
     return [
         Text(

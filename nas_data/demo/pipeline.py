@@ -54,8 +54,9 @@ STAGES = (
     Stage(
         "names",
         "Name what is missing",
-        "`nas gap` is given episodes of the recording and the plain simulator, and is not told what differs. It finds "
-        "where the two disagree, names the effects that the simulator lacks, and adds them to its model.",
+        "Where --names asks for it, `nas gap` is given episodes of the recording and the plain simulator, and is not "
+        "told what differs. It finds where the two disagree, names the effects that the simulator lacks, and adds them "
+        "to its model.",
         name_gap,
         ("gap",),
     ),
@@ -64,7 +65,8 @@ STAGES = (
         "Learn the gap",
         "Two networks learn from the pairs, side by side: φ corrects each step of the simulator, ψ predicts without a "
         "simulator. Both are trained on their own rollouts. 'validation' is the error of such rollouts [rad]; "
-        "* marks the best so far, which is kept. Then both are compared with the simulator that has the names.",
+        "* marks the best so far, which is kept. Then both are compared with the simulator, and "
+        "with one that has the names, if any.",
         learn_gap,
         ("models",),
     ),
@@ -72,8 +74,8 @@ STAGES = (
         "policies",
         "Learn policies",
         "The task is to reach a point with the arm's tip. Policies learn it by PPO on the target (expert), in the "
-        "plain simulator (source), in the simulator corrected by φ (augmented), in ψ (forward) and in the simulator "
-        "with the names (named). Then each is judged on the target.",
+        "plain simulator (source), in the simulator corrected by φ (augmented), in ψ (forward) and, if there are names, "
+        "in the simulator with them (named). Then each is judged on the target.",
         learn_task,
         ("policies",),
     ),

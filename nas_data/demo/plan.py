@@ -82,8 +82,8 @@ FULL = Plan(
     named=0,
     seconds=3.0,
     holds=(1.0, 0.2, 0.05, 0.01),
-    delta=preset("fast", updates=400, horizon=100),
-    forward=preset("fast", updates=600, horizon=100),
+    delta=preset("fast", updates=200, horizon=100),
+    forward=preset("fast", updates=300, horizon=100),
     # The expert's plant is the hardest to learn on: with 300,000 steps others are ahead of it. One long training each
     # says more than two short ones.
     frames=400_000,

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 ANSWERS_ALL = 2  # status level from which everything is answered, and what is answered from a lower one on
 LEVELS: dict[int, int] = {Instruction.PING: 0, Instruction.READ: 1}
+VOLT = 0.1  # [V] unit of every voltage register
+OVERLOAD = (0.95, 2.0)  # share of the largest torque that counts as stalled, and the time of it [s] that is borne
 STILL = 0.05  # [rad/s] below which a servo does not say that it moves
 
 
@@ -108,6 +110,8 @@ class Kind(ABC):
         stall_current: At that voltage [A].
         stall_torque: At that voltage [N m].
         baud: Speeds of the line [bit/s] by the register.
+        bits: Of each reason in the registers hardware_error and shutdown.
+        unloads: Register that a shutdown sets to zero; None where it does nothing.
         protocol: How it speaks.
     """
 
@@ -117,6 +121,8 @@ class Kind(ABC):
     stall_current: float
     stall_torque: float
     baud: Mapping[int, int]
+    bits: Mapping[Reason, int]
+    unloads: str | None = None
     protocol: Protocol = PROTOCOL_2
 
     @cached_property
@@ -141,13 +147,21 @@ class Kind(ABC):
     def sense(self, servo: "Servo", felt: Sensation) -> None:
         """Write what is felt into the registers."""
 
-    @abstractmethod
+    def overload(self, servo: "Servo") -> tuple[float, float]:
+        """Return the share of the largest torque that counts as stalled, and for how long it is borne [s]."""
+        return OVERLOAD
+
     def bounds(self, servo: "Servo") -> Bounds:
         """Return what a servo bears."""
+        lowest, highest = (servo.get(name) * VOLT for name in ("lowest_voltage", "highest_voltage"))
+        return Bounds(lowest, highest, float(servo.get("temperature_limit")), *self.overload(servo))
 
-    @abstractmethod
     def fail(self, servo: "Servo", reason: Reason) -> None:
-        """Note a hardware error, and do what the registers say is done then."""
+        """Note a hardware error; a servo that shuts down lets go."""
+        bits = sum(self.bits[one] for one in reason)
+        servo.put("hardware_error", servo.get("hardware_error") | bits)
+        if self.unloads and servo.get("shutdown") & bits:
+            servo.put(self.unloads, 0)
 
     def locked(self, servo: "Servo", register: Register) -> bool:
         """Whether a register must not be written now: what lasts, while the torque is on."""

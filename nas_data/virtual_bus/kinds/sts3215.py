@@ -8,7 +8,7 @@ force is not documented: there the acceleration is taken to be unlimited, and th
 import math
 from typing import TYPE_CHECKING
 
-from nas_data.virtual_bus.kinds.base import STILL, Bounds, Drive, Kind, Reason, Sensation
+from nas_data.virtual_bus.kinds.base import STILL, VOLT, Drive, Kind, Reason, Sensation
 from nas_data.virtual_bus.packet import Error, Instruction
 from nas_data.virtual_bus.protocols import FEETECH
 from nas_data.xl320.control_table import Register
@@ -21,11 +21,10 @@ TICK = 2 * math.pi / TURN  # [rad]
 GAIN = 16  # value of the P register at which the servo is as stiff as the model: what LeRobot sets
 ACCELERATION_UNIT = 100 * TICK  # [rad/s²]
 FASTEST = 254  # value of the acceleration that is taken for none
-VOLT, CURRENT_UNIT, PROTECTION_UNIT = 0.1, 0.0065, 0.01  # [V], [A], [s]
+CURRENT_UNIT, PROTECTION_UNIT = 0.0065, 0.01  # [A], [s]
 THOUSAND, HUNDRED = 1000, 100  # the whole of a torque or a load, and of a protection's torque
 RAM, FACTORY = 40, 80  # addresses between which a loss of power forgets
 POSITION_SIGN, OFFSET_SIGN, LOAD_SIGN = 15, 11, 10  # bits that say minus
-BITS = {Reason.OVERLOAD: 32, Reason.OVERHEAT: 4, Reason.VOLTAGE: 1}  # of the status and of what unloads the servo
 
 
 def _register(name: str, address: int, size: int = 1, initial: int = 0, high: int | None = None) -> Register:
@@ -120,6 +119,7 @@ class Sts3215(Kind):
     stall_current = 2.4  # [A]
     stall_torque = 1.91  # [N m], 19.5 kg cm
     baud = dict(enumerate((1_000_000, 500_000, 250_000, 128_000, 115_200, 57_600, 38_400, 19_200)))  # noqa: RUF012
+    bits = {Reason.OVERLOAD: 32, Reason.OVERHEAT: 4, Reason.VOLTAGE: 1}  # noqa: RUF012
     protocol = FEETECH
 
     def lasts(self, register: Register) -> bool:
@@ -137,10 +137,10 @@ class Sts3215(Kind):
         speed, acceleration = signed(servo.get("goal_speed"), POSITION_SIGN), servo.get("acceleration")
         unloaded = servo.get("hardware_error") & servo.get("unloading")
         strength = servo.get("torque_limit") / THOUSAND
-        if unloaded & BITS[Reason.OVERLOAD]:
+        if unloaded & self.bits[Reason.OVERLOAD]:
             strength = min(strength, servo.get("protective_torque") / HUNDRED)
         return Drive(
-            powered=servo.get("torque_enable") == 1 and not unloaded & ~BITS[Reason.OVERLOAD],
+            powered=servo.get("torque_enable") == 1 and not unloaded & ~self.bits[Reason.OVERLOAD],
             goal=min(max(goal, low), high) + signed(servo.get("homing_offset"), OFFSET_SIGN),
             speed=abs(speed) * TICK if speed else math.inf,
             acceleration=acceleration * ACCELERATION_UNIT if 0 < acceleration < FASTEST else math.inf,
@@ -160,19 +160,9 @@ class Sts3215(Kind):
         servo.put("present_current", round(abs(felt.effort) * self.stall_current / CURRENT_UNIT))
         servo.put("moving", int(abs(felt.speed) > STILL))
 
-    def bounds(self, servo: "Servo") -> Bounds:
-        """See `Kind.bounds`."""
-        return Bounds(
-            lowest=servo.get("lowest_voltage") * VOLT,
-            highest=servo.get("highest_voltage") * VOLT,
-            hottest=float(servo.get("temperature_limit")),
-            strain=servo.get("overload_torque") / HUNDRED,
-            seconds=servo.get("protection_time") * PROTECTION_UNIT,
-        )
-
-    def fail(self, servo: "Servo", reason: Reason) -> None:
-        """Note it in the status, which every answer carries; the unloading condition says what follows."""
-        servo.put("hardware_error", servo.get("hardware_error") | sum(BITS[one] for one in reason))
+    def overload(self, servo: "Servo") -> tuple[float, float]:
+        """See `Kind.overload`."""
+        return servo.get("overload_torque") / HUNDRED, servo.get("protection_time") * PROTECTION_UNIT
 
     def started(self, servo: "Servo") -> None:
         """Take the torque limit over from what lasts."""

@@ -3,19 +3,16 @@
 import math
 from typing import TYPE_CHECKING
 
-from nas_data.virtual_bus.kinds.base import STILL, Bounds, Drive, Kind, Reason, Sensation
+from nas_data.virtual_bus.kinds.base import STILL, VOLT, Drive, Kind, Reason, Sensation
 from nas_data.virtual_bus.packet import Error
 from nas_data.xl320.control_table import OVERHEAT, OVERLOAD, RAM, REGISTERS, VOLTAGE, Register
-from nas_data.xl320.units import HIGHEST, LOAD_UNIT, SPEED_UNIT, TICK, VOLT, sign_magnitude
+from nas_data.xl320.units import HIGHEST, LOAD_UNIT, SPEED_UNIT, TICK, sign_magnitude
 
 if TYPE_CHECKING:
     from nas_data.virtual_bus.servo import Servo
 
 GAIN = 32  # value of the P register at which the servo is as stiff as the model
 FULL = 1023
-OVERLOAD_SHARE = 0.95  # share of the largest torque that counts as stalled
-OVERLOAD_SECONDS = 2.0  # [s] of it after which the servo gives up
-BITS = {Reason.OVERLOAD: OVERLOAD, Reason.OVERHEAT: OVERHEAT, Reason.VOLTAGE: VOLTAGE}  # of hardware error, shutdown
 
 
 class Xl320Kind(Kind):
@@ -27,6 +24,8 @@ class Xl320Kind(Kind):
     stall_current = 1.1  # [A] at 7.4 V
     stall_torque = 0.39  # [N m] at 7.4 V
     baud = {0: 9600, 1: 57_600, 2: 115_200, 3: 1_000_000}  # noqa: RUF012  # never changed
+    bits = {Reason.OVERLOAD: OVERLOAD, Reason.OVERHEAT: OVERHEAT, Reason.VOLTAGE: VOLTAGE}  # noqa: RUF012
+    unloads = "torque_limit"
 
     def lasts(self, register: Register) -> bool:
         """See `Kind.lasts`."""
@@ -51,23 +50,6 @@ class Xl320Kind(Kind):
         servo.put("present_voltage", round(felt.voltage / VOLT))
         servo.put("present_temperature", felt.degrees_celsius)
         servo.put("moving", int(abs(felt.speed) > STILL))
-
-    def bounds(self, servo: "Servo") -> Bounds:
-        """See `Kind.bounds`."""
-        return Bounds(
-            lowest=servo.get("lowest_voltage") * VOLT,
-            highest=servo.get("highest_voltage") * VOLT,
-            hottest=float(servo.get("temperature_limit")),
-            strain=OVERLOAD_SHARE,
-            seconds=OVERLOAD_SECONDS,
-        )
-
-    def fail(self, servo: "Servo", reason: Reason) -> None:
-        """Note it; the torque limit of a servo that shuts down falls to zero."""
-        bits = sum(BITS[one] for one in reason)
-        servo.put("hardware_error", servo.get("hardware_error") | bits)
-        if servo.get("shutdown") & bits:
-            servo.put("torque_limit", 0)
 
     def judge(self, servo: "Servo", register: Register, value: int) -> Error:
         """Refuse goals beyond the angle limits."""

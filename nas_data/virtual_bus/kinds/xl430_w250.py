@@ -3,7 +3,7 @@
 import math
 from typing import TYPE_CHECKING
 
-from nas_data.virtual_bus.kinds.base import STILL, Bounds, Drive, Kind, Reason, Sensation
+from nas_data.virtual_bus.kinds.base import STILL, VOLT, Drive, Kind, Reason, Sensation
 from nas_data.virtual_bus.packet import Error
 from nas_data.xl320.control_table import Register
 
@@ -15,11 +15,8 @@ TICK = 2 * math.pi / TURN  # [rad]
 RAM = 64  # first address that a loss of power forgets
 SPEED_UNIT = 0.229 * 2 * math.pi / 60  # [rad/s]
 ACCELERATION_UNIT = 214.577 * 2 * math.pi / 60**2  # [rad/s²], rev/min²
-VOLT = 0.1  # [V]
 FULL = 885  # the whole of a PWM
 POSITION = 3  # operating mode in which the position limits hold
-OVERLOAD_SHARE, OVERLOAD_SECONDS = 0.95, 2.0  # strain after which it shuts down: not documented
-BITS = {Reason.OVERLOAD: 32, Reason.OVERHEAT: 4, Reason.VOLTAGE: 1}  # of hardware error and shutdown
 
 
 def signed(value: int, size: int) -> int:
@@ -40,6 +37,8 @@ class XSeries(Kind):
         5: 3_000_000,
         6: 4_000_000,
     }
+    bits = {Reason.OVERLOAD: 32, Reason.OVERHEAT: 4, Reason.VOLTAGE: 1}  # noqa: RUF012
+    unloads = "torque_enable"
 
     def __init__(
         self, model: int, gain: int, voltages: tuple[int, int], supply: float, torque: float, current: float
@@ -82,23 +81,6 @@ class XSeries(Kind):
         servo.put("present_voltage", round(felt.voltage / VOLT))
         servo.put("present_temperature", felt.degrees_celsius)
         servo.put("moving", int(abs(felt.speed) > STILL))
-
-    def bounds(self, servo: "Servo") -> Bounds:
-        """See `Kind.bounds`."""
-        return Bounds(
-            lowest=servo.get("lowest_voltage") * VOLT,
-            highest=servo.get("highest_voltage") * VOLT,
-            hottest=float(servo.get("temperature_limit")),
-            strain=OVERLOAD_SHARE,
-            seconds=OVERLOAD_SECONDS,
-        )
-
-    def fail(self, servo: "Servo", reason: Reason) -> None:
-        """Note it; a servo that shuts down lets go."""
-        bits = sum(BITS[one] for one in reason)
-        servo.put("hardware_error", servo.get("hardware_error") | bits)
-        if servo.get("shutdown") & bits:
-            servo.put("torque_enable", 0)
 
     def judge(self, servo: "Servo", register: Register, value: int) -> Error:
         """Refuse goals beyond the position limits, and the torque of a servo that shut down."""
