@@ -11,7 +11,8 @@ from nas_data.commands.base import Command, Outcome
 class Demo(Command):
     """Record a simulated robot, learn what its simulator lacks, learn policies with it, and write a page.
 
-    Takes about ten minutes on two cores. Started again, it goes on where it was interrupted.
+    Takes about ten minutes on two cores, without the search for names. Started again, it goes on where it was
+    interrupted.
 
     Example: nas demo --out demo
     """
