@@ -24,6 +24,9 @@ ATTEMPTS = 3
 QUIET = 0.04  # [s] of silence after which nothing late is expected any more
 LONGEST = 0.5  # [s] that silence is waited for
 LISTENING = 5.0  # [ms] in which a second servo of the same identity would answer as well
+PSEUDO_TERMINALS = "/dev/pts/"
+LENIENCE = 150.0  # [ms] to wait longer where another program plays the servos: it must first be given a processor
+LOOK = 0.002  # [s] that one look for its bytes may last, so that it is left the processor
 SUCCESS = 0  # what both SDKs call COMM_SUCCESS
 
 
@@ -127,6 +130,8 @@ class Line:
         except OSError:
             port.closePort()
             raise busy(port.port_name) from None
+        if port.port_name.startswith(PSEUDO_TERMINALS):
+            _be_lenient(port)
 
     def read(self, identity: int, register: Register) -> int:
         """Return a register; raises as `read_bytes` does."""
@@ -274,6 +279,17 @@ class Line:
             self.port.is_using = False
             self.port.ser.reset_input_buffer()
             yield
+
+
+def _be_lenient(port: Any) -> None:
+    """Let a port wait longer for a packet, and sleep while it waits."""
+    usual = port.setPacketTimeout
+
+    def wait_longer(length: int) -> None:
+        usual(length)
+        port.packet_timeout += LENIENCE
+
+    port.setPacketTimeout, port.ser.timeout = wait_longer, LOOK
 
 
 @contextmanager

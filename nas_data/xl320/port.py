@@ -5,6 +5,7 @@ import time
 import serial
 from dynamixel_sdk import PortHandler
 
+from nas_data.arms.line import PSEUDO_TERMINALS
 from nas_data.arms.port_errors import refusal
 
 BAUD = 1_000_000  # [bit/s] of an XL-320 from the factory
@@ -12,7 +13,6 @@ PATIENCE = 0.02  # [s] to wait for a reply beyond its time on the wire: more tha
 LENIENCE = 0.04  # [s] the same where another program plays the servos, which must first be given a processor
 WAIT = 0.002  # [s] that one look for bytes may last
 WRITING = 0.2  # [s] after which a port that takes no bytes is given up
-PSEUDO_TERMINALS = "/dev/pts/"
 
 
 class Port(PortHandler):
