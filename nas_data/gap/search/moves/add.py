@@ -150,10 +150,11 @@ def look_ahead(search: Search, kept: Hypothesis, ranked: Sequence[Hypothesis]) -
     """Return hypotheses best first; those with one effect in several joints are continued by one more step.
 
     A servo far softer than its model needs friction beside it before it explains what a dead band explains alone: where
-    all joints lack the same two things, the first of them may look worse by itself than a wrong one.
+    all joints lack the same two things, the first of them may look worse by itself than a wrong one. One that brings
+    every joint to the floor needs no such look.
     """
     several = [h for h in ranked if len(h.effects) > len(kept.effects) + 1 and h.score < kept.score][:LOOKED_AHEAD]
-    if len(several) < LOOKED_AHEAD or ranked[0] is not several[0]:
+    if len(several) < LOOKED_AHEAD or ranked[0] is not several[0] or not search.above_floor(ranked[0]):
         return list(ranked)
     leads = [min([h, *extensions(search, h, h.fit)], key=lambda one: one.score) for h in several]
     best = min(leads, key=lambda one: one.score)

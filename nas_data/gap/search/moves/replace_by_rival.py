@@ -11,6 +11,7 @@ from nas_data.gap.side_by_side import side_by_side
 RIVALS = 3  # that are fitted beside the other effects, for each effect
 FACED = 2  # effects that one must face, of those that it is easily confused with and that a hook tells apart from it
 ROUNDS = 3  # replacements at most
+HOPELESS = 120.0  # nats on every other episode by which a rival may lie behind to first order and still be fitted
 
 
 def apply(search: Search, h: Hypothesis) -> Hypothesis:
@@ -20,6 +21,7 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
     """
     if len(h.effects) == 1 and frozenset(map(key, h.effects)) in search.clear:
         return h
+    search.say(f"  letting {len(h.effects)} effects face rivals")
     add_rivals(search, h)
     for _ in range(ROUNDS):
         found = find_better_rival(search, h)
@@ -55,9 +57,10 @@ def add_rivals(search: Search, h: Hypothesis) -> None:
         if len(known) >= RIVALS and not faces_hook:
             continue
         without = search.without(h, number) or search.null
-        found, _ = search.screened(without.fit, h, {effect.joint})
+        found, reach = search.screened(without.fit, h, {effect.joint})
         met = {key(effect), *map(key, known)}
-        others = [c.effect for c in found if c.effect.joint and key(c.effect) not in met]
+        near = [c for c in found if c.effect.joint and c.loss.over(reach) < HOPELESS]
+        others = [c.effect for c in near if key(c.effect) not in met]
         known.extend(others[: RIVALS - len(known)])
         hooked = [other for other in others if other.in_model != effect.in_model and confusable(effect, other)]
         known[:0] = [other for other in hooked if other not in known][:FACED]
