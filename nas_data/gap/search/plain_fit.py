@@ -17,13 +17,12 @@ from nas_data.gap.search.hypothesis import PRICE, Description, Hypothesis, reuse
 from nas_data.gap.search.objective import Task
 from nas_data.gap.search.parameters import FreeParameters, Label
 from nas_data.gap.search.screen import screen
-from nas_data.gap.search.search import AT_FLOOR, Search
+from nas_data.gap.search.search import AT_FLOOR, TRIED, Search
 from nas_data.gap.side_by_side import side_by_side
 
 SHORT = 1.0  # [s] of the windows on which the fit begins: in open loop a wrong model soon is nowhere
 SHORT_STEPS = 8_000  # physics steps that one rollout of them may take
 FACTORS = (1.0, 0.3, 0.1, 0.03)  # of all gains, from which the fit may begin; of all filters the first and the last
-FOLLOWED = 3  # starts from which a fit is begun at most
 CLEARLY = 0.1  # nats an observation (10 % of the errors) by which a start must do better than the model as it is
 NEARLY = 0.3  # nats an observation by which a start may do worse than the best and still be followed
 SMALL = 0.1  # of a joint's natural size, from which what the model lacks begins
@@ -109,7 +108,7 @@ def begin_on_short_windows(search: Search, description: Description) -> Fit | No
     order = np.argsort(misfits)
     if not misfits[order[0]] < misfits[0] - CLEARLY:
         return None
-    best = [starts[number] for number in order[:FOLLOWED] if misfits[number] < misfits[order[0]] + NEARLY]
+    best = [starts[number] for number in order[:TRIED] if misfits[number] < misfits[order[0]] + NEARLY]
     first = task.relinearise(parameters, best[0])
     fitted = side_by_side(lambda theta: fit(first, parameters, theta, steps=4, jacobian_refreshes=1), best)
     found = min(filter(None, fitted), key=lambda one: one.loss)

@@ -26,7 +26,9 @@ SCREENED_ROWS = 1800  # rows on which they are compared at least, where episodes
 ODD = 3.0  # times the usual error of a joint from which an episode is odd, and looked at besides
 ODDEST = 2  # odd episodes at most
 AT_FLOOR = 1.15  # noise floors of rest up to which nothing is looked for
-FAR_BEHIND = 60.0  # nats by which a rival may lie behind after a few steps and still be fitted to the end
+FAR_BEHIND = 60.0  # nats from which a difference decides, though fits are short or estimates of first order
+TRIED = 3  # alternatives that are fitted where several promise
+ROUNDS = 3  # over one set of alternatives, at most
 
 
 @dataclass(frozen=True)
