@@ -15,6 +15,7 @@ from nas_data.dataset.transitions import as_transitions
 from nas_data.effects.base import parse
 from nas_data.errors import DatasetInvalid, JointMismatch
 from nas_data.gap.workflow import rms
+from nas_data.importing.against_model import check
 from nas_data.joint_units import mean_of_kind, table_unit, unit_at, unit_named
 from nas_data.metrics import Errors, table
 from nas_data.pairing import pair
@@ -107,6 +108,16 @@ def test_an_effects_file_says_metres_at_a_slide():
     effect = parse("backlash:joint=g,half_width=0.002")
     assert effect.to_json(("g",))["parameters"]["half_width"]["unit"] == "m"
     assert effect.to_json()["parameters"]["half_width"]["unit"] == "rad"
+
+
+@pytest.mark.parametrize(("zero", "checks"), [(0.0, set()), (0.03, {"model_limits"})])
+def test_a_slide_that_is_centimetres_beyond_its_range_is_reported(tmp_path, zero, checks):
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM.replace('type="slide"', 'type="slide" range="-0.02 0.02"'))
+    dataset, _ = as_transitions(lerobot(("rad", "m")))
+    states = dataset.states * [1, 0.02 / np.abs(dataset.states[:, 1]).max(), 1, 1] + [0, zero, 0, 0]
+    found = check(replace(dataset, columns={**dataset.columns, STATE: states}), path)
+    assert {finding.check for finding in found} == checks
 
 
 def test_a_choice_among_models_is_not_the_hinges_alone():

@@ -83,12 +83,12 @@ class Thresholds:
     """What the audits compare with.
 
     Attributes:
-        max_speed: Speed that no joint can have [rad/s; m/s].
+        max_speed: Speed that no joint can have [rad/s; m/s]; None for what no usual joint can have.
         jitter: Largest deviation of a time step, as a share of the period.
         allow: Checks whose errors become warnings, because the user knows better.
     """
 
-    max_speed: float = 50.0
+    max_speed: float | None = None
     jitter: float = LATE
     allow: tuple[str, ...] = ()
 

@@ -260,7 +260,7 @@ def _parse_thresholds(section: Section) -> Thresholds:
     """Read what the audits compare with."""
     standard = Thresholds()
     thresholds = Thresholds(
-        max_speed=section.positive("max_speed", standard.max_speed),
+        max_speed=section.positive("max_speed") if section.has("max_speed") else standard.max_speed,
         jitter=section.positive("jitter", standard.jitter),
         allow=section.texts("allow", ()),
     )
