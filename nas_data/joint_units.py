@@ -32,6 +32,8 @@ class JointUnit:
 
 HINGE = JointUnit("hinges", "rad", "deg", "°", 180 / math.pi)
 SLIDE = JointUnit("slides", "m", "mm", " mm", 1e3)
+# Of a figure over joints of both kinds: each error over the spread of the positions of its kind.
+SHARE = JointUnit("joints", "1", "%", " %", 100.0)
 # What an angle's unit becomes where the joint is a slide.
 OF_SLIDES = {
     "rad": "m",
@@ -52,7 +54,7 @@ def unit_at(unit: str, slide: bool) -> str:
 
 def unit_named(si: str) -> JointUnit:
     """Return how positions in a unit inside are shown."""
-    return SLIDE if si == SLIDE.si else HINGE
+    return next((unit for unit in (SLIDE, SHARE) if unit.si == si), HINGE)
 
 
 def joint_unit(joint: str, slides: Collection[str]) -> JointUnit:
@@ -74,6 +76,23 @@ def kinds_of(joints: Sequence[str], slides: Collection[str]) -> list[tuple[Joint
     is_slide = np.array([joint in slides for joint in joints], bool)
     found = ((HINGE, np.flatnonzero(~is_slide)), (SLIDE, np.flatnonzero(is_slide)))
     return [(unit, places) for unit, places in found if len(places)] or [(HINGE, np.arange(len(joints)))]
+
+
+def mean_of_kind(values: np.ndarray, joints: Sequence[str], slides: Collection[str]) -> np.ndarray:
+    """Return for each joint the mean of a quantity over the joints of its kind, shape (n,).
+
+    Errors over such a scale have no unit, so that a slide's and a hinge's count alike. Among joints of one kind they
+    rank as they do without, and a joint that hardly moves does not rule.
+
+    Args:
+        values: Spread or noise of each joint [rad; slides m], shape (n,).
+        joints: Names of the n joints.
+        slides: Names of those that are slides.
+    """
+    means = np.empty(len(joints))
+    for _, places in kinds_of(joints, slides):
+        means[places] = values[places].mean()
+    return means
 
 
 def table_unit(joints: Sequence[str], slides: Collection[str]) -> str:

@@ -73,10 +73,9 @@ class Errors:
         """RMSE over all frames and all joints of the first kind."""
         return self.overall_by_kind[0][1]
 
-    @property
-    def pooled(self) -> float:
-        """RMSE over all frames and joints, a metre beside a radian: it ranks models of one arm, and is never shown."""
-        return float(np.sqrt(np.average(self.squared.mean(axis=1), weights=self.lengths)))
+    def over(self, scales: np.ndarray) -> float:
+        """RMSE over all frames and joints, each joint's error over a scale of its own, shape (n,)."""
+        return float(np.sqrt(np.average((self.squared / scales**2).mean(axis=1), weights=self.lengths)))
 
     @property
     def per_joint(self) -> dict[str, float]:

@@ -14,9 +14,11 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import (
     ACTION,
     NEXT_STATE,
+    POSITION,
     STATE,
     TIME,
     Feature,
+    action_feature,
     position_feature,
     state_feature,
     time_feature,
@@ -74,6 +76,14 @@ def dataset_of(states: np.ndarray, commands: np.ndarray, rate: int, episodes: in
     }
     tiled = {key: np.tile(column, (episodes, 1)).astype(features[key].dtype) for key, column in columns.items()}
     return Dataset(features, tiled, np.full(episodes, len(commands)), float(rate), "arm")
+
+
+def as_slides(dataset: Dataset, metres: float = 0.02) -> Dataset:
+    """The same motion by slides that go so many metres where the hinges turn by a radian."""
+    state = state_feature(JOINTS, JOINTS)
+    units = {STATE: state, NEXT_STATE: state, ACTION: action_feature(JOINTS, (POSITION, POSITION), JOINTS)}
+    columns = {key: metres * dataset.columns[key].astype(float) for key in units}
+    return replace(dataset, features={**dataset.features, **units}, columns={**dataset.columns, **columns})
 
 
 def heard(dataset: Dataset) -> set[str]:
@@ -168,6 +178,41 @@ def test_each_fault_is_heard_at_any_rate(check, rate):
         features = {key: replace(feature, units=()) for key, feature in dataset.features.items()}
         dataset = replace(dataset, features=features)
     assert check in heard(dataset)
+
+
+@pytest.mark.parametrize("signal", ["steps", "sines"])
+@pytest.mark.parametrize("rate", [20, 100, 1000])
+def test_exact_slides_are_passed_in_silence(rate, signal):
+    assert audit_dataset(as_slides(exact(rate, signal))) == ()
+
+
+def millimetres(values: np.ndarray) -> np.ndarray:
+    return 1000 * values
+
+
+FAULTS_OF_SLIDES = FAULTS | {
+    "jump": {"positions": from_row(50, lambda values: values - 0.12)},
+    "unit_slip": {"positions": millimetres, "velocities": millimetres, "commands": millimetres},
+    "command_scale": {"commands": millimetres},
+    "velocity_scale": {"velocities": millimetres},
+}
+
+
+@pytest.mark.parametrize("rate", [20, 100, 1000])
+@pytest.mark.parametrize("check", FAULTS_OF_SLIDES)
+def test_each_fault_of_a_finger_that_goes_millimetres_is_heard(check, rate):
+    dataset = edited(as_slides(exact(rate, "sines", episodes=1)), **FAULTS_OF_SLIDES[check])
+    findings = audit(next(recordings(dataset)), Expected(rate=float(rate), slides=dataset.slides))
+    said = [finding.what for finding in findings if finding.check == check]
+    assert said
+    assert not any("rad/s" in what or " rad" in what for what in said)
+
+
+@pytest.mark.parametrize("metres", [0.005, 0.5])
+def test_what_a_register_says_in_silence_does_not_depend_on_a_slides_range(metres):
+    dataset = edited(as_slides(exact(100, "sines", episodes=1), metres), velocities=np.zeros_like)
+    (silent,) = [finding for finding in audit_dataset(dataset) if finding.check == "velocity_scale"]
+    assert "m/s" in silent.what
 
 
 def test_positions_taken_for_commands_are_heard():

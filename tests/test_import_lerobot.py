@@ -3,9 +3,13 @@
 import json
 import re
 import shlex
+import shutil
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute
+import pyarrow.parquet as pq
 import pytest
 from lerobot_samples import (
     ARM,
@@ -291,6 +295,42 @@ def test_parts_of_episodes_keep_their_pictures(here, filmed):
     dataset = read(folder)
     assert dataset.lengths.tolist() == [20, 39] * 3
     check_pictures(folder, {20: 20, 58: 58, 79: 20}, {20: "pick 0", 58: "pick 0", 79: "pick 1"})
+
+
+def lose_the_last_episode(root: Path) -> None:
+    (path,) = (root / "data").rglob("*.parquet")
+    table = pq.read_table(path)
+    pq.write_table(table.filter(pa.compute.less(table["episode_index"], 2)), path)
+
+
+def test_pictures_of_the_episodes_that_are_whole_are_rescued(here, filmed):
+    shutil.copytree(filmed, here / "damaged")
+    lose_the_last_episode(here / "damaged")
+    assert main(["recover", "damaged", "--out", "rescued"]) == 0
+    assert read(here / "rescued").lengths.tolist() == [60, 60]
+    check_pictures(
+        here / "rescued", {0: 0, 59: 59, 60: 0, 119: 59}, {0: "pick 0", 59: "pick 0", 60: "pick 1", 119: "pick 1"}
+    )
+    assert verify(here / "rescued") == []
+
+
+@pytest.mark.parametrize(
+    ("pattern", "reason"),
+    [
+        ("meta/episodes/*/*.parquet", "meta/episodes does not say where the pictures of episode 0 lie"),
+        ("videos/*/*/*.mp4", "file-000.mp4 is missing"),
+    ],
+)
+def test_pictures_that_cannot_be_rescued_are_named_with_their_place(here, filmed, pattern, reason, capsys):
+    shutil.copytree(filmed, here / "damaged")
+    lose_the_last_episode(here / "damaged")
+    for path in (here / "damaged").glob(pattern):
+        path.unlink()
+    assert main(["recover", "damaged", "--out", "rescued"]) == 0
+    (said,) = [line for line in capsys.readouterr().out.splitlines() if "left out" in line]
+    assert "'observation.images.front' (video" in said and reason in said and "damaged/videos" in said
+    assert read(here / "rescued").carried is None
+    assert verify(here / "rescued") == []
 
 
 def said_by_checkers(root: Path) -> set[tuple[str, str]]:

@@ -3,13 +3,16 @@
 import tomllib
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from import_samples import columns_of, map_text, motion, sample_map, write_log, write_map
 
 from nas_data.errors import LogError, MapError, UnknownName
 from nas_data.importing.map_file import MAPS, load_map
+from nas_data.pairing import pair
 from nas_data.recorders.logs import import_logs
+from nas_data.simulators.mujoco import MujocoSimulator
 
 SHIPPED = sorted(path.stem for path in MAPS.glob("*.toml"))
 
@@ -92,7 +95,7 @@ WRONG = {
         map_text(position='column = "q"\nunit = "inch"'),
         "choose one of: rad, deg, turn, m, cm, mm, tic",
     ),
-    "command unit": (map_text(command='column = "goal"\nunit = "lbf"'), "m, cm, mm, ticks, normalised, N·m, .* N, A"),
+    "command unit": (map_text(command='column = "goal"\nunit = "lbf"'), "m, cm, mm, ticks, rad/s, .* N·m, .* N, A"),
     "slide in rad/s": (map_text(position='column = "q"\nunit = "mm"'), "choose one of: m/s, cm/s, mm/s, ticks"),
     "unknown slide": (map_text(top='slides = ["grip"]'), "'slides' names 'grip'; the joints are: shoulder, elbow"),
     "slide in rad": (map_text(top='slides = ["elbow"]'), "'elbow' is a slide .* is 'rad'; choose one of: m, cm, mm"),
@@ -195,6 +198,46 @@ def test_torque_commands_become_efforts(tmp_path):
     assert set(dataset.kinds) == {".effort"}
     assert dataset.features["action"].names == ("shoulder.effort", "elbow.effort")
     np.testing.assert_allclose(dataset.commands, 4 * truth.command[:-1], rtol=1e-5, atol=1e-6)
+
+
+DEGREE = np.pi / 180  # [rad]
+VELOCITY_ARM = """<mujoco><compiler angle="radian"/><option timestep="0.002" integrator="implicitfast"/><worldbody>
+<body pos="0 0 0.5"><joint name="shoulder" axis="0 0 1" damping="0.05" armature="0.02"/>
+<geom type="capsule" fromto="0 0 0 0.15 0 0" size="0.01" mass="0.05" contype="0" conaffinity="0"/>
+<body pos="0.15 0 0"><joint name="elbow" axis="0 0 1" damping="0.05" armature="0.02"/>
+<geom type="capsule" fromto="0 0 0 0.1 0 0" size="0.01" mass="0.03" contype="0" conaffinity="0"/>
+</body></body></worldbody><actuator><velocity name="s" joint="shoulder" kv="2"/>{elbow}</actuator></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("elbow", "command", "second"),
+    [
+        ('<velocity name="e" joint="elbow" kv="2"/>', 'unit = "deg/s"', ".vel"),
+        ('<velocity name="e" joint="elbow" kv="2"/>', f'kind = "velocity"\nunit = "ticks"\nscale = {DEGREE}', ".vel"),
+        ('<position name="e" joint="elbow" kp="5" kv="1"/>', 'unit = "deg/s"\njoints.elbow.unit = "deg"', ".pos"),
+        ('<motor name="e" joint="elbow"/>', 'unit = "deg/s"\njoints.elbow.unit = "N·m"', ".effort"),
+    ],
+)
+def test_a_log_of_velocity_commands_is_predicted_by_the_servo_that_takes_them(tmp_path, elbow, command, second):
+    model = mujoco.MjModel.from_xml_string(VELOCITY_ARM.format(elbow=elbow))
+    data, rows, time = mujoco.MjData(model), [], np.arange(151) / 50
+    goals = np.column_stack([np.sin(3 * time), 0.02 * np.cos(4 * time)])
+    for goal in goals:
+        rows.append(np.concatenate([data.qpos, data.qvel]))
+        data.ctrl[:] = goal
+        mujoco.mj_step(model, data, 10)
+    states, logged = np.array(rows), goals * [180 / np.pi, 1.0 if second == ".effort" else 180 / np.pi]
+    log = write_log(tmp_path / "log.npz", {"t": time, "q": states[:, :2], "dq": states[:, 2:], "goal": logged})
+    dataset = import_logs([log], sample_map(tmp_path, command=f'column = "goal"\n{command}')).dataset
+    assert dataset.kinds == (".vel", second)
+    (tmp_path / "arm.xml").write_text(VELOCITY_ARM.format(elbow=elbow))
+    paired = pair(dataset, MujocoSimulator.load(tmp_path / "arm.xml", 1 / 50, dataset.joints))
+    np.testing.assert_allclose(paired.sim_states, paired.next_states, atol=1e-5)
+
+
+def test_a_kind_that_its_unit_denies_is_answered_with_the_units_that_fit(tmp_path):
+    with pytest.raises(MapError, match="'kind' is 'velocity' but 'unit' is 'deg'; choose one of: rad/s, deg/s"):
+        sample_map(tmp_path, command='column = "goal"\nunit = "deg"\nkind = "velocity"')
 
 
 def test_the_example_map_reads_what_its_comments_describe(tmp_path):

@@ -122,4 +122,5 @@ def test_a_wrong_unit_word_is_answered_with_all_that_are_known(tmp_path):
     with pytest.raises(MapError, match="'scale' is missing"):
         load_map(write_map(tmp_path, amperes))
     mapping = load_map(write_map(tmp_path, map_text(command='column = "goal"\nunit = "A"\nscale = 0.5')))
-    assert mapping.commands_effort and mapping.command.conversion.gain == (0.5, 0.5)
+    assert mapping.command.conversion.kinds == ("effort", "effort")
+    assert mapping.command.conversion.gain == (0.5, 0.5)

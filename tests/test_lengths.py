@@ -1,6 +1,8 @@
 """A slide's metres stay metres from the map or the model to the tables, and never enter a mean with radians."""
 
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,10 +14,14 @@ from nas_data.dataset.features import ACTION, STATE, position_feature, state_fea
 from nas_data.dataset.transitions import as_transitions
 from nas_data.effects.base import parse
 from nas_data.errors import DatasetInvalid, JointMismatch
-from nas_data.joint_units import table_unit, unit_at
+from nas_data.gap.workflow import rms
+from nas_data.importing.against_model import check
+from nas_data.joint_units import mean_of_kind, table_unit, unit_at, unit_named
 from nas_data.metrics import Errors, table
 from nas_data.pairing import pair
 from nas_data.recorders.logs import import_logs
+from nas_data.reports.run_sections import models_section
+from nas_data.reports.runs import ModelRun
 from nas_data.robots.base import find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
 
@@ -102,3 +108,33 @@ def test_an_effects_file_says_metres_at_a_slide():
     effect = parse("backlash:joint=g,half_width=0.002")
     assert effect.to_json(("g",))["parameters"]["half_width"]["unit"] == "m"
     assert effect.to_json()["parameters"]["half_width"]["unit"] == "rad"
+
+
+@pytest.mark.parametrize(("zero", "checks"), [(0.0, set()), (0.03, {"model_limits"})])
+def test_a_slide_that_is_centimetres_beyond_its_range_is_reported(tmp_path, zero, checks):
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM.replace('type="slide"', 'type="slide" range="-0.02 0.02"'))
+    dataset, _ = as_transitions(lerobot(("rad", "m")))
+    states = dataset.states * [1, 0.02 / np.abs(dataset.states[:, 1]).max(), 1, 1] + [0, zero, 0, 0]
+    found = check(replace(dataset, columns={**dataset.columns, STATE: states}), path)
+    assert {finding.check for finding in found} == checks
+
+
+def test_a_choice_among_models_is_not_the_hinges_alone():
+    floor, slides = np.array([1e-3, 2e-3, 1e-5]), ("g",)
+    scales = mean_of_kind(floor, ("j", "k", "g"), slides)
+    np.testing.assert_allclose(scales, [1.5e-3, 1.5e-3, 1e-5])
+    good_slide, good_hinges = np.array([[3e-3, 3e-3, 1e-5]]) ** 2, np.array([[2e-3, 2e-3, 5e-3]]) ** 2
+    evidence = SimpleNamespace(mean_squares=lambda predicted: predicted)
+    assert rms(evidence, good_slide, scales) < rms(evidence, good_hinges, scales)
+    hinges = mean_of_kind(floor, ("j", "k", "g"), ())
+    np.testing.assert_allclose(hinges, floor.mean())  # among joints of one kind the ranking is that of plain errors
+
+
+@pytest.mark.parametrize(("si", "cell"), [("rad", "5.730°"), ("m", "100.000 mm"), ("1", "10.000 %"), (None, "0.100")])
+def test_a_trainings_error_is_shown_in_its_unit(si, cell):
+    unit = None if si is None else unit_named(si)
+    rows = [{"update": 0.0, "validation": 0.1, "seconds": 1.0}]
+    section = models_section([ModelRun(Path("phi"), "delta", "arm", "0" * 64, unit, rows)])
+    assert section.blocks[1].rows[0][1] == cell
+    assert section.blocks[1].rows[0][1].split()[-1].strip("0123456789.") in section.blocks[0].caption

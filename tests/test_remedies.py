@@ -1,24 +1,36 @@
 """What an error of importing or of a dataset names as its remedy works: the fault is refused, the remedy is not."""
 
+import json
+import os
 import re
 import shlex
+import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute
 import pyarrow.parquet as pq
 import pytest
 from dataset_samples import recorded
 from import_samples import columns_of, map_text, motion, write_log, write_map
 from lerobot_samples import ARM
+from test_import_bags import MAP as BAG_MAP
+from test_import_bags import write_json_mcap, write_rosbag
 
 from nas_data.cli import main
 from nas_data.dataset import layout
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION, STATE, position_feature
 from nas_data.dataset.provenance import Provenance
+from nas_data.dataset.read import read
 from nas_data.dataset.write import write
+
+OFFLINE = {**os.environ, "HF_HUB_OFFLINE": "1"}
 
 
 @dataclass(frozen=True)
@@ -284,3 +296,109 @@ def test_lost_provenance_is_started_anew_by_the_commands_that_verify_names(here,
     assert "(pair, merge, split) starts a new one" in refused(capsys, "verify", "d")
     for number, command in enumerate((["pair", "d", "--model", "arm.xml"], ["merge", "d"])):
         assert main([*command, "--out", f"n{number}"]) == 0 and main(["verify", f"n{number}"]) == 0
+
+
+# What other programs mend
+
+
+def command_of(said: str, program: str) -> list[str]:
+    """The command of another program that a sentence names."""
+    (found,) = re.findall(rf"'({program} [^']+)'", said)
+    return shlex.split(found)
+
+
+def test_a_bag_whose_recorder_was_killed_is_read_once_it_has_its_metadata_again(here, capsys):
+    """`ros2 bag reindex` writes the metadata from what the bag holds; here they are put back."""
+    write_rosbag(here / "bag")
+    write_map(here, BAG_MAP.format(format="rosbag"))
+    metadata = here / "bag/metadata.yaml"
+    metadata.rename(here / "kept.yaml")
+    said = refused(capsys, "import", "bag", "--map", "map.toml", "--out", "never")
+    assert command_of(said, "ros2") == ["ros2", "bag", "reindex", "bag"]
+    (here / "kept.yaml").rename(metadata)
+    assert main(["import", "bag", "--map", "map.toml", "--out", "done"]) == 0
+
+
+def test_a_ros_1_bag_is_mended_by_the_program_of_ros_1(here, capsys):
+    write_map(here, BAG_MAP.format(format="rosbag"))
+    (here / "log.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(100))
+    said = refused(capsys, "import", "log.bag", "--map", "map.toml", "--out", "never")
+    assert command_of(said, "rosbag") == ["rosbag", "reindex", "log.bag"]
+
+
+def test_an_mcap_file_that_was_cut_off_is_read_once_its_messages_are_recovered(here, capsys):
+    """`mcap recover` copies the messages that can be read into a new file; so does this test, by MCAP's own library."""
+    from mcap.exceptions import McapError
+    from mcap.records import Channel, Message, Schema
+    from mcap.stream_reader import StreamReader
+    from mcap.writer import Writer
+
+    write_json_mcap(here / "whole.mcap")
+    (here / "bag.mcap").write_bytes((here / "whole.mcap").read_bytes()[:-300])
+    write_map(here, BAG_MAP.format(format="mcap"))
+    said = refused(capsys, "import", "bag.mcap", "--map", "map.toml", "--out", "never")
+    program, deed, damaged, option, repaired = command_of(said, "mcap")
+    assert (program, deed, damaged, option) == ("mcap", "recover", "bag.mcap", "-o")
+    with Path(damaged).open("rb") as source, Path(repaired).open("wb") as target:
+        writer, kinds, topics = Writer(target), {}, {}
+        writer.start()
+        try:
+            for record in StreamReader(source).records:
+                if isinstance(record, Schema) and record.id not in kinds:
+                    kinds[record.id] = writer.register_schema(record.name, record.encoding, record.data)
+                elif isinstance(record, Channel) and record.id not in topics:
+                    kind = kinds[record.schema_id]
+                    topics[record.id] = writer.register_channel(record.topic, record.message_encoding, kind)
+                elif isinstance(record, Message):
+                    times = {"log_time": record.log_time, "publish_time": record.publish_time}
+                    writer.add_message(topics[record.channel_id], data=record.data, **times)
+        except McapError:
+            pass
+        writer.finish()
+    assert main(["import", repaired, "--map", "map.toml", "--out", "done"]) == 0
+
+
+def as_v21(root: Path) -> None:
+    """Turn a dataset into what LeRobot 0.3 wrote: a file an episode, tables in JSON lines."""
+    (whole,) = layout.data_files(root)
+    rows, info = pq.read_table(whole), json.loads((root / layout.INFO).read_text())
+    episodes, statistics = [], []
+    for number in sorted(set(rows["episode_index"].to_pylist())):
+        part = rows.filter(pa.compute.equal(rows["episode_index"], number))
+        pq.write_table(part, root / f"data/chunk-000/episode_{number:06d}.parquet")
+        episodes.append({"episode_index": number, "tasks": ["swing"], "length": len(part)})
+        values = {key: np.array(part[key].to_pylist(), float).reshape(len(part), -1) for key in part.column_names}
+        found = {key: {name: getattr(value, name)(axis=0).tolist() for name in ("min", "max", "mean", "std")}
+                 for key, value in values.items()}  # fmt: skip
+        counted = {key: {**value, "count": [len(part)]} for key, value in found.items()}
+        statistics.append({"episode_index": number, "stats": counted})
+    for path in (whole, root / layout.TASKS, root / layout.STATS, root / layout.PROVENANCE):
+        path.unlink()
+    shutil.rmtree(root / "meta/episodes")
+    tables = {"episodes": episodes, "episodes_stats": statistics, "tasks": [{"task_index": 0, "task": "swing"}]}
+    for name, entries in tables.items():
+        (root / f"meta/{name}.jsonl").write_text("".join(json.dumps(entry) + "\n" for entry in entries))
+    path = "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet"
+    info |= {"codebase_version": "v2.1", "data_path": path, "total_chunks": 1, "total_videos": 0}
+    (root / layout.INFO).write_text(json.dumps(info))
+
+
+def test_the_converter_that_is_named_is_the_installed_lerobots(here, capsys):
+    lerobot = pytest.importorskip("lerobot")
+    (simulated(here / "old") / layout.INFO).write_text(json.dumps({"codebase_version": "v2.1"}))
+    _, _, module, *options = command_of(refused(capsys, "info", "old"), "python")
+    script = Path(lerobot.__file__).parent.joinpath(*module.split(".")[1:]).with_suffix(".py").read_text()
+    assert all(f'"{option.partition("=")[0]}"' in script for option in options) and len(options) == 3
+
+
+@pytest.mark.slow
+def test_a_dataset_of_lerobot_0_3_is_converted_by_the_command_that_is_named(here, capsys):
+    pytest.importorskip("lerobot")
+    pytest.importorskip("jsonlines")
+    as_v21(simulated(here / "old", (30, 20)))
+    said = refused(capsys, "info", "old")
+    _, *command = command_of(said, "python")
+    done = subprocess.run([sys.executable, *command], capture_output=True, text=True, env=OFFLINE, check=False)
+    assert done.returncode == 0, done.stderr
+    assert read(here / "old").lengths.tolist() == [30, 20]
+    assert (here / "old_old").is_dir()

@@ -19,6 +19,7 @@ from training_samples import TINY, train
 
 from nas_data.envs.loop.plant import Plant
 from nas_data.errors import CheckpointError
+from nas_data.joint_units import HINGE
 from nas_data.policies import learner, ppo
 from nas_data.policies.compare import RESULT
 from nas_data.reports.file import write_whole
@@ -243,8 +244,8 @@ def test_runs_are_read_as_they_were_written(runs):
     phi, psi = sorted(found.models, key=lambda model: model.kind)
     assert (phi.name, psi.name) == ("source + φ", "ψ")
     assert (phi.dataset, phi.content_hash[:8]) == ("swing/v1-0a1b2c3d", "0a1b2c3d")
-    assert not phi.free
-    assert psi.free
+    assert phi.unit is None
+    assert psi.unit is HINGE
     rows = json.loads((runs / "psi/history.json").read_text())
     np.testing.assert_allclose([error for _, error in psi.errors], np.degrees([row["validation"] for row in rows]))
     assert psi.best == min(error for _, error in psi.errors)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from dataset_samples import recorded
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from linear_samples import LinearSimulator, knows
@@ -14,7 +15,7 @@ from simulator_samples import unstable
 from training_samples import TINY, check_gradients, same, silent, train
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import SIM_STATE, state_feature
+from nas_data.dataset.features import ACTION, NEXT_STATE, POSITION, SIM_STATE, STATE, action_feature, state_feature
 from nas_data.effects.command_delay import CommandDelay
 from nas_data.errors import DatasetInvalid, JointMismatch, OptionError, UnknownName
 from nas_data.models import phases
@@ -314,3 +315,37 @@ def test_a_source_that_diverges_is_named(tmp_path, swings):
     wild = MujocoSimulator.load(tmp_path / "model.xml", 0.02, ("pendulum",), threads=1)
     with pytest.raises(Exception, match=r"model\.xml diverges"):
         pair(recorded_on(pendulum(), wander((5,))), wild)
+
+
+# hinges and slides
+
+
+def hinge_and_slide(metre: float) -> Dataset:
+    """A recording of a hinge and a slide, the slide's lengths in a unit of which so many are a metre."""
+    whole = recorded(lengths=(40,) * 4, joints=("j", "g"))
+    scale = {STATE: [1, metre, 1, metre], NEXT_STATE: [1, metre, 1, metre], ACTION: [1, metre]}
+    features = {STATE: state_feature(("j", "g"), ("g",)), NEXT_STATE: state_feature(("j", "g"), ("g",))}
+    features[ACTION] = action_feature(("j", "g"), (POSITION, POSITION), ("g",))
+    columns = {key: (whole.columns[key] * scale[key]).astype(np.float32) for key in features}
+    return Dataset(features, columns, whole.lengths, 50.0)
+
+
+def test_losses_and_validation_errors_do_not_depend_on_the_unit_of_lengths():
+    one, other = (Training("forward", hinge_and_slide(metre), replace(TINY, updates=2)) for metre in (1.0, 1000.0))
+    assert one.criterion.endswith("over the spread of hinges, and of slides")
+    assert one.validation_error() == pytest.approx(other.validation_error(), rel=1e-3)
+    assert float(one.phase.loss(0).detach()) == pytest.approx(float(other.phase.loss(0).detach()), rel=1e-3)
+
+
+def test_an_arm_of_one_kind_is_validated_in_its_own_unit():
+    dataset = hinge_and_slide(1.0)
+    hinges = replace(
+        dataset,
+        features={
+            key: replace(f, units=tuple(u.replace("m", "rad") for u in f.units)) for key, f in dataset.features.items()
+        },
+    )
+    training = Training("forward", hinges, replace(TINY, updates=2))
+    assert training.criterion == "open-loop position RMSE [rad]"
+    assert training.model.provenance["validation_unit"] == "rad"
+    np.testing.assert_array_equal(training.scales, 1.0)

@@ -175,13 +175,9 @@ class RecordArm(Command):
 
     def _protocol(self) -> "Protocol":
         from nas_data.excitations.base import parse
-        from nas_data.recorders.session import Protocol
+        from nas_data.recorders.session import Protocol, check_amount
 
-        if self.episodes < 1 or not 0 < self.seconds <= LONGEST:
-            raise OptionError(
-                f"{self.episodes} episodes of {self.seconds} s cannot be recorded; "
-                f"at least one is needed, of up to {LONGEST:g} s."
-            )
+        check_amount(self.episodes, self.seconds, LONGEST)
         if not 0 < self.rate <= self.FASTEST:
             raise OptionError(f"--rate is {self.rate}; it must lie above 0 and up to {self.FASTEST:g} Hz.")
         if not COOLEST <= self.hot <= SHUTDOWN - 1:

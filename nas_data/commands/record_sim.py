@@ -153,14 +153,10 @@ class RecordSim(TakesModel):
         from nas_data.environment_ids import environment_id
         from nas_data.envs.base import find_task_file
         from nas_data.excitations.base import parse
-        from nas_data.recorders.session import Protocol
+        from nas_data.recorders.session import Protocol, check_amount
 
         seconds = self._seconds()
-        if self.episodes < 1 or not 0 < seconds <= LONGEST:
-            raise OptionError(
-                f"{self.episodes} episodes of {seconds} s cannot be recorded; "
-                f"at least one is needed, of up to {LONGEST:g} s."
-            )
+        check_amount(self.episodes, seconds, LONGEST)
         return Protocol(
             excitation=parse(self.excitation),
             file=self.commands,

@@ -16,6 +16,8 @@ import numpy as np
 import pyarrow as pa
 
 from nas_data.dataset import layout
+from nas_data.dataset.parquet import open_parquet, read_parquet, try_parquet
+from nas_data.errors import DatasetInvalid
 
 VIDEO = "video"
 VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
@@ -53,6 +55,34 @@ class Carried:
     def of(cls, root: Path, frames: int) -> "Carried | None":
         """Return what a dataset has beside its vectors of numbers; None where that is nothing."""
         return cls((root.resolve(),), np.arange(frames)) if layout.left_out(layout.read_info(root)) else None
+
+    @classmethod
+    def rescued(cls, root: Path, episodes: Sequence[int], lengths: np.ndarray) -> "Carried | None":
+        """Return what some whole episodes of a damaged dataset have beside their vectors of numbers.
+
+        Args:
+            root: The damaged dataset; its `meta/info.json` is whole.
+            episodes: Numbers of the episodes.
+            lengths: Their frames, shape (E,).
+
+        Raises:
+            DatasetInvalid: of one of them something cannot be had; says what.
+        """
+        found = cls.of(root, 0)
+        if found is None:
+            return None
+        (source,) = found._sources
+        starts = np.array(
+            [source.first_row(episode, length) for episode, length in zip(episodes, lengths, strict=True)]
+        )
+        found = replace(found, rows=np.concatenate([np.arange(a, a + n) for a, n in zip(starts, lengths, strict=True)]))
+        videos = found.clips(np.cumsum(lengths) - lengths, lengths, 1.0)
+        lost = next((clip.file for clips in videos.values() for clip in clips if not clip.file.is_file()), None)
+        if lost is not None:
+            raise DatasetInvalid(f"{lost.relative_to(found.roots[0])} is missing")
+        for path in source.files_of(found.rows):
+            read_parquet(path, list(found.features))
+        return found
 
     @cached_property
     def features(self) -> dict[str, Mapping[str, object]]:
@@ -145,10 +175,9 @@ class Source:
 
     def rows(self, keys: Sequence[str], rows: np.ndarray) -> pa.Table:
         """Return columns of some rows, in the order of the episodes."""
-        from nas_data.dataset.read import read_parquet
-
         wanted, parts, places, start, offset = self._order[rows], [], np.empty(len(rows), np.int64), 0, 0
-        for path, count in self._files:
+        for path, numbers in self._files:
+            count = len(numbers)
             here = np.flatnonzero((wanted >= offset) & (wanted < offset + count))
             if here.size:
                 parts.append(read_parquet(path, keys).take(wanted[here] - offset))
@@ -159,8 +188,6 @@ class Source:
 
     def schema_metadata(self) -> dict[str, object]:
         """Return how the data files describe their columns to `datasets`."""
-        from nas_data.dataset.read import open_parquet
-
         metadata = open_parquet(self._files[0][0]).schema_arrow.metadata or {}
         try:
             content = json.loads(metadata[b"huggingface"])
@@ -170,39 +197,65 @@ class Source:
 
     def clip(self, key: str, row: int, length: int, fps: float) -> Clip:
         """Return where the pictures of some frames of an episode lie."""
-        entry = self.episode(row)
+        entry, number = self.episode(row), int(self._numbers[row])
+        if f"videos/{key}/{PLACE[0]}" not in entry:
+            raise DatasetInvalid(f"meta/episodes does not say where the pictures of episode {number} lie")
         place = {name: entry[f"videos/{key}/{name}"] for name in PLACE}
         template = str(layout.read_info(self.root).get("video_path") or VIDEO_PATH)
         file = self.root / template.format(video_key=key, **{name: int(str(place[name])) for name in PLACE[:2]})
-        start = float(str(place["from_timestamp"])) + (row - int(str(entry["dataset_from_index"]))) / fps
+        start = float(str(place["from_timestamp"])) + (row - self._first(number)) / fps
         whole = length == int(str(entry["length"]))
         return Clip(file, start, float(str(place["to_timestamp"])) if whole else start + length / fps)
 
     def episode(self, row: int) -> Mapping[str, object]:
-        """Return what the episode table says of the episode that holds a row."""
-        starts = [int(str(entry["dataset_from_index"])) for entry in self._episodes]
-        return self._episodes[int(np.searchsorted(starts, row, side="right")) - 1]
+        """Return what the episode table says of the episode that holds a row; nothing where it is damaged."""
+        return self._episodes.get(int(self._numbers[row]), {})
+
+    def first_row(self, episode: int, length: int) -> int:
+        """Return the first row of an episode of so many frames.
+
+        Raises:
+            DatasetInvalid: the files that can be read hold another number of them.
+        """
+        first = self._first(episode)
+        if self._first(episode + 1) - first != length:
+            raise DatasetInvalid(f"the data file of episode {episode} is damaged")
+        return first
+
+    def files_of(self, rows: np.ndarray) -> list[Path]:
+        """Return the data files that hold some rows."""
+        stops = np.cumsum([len(numbers) for _, numbers in self._files])
+        return [self._files[place][0] for place in np.unique(np.searchsorted(stops, self._order[rows], side="right"))]
+
+    def _first(self, episode: int) -> int:
+        return int(np.searchsorted(self._numbers, episode))
 
     @cached_property
-    def _files(self) -> list[tuple[Path, int]]:
-        from nas_data.dataset.read import open_parquet
+    def _files(self) -> list[tuple[Path, np.ndarray]]:
+        """The data files that can be read, with the number of the episode of each of their rows."""
+        tables = [(path, try_parquet(path, ["episode_index"])) for path in layout.data_files(self.root)]
+        return [(path, table["episode_index"].to_numpy()) for path, table in tables if table is not None]
 
-        return [(path, open_parquet(path).metadata.num_rows) for path in layout.data_files(self.root)]
+    @cached_property
+    def _indices(self) -> np.ndarray:
+        """Number of the episode of each row in the files, shape (N,)."""
+        return np.concatenate([np.empty(0, np.int64), *(numbers for _, numbers in self._files)])
 
     @cached_property
     def _order(self) -> np.ndarray:
         """Row in the files of each row in the order of the episodes, shape (N,)."""
-        from nas_data.dataset.read import read_parquet
-
-        parts = [read_parquet(path, ["episode_index"])["episode_index"].to_numpy() for path, _ in self._files]
-        return np.argsort(np.concatenate(parts), kind="stable")
+        return np.argsort(self._indices, kind="stable")
 
     @cached_property
-    def _episodes(self) -> list[dict[str, object]]:
-        from nas_data.dataset.read import read_parquet
+    def _numbers(self) -> np.ndarray:
+        """Number of the episode of each row in the order of the episodes, shape (N,)."""
+        return self._indices[self._order]
 
-        rows = [row for path in layout.episode_files(self.root) for row in read_parquet(path).to_pylist()]
-        return sorted(rows, key=lambda row: row["episode_index"])
+    @cached_property
+    def _episodes(self) -> dict[int, Mapping[str, object]]:
+        """What can be read of the episode table, by episode."""
+        tables = [try_parquet(path) for path in layout.episode_files(self.root)]
+        return {int(row["episode_index"]): row for table in tables if table for row in table.to_pylist()}
 
 
 def place_videos(folder: Path, clips: Mapping[str, Sequence[Clip]]) -> tuple[dict[str, list[object]], dict[str, Path]]:

@@ -9,7 +9,7 @@ import numpy as np
 from nas_data.dataset import layout
 from nas_data.dataset.checks import LARGEST
 from nas_data.dataset.features import Feature
-from nas_data.dataset.read import read_parquet
+from nas_data.dataset.parquet import read_parquet
 from nas_data.dataset.salvage import Salvage
 from nas_data.errors import DatasetInvalid
 

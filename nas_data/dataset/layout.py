@@ -1,5 +1,6 @@
 """Where LeRobot v3.0 keeps what: paths, automatic columns and `meta/info.json`."""
 
+import importlib.util
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,6 +10,7 @@ from nas_data.errors import DatasetInvalid, DatasetNotFound
 from nas_data.visible import visible
 
 CODEBASE_VERSION = "v3.0"
+CONVERTER = "convert_dataset_v21_to_v30"
 INFO = "meta/info.json"
 STATS = "meta/stats.json"
 TASKS = "meta/tasks.parquet"
@@ -77,13 +79,22 @@ def read_info(root: Path) -> dict[str, object]:
     info = read_json(root / INFO)
     version = str(info.get("codebase_version"))
     if not version.startswith("v3."):
+        older = "" if version == "v2.1" else ", after LeRobot 0.3's convert_dataset_v20_to_v21 made it a v2.1"
         raise DatasetInvalid(
-            f"{root / INFO} says codebase_version {version}; v3.0 is needed: convert it with LeRobot's "
-            "convert_dataset_v21_to_v30 script (v2.0 first with the script for v2.1)."
+            f"{root / INFO} says codebase_version {version}; v3.0 is needed: convert it{older} with "
+            f"'python -m {converter()} --repo-id=. --root={root} --push-to-hub=false', which keeps it as {root}_old."
         )
     if not isinstance(info.get("features"), dict) or not _is_rate(info.get("fps")):
         raise DatasetInvalid(f"{root / INFO} lacks features or a positive fps; restore it from a copy.")
     return info
+
+
+def converter() -> str:
+    """Return the module of the installed LeRobot that makes v3.0 of v2.1: 0.6 has it elsewhere than 0.4."""
+    lerobot = importlib.util.find_spec("lerobot")
+    places = (lerobot and lerobot.submodule_search_locations) or []
+    is_new = any((Path(place) / "scripts" / f"{CONVERTER}.py").is_file() for place in places)
+    return f"lerobot.{'scripts' if is_new else 'datasets.v30'}.{CONVERTER}"
 
 
 def _is_rate(value: object) -> bool:

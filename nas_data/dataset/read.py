@@ -6,20 +6,19 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from nas_data.dataset import layout
 from nas_data.dataset.carried import Carried
 from nas_data.dataset.checks import check_finite
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import TIME, Feature, time_feature
+from nas_data.dataset.parquet import open_parquet, read_parquet
 from nas_data.dataset.versions import resolve
 from nas_data.errors import DatasetInvalid
 
 INDEX = Feature(names=("index",), dtype="int64")
 STAMP = Feature(names=("timestamp",), dtype="float64")
 STAMP_TOLERANCE = 1e-4  # [s] LeRobot's own tolerance for timestamps
-UNREADABLE = (pa.ArrowException, OSError, UnicodeDecodeError)  # what Arrow raises at a damaged file
 
 
 def read(path: Path) -> Dataset:
@@ -75,61 +74,6 @@ def read_stamps(root: Path) -> np.ndarray:
     rows = Rows.read(root, {"episode_index": INDEX, "timestamp": STAMP})
     rows.sort(root)
     return rows.columns["timestamp"]
-
-
-def open_parquet(path: Path) -> pq.ParquetFile:
-    """Open a Parquet file without copying it into memory.
-
-    Raises:
-        DatasetInvalid: it was never finished, or is none.
-    """
-    try:
-        file = pq.ParquetFile(path, memory_map=True)
-    except UNREADABLE:
-        raise DatasetInvalid(
-            f"{path} is only half-written (it has no Parquet footer: its writer was killed); "
-            "rescue the other episodes with 'nas recover', or restore the file from a copy."
-        ) from None
-    check_footer(file, path)
-    return file
-
-
-def check_footer(file: pq.ParquetFile, path: Path) -> None:
-    """Refuse a footer whose numbers of rows or names of columns were damaged, which Arrow does not notice itself.
-
-    Raises:
-        DatasetInvalid: says that the footer is damaged.
-    """
-    metadata = file.metadata
-    rows = sum(metadata.row_group(group).num_rows for group in range(metadata.num_row_groups))
-    try:
-        sound = bool(file.schema_arrow.names) and rows == metadata.num_rows
-    except UNREADABLE:
-        sound = False
-    if not sound:
-        raise DatasetInvalid(f"{path} has a damaged Parquet footer; rescue its rows with 'nas recover'.")
-
-
-def read_parquet(path: Path, columns: Sequence[str] | None = None, file: pq.ParquetFile | None = None) -> pa.Table:
-    """Read a Parquet file, or some of its columns.
-
-    Args:
-        path: The file.
-        columns: Columns to read, as far as there are such; all by default.
-        file: The file where it is open already.
-
-    Raises:
-        DatasetInvalid: it is half-written or damaged.
-    """
-    file = file or open_parquet(path)
-    try:
-        table = file.read(columns=None if columns is None else list(columns))
-    except UNREADABLE as error:
-        reason = " ".join(str(error).split())
-        raise DatasetInvalid(f"{path} is damaged ({reason}); restore it from a copy.") from None
-    if len(table) != file.metadata.num_rows:
-        raise DatasetInvalid(f"{path} is damaged (rows are missing); restore it from a copy.")
-    return table
 
 
 @dataclass

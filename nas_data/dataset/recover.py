@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.dataset import layout
+from nas_data.dataset.carried import Carried
 from nas_data.dataset.content import content_hash
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import Feature
@@ -108,7 +109,8 @@ def recover(root: Path, beyond: bool = False, like: Path | None = None) -> Rescu
         reports.append("the rows are whole, the metadata are not: they are made anew")
     tasks = _tasks(root, found, known)
     dataset = _dataset(info, found, kept, tasks)
-    reports += [f"'{key}' ({kind}) is left out" for key, kind in layout.left_out(info).items()]
+    carried, left_out = _carried(root, info, kept, dataset.lengths, described=like is None)
+    dataset, reports = replace(dataset, carried=carried), [*reports, *left_out]
     unknown = [episode for episode in kept if not tasks[episode]]
     if unknown:
         reports.append(f"what {len(unknown)} episode(s) do is not known: {_some(unknown)}")
@@ -195,6 +197,25 @@ def _dataset(info: Mapping[str, object], found: Salvage, kept: Sequence[int], ta
         robot_type=str(info.get("robot_type") or "unknown"),
         tasks=tuple(tasks[episode] for episode in kept),
     )
+
+
+def _carried(
+    root: Path, info: Mapping[str, object], kept: Sequence[int], lengths: np.ndarray, described: bool
+) -> tuple[Carried | None, list[str]]:
+    """Return cameras, texts and the like of the rescued episodes, or say why they are left out and where they lie."""
+    keys = layout.left_out(info)
+    reason = f"{layout.INFO} is lost"
+    if described:
+        try:
+            return Carried.rescued(root, kept, lengths), []
+        except DatasetInvalid as error:
+            reason = str(error).rstrip(".")
+    if not keys:
+        return None, []
+    names = ", ".join(f"'{key}' ({kind})" for key, kind in keys.items())
+    return None, [
+        f"left out: {names}, because {reason}; what there is of it lies in {root / 'videos'} and {root / 'data'}"
+    ]
 
 
 def _tasks(root: Path, found: Salvage, known: Mapping[int, Listed]) -> dict[int, str]:

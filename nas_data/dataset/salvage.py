@@ -14,8 +14,9 @@ import pyarrow.parquet as pq
 from nas_data.dataset import layout
 from nas_data.dataset.features import Feature
 from nas_data.dataset.footer import mend
+from nas_data.dataset.parquet import UNREADABLE, open_parquet
 from nas_data.dataset.provenance import Provenance
-from nas_data.dataset.read import UNREADABLE, Rows, open_parquet
+from nas_data.dataset.read import Rows
 from nas_data.errors import DatasetInvalid
 
 

@@ -15,8 +15,9 @@ from nas_data.dataset.audits.base import Finding
 from nas_data.dataset.content import content_hash
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import NEXT_STATE, STATE, Feature
+from nas_data.dataset.parquet import read_parquet
 from nas_data.dataset.provenance import Provenance, read_provenance
-from nas_data.dataset.read import STAMP_TOLERANCE, Rows, read, read_parquet
+from nas_data.dataset.read import STAMP_TOLERANCE, Rows, read
 from nas_data.dataset.staging import leftovers
 from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.versions import VERSION, resolve

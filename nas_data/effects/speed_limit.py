@@ -42,7 +42,7 @@ class SpeedLimit(Effect):
             raise ModelFileError(
                 f"speed_limit cannot be added to the actuator '{servo.name}', which filters its command already."
             )
-        take_own_unit(spec, self.joint, servo, self.name())
+        take_own_unit(spec, self.joint, servo)
         bias = servo.biasprm.copy()
         slewmax = self.speed * abs(float(servo.gear[0]))
         servo.set_to_pid(kp=feedback(servo), kv=-float(bias[2]), slewmax=slewmax, ctrlspec=POSITION_INPUT)

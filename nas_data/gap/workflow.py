@@ -21,6 +21,7 @@ from nas_data.gap.report import write_report, write_series
 from nas_data.gap.search.final import Final, finish
 from nas_data.gap.search.hypothesis import Description
 from nas_data.gap.showing.show import show
+from nas_data.joint_units import mean_of_kind
 
 EXPERIMENT = "next_experiment.csv"
 
@@ -93,18 +94,19 @@ def deliver(problem: Problem, naming: Naming, folder: Path, say: Say) -> tuple[N
     outcome = added(problem, naming.final, naming.null, naming.plain, folder)
     held = problem.held.evidence
     left = ratios(held.mean_squares(outcome.written), problem.held.floor)
-    best = min(rms(held, outcome.plain), rms(held, outcome.before))
-    if left.max() <= ADEQUATE or rms(held, outcome.written) <= best:
+    scales = mean_of_kind(problem.held.floor, held.joints, problem.held.nominal.slides)
+    best = min(rms(held, outcome.plain, scales), rms(held, outcome.before, scales))
+    if left.max() <= ADEQUATE or rms(held, outcome.written, scales) <= best:
         return naming, outcome
     say("the names alone predict held-out episodes worse than the plain fit or the model as given")
     train = replace(problem.train, fine=naming.final.fine)
     description = naming.description.together_with(naming.plain_description)
     both = finish(train, description, {**naming.plain.factors, **unfreed(naming.final.factors, description)})
-    if naming.findings and rms(held, predict_held(problem, both)) <= best:
+    if naming.findings and rms(held, predict_held(problem, both), scales) <= best:
         naming = naming.refitted(both)
         more = added(problem, both, naming.null, naming.plain, folder)
         return naming, replace(more, delivered="names and plain")
-    plain_is_best = rms(held, outcome.plain) <= rms(held, outcome.before)
+    plain_is_best = rms(held, outcome.plain, scales) <= rms(held, outcome.before, scales)
     other = naming.plain if plain_is_best else Final((), {}, (), fine=False)
     nameless = replace(naming, findings=(), rivals=(), final=other)
     delivered = added(problem, other, naming.null, naming.plain, folder)
@@ -116,9 +118,9 @@ def unfreed(factors: Mapping[str, float], description: Description) -> dict[str,
     return {name: factor for name, factor in factors.items() if name not in description.freed}
 
 
-def rms(evidence: Evidence, predicted: np.ndarray) -> float:
-    """Return the error over all episodes and joints [rad]."""
-    return float(np.sqrt(evidence.mean_squares(predicted).mean()))
+def rms(evidence: Evidence, predicted: np.ndarray, scales: np.ndarray) -> float:
+    """Return the error over all episodes and joints, each joint's over its scale [rad; slides m], shape (n,)."""
+    return float(np.sqrt((evidence.mean_squares(predicted) / scales**2).mean()))
 
 
 def learned(problem: Problem, model: Path, updates: int, say: Say) -> Mapping[str, float]:

@@ -10,14 +10,16 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from nas_data.dataset.audits.base import Finding
+from nas_data.dataset.audits.base import RANGE, SHORTEST, Finding
 from nas_data.dataset.dataset import Dataset
+from nas_data.joint_units import kinds_of
 from nas_data.robots.base import find_robot
 
+# At a slide a share of its range stands for a radian; see `radian_at`.
 MARGIN = 0.1  # [rad] by which calibrations of real arms and their models differ
 STILL = 0.02  # [rad/s] and [rad a row] below which a servo only holds
 FEWEST = 30  # such rows from which gravity can be told
-SPREAD = 0.2  # share of the largest gravity torque that must vary, or there is nothing to compare
+SPREAD = 0.2  # share of the largest gravity torque (or force, of slides) that must vary, or there is nothing to compare
 LOADED = 2.0  # times as large the errors must be as the step of a servo
 AGAINST = -0.5  # correlation from which a joint contradicts gravity
 TICK = 2 * np.pi / 4096  # [rad]
@@ -47,6 +49,16 @@ def check(dataset: Dataset, model: str | Path) -> list[Finding]:
     return found + _gravity(dataset, compiled)
 
 
+def radian_at(dataset: Dataset, model: mujoco.MjModel, joint: str) -> float:
+    """Return what stands for a radian at a joint: 1 at a hinge; at a slide so many metres [m] of its range."""
+    if joint not in dataset.slides:
+        return 1.0
+    place = model.joint(joint).id
+    travel = np.ptp(dataset.states[:, dataset.joints.index(joint)])
+    reach = float(np.ptp(model.jnt_range[place]) if model.jnt_limited[place] else travel)
+    return max(reach, SHORTEST) / RANGE
+
+
 def _limits(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[Finding]:
     """Report a joint that leaves its model's range, and whether the other sign or another zero would not."""
     if not model.jnt_limited[model.joint(joint).id]:
@@ -54,11 +66,12 @@ def _limits(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[Finding
     low, high = (float(end) for end in model.joint(joint).range)
     positions = dataset.states[:, dataset.joints.index(joint)].astype(float)
     first, last = float(positions.min()), float(positions.max())
-    if first >= low - MARGIN and last <= high + MARGIN:
+    margin = MARGIN * radian_at(dataset, model, joint)
+    if first >= low - margin and last <= high + margin:
         return []
-    if -last >= low - MARGIN and -first <= high + MARGIN:
+    if -last >= low - margin and -first <= high + margin:
         reason, remedy = "with the opposite sign it would not", f"check sign = -1 of {joint} in the map"
-    elif last - first <= high - low + 2 * MARGIN:
+    elif last - first <= high - low + 2 * margin:
         reason, remedy = "with another zero it would not", f"check 'offset' or 'zero' of {joint} in the map"
     else:
         reason, remedy = "it turns farther than the model does", f"check the unit and scale of {joint} in the map"
@@ -71,7 +84,8 @@ def _gravity(dataset: Dataset, model: mujoco.MjModel) -> list[Finding]:
     n = len(dataset.joints)
     positions, velocities = dataset.states[:, :n].astype(float), dataset.states[:, n:].astype(float)
     steps = np.abs(np.diff(dataset.commands, axis=0, prepend=dataset.commands[:1]))
-    still = (np.abs(velocities) < STILL).all(axis=1) & (steps < STILL).all(axis=1)
+    radians = np.array([radian_at(dataset, model, joint) for joint in dataset.joints])
+    still = (np.abs(velocities) < STILL * radians).all(axis=1) & (steps < STILL * radians).all(axis=1)
     rows = np.flatnonzero(still)
     if len(rows) < FEWEST:
         return []
@@ -85,10 +99,12 @@ def _gravity(dataset: Dataset, model: mujoco.MjModel) -> list[Finding]:
         pull[number] = data.qfrc_bias[speeds]
     held = dataset.commands[rows] - positions[rows]
     found = []
-    largest = float(np.abs(pull).max(initial=0.0))
+    largest = np.empty(n)
+    for _, alike in kinds_of(dataset.joints, dataset.slides):
+        largest[alike] = np.abs(pull[:, alike]).max(initial=0.0)
     for index, joint in enumerate(dataset.joints):
-        loaded = np.abs(pull[:, index]) > SPREAD * largest
-        if loaded.sum() < FEWEST or np.abs(held[loaded, index]).mean() < LOADED * TICK:
+        loaded = np.abs(pull[:, index]) > SPREAD * largest[index]
+        if loaded.sum() < FEWEST or np.abs(held[loaded, index]).mean() < LOADED * TICK * radians[index]:
             continue
         product = float(pull[loaded, index] @ held[loaded, index])
         likeness = product / float(np.linalg.norm(pull[loaded, index]) * np.linalg.norm(held[loaded, index]))

@@ -31,7 +31,7 @@ def expected_of(mapping: Map) -> Expected:
         jitter=mapping.thresholds.jitter,
         limits=mapping.limits,
         slides=mapping.slides,
-        effort=mapping.commands_effort,
+        effort=not mapping.commands_positions,
         resampled=mapping.resample is not None,
         derived=mapping.derive_velocity,
         promise="the map says",

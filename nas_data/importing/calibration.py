@@ -136,7 +136,7 @@ def in_unit(mapping: Map, unit: str, motors: Sequence[Motor]) -> Map:
         gain, bias, units = zip(*changed, strict=True)
         return replace(quantity, conversion=replace(quantity.conversion, gain=gain, bias=bias, units=units))
 
-    command = mapping.command if mapping.commands_effort else converted(mapping.command)
+    command = converted(mapping.command) if mapping.commands_positions else mapping.command
     return replace(mapping, position=converted(mapping.position), command=command)
 
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from nas_data.importing.section import Section
 
-Kind = Literal["position", "velocity", "effort", "signal"]
+Kind = Literal["position", "velocity", "effort", "command", "signal"]
+COMMANDS: tuple[Kind, ...] = ("position", "velocity", "effort")  # what a joint may be asked for
 
 DEGREE = np.pi / 180  # [rad]
 TURN = 2 * np.pi  # [rad]
@@ -22,6 +23,7 @@ FACTORS: Mapping[Kind, Mapping[str, float]] = {
     "effort": {"N·m": 1.0, "N*m": 1.0, "Nm": 1.0, "mN·m": 1e-3, "N": 1.0, "A": 1.0},
     "signal": {},
 }  # fmt: skip
+FACTORS = {**FACTORS, "command": {unit: factor for kind in COMMANDS for unit, factor in FACTORS[kind].items()}}
 SI: Mapping[Kind, str] = {"position": "rad", "velocity": "rad/s", "effort": "N·m"}  # of hinges; slides see `unit_at`
 OF_SLIDES = {"m", "cm", "mm", "m/s", "cm/s", "mm/s", "N"}
 OF_EITHER = {"ticks", "A", "normalised"}  # what they mean the map says by `scale`, or by `low` and `high`
@@ -29,8 +31,8 @@ NORMALISED = "normalised"
 SCALED = {"ticks", "A"}  # mean nothing without `scale`
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "datetime": 1e-9}  # [s]
 
-KEYS = ("unit", "scale", "zero", "range", "low", "high", "sign", "offset")
-UNIT_KEYS = frozenset({"unit", "scale", "zero", "range", "low", "high"})
+KEYS = ("unit", "kind", "scale", "zero", "range", "low", "high", "sign", "offset")
+UNIT_KEYS = frozenset({"unit", "kind", "scale", "zero", "range", "low", "high"})
 
 
 @dataclass(frozen=True)
@@ -41,11 +43,13 @@ class Conversion:
         gain: SI unit per raw unit.
         bias: SI value of raw zero.
         units: Unit of the raw values, one a component.
+        kinds: What each is; of a command what the joint is asked for.
     """
 
     gain: tuple[float, ...]
     bias: tuple[float, ...]
     units: tuple[str, ...]
+    kinds: tuple[Kind, ...]
 
     def apply(self, raw: np.ndarray) -> np.ndarray:
         """Convert raw values of shape (N, n) to SI."""
@@ -72,15 +76,15 @@ def parse_conversion(section: Section, kind: Kind, joints: Sequence[str]) -> Con
         lines.append(_parse_line(one, kind))
         one.finish()
     overrides.finish()
-    gain, bias, units = zip(*lines, strict=True)
-    return Conversion(gain, bias, units)
+    gain, bias, units, kinds = zip(*lines, strict=True)
+    return Conversion(gain, bias, units, kinds)
 
 
 def _values_of(section: Section, index: int, count: int) -> dict[str, object]:
     """Return the conversion keys for one joint; a list gives one number a joint (`range` is a pair itself)."""
     values: dict[str, object] = {}
     for key in KEYS:
-        if key == "unit" and section.has(key):
+        if key in ("unit", "kind") and section.has(key):
             values[key] = section.text(key)
         elif key == "range" and section.has(key):
             values[key] = list(section.numbers(key, 2))
@@ -89,10 +93,11 @@ def _values_of(section: Section, index: int, count: int) -> dict[str, object]:
     return values
 
 
-def _parse_line(section: Section, kind: Kind) -> tuple[float, float, str]:
-    """Return gain, bias and raw unit of one component."""
-    units = (*FACTORS[kind], NORMALISED) if kind in ("position", "velocity") else tuple(FACTORS[kind])
-    unit = section.text("unit", choices=units)
+def _parse_line(section: Section, kind: Kind) -> tuple[float, float, str, Kind]:
+    """Return gain, bias, raw unit and kind of one component."""
+    unit = section.text("unit", choices=_units(kind))
+    if kind == "command":
+        kind = _parse_kind(section, unit)
     sign = section.number("sign", 1.0)
     if abs(sign) != 1:
         raise section.error(f"'sign' is {sign:g}; it must be 1 or -1.")
@@ -101,7 +106,21 @@ def _parse_line(section: Section, kind: Kind) -> tuple[float, float, str]:
         gain, bias = _normalised(section, kind)
     else:
         gain, bias = _scaled(section, FACTORS[kind].get(unit, 1.0), unit, kind)
-    return sign * gain, sign * bias + offset, unit
+    return sign * gain, sign * bias + offset, unit, kind
+
+
+def _units(kind: Kind) -> tuple[str, ...]:
+    """Return the units that a quantity may have."""
+    return (*FACTORS[kind], *[NORMALISED] * (kind in ("position", "velocity", "command")))
+
+
+def _parse_kind(section: Section, unit: str) -> Kind:
+    """Read what a joint is asked for: `kind`, else what its unit is one of; ticks and normalised are positions."""
+    usual = next((kind for kind in COMMANDS if unit in _units(kind)), COMMANDS[0])
+    kind = next(one for one in COMMANDS if one == section.text("kind", usual, choices=COMMANDS))
+    if unit not in _units(kind):
+        raise section.error(f"'kind' is '{kind}' but 'unit' is '{unit}'; choose one of: {', '.join(_units(kind))}.")
+    return kind
 
 
 def _scaled(section: Section, factor: float, unit: str, kind: Kind) -> tuple[float, float]:

@@ -13,7 +13,7 @@ AT_REST = 0.02  # [°]; a log that spans less does not move, whatever its unit
 def check(recording: Recording, mapping: Map) -> list[Finding]:
     """Refuse numbers that hardly can be the degrees that the map says."""
     read = [(mapping.position, recording.positions)]
-    if not mapping.commands_effort:
+    if mapping.commands_positions:
         read.append((mapping.command, recording.commands))
     found = []
     for quantity, values in read:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from nas_data.dataset.lateness import LATE
-from nas_data.importing.conversion import Conversion, Kind
+from nas_data.importing.conversion import Conversion
 from nas_data.importing.layout import Layout
 
 ALIGNMENTS = ("action_follows_state", "state_follows_action")
@@ -35,7 +35,6 @@ class Quantity:
 
     Attributes:
         name: What it is called: position, velocity, command or the signal's name.
-        kind: What its units may be.
         unit: Unit after conversion.
         source: Where it stands.
         conversion: How it becomes SI, one line a joint.
@@ -43,7 +42,6 @@ class Quantity:
     """
 
     name: str
-    kind: Kind
     unit: str
     source: Source
     conversion: Conversion
@@ -83,12 +81,12 @@ class Thresholds:
     """What the audits compare with.
 
     Attributes:
-        max_speed: Speed that no joint can have [rad/s; m/s].
+        max_speed: Speed that no joint can have [rad/s; m/s]; None for what no usual joint can have.
         jitter: Largest deviation of a time step, as a share of the period.
         allow: Checks whose errors become warnings, because the user knows better.
     """
 
-    max_speed: float = 50.0
+    max_speed: float | None = None
     jitter: float = LATE
     allow: tuple[str, ...] = ()
 
@@ -123,7 +121,7 @@ class Map:
         clock: Where the time stands.
         position: Measured positions [rad].
         velocity: Measured velocities [rad/s]; None where the log has none.
-        command: Commanded positions [rad] or torques [N·m].
+        command: Commanded positions [rad], velocities [rad/s] or torques [N·m].
         signals: What else is kept, as `nas.<name>`.
         episode: Column that tells the episodes of one log apart; None where a log is one episode.
         slides: Joints that are slides: in metres and newtons, where others are in radians and newton metres.
@@ -160,9 +158,9 @@ class Map:
     servo: Servo | None = None
 
     @property
-    def commands_effort(self) -> bool:
-        """Whether commands are torques [N·m] rather than positions [rad]."""
-        return self.command.kind == "effort"
+    def commands_positions(self) -> bool:
+        """Whether every joint is commanded positions."""
+        return set(self.command.conversion.kinds) == {"position"}
 
     @property
     def fps(self) -> float:

@@ -2,14 +2,13 @@
 
 import string
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from nas_data.errors import MapError, UnknownName
 from nas_data.importing.conversion import (
     FACTORS,
-    NORMALISED,
     OF_EITHER,
     OF_SLIDES,
     SI,
@@ -83,7 +82,7 @@ def parse_map(top: Section, name: str, text: str) -> Map:
         clock=_parse_clock(read.table("time")) if not lerobot or read.has("time") else Clock("timestamp", "s"),
         position=quantities.parse(read.table("position"), "position", "position"),
         velocity=quantities.parse(read.table("velocity"), "velocity", "velocity") if read.has("velocity") else None,
-        command=_parse_command(read.table("command"), quantities),
+        command=quantities.parse(read.table("command"), "command", "command"),
         signals={key: quantities.parse(table, key, "signal") for key, table in top.table("signals").tables().items()},
         episode=_parse_episode(read, layout),
         slides=frozenset(),
@@ -110,10 +109,10 @@ def _find_slides(top: Section, parsed: Map) -> frozenset[str]:
     units = dict(zip(parsed.joints, parsed.position.conversion.units, strict=True))
     slides = frozenset(joint for joint, unit in units.items() if joint in named or unit in OF_SLIDES)
     for quantity in filter(None, (parsed.position, parsed.velocity, parsed.command)):
-        for joint, unit in zip(parsed.joints, quantity.conversion.units, strict=True):
+        for joint, unit, kind in zip(parsed.joints, quantity.conversion.units, quantity.conversion.kinds, strict=True):
             slide = joint in slides
             if unit not in OF_EITHER and (unit in OF_SLIDES) != slide:
-                fitting = [one for one in FACTORS[quantity.kind] if one in OF_EITHER or (one in OF_SLIDES) == slide]
+                fitting = [one for one in FACTORS[kind] if one in OF_EITHER or (one in OF_SLIDES) == slide]
                 raise top.error(
                     f"'{joint}' is {'a slide' if slide else 'a hinge'} by 'slides' and the unit of its positions, but "
                     f"its unit in [read.{quantity.name}] is '{unit}'; choose one of: {', '.join(fitting)}."
@@ -138,26 +137,13 @@ class _Quantities:
         conversion = parse_conversion(section, kind, joints)
         section.finish()
         unit = SI.get(kind) or conversion.units[0]
-        return Quantity(name, kind, unit, source, conversion, encoding)
+        return Quantity(name, unit, source, conversion, encoding)
 
     def _check_signal_name(self, section: Section, name: str, kind: Kind) -> None:
         if kind == "signal" and (name == "time" or not name.replace("_", "").isalnum() or "image" in name):
             raise section.error(
                 f"'{name}' cannot name a signal; use letters, digits and _, neither 'time' nor 'image'."
             )
-
-
-def _parse_command(section: Section, quantities: _Quantities) -> Quantity:
-    """Read the commands: positions, or torques and forces where their unit is one of these."""
-    joints = section.values.get("joints")
-    tables = [section.values, *(joints.values() if isinstance(joints, Mapping) else ())]
-    units = {table["unit"] for table in tables if isinstance(table, Mapping) and isinstance(table.get("unit"), str)}
-    known = (*FACTORS["position"], NORMALISED, *FACTORS["effort"])
-    wrong = sorted(units - set(known))
-    if wrong:
-        raise section.error(f"'unit' is '{wrong[0]}'; choose one of: {', '.join(known)}.")
-    effort = bool(units & set(FACTORS["effort"]))
-    return quantities.parse(section, "command", "effort" if effort else "position")
 
 
 def _parse_source(section: Section, layout: Layout, width: int, may_be_constant: bool) -> Source:
@@ -260,7 +246,7 @@ def _parse_thresholds(section: Section) -> Thresholds:
     """Read what the audits compare with."""
     standard = Thresholds()
     thresholds = Thresholds(
-        max_speed=section.positive("max_speed", standard.max_speed),
+        max_speed=section.positive("max_speed") if section.has("max_speed") else standard.max_speed,
         jitter=section.positive("jitter", standard.jitter),
         allow=section.texts("allow", ()),
     )

@@ -146,10 +146,11 @@ def _placed(table: Table, quantity: Quantity, joints: Sequence[str]) -> Quantity
     there = table.names.get(source.columns[0]) if len(source.columns) == 1 else None
     if there is None or source.components or len(quantity.conversion.gain) != len(joints):
         return quantity
-    suffix = SUFFIXES.get(quantity.kind)
-    if suffix is None and not source.names:
+    suffixes = [SUFFIXES.get(kind) for kind in quantity.conversion.kinds]
+    if None in suffixes and not source.names:
         return quantity
-    wanted = source.names or tuple(joint if joint in there else f"{joint}{suffix}" for joint in joints)
+    ended = zip(joints, suffixes, strict=True)
+    wanted = source.names or tuple(joint if joint in there else f"{joint}{suffix}" for joint, suffix in ended)
     missing = next((name for name in wanted if name not in there), None)
     if missing is not None:
         raise MapError(

@@ -1,6 +1,6 @@
 """The two phases of training: teacher forcing on measured states, then free running on the model's own."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -9,6 +9,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from nas_data.errors import DatasetInvalid
+from nas_data.joint_units import mean_of_kind
 from nas_data.models.bounds import predict_bounded
 from nas_data.models.episodes import Episode, cut, join, pad
 from nas_data.models.lstm import DynamicsModel, Memory
@@ -118,6 +119,7 @@ class FreeRunning:
         simulator: Simulator | None,
         options: TrainingOptions,
         device: torch.device,
+        slides: Collection[str] = (),
     ) -> None:
         """Measure scales and the source's Jacobian.
 
@@ -127,6 +129,7 @@ class FreeRunning:
             simulator: Source; needed for φ only.
             options: Windows, frames, learning rate, seed.
             device: Where the network lives.
+            slides: Names of the joints that are slides; the errors of either kind are over the spread of that kind.
 
         Raises:
             DatasetInvalid: no episode is longer than one transition.
@@ -143,13 +146,18 @@ class FreeRunning:
         everything = join(self.episodes)
         n = len(model.joints)
         deviation = everything.states.std(0, correction=0)
-        self.position_scale = float(POSITION_SCALE * deviation[:n].mean().clamp_min(1e-6))
-        self.velocity_scale = float(deviation[n:].mean().clamp_min(1e-6))
+        self.position_scale = POSITION_SCALE * self._scale(deviation[:n], slides)
+        self.velocity_scale = self._scale(deviation[n:], slides)
         self.simulator = simulator if model.kind == "delta" else None
         self.stride = -(-len(everything) // MOST_JACOBIANS)
         self.jacobians = None
         if self.simulator is not None:
             self.jacobians = [self._along(self.simulator, episode) for episode in self.episodes]
+
+    def _scale(self, spread: Tensor, slides: Collection[str]) -> Tensor:
+        """Return for each joint the mean spread of the joints of its kind, shape (n,)."""
+        means = mean_of_kind(spread.double().numpy(), self.model.joints, slides)
+        return torch.from_numpy(means).float().clamp_min(1e-6).to(self.device)
 
     def _along(self, simulator: Simulator, episode: Episode) -> Tensor:
         """Return the source's Jacobian at every `stride`-th transition of an episode."""

@@ -9,11 +9,11 @@ import torch
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import EFFORT
 from nas_data.errors import DatasetInvalid, JointMismatch, OptionError
-from nas_data.joint_units import kinds_of
+from nas_data.joint_units import SHARE, JointUnit, kinds_of, mean_of_kind
 from nas_data.metrics import Errors
 from nas_data.models.episodes import cut, join, pad, read_episodes
 from nas_data.models.evaluation import open_loop_model
-from nas_data.models.fitting import prepare, soften
+from nas_data.models.fitting import CONSTANT, prepare, soften
 from nas_data.models.holding_out import hold_out, rows_of
 from nas_data.models.lstm import DynamicsModel, Kind
 from nas_data.models.phases import FreeRunning, Phase, TeacherForcing, one_step_loss
@@ -73,17 +73,18 @@ class Training:
         if kind == "delta" and simulator is not None and simulator.remembers:
             dataset = with_memory(dataset, simulator)
         self.split = hold_out(dataset, options.validation, options.seed)
+        self.free = options.updates > 0 and (kind == "forward" or simulator is not None)
         self.model = self._build(kind, dataset, provenance or {})
         episodes = read_episodes(self.split.train, simulator=simulator)
         prepare(self.model, join(episodes), simulator)
         self.model.to(self.device)
-        self.free = options.updates > 0 and (kind == "forward" or simulator is not None)
         self.phase: Phase = (
-            FreeRunning(self.model, episodes, simulator, options, self.device)
+            FreeRunning(self.model, episodes, simulator, options, self.device, dataset.slides)
             if self.free
             else TeacherForcing(self.model, episodes, options, self.device)
         )
         self.rollouts = validation_rollouts(self.split.held)
+        self.scales = error_scales(self.split.train)
 
     def _build(self, kind: Kind, dataset: Dataset, provenance: Mapping[str, object]) -> DynamicsModel:
         torch.manual_seed(self.options.seed)
@@ -97,16 +98,29 @@ class Training:
             shortcut=options.shortcut,
             commands_effort=not dataset.commands_positions,
             fps=float(dataset.fps),
-            provenance={**provenance, "training": asdict(options), "validation": self.split.what},
+            provenance={
+                **provenance,
+                "training": asdict(options),
+                "validation": self.split.what,
+                "validation_unit": self.unit.si if self.unit else None,
+            },
             corrects=options.corrects,
             **(symmetry_of(self.simulator) if options.symmetric and self.simulator else {}),
         )
 
     @property
+    def unit(self) -> JointUnit | None:
+        """Unit of what early stopping looks at, None where it is normalised errors of one step."""
+        kinds = kinds_of(self.split.train.joints, self.split.train.slides)
+        return None if not self.free else kinds[0][0] if len(kinds) == 1 else SHARE
+
+    @property
     def criterion(self) -> str:
         """What early stopping looks at, with its unit."""
-        units = "; ".join(unit.si for unit, _ in kinds_of(self.rollouts.joints, self.rollouts.slides))
-        return f"open-loop position RMSE [{units}]" if self.free else "one-step normalised MSE"
+        if self.unit is None:
+            return "one-step normalised MSE"
+        unit = "over the spread of hinges, and of slides" if self.unit is SHARE else f"[{self.unit.si}]"
+        return f"open-loop position RMSE {unit}"
 
     def validation_error(self, model: DynamicsModel | None = None) -> float:
         """Return the error of the model, or of another state of it, on the held-out episodes."""
@@ -128,7 +142,7 @@ class Training:
         predicted = open_loop_model(self.rollouts, self.simulator, model)
         measured = [self.rollouts.next_states[rows] for rows in self.rollouts.episodes()]
         model.to(self.device)
-        error = Errors.of(self.rollouts.joints, predicted, measured).pooled
+        error = Errors.of(self.rollouts.joints, predicted, measured).over(self.scales)
         return error if np.isfinite(error) else float("inf")
 
     def _one_step_error(self, model: DynamicsModel) -> float:
@@ -166,6 +180,14 @@ def find_device(name: str | None) -> torch.device:
         reason = str(error).splitlines()[0].rstrip(".")
         raise OptionError(f"torch cannot use the device '{name}' ({reason}); give cpu, or cuda with a GPU.") from None
     return device
+
+
+def error_scales(train: Dataset) -> np.ndarray:
+    """Return what errors of joints are divided by where they are averaged, shape (n,): 1 where all are of one kind."""
+    joints, slides = train.joints, train.slides
+    if len(kinds_of(joints, slides)) == 1:
+        return np.ones(len(joints))
+    return np.maximum(mean_of_kind(train.states[:, : len(joints)].std(axis=0), joints, slides), CONSTANT)
 
 
 def validation_rollouts(held: Dataset) -> Dataset:

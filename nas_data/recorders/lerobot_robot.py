@@ -16,8 +16,9 @@ from lerobot.robots import Robot as LeRobot
 from lerobot.robots import RobotConfig, make_robot_from_config
 
 from nas_data.errors import OptionError, UnknownName
-from nas_data.recorders.lerobot_arm import LeRobotDriver, family_of
+from nas_data.recorders.lerobot_arm import LeRobotDriver
 from nas_data.recorders.lerobot_frame import Frame, frame_of, full_range, refuse_other_joints
+from nas_data.recorders.lerobot_servos import family_of
 from nas_data.robots.base import Robot
 from nas_data.virtual_bus.arm import Mounted
 from nas_data.virtual_bus.options import Options

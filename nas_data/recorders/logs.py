@@ -17,8 +17,7 @@ from nas_data.dataset.features import (
     STATE,
     TIME,
     Feature,
-    effort_feature,
-    position_feature,
+    action_feature,
     state_feature,
     time_feature,
 )
@@ -32,7 +31,7 @@ from nas_data.errors import LogError
 from nas_data.importing.auditing import audit
 from nas_data.importing.formats import find_format, is_folder_log
 from nas_data.importing.map import Map
-from nas_data.importing.reading import ENOUGH, read_log
+from nas_data.importing.reading import ENOUGH, SUFFIXES, read_log
 from nas_data.importing.resampling import resample
 from nas_data.joint_units import unit_at
 from nas_data.visible import visible
@@ -158,9 +157,10 @@ def _finish(recording: Recording, mapping: Map) -> Recording:
 
 def _dataset(recordings: Sequence[Recording], mapping: Map) -> Dataset:
     """Put recordings of N rows into N−1 transitions each."""
+    kinds = mapping.command.conversion.kinds
     features = {
         STATE: state_feature(mapping.joints, mapping.slides),
-        ACTION: (effort_feature if mapping.commands_effort else position_feature)(mapping.joints, mapping.slides),
+        ACTION: action_feature(mapping.joints, [SUFFIXES[kind] for kind in kinds], mapping.slides),
         NEXT_STATE: state_feature(mapping.joints, mapping.slides),
         TIME: time_feature(),
     }

@@ -76,6 +76,23 @@ class Protocol:
             raise OptionError(f"--seed is {self.seed}; it must be 0 or more.")
 
 
+def check_amount(episodes: int, seconds: float, longest: float) -> None:
+    """Refuse episodes that cannot be recorded.
+
+    Args:
+        episodes: How many.
+        seconds: Length of each [s].
+        longest: What it may be at most [s].
+
+    Raises:
+        OptionError: there is none, or they are too long.
+    """
+    if episodes < 1 or not 0 < seconds <= longest:
+        raise OptionError(
+            f"{episodes} episodes of {seconds} s cannot be recorded; at least one is needed, of up to {longest:g} s."
+        )
+
+
 @dataclass(frozen=True)
 class Session:
     """Everything that was drawn before the first command is sent.

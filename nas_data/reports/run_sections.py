@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from nas_data.joint_units import SHARE
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD
 from nas_data.policies.share import share
 from nas_data.reports.learning_figures import learning, model_training, returns_on_target
@@ -21,20 +22,23 @@ LEARNED_ON = {
     NAMED_AND_LEARNED: "the simulator with the named effects, corrected by φ",
 }
 
+OF_BOTH = ", each joint's over the spread of the positions of its kind, hinges or slides [%]"
+
 
 def models_picture(models: Sequence[ModelRun]) -> Picture:
     """Return a picture of the validation errors; models that ran in different ways are not drawn together."""
-    free = all(model.free for model in models)
-    label = "validation error [°]" if free else "validation error"
+    units = list(dict.fromkeys(model.unit for model in models))
+    label = f"validation error [{units[0].mark.strip()}]" if len(units) == 1 and units[0] else "validation error"
     names = distinct(models)
     figure = model_training({name: model.errors for name, model in zip(names, models, strict=True)}, label)
-    what = (
-        "RMS position error of open-loop rollouts on episodes held out for early stopping"
-        if free
-        else "error on what was held out for early stopping: degrees in open loop after free running, normalised and "
-        "one-step after teacher forcing"
+    what = "; or ".join(
+        f"RMS position error of open-loop rollouts{OF_BOTH if unit is SHARE else f' [{unit.mark.strip()}]'}"
+        if unit
+        else "normalised error of one step, after teacher forcing"
+        for unit in units
     )
-    return Picture("model_training", to_png(figure), f"How the models learned: {what}. The best is kept.")
+    caption = f"How the models learned, on what was held out for early stopping: {what}. The best is kept."
+    return Picture("model_training", to_png(figure), caption)
 
 
 def distinct(models: Sequence[ModelRun]) -> list[str]:
@@ -51,7 +55,7 @@ def models_section(models: Sequence[ModelRun]) -> Section:
     rows = [
         (
             name,
-            f"{model.best:.3f}{'°' if model.free else ''}",
+            f"{model.best:.3f}{model.unit.mark if model.unit else ''}",
             f"{model.history[-1]['update']:.0f}" if model.history else "",
             f"{model.seconds:.0f} s",
             model.dataset,

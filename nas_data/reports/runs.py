@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.errors import CheckpointError
+from nas_data.joint_units import HINGE, JointUnit, unit_named
 from nas_data.policies.compare import EXPERT_METHOD, RESULT, SOURCE_METHOD, read_result
 from nas_data.policies.policy import CONFIG, PROGRESS, read_config, read_progress
 from nas_data.reports.learning_figures import Curve
@@ -29,7 +30,7 @@ class ModelRun:
         kind: `delta` or `forward`.
         dataset: Name and version of what it learned from.
         content_hash: That dataset's.
-        free: Whether it learned in free running; then the validation error is an angle.
+        unit: Unit of its validation error; None where that is normalised and one-step, after teacher forcing.
         history: Of each validation: update, validation error, seconds.
     """
 
@@ -37,7 +38,7 @@ class ModelRun:
     kind: str
     dataset: str
     content_hash: str
-    free: bool
+    unit: JointUnit | None
     history: Sequence[Mapping[str, float]]
 
     @property
@@ -52,8 +53,8 @@ class ModelRun:
 
     @property
     def errors(self) -> list[tuple[float, float]]:
-        """Update and validation error of each validation; degrees, or normalised after teacher forcing."""
-        scale = 180 / math.pi if self.free else 1.0
+        """Update and validation error of each validation, in the unit shown."""
+        scale = self.unit.factor if self.unit else 1.0
         return [(row["update"], row["validation"] * scale) for row in self.history]
 
     @property
@@ -157,13 +158,14 @@ def read_model(folder: Path) -> ModelRun:
         provenance = config["provenance"]
         dataset = provenance.get("dataset") or {}
         updates = provenance.get("training", {}).get("updates", 0)
+        free = updates > 0 and (config["kind"] == "forward" or "source" in provenance)
         rows = [{key: float(row[key]) for key in ("update", "validation", "seconds")} for row in history]
         return ModelRun(
             folder=folder,
             kind=str(config["kind"]),
             dataset=str(dataset.get("name", "unknown")),
             content_hash=str(dataset.get("content_hash", "")),
-            free=updates > 0 and (config["kind"] == "forward" or "source" in provenance),
+            unit=unit_named(provenance.get("validation_unit") or HINGE.si) if free else None,
             history=rows,
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:

@@ -137,7 +137,7 @@ def joint_control(model: mujoco.MjModel, actuator: int, joint: int) -> Control:
     return Control(control.kind, control.scale / gear if control.kind == EFFORT else control.scale * gear, control.zero)
 
 
-def length_control(model: mujoco.MjModel, actuator: int, shift: float = 0.0) -> Control:
+def length_control(model: mujoco.MjModel, actuator: int, shift: float | None = None) -> Control:
     """Return what an actuator's first control asks of its transmission: a length, its speed, or the force along it.
 
     A servo gives force = k · control + b₀ + b₁ · length + b₂ · speed, so that it asks for the length
@@ -154,7 +154,11 @@ def length_control(model: mujoco.MjModel, actuator: int, shift: float = 0.0) -> 
     if unit := next((unit for bit, unit in UNTOLD_INPUTS.items() if inputs & bit), None):
         raise UntoldControl(f"({kind_of(model, actuator)}) takes {unit} instead of a position, a velocity or a torque")
     if gain_type in CONTROLLERS:
-        return controller_input(inputs)
+        control = controller_input(inputs)
+        if shift is None or control.kind != POSITION:
+            return control
+        constant, slope = model.actuator_biasprm[actuator, :2].tolist()
+        return Control(POSITION, control.scale, (constant - shift) / slope)
     bias = model.actuator_biasprm[actuator, :3] * (model.actuator_biastype[actuator] != int(mujoco.mjtBias.mjBIAS_NONE))
     gain = float(model.actuator_gainprm[actuator, 0])
     if not is_linear(model, actuator) or not gain or bias[1] > 0 or bias[2] > 0:
@@ -165,7 +169,7 @@ def length_control(model: mujoco.MjModel, actuator: int, shift: float = 0.0) -> 
             return Control(VELOCITY, 1.0 if alike(scale, 1) else scale)
         if alike(scale, 1):
             return Control(POSITION, 1.0)
-        return Control(POSITION, scale, (shift - float(bias[0])) / gain)
+        return Control(POSITION, scale, ((shift or 0.0) - float(bias[0])) / gain)
     if dynamics == int(mujoco.mjtDyn.mjDYN_INTEGRATOR):
         raise UntoldControl("(integrator) takes the rate of a force instead of a position, a velocity or a torque")
     if inputs & VELOCITY_INPUT or (bias[2] < 0 and alike(gain, -float(bias[2]))):

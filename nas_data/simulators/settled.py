@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from nas_data.drives import BAND, GAIN, GOAL, servo_actuators
-from nas_data.simulators.controls import length_feedback
+from nas_data.simulators.controls import CONTROLLERS, length_feedback
 from nas_data.simulators.layout import Layout, settle_actuator
 
 WEIGHTLESS = 1e-4  # [N m] below which a load decides nothing about the side of a play
@@ -160,7 +160,12 @@ class SettledStates:
             gear = float(model.actuator_gear[actuator, 0])
             load = float(loads[place])
             if stiffness > 0 and layout.inputs.positional[place]:
-                own = float(model.actuator_gainprm[actuator, 0]) * layout.inputs.zero[place]  # of the control's unit
+                gain = (
+                    stiffness
+                    if model.actuator_gaintype[actuator] in CONTROLLERS
+                    else model.actuator_gainprm[actuator, 0]
+                )
+                own = float(gain) * layout.inputs.zero[place]  # of the control's unit
                 rest = (float(model.actuator_biasprm[actuator, 0]) + own) / (stiffness * gear)
                 if (band := self.bands[place]) is None:
                     commands[place] += load / (stiffness * gear**2) - rest

@@ -6,6 +6,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nas_data.dataset.lateness import LATE
+from nas_data.dataset.recording import Recording
+
+RANGE = np.pi  # [rad] range of a usual hinge, for which the audits' thresholds of angles and speeds are made
+SHORTEST = 0.01  # [m] range below which a slide's readings are noise rather than travel
 
 
 @dataclass(frozen=True)
@@ -14,7 +18,7 @@ class Expected:
 
     Attributes:
         rate: Rows a second that are promised [Hz].
-        max_speed: Speed that no joint can have [rad/s; m/s].
+        max_speed: Speed that no joint can have [rad/s; m/s]; None for what no usual joint can have.
         jitter: Largest deviation of a time step, as a share of the period.
         limits: Limits [rad; m] by joint; joints without limits are absent.
         slides: Joints that are slides: in metres and newtons, where others are in radians and newton metres.
@@ -26,7 +30,7 @@ class Expected:
     """
 
     rate: float
-    max_speed: float = 50.0
+    max_speed: float | None = None
     jitter: float = LATE
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     slides: Collection[str] = frozenset()
@@ -74,6 +78,23 @@ class Finding:
             "message": self.message,
             "severity": "error" if self.error else "warning",
         }
+
+
+def radian_at(recording: Recording, expected: Expected) -> np.ndarray:
+    """Return what stands for a radian at each joint [rad; slides m], shape (n,): thresholds of angles are times this.
+
+    It is 1 at hinges. A slide's range stands for that of a usual hinge: it is that of its limits, else of its commands,
+    else of its positions.
+    """
+    radians = np.ones(len(recording.joints))
+    for index, joint in enumerate(recording.joints):
+        if joint in expected.slides:
+            reach = float(np.ptp(expected.limits[joint])) if joint in expected.limits else 0.0
+            if not reach and not expected.effort:
+                reach = float(np.ptp(recording.commands[:, index]))
+            reach = reach or float(np.ptp(recording.positions[:, index]))
+            radians[index] = max(reach, SHORTEST) / RANGE
+    return radians
 
 
 def row_numbers(rows: np.ndarray, chosen: np.ndarray) -> tuple[int, ...]:

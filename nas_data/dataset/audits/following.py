@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nas_data.dataset.audits.base import Expected, Finding
+from nas_data.dataset.audits.base import Expected, Finding, radian_at
 from nas_data.dataset.recording import Recording
 
 ENOUGH = 20  # rows from which a correlation says something
@@ -16,7 +16,7 @@ def check(recording: Recording, expected: Expected) -> list[Finding]:
     """Report commands that are the measured positions, and joints that follow another joint's command."""
     if expected.effort or len(recording) < ENOUGH:
         return []
-    return _copied(recording) + _swapped(recording)
+    return _copied(recording) + _swapped(recording, radian_at(recording, expected))
 
 
 def _copied(recording: Recording) -> list[Finding]:
@@ -31,14 +31,14 @@ def _copied(recording: Recording) -> list[Finding]:
     return [Finding("command_is_position", recording.place, what, remedy)]
 
 
-def _swapped(recording: Recording) -> list[Finding]:
-    """Report joints that move with another joint's command and not with their own."""
+def _swapped(recording: Recording, radians: np.ndarray) -> list[Finding]:
+    """Report joints that move with another joint's command and not with their own; `radians` are those at each."""
     found = []
     for index, joint in enumerate(recording.joints):
         position = recording.positions[:, index]
         distance = np.std(position[:, None] - recording.commands, axis=0)
         other = int(np.argmin(distance))
-        if other == index or position.std() < MOVED or distance[other] > CLOSER * distance[index]:
+        if other == index or position.std() < MOVED * radians[index] or distance[other] > CLOSER * distance[index]:
             continue
         own = _likeness(position, recording.commands[:, index])
         if _likeness(position, recording.commands[:, other]) >= ALIKE and own <= UNLIKE:

@@ -2,11 +2,12 @@
 
 import numpy as np
 
-from nas_data.dataset.audits.base import Expected, Finding, row_numbers
+from nas_data.dataset.audits.base import RANGE, Expected, Finding, radian_at, row_numbers
 from nas_data.dataset.recording import Recording
 from nas_data.dataset.rows import rows_text
 from nas_data.joint_units import unit_at
 
+FASTEST = 50.0  # [rad/s] that no usual hinge reaches; a slide is not over with its range in less than 20 ms
 WHOLE_TURN = 2 * np.pi  # [rad]
 
 
@@ -19,7 +20,11 @@ def check(recording: Recording, expected: Expected) -> list[Finding]:
     speeds = np.vstack([np.zeros((1, moves.shape[1])), np.abs(moves) / steps])
     if recording.velocities is not None:
         speeds = np.maximum(speeds, np.abs(recording.velocities))
-    fast = speeds > expected.max_speed
+    is_slide = [joint in expected.slides for joint in recording.joints]
+    limits = FASTEST * np.where(is_slide, RANGE * radian_at(recording, expected), 1.0)
+    if expected.max_speed is not None:
+        limits[:] = expected.max_speed
+    fast = speeds > limits
     found = []
     for index, joint in enumerate(recording.joints):
         rows = row_numbers(recording.rows, fast[:, index])
@@ -29,7 +34,7 @@ def check(recording: Recording, expected: Expected) -> list[Finding]:
             hint = "jumps of a whole turn are an encoder's wrap: unwrap it first" if wraps.any() else ""
             what = (
                 f"{joint} reaches {speeds[:, index].max():.4g} {unit} in {rows_text(rows)}, "
-                f"more than {expected.max_speed:g} {unit}"
+                f"more than {limits[index]:.4g} {unit}"
             )
             found.append(Finding("jump", recording.place, what, hint, rows))
     return found

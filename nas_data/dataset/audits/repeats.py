@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nas_data.dataset.audits.base import Expected, Finding, row_numbers
+from nas_data.dataset.audits.base import Expected, Finding, radian_at, row_numbers
 from nas_data.dataset.audits.torque_off import SIGNAL as TORQUE
 from nas_data.dataset.noise import SMALLEST, quantum
 from nas_data.dataset.recording import Recording
@@ -73,9 +73,10 @@ def _moving(recording: Recording, expected: Expected) -> np.ndarray:
         before = (padded[reach:-reach] - padded[: -2 * reach])[:-1] / reach
         after = (padded[2 * reach :] - padded[reach:-reach])[1:] / reach
         moves = np.where(before * after > 0, np.minimum(np.abs(before), np.abs(after)), 0.0)
-    coarse = MOVED * np.array([quantum(column) for column in positions.T])
+    radians = radian_at(recording, expected)
+    coarse = MOVED * radians * [quantum(column) for column in (positions / radians).T]
     large = np.quantile(np.abs(np.diff(positions, axis=0)), 0.99, axis=0)
-    return np.asarray((moves > np.maximum(np.maximum(coarse, FASTER * large), SMALLEST)).any(axis=1))
+    return np.asarray((moves > np.maximum(np.maximum(coarse, FASTER * large), SMALLEST * radians)).any(axis=1))
 
 
 def _pattern(stale: np.ndarray, rate: float) -> str:
@@ -94,24 +95,26 @@ def _pattern(stale: np.ndarray, rate: float) -> str:
 def _held(recording: Recording, expected: Expected, same: np.ndarray) -> np.ndarray:
     """Return which repeated rows belong to a lasting run in which the command moves all the time, shape (N,)."""
     held = np.zeros(len(recording), bool)
+    least = COMMANDED * (1.0 if expected.effort else radian_at(recording, expected))
     commanded = np.concatenate([[False], (np.diff(recording.commands, axis=0) != 0).any(axis=1)])
     for first, last in spans(np.flatnonzero(same & commanded)):
         commands = recording.commands[first - 1 : last + 1]
-        if (last - first + 1) / expected.rate >= LASTING and np.ptp(commands, axis=0).max() > COMMANDED:
+        if (last - first + 1) / expected.rate >= LASTING and (np.ptp(commands, axis=0) > least).any():
             held[first : last + 1] = True
     return held
 
 
 def _stuck(recording: Recording, expected: Expected, said: np.ndarray) -> list[Finding]:
     """Report joints whose reading alone stands still for long while their own command goes far away and back."""
-    found = []
+    found, radians = [], radian_at(recording, expected)
     released = (recording.signals.get(TORQUE, np.ones((len(recording), 1))) == 0).any(axis=1)
     for index, joint in enumerate(recording.joints):
         position, command = recording.positions[:, index], recording.commands[:, index]
         stuck = np.zeros(len(recording), bool)
         for first, last in spans(np.flatnonzero(np.diff(position) == 0) + 1):
             known = (said | released)[first : last + 1].any()
-            if (last - first + 1) / expected.rate >= STUCK and np.ptp(command[first - 1 : last]) > AWAY and not known:
+            away = np.ptp(command[first - 1 : last]) > AWAY * radians[index]
+            if (last - first + 1) / expected.rate >= STUCK and away and not known:
                 stuck[first : last + 1] = True
         rows = row_numbers(recording.rows, stuck)
         if rows:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nas_data.dataset.audits.base import Expected, Finding, row_numbers
+from nas_data.dataset.audits.base import Expected, Finding, radian_at, row_numbers
 from nas_data.dataset.audits.velocity import LATEST, STEP, Fit, fit_register
 from nas_data.dataset.recording import Recording
 from nas_data.dataset.rows import rows_text, spans
@@ -21,7 +21,7 @@ def check(recording: Recording, expected: Expected) -> list[Finding]:
     once = np.concatenate([[True], np.diff(recording.time) > 0])
     if recording.velocities is None or np.count_nonzero(once) <= LASTING * max(round(WHILE * expected.rate), ROWS):
         return []
-    found = []
+    found, radians = [], radian_at(recording, expected)
     for index, joint in enumerate(recording.joints):
         # A register that is zero all the time is the velocity audit's finding.
         if not recording.velocities[:, index].any():
@@ -29,8 +29,9 @@ def check(recording: Recording, expected: Expected) -> list[Finding]:
         fit = fit_register(recording, index, 1 / expected.rate)
         delays = [fit.delay] if fit else np.arange(-1.0, LATEST + STEP, STEP).tolist()  # [periods]
         fits = [Fit(fit.factor if fit else 1.0, delay) for delay in delays]
-        wrong = min((_contradicting(recording, expected, index, one) for one in fits), key=np.count_nonzero)
-        wrong |= _frozen(recording, expected, index)
+        radian = float(radians[index])
+        wrong = min((_contradicting(recording, expected, index, one, radian) for one in fits), key=np.count_nonzero)
+        wrong |= _frozen(recording, expected, index, radian)
         if wrong.any():
             rows = row_numbers(recording.rows, wrong)
             what = (
@@ -42,7 +43,7 @@ def check(recording: Recording, expected: Expected) -> list[Finding]:
     return found
 
 
-def _contradicting(recording: Recording, expected: Expected, index: int, fit: Fit) -> np.ndarray:
+def _contradicting(recording: Recording, expected: Expected, index: int, fit: Fit, radian: float) -> np.ndarray:
     """Return which rows lie in lasting runs of whiles whose mean speeds disagree, shape (N,)."""
     assert recording.velocities is not None
     rows = max(round(WHILE * expected.rate), ROWS)
@@ -56,7 +57,7 @@ def _contradicting(recording: Recording, expected: Expected, index: int, fit: Fi
     # Samples of a velocity miss what happens between them: up to half of how much the moves from row to row change.
     changes = np.cumsum(np.abs(np.diff(position, 2, prepend=[position[0]] * 2)))
     missed = (changes[rows:] - changes[:-rows]) / 2 / span
-    apart = np.abs(gone - said) > np.maximum(np.maximum(NOTED, SHARE * larger), missed)
+    apart = np.abs(gone - said) > np.maximum(np.maximum(NOTED * radian, SHARE * larger), missed)
     wrong = np.zeros(len(time), bool)
     for first, last in spans(np.flatnonzero(apart)):
         if last - first + 1 >= LASTING * rows:
@@ -66,15 +67,15 @@ def _contradicting(recording: Recording, expected: Expected, index: int, fit: Fi
     return every
 
 
-def _frozen(recording: Recording, expected: Expected, index: int) -> np.ndarray:
+def _frozen(recording: Recording, expected: Expected, index: int, radian: float) -> np.ndarray:
     """Return which rows repeat a position for long while the register runs, however late it is, shape (N,)."""
     assert recording.velocities is not None
     position, register = recording.positions[:, index], recording.velocities[:, index]
     frozen = np.zeros(len(recording), bool)
     for first, last in spans(np.flatnonzero(np.diff(position) == 0) + 1):
         late = register[first + int(LATEST) : last + 1]
-        if (last - first + 1) / expected.rate < FROZEN or not late.size or np.abs(late).max() < NOTED:
+        if (last - first + 1) / expected.rate < FROZEN or not late.size or np.abs(late).max() < NOTED * radian:
             continue
-        if np.ptp(np.cumsum(late)) / expected.rate > CARRIED:
+        if np.ptp(np.cumsum(late)) / expected.rate > CARRIED * radian:
             frozen[first : last + 1] = True
     return frozen

@@ -4,8 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nas_data.dataset.audits.base import Expected, Finding
+from nas_data.dataset.audits.base import Expected, Finding, radian_at
 from nas_data.dataset.recording import Recording
+from nas_data.joint_units import unit_at
 
 UNLIKE = 0.44  # distance as a share of the speed from which they are not the same motion: a correlation of 0.9
 KEPT = 0.95  # share of the rows that are compared
@@ -26,13 +27,14 @@ EXACTLY = 0.02  # … and where the sampling may be a reason as well
 FAST = 0.25  # share of the way to its command in one row from which a sampled velocity is clearly below the mean one
 OVERSHOT = 1.05  # share of the way from which a joint overshoots
 
-KNOWN = {
+KNOWN = {  # at hinges
     57.2958: "degrees and radians",
     9.5493: "turns a minute and rad/s",
     6.0: "turns a minute and degrees a second",
     6.28319: "turns and radians",
     1000.0: "seconds and milliseconds",
 }
+KNOWN_OF_SLIDES = {1000.0: "millimetres and metres, or seconds and milliseconds", 100.0: "centimetres and metres"}
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ def check(recording: Recording, expected: Expected) -> list[Finding]:
     }
     if expected.effort:  # how soon a joint is done with a torque, nothing tells
         fits = {joint: replace(fit, way=1.0) for joint, fit in fits.items()}
-    found = _silent(recording, expected) + _scales(recording, fits)
+    found = _silent(recording, expected) + _scales(recording, expected, fits)
     if expected.derived:  # the register is only kept beside the velocities
         found = [replace(finding, error=False) for finding in found]
     least = LEAST * expected.rate
@@ -169,18 +171,19 @@ def _silent(recording: Recording, expected: Expected) -> list[Finding]:
     if len(recording) <= rows:
         return []
     speeds = np.abs(recording.positions[rows:] - recording.positions[:-rows]).max(axis=0) * expected.rate / rows
-    silent = ~recording.velocities.any(axis=0) & (speeds > SURELY_MOVING)
+    silent = ~recording.velocities.any(axis=0) & (speeds > SURELY_MOVING * radian_at(recording, expected))
     if not silent.any():
         return []
-    names = _names([joint for joint, zero in zip(recording.joints, silent, strict=True) if zero])
+    names = [joint for joint, zero in zip(recording.joints, silent, strict=True) if zero]
+    fastest = recording.joints[int(np.argmax(np.where(silent, speeds, 0)))]
     what = (
-        f"the velocity of {names} is zero in all rows although the position moves at up to "
-        f"{speeds[silent].max():.2g} rad/s"
+        f"the velocity of {_names(names)} is zero in all rows although the position moves at up to "
+        f"{speeds[silent].max():.2g} {unit_at('rad/s', fastest in expected.slides)}"
     )
     return [Finding("velocity_scale", recording.place, what, "say velocity = 'derive' in the map", error=True)]
 
 
-def _scales(recording: Recording, fits: dict[str, Fit]) -> list[Finding]:
+def _scales(recording: Recording, expected: Expected, fits: dict[str, Fit]) -> list[Finding]:
     """Report joints whose register has another sign or scale than the position."""
     found = []
     wrong = [joint for joint, fit in fits.items() if fit.factor < 0 and not fit.explained()]
@@ -193,9 +196,8 @@ def _scales(recording: Recording, fits: dict[str, Fit]) -> list[Finding]:
         if 1 / FACTOR_NOTED < size < FACTOR_NOTED:
             continue
         near = EXACTLY if fit.explained() else NEAR
-        known = next(
-            (name for factor, name in KNOWN.items() if _is(size, factor, near) or _is(size, 1 / factor, near)), None
-        )
+        factors = (KNOWN_OF_SLIDES if joint in expected.slides else KNOWN).items()
+        known = next((name for factor, name in factors if _is(size, factor, near) or _is(size, 1 / factor, near)), None)
         if fit.explained() and known is None:
             continue
         reason = f", the factor between {known}" if known else ""

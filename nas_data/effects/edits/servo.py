@@ -38,23 +38,17 @@ def takes_position(actuator: mujoco.MjsActuator) -> bool:
     return bool(actuator.dyntype != mujoco.mjtDyn.mjDYN_INTEGRATOR)
 
 
-def take_own_unit(spec: mujoco.MjSpec, joint: str, actuator: mujoco.MjsActuator, effect: str) -> None:
+def take_own_unit(spec: mujoco.MjSpec, joint: str, actuator: mujoco.MjsActuator) -> None:
     """Write a servo whose control has its own unit (gain k, feedback f) as one with another gear and no such unit.
 
-    With the gear times f / k, forces are times k / f, and length and speed times f / k: the joint feels the same.
-
-    Raises:
-        ModelFileError: the unit begins elsewhere than at zero.
+    With the gear times f / k, forces are times k / f, and length and speed times f / k: the joint feels the same. Where
+    the unit begins stays in the constant force, and the model's number tells it from an offset (see `rest_shift`).
     """
     if actuator.gaintype != mujoco.mjtGain.mjGAIN_FIXED or actuator.gainprm[0] == feedback(actuator):
         return
-    number = spec.numeric(joint + REST_SHIFT)
-    if actuator.biasprm[0] != (0.0 if number is None else number.data[0]):
-        raise ModelFileError(
-            f"{effect} cannot be added to the actuator '{actuator.name}', whose control has a zero of its own; "
-            "give a model whose actuator there is a <position>."
-        )
     factor = feedback(actuator) / float(actuator.gainprm[0])
+    number = shift_number(spec, joint)
+    number.data = [number.data[0] / factor]
     gear, gain, bias = actuator.gear.copy(), actuator.gainprm.copy(), actuator.biasprm.copy()
     gear[0] *= factor
     bias[:3] /= [factor, factor**2, factor**2]
@@ -83,7 +77,7 @@ def damping(spec: mujoco.MjSpec, joint: str) -> float:
 
 def scale_stiffness(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
     """Multiply a servo's position gain; damping and dead band stay, and so does the angle at which it rests."""
-    multiply_feedback(joint_actuator(spec, joint), factor)
+    multiply_servo(spec, joint, joint_actuator(spec, joint), factor)
     for name in PARTS:
         if (other := spec.actuator(joint + name)) is not None:
             multiply_feedback(other, factor)
@@ -136,6 +130,13 @@ def scale_limit(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
     element.actfrcrange = element.actfrcrange * factor
 
 
+def multiply_servo(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator, factor: float) -> None:
+    """Multiply the force per position error of a joint's servo; where it rests, and where its unit begins, stays."""
+    multiply_feedback(servo, factor)
+    if (number := spec.numeric(joint + REST_SHIFT)) is not None:
+        number.data = [number.data[0] * factor]
+
+
 def multiply_feedback(actuator: mujoco.MjsActuator, factor: float) -> None:
     """Multiply an actuator's force per position error."""
     bias = actuator.biasprm.copy()
@@ -163,15 +164,25 @@ def shift_rest(spec: mujoco.MjSpec, joint: str, actuator: mujoco.MjsActuator, of
     bias, force = actuator.biasprm.copy(), feedback(actuator) * float(actuator.gear[0]) * offset
     bias[0] += force
     actuator.biasprm = bias
-    if actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED and actuator.gainprm[0] != feedback(actuator):
-        number = spec.numeric(joint + REST_SHIFT) or spec.add_numeric(name=joint + REST_SHIFT, size=1, data=[0.0])
+    own_unit = actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED and actuator.gainprm[0] != feedback(actuator)
+    if own_unit or spec.numeric(joint + REST_SHIFT) is not None:
+        number = shift_number(spec, joint)
         number.data = [number.data[0] + force]
 
 
-def rest_shift(model: mujoco.MjModel, joint: str) -> float:
-    """Return what of the constant force of a joint's servo is an effect's, as `shift_rest` says [N·m over the gear]."""
+def shift_number(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsNumeric:
+    """Return the number of a model that says what of the constant force of a joint's servo is an effect's."""
+    return spec.numeric(joint + REST_SHIFT) or spec.add_numeric(name=joint + REST_SHIFT, size=1, data=[0.0])
+
+
+def rest_shift(model: mujoco.MjModel, joint: str) -> float | None:
+    """Return what of the constant force of a joint's servo is an effect's, as `shift_rest` says [N·m over the gear].
+
+    The rest is where the control's own unit begins. Without such a number, None, an effect added nothing, and the
+    control of a <pid> has no zero of its own.
+    """
     number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, joint + REST_SHIFT)
-    return 0.0 if number < 0 else float(model.numeric_data[model.numeric_adr[number]])
+    return None if number < 0 else float(model.numeric_data[model.numeric_adr[number]])
 
 
 def torque_limits(actuator: mujoco.MjsActuator) -> tuple[float, float] | None:

@@ -20,7 +20,7 @@ def read(path: Path, layout: Layout) -> Table:
     try:
         content = loadmat(path, struct_as_record=True, chars_as_strings=True)
     except NotImplementedError:
-        raise LogError(f"{path} is of MATLAB's format 7.3; save it with save(…, '-v7').") from None
+        raise LogError(f"{path} is of MATLAB's format 7.3; load it there, and save it with save(…, '-v7').") from None
     except (MatReadError, ValueError, TypeError, IndexError) as error:
         raise LogError(f"{path} cannot be read as mat ({error}); save it again with save(…, '-v7').") from None
     columns: dict[str, np.ndarray] = {}

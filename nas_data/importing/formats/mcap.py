@@ -25,7 +25,8 @@ def read_topics(path: Path, layout: Layout) -> dict[str, Table]:
     except McapError as error:
         reason = (str(error) or type(error).__name__).splitlines()[0].rstrip(".")
         raise LogError(
-            f"{path} is damaged or cut off ({reason}); repair it with 'mcap recover', or copy it again."
+            f"{path} is damaged or cut off ({reason}); copy it again, or repair it with 'mcap recover {path} -o "
+            "repaired.mcap' (https://mcap.dev/guides/cli)."
         ) from None
 
 

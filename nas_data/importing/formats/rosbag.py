@@ -12,25 +12,25 @@ from nas_data.errors import LogError
 from nas_data.importing.layout import Layout
 from nas_data.importing.messages import to_tables
 from nas_data.importing.table import Table
+from nas_data.visible import visible
 
 SUFFIXES = (".bag",)
 FOLDER = "a ROS 2 bag"
 
 
 def is_log(path: Path) -> bool:
-    """Return whether a folder is such a log."""
-    return (path / "metadata.yaml").is_file()
+    """Return whether a folder is such a log; the metadata are written last, so that a killed recorder leaves none."""
+    return any(file.name == "metadata.yaml" or file.suffix in (".db3", ".mcap") for file in visible(path))
 
 
 def read_topics(path: Path, layout: Layout) -> dict[str, Table]:
     """Read the topics that a map names."""
     try:
         return to_tables(path, dict(layout.topics), _messages(path, layout))
-    except (AnyReaderError, Reader1Error, Reader2Error) as error:
+    except (AnyReaderError, Reader1Error, Reader2Error, FileNotFoundError) as error:
         reason = (str(error) or type(error).__name__).splitlines()[0].rstrip(".")
-        raise LogError(
-            f"{path} cannot be read as a bag: {reason}; copy it again, or run 'ros2 bag reindex' on it."
-        ) from None
+        command = f"ros2 bag reindex {path}" if path.is_dir() else f"rosbag reindex {path}"
+        raise LogError(f"{path} cannot be read as a bag: {reason}; copy it again, or run '{command}'.") from None
 
 
 def _messages(path: Path, layout: Layout) -> Iterator[tuple[str, int, object]]:

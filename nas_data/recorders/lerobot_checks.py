@@ -1,0 +1,130 @@
+"""Checks of an arm that LeRobot drives: its servos are there, fit, calibrated as the file says and within limits."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from nas_data.arms.base import Health
+from nas_data.errors import (
+    ArmError,
+    DuplicateId,
+    NobodyAnswers,
+    OptionError,
+    OutsideLimits,
+    ServoHot,
+    ServoOverloaded,
+    ServoSilent,
+    SupplyLow,
+    WrongModel,
+)
+from nas_data.xl320.fitness import MARGIN
+
+if TYPE_CHECKING:
+    from nas_data.recorders.lerobot_arm import LeRobotArm
+
+VOLTAGE, OVERHEAT, OVERLOAD = 1, 4, 32  # bits of both makers' hardware errors
+TRIES = 3  # looks for a servo, and for a second one of its identity; one answer may come late
+
+
+def find_servo(arm: "LeRobotArm", identity: int) -> int | None:
+    """Return the model number of a servo; None where it answers in none of several tries."""
+    tries = (arm.line.ping(identity) for _ in range(TRIES))
+    return next((model for model in tries if model is not None), None)
+
+
+def refuse_strangers(arm: "LeRobotArm") -> None:
+    """Refuse a line on which other servos are than LeRobot's class says.
+
+    Raises:
+        NobodyAnswers, DuplicateId, ServoSilent, WrongModel: none answers, two answer as one, one is missing or of
+            another model.
+    """
+    found = {identity: find_servo(arm, identity) for identity in arm.ids}
+    here = [identity for identity, model in found.items() if model is not None]
+    if not here:
+        raise nobody(arm.bus.port)
+    for identity in here:
+        heard = [arm.line.voices(identity, arm.start, arm.end - arm.start) for _ in range(TRIES)]
+        if 2 * sum(sound > 1 for sound, _ in heard) > TRIES or all(damaged and not sound for sound, damaged in heard):
+            raise DuplicateId(
+                f"Two servos answer as {identity}; unplug all but one of them and give it its own identity "
+                "(lerobot-setup-motors)."
+            )
+    missing = [str(identity) for identity in arm.ids if identity not in here]
+    if missing:
+        raise ServoSilent(
+            f"Servo {', '.join(missing)} does not answer, {', '.join(map(str, here))} do; check its plug and its "
+            "identity (lerobot-setup-motors gives identities)."
+        )
+    for motor in arm.bus.motors.values():
+        known = arm.bus.model_number_table[motor.model]
+        if found[motor.id] != known:
+            raise WrongModel(
+                f"{arm.label(motor.id)} has model number {found[motor.id]}; a {motor.model} has {known}: exchange "
+                "the servo."
+            )
+
+
+def refuse_other_calibration(arm: "LeRobotArm") -> None:
+    """Refuse servos that hold another calibration than LeRobot's file.
+
+    Raises:
+        OptionError: says which register, and how to calibrate again.
+    """
+    for name, motor in arm.bus.motors.items():
+        known = arm.bus.calibration[name]
+        wanted = {"Homing_Offset": known.homing_offset, "Min_Position_Limit": known.range_min}
+        wanted["Max_Position_Limit"] = known.range_max
+        for register, value in wanted.items():
+            held = arm.line.read(motor.id, arm.control[register])
+            if held != value:
+                raise OptionError(
+                    f"{arm.label(motor.id)} holds {held} for {register}, its calibration file says {value}; "
+                    f"calibrate it again: lerobot-calibrate --robot.type={arm.kind} "
+                    f"--robot.port={arm.bus.port} --robot.id={arm.robot.id}."
+                )
+
+
+def refuse_outside(arm: "LeRobotArm", positions: np.ndarray) -> None:
+    """Refuse a joint that stands outside its calibrated range.
+
+    Raises:
+        OutsideLimits: one does.
+    """
+    frame = arm.frame
+    for joint, position, low, high in zip(arm.names, positions, frame.low, frame.high, strict=True):
+        if not low - MARGIN <= position <= high + MARGIN:
+            raise OutsideLimits(
+                f"{joint} stands at {np.degrees(position):.0f}°, outside {np.degrees(low):.0f} … "
+                f"{np.degrees(high):.0f}°; move it there by hand (the torque is off), or calibrate the arm."
+            )
+
+
+def refuse_unfit(name: str, health: Health, lowest: float) -> None:
+    """Refuse a servo that shut down.
+
+    Args:
+        name: What to call the servo.
+        health: What it says.
+        lowest: Voltage that it needs [V].
+
+    Raises:
+        ServoHot, ServoOverloaded, SupplyLow: it did, for that reason.
+    """
+    again = "then switch the supply off and on."
+    if health.errors & OVERHEAT:
+        raise ServoHot(f"{name} shut down at {health.temperature} °C; let it cool, {again}")
+    if health.errors & OVERLOAD:
+        raise ServoOverloaded(f"{name} shut down by overload; free what blocks it, {again}")
+    if health.errors & VOLTAGE:
+        raise SupplyLow(
+            f"{name} gets {health.voltage:.1f} V and needs {lowest:.1f} V or more, within its limit; check the supply."
+        )
+
+
+def nobody(port: str) -> ArmError:
+    """Return what to raise where no servo answers."""
+    return NobodyAnswers(
+        f"No servo answers on {port}; switch the supply on, check the plug of the first servo, and that it is the "
+        "arm's port (lerobot-find-port)."
+    )

@@ -1,0 +1,116 @@
+"""What LeRobot's lines of servos are and do not say themselves: registers with their signs, units, errors."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from lerobot.motors import MotorNormMode
+from lerobot.motors.motors_bus import SerialMotorsBus
+
+from nas_data.arms.line import Register, Table
+from nas_data.errors import OptionError
+
+
+@dataclass(frozen=True)
+class Family:
+    """What LeRobot's control tables do not say of a maker's servos.
+
+    Attributes:
+        sdk: Package of the SDK.
+        protocol: Version, as the SDK counts.
+        speed_unit: Of the speed [rad/s].
+        load: Register of the load.
+        load_unit: Share of the largest torque.
+        load_sign: Its sign bit; −1 for a two's complement.
+        voltage: Register of the supply.
+        errors: Register of the hardware errors.
+    """
+
+    sdk: str
+    protocol: float
+    speed_unit: float
+    load: str
+    load_unit: float
+    load_sign: int
+    voltage: str
+    errors: str
+
+
+FAMILIES = {
+    # STS series: counts a second, 0.1 %; source: Feetech's memory table
+    "FeetechMotorsBus": Family(
+        "scservo_sdk", 0, 2 * np.pi / 4096, "Present_Load", 1e-3, 10, "Present_Voltage", "Status"
+    ),
+    # X series: 0.229 rev/min, a PWM of 885 is the largest; source: ROBOTIS e-manual
+    "DynamixelMotorsBus": Family(
+        "dynamixel_sdk",
+        2.0,
+        0.229 * 2 * np.pi / 60,
+        "Present_PWM",
+        1 / 885,
+        -1,
+        "Present_Input_Voltage",
+        "Hardware_Error_Status",
+    ),
+}
+
+
+def family_of(bus: SerialMotorsBus) -> Family:
+    """Return whose servos are on a bus.
+
+    Raises:
+        OptionError: they are of none that is known.
+    """
+    for kind in type(bus).__mro__:
+        if kind.__name__ in FAMILIES:
+            return FAMILIES[kind.__name__]
+    raise OptionError(f"{type(bus).__name__} is no line of Feetech or Dynamixel servos, which nas can record.")
+
+
+def control_table(bus: SerialMotorsBus) -> Mapping[str, tuple[int, int]]:
+    """Return the registers that all motors of a bus have in the same place, by LeRobot's names."""
+    tables = [bus.model_ctrl_table[motor.model] for motor in bus.motors.values()]
+    return {name: place for name, place in tables[0].items() if all(table.get(name) == place for table in tables)}
+
+
+def register_of(bus: SerialMotorsBus, name: str) -> Register:
+    """Return a register with the sign that LeRobot's encoding table gives it."""
+    address, size = control_table(bus)[name]
+    family = family_of(bus)
+    encoded = bus.model_encoding_table.get(next(iter(bus.motors.values())).model) or {}
+    if name == family.load:
+        return Register(address, size, family.load_sign)
+    if name not in encoded:
+        return Register(address, size)
+    return Register(address, size, -1 if family.load_sign < 0 else encoded[name])
+
+
+def table_of(bus: SerialMotorsBus) -> Table:
+    """Return the registers by which an arm is stopped."""
+    family = family_of(bus)
+    return Table(
+        sdk=family.sdk,
+        protocol=family.protocol,
+        baud=bus.default_baudrate,
+        speed_unit=family.speed_unit,
+        torque=register_of(bus, "Torque_Enable"),
+        goal=register_of(bus, "Goal_Position"),
+        position=register_of(bus, "Present_Position"),
+        speed=register_of(bus, "Present_Velocity"),
+    )
+
+
+def units_of(bus: SerialMotorsBus, counts: np.ndarray) -> list[float]:
+    """Return what LeRobot has to be told so that it sends these counts: it drops what lies beyond the point."""
+    wanted = []
+    for (name, motor), count in zip(bus.motors.items(), counts.tolist(), strict=True):
+        known = bus.calibration[name]
+        within = count + (0.5 if count >= 0 else -0.5)
+        if motor.norm_mode is MotorNormMode.DEGREES:
+            turn = bus.model_resolution_table[motor.model] - 1
+            wanted.append((within - (known.range_min + known.range_max) / 2) * 360 / turn)
+            continue
+        share = (within - known.range_min) / (known.range_max - known.range_min)
+        share = 1 - share if bus.apply_drive_mode and known.drive_mode else share
+        wanted.append(share * 100 if motor.norm_mode is MotorNormMode.RANGE_0_100 else share * 200 - 100)
+    return wanted
