@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from nas_data import registry
 from nas_data.effects.base import Effect, find_effect
 from nas_data.gap.search.hypothesis import Hypothesis, key
+from nas_data.gap.search.moves.drop import MANY, estimate_losses
 from nas_data.gap.search.search import FAR_BEHIND, ROUNDS, TRIED, Search
 from nas_data.gap.side_by_side import side_by_side
 
@@ -18,19 +19,29 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
     """
     if len(h.effects) == 1 and frozenset(map(key, h.effects)) in search.clear:
         return h
-    search.say(f"  letting {len(h.effects)} effects face rivals")
-    add_rivals(search, h)
+    numbers = doubted(search, h)
+    search.say(f"  letting {len(numbers)} of {len(h.effects)} effects face rivals")
+    add_rivals(search, h, numbers)
     for _ in range(ROUNDS):
-        found = find_better_rival(search, h)
+        found = find_better_rival(search, h, doubted(search, h))
         if found is None:
             return h
         h = search.continued(found)
     return h
 
 
-def find_better_rival(search: Search, h: Hypothesis) -> Hypothesis | None:
+def doubted(search: Search, h: Hypothesis) -> list[int]:
+    """Return the numbers of the effects that face rivals: all, or where there are many, those that are needed least."""
+    if len(h.effects) <= MANY:
+        return list(range(len(h.effects)))
+    losses = estimate_losses(search, h)
+    return sorted(range(len(h.effects)), key=lambda number: losses[h.effects[number]])[:TRIED]
+
+
+def find_better_rival(search: Search, h: Hypothesis, numbers: Sequence[int]) -> Hypothesis | None:
     """Return the first hypothesis with a rival in the place of an effect that has a better score; None without one."""
-    for number, effect in enumerate(h.effects):
+    for number in numbers:
+        effect = h.effects[number]
         for found in fitted_rivals(search, h, number):
             if found.score < h.score:
                 search.report(f"{effect.name()} replaced", found)
@@ -40,13 +51,14 @@ def find_better_rival(search: Search, h: Hypothesis) -> Hypothesis | None:
     return None
 
 
-def add_rivals(search: Search, h: Hypothesis) -> None:
-    """Let every effect face rivals: those that promise most in its place, and those that it is easily confused with.
+def add_rivals(search: Search, h: Hypothesis, numbers: Sequence[int]) -> None:
+    """Let effects face rivals: those that promise most in its place, and those that it is easily confused with.
 
     An effect of a model file faces those that only a hook can express, and the other way round. Which of them was tried
     first depends on what else had been named by then.
     """
-    for number, effect in enumerate(h.effects):
+    for number in numbers:
+        effect = h.effects[number]
         if effect.joint is None or effect.name() in h.description.shared:
             continue
         known = search.rivals.setdefault(key(effect), [])
