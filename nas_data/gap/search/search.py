@@ -103,14 +103,15 @@ class Search:
         self.sizes: tuple[Scales, ...] = ()
         self.excited: set[str] = set()
 
-    def judge(self, description: Description, found: Fit) -> Hypothesis:
-        """Roll a fit out on the held-out episodes."""
+    def judge(self, description: Description, found: Fit, held: Task | None = None) -> Hypothesis:
+        """Roll a fit out on the held-out episodes, with the initial states of the search where no others are given."""
+        held = held or self.held
         fitted = description.with_effects(found.effects)
-        predicted = self.held.predict(found.parameters, found.theta)
+        predicted = held.predict(found.parameters, found.theta)
         if predicted is None:
-            lost = np.full((len(self.held.evidence), len(self.held.floor)), np.inf)
+            lost = np.full((len(held.evidence), len(held.floor)), np.inf)
             return Hypothesis(fitted, found, lost, np.inf)
-        return Hypothesis(fitted, found, self.held.evidence.mean_squares(predicted), self.held.misfit(predicted))
+        return Hypothesis(fitted, found, held.evidence.mean_squares(predicted), held.misfit(predicted))
 
     def fitted(
         self,
@@ -147,6 +148,17 @@ class Search:
         found = fit(self.sub, h.fit.parameters, h.fit.theta, steps=5, jacobian_refreshes=1)
         return self.settle(h.description, found or h.fit)
 
+    def with_own_start(self, h: Hypothesis) -> Hypothesis:
+        """Return a hypothesis fitted and scored with the initial states that suit it, at the present tolerance.
+
+        Initial velocities were moved towards what suits the hypothesis that is kept; another one looks worse by them.
+        """
+        parameters, theta = h.fit.parameters, h.fit.theta
+        sub = self.sub.restart(parameters, theta).at_tolerance_of(self.sub)
+        found = fit(sub, parameters, theta, reuse_jacobian(h.fit, parameters), steps=3, jacobian_refreshes=0) or h.fit
+        held = self.held.restart(found.parameters, found.theta).at_tolerance_of(self.sub)
+        return self.judge(h.description, found, held)
+
     def settle(self, description: Description, found: Fit) -> Hypothesis:
         """Take the physics steps, the model's own or finer ones, that leave a fit less; rescore what else is kept."""
         task, found = choose_timestep(self.sub, found)
@@ -157,6 +169,11 @@ class Search:
         self._cache.clear()
         self.nominal, self.null = self.rescore(self.nominal), self.rescore(self.null)
         return self.rescore(self.judge(description, found))
+
+    @property
+    def begins_in_motion(self) -> bool:
+        """Whether some episode begins in motion."""
+        return bool((self.sub.evidence.doubts > 0).any())
 
     @property
     def round(self) -> Round:

@@ -31,11 +31,13 @@ def drop_one(search: Search, h: Hypothesis) -> Hypothesis:
     """Drop one effect or freed parameter, the one without which the score is lowest, if it falls.
 
     Short fits tell which. All without which alone the score falls are dropped together where that is better yet; where
-    it falls without none, the best is fitted to its end before it is given up.
+    it falls without none, the best is fitted to its end before it is given up, and where episodes begin in motion it is
+    given initial velocities of its own.
     """
     search.say(f"  dropping one of {len(parts(h))} parts, if one is not worth its price")
     losses = estimate_losses(search, h)
-    doubted = sorted((part for part in losses if losses[part] < FAR_BEHIND), key=lambda part: losses[part])[:TRIED]
+    order = sorted(losses, key=lambda part: losses[part])[:TRIED]
+    doubted = [order[0], *(part for part in order[1:] if losses[part] < FAR_BEHIND)]  # an estimate may be far off
     found = side_by_side(lambda part: fit_without(search, h, [part]), doubted)
     sound = {part: one for part, one in zip(doubted, found, strict=True) if one is not None and one.is_sound}
     if not sound:
@@ -48,7 +50,10 @@ def drop_one(search: Search, h: Hypothesis) -> Hypothesis:
             return together
     if not spare:
         best = search.continued(best)
-    return best if best.score < h.score else h
+    if best.score < h.score:
+        return best
+    near = best.score.over(h.score) < FAR_BEHIND and search.begins_in_motion
+    return search.relinearise(best) if near and search.with_own_start(best).score < h.score else h
 
 
 def drop_several(search: Search, h: Hypothesis) -> Hypothesis:
