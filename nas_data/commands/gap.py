@@ -32,7 +32,7 @@ class Gap(TakesModel):
         from nas_data.gap.workflow import investigate
 
         report = investigate(self.dataset, self.actuated(self.model), self.out, say, self.learn)
-        return Outcome(summary(report, self.out), report)
+        return Outcome(summary(report, self.out), report.to_json())
 
 
 def say(text: str) -> None:
