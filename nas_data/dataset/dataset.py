@@ -3,6 +3,8 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,8 +13,13 @@ from nas_data.dataset.features import ACTION, EFFORT, NEXT_STATE, POSITION, SIM_
 from nas_data.errors import DatasetInvalid, JointMismatch
 from nas_data.joint_units import SLIDE
 
+if TYPE_CHECKING:
+    import pandas
 
-@dataclass(frozen=True)
+    from nas_data.dataset.origin import CommandKind, Episodes, Origin
+
+
+@dataclass(frozen=True, repr=False)
 class Dataset:
     """Recorded episodes, N frames in all.
 
@@ -24,6 +31,7 @@ class Dataset:
         robot_type: Robot's name as LeRobot stores it.
         tasks: What each episode does, one sentence or word an episode.
         carried: What is carried along unused: cameras, texts, matrices; None where there is nothing of the kind.
+        origin: Where it comes from; None where nobody said.
     """
 
     features: Mapping[str, Feature]
@@ -33,6 +41,7 @@ class Dataset:
     robot_type: str = "unknown"
     tasks: tuple[str, ...] = field(default=())
     carried: Carried | None = None
+    origin: "Origin | None" = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         total = int(self.lengths.sum())
@@ -44,6 +53,108 @@ class Dataset:
                 )
         if not self.tasks:
             object.__setattr__(self, "tasks", ("",) * len(self.lengths))
+
+    def __repr__(self) -> str:
+        """Return sizes, rate and joints in a line."""
+        seconds = self.n_frames / self.fps
+        joints = f"; joints {', '.join(self.joints)}" if STATE in self.features else ""
+        sizes = f"{self.n_episodes} episodes, {self.n_frames} frames at {self.fps:g} Hz, {seconds:.4g} s"
+        return f"Dataset({self.robot_type}: {sizes}{joints}{'; paired' if self.paired else ''})"
+
+    @classmethod
+    def load(cls, path: str | Path, episodes: Sequence[int] = ()) -> "Dataset":
+        """Read a dataset as transitions in SI units, whoever recorded it.
+
+        Velocities and next states that LeRobot's own recordings lack are derived, and recordings of others are
+        audited; doubts are told on stderr.
+
+        Args:
+            path: A version's folder, or `datasets/NAME` for the newest version.
+            episodes: Only these episodes, by number; all by default.
+
+        Raises:
+            DatasetNotFound: there is no dataset.
+            DatasetInvalid: it is damaged, or not in SI units; names the command that imports it.
+            JointMismatch: state and action name different joints.
+        """
+        from nas_data.dataset.origin import load
+
+        return load(Path(path), episodes)
+
+    @classmethod
+    def from_lerobot(cls, folder: str | Path) -> "Dataset":
+        """Read a dataset that LeRobot's own tools recorded, in SI units; see `load`.
+
+        One in degrees or −100 … 100 is imported once, on the command line: `nas import FOLDER --map NAME`.
+        """
+        return cls.load(folder)
+
+    @classmethod
+    def from_arrays(
+        cls,
+        positions: "Episodes",
+        commands: "Episodes",
+        *,
+        rate: float,
+        joints: Sequence[str],
+        velocities: "Episodes | None" = None,
+        times: "Episodes | None" = None,
+        kind: "CommandKind" = "position",
+        slides: Sequence[str] = (),
+        robot: str = "unknown",
+        tasks: Sequence[str] = (),
+    ) -> "Dataset":
+        """Make a dataset of what was measured and commanded; next states are those of the following rows.
+
+        Each array is one episode (T, n), several (E, T, n), or a list of episodes of different lengths. Row t holds
+        the state at step t and the command that acts from then on. Positions may have one row more than commands.
+
+        Args:
+            positions: Measured positions [rad; slides m].
+            commands: Commanded positions [rad; m], velocities [rad/s; m/s] or torques [N·m; N], by `kind`.
+            rate: Control rate [Hz].
+            joints: Names of the n joints.
+            velocities: Measured velocities [rad/s; m/s]; derived from the positions where None.
+            times: Recorder's clock [s], shape (T,) an episode; rows count as evenly spaced where None.
+            kind: What is commanded: `position`, `velocity` or `torque`.
+            slides: Which of the joints are slides.
+            robot: Robot's name.
+            tasks: What each episode does; nothing by default.
+
+        Raises:
+            DatasetInvalid: shapes differ, or values cannot be right: degrees, NaN, a clock that goes back.
+            JointMismatch: a joint is named twice, or a slide is no joint.
+            OptionError: the rate or the kind cannot be.
+        """
+        from nas_data.dataset.origin import of_arrays
+
+        return of_arrays(positions, commands, rate, joints, velocities, times, kind, slides, robot, tasks)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the dataset as the next version of a name; a recorded version is never changed.
+
+        Args:
+            path: `datasets/NAME`, a folder of versions, which need not exist.
+
+        Returns:
+            The version's folder; an earlier one where that has the same content and source.
+
+        Raises:
+            OptionError: the name is no folder's name.
+            DatasetInvalid: LeRobot's tools could not read it.
+        """
+        from nas_data.dataset.origin import save
+
+        return save(self, Path(path))
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """Return a table: a row for each frame by (episode, frame), a column for each (feature, component).
+
+        `table["observation.state", "m1.pos"]` is the measured position [rad] of the joint m1.
+        """
+        from nas_data.dataset.origin import as_frame
+
+        return as_frame(self)
 
     @property
     def n_frames(self) -> int:
