@@ -186,8 +186,8 @@ def train(
         count: Told of control steps done and to do in the last rollouts; `progress` is where None.
     """
     if out is None:
-        with tempfile.TemporaryDirectory() as folder:
-            place = Path(folder, "training")
+        with tempfile.TemporaryDirectory() as brief:
+            place = Path(brief, "training")
             learned = train(kind, dataset, options, model, engine, place, device, actuators, progress, episodes, count)
             return replace(learned, folder=None)
     if kind == "delta":

@@ -66,7 +66,7 @@ def load_policy(
         ActorCriticPolicy,
         env,
         learning_rate=float(settings["learning_rate"]),
-        n_steps=int(settings["rollout"]) // int(settings["arms"]),
+        n_steps=int(settings["rollout"]) // (env.num_envs if isinstance(env, VecEnv) else 1),
         batch_size=int(settings["rollout"]) // int(settings["minibatches"]),
         n_epochs=int(settings["epochs"]),
         gamma=float(settings["discount"]),

@@ -101,6 +101,7 @@ class Dataset:
         times: "Episodes | None" = None,
         kind: "CommandKind" = "position",
         slides: Sequence[str] = (),
+        turns: bool = False,
         robot: str = "unknown",
         tasks: Sequence[str] = (),
     ) -> "Dataset":
@@ -118,6 +119,7 @@ class Dataset:
             times: Recorder's clock [s], shape (T,) an episode; rows count as evenly spaced where None.
             kind: What is commanded: `position`, `velocity` or `torque`.
             slides: Which of the joints are slides.
+            turns: Whether joints may turn farther than two turns; else such positions are taken for degrees.
             robot: Robot's name.
             tasks: What each episode does; nothing by default.
 
@@ -128,7 +130,7 @@ class Dataset:
         """
         from nas_data.dataset.origin import of_arrays
 
-        return of_arrays(positions, commands, rate, joints, velocities, times, kind, slides, robot, tasks)
+        return of_arrays(positions, commands, rate, joints, velocities, times, kind, slides, turns, robot, tasks)
 
     def save(self, path: str | Path) -> Path:
         """Write the dataset as the next version of a name; a recorded version is never changed.

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from nas_data.dataset import versions
-from nas_data.dataset.audits import audit_dataset
+from nas_data.dataset.audits import audit
+from nas_data.dataset.audits.base import Expected
+from nas_data.dataset.checks import check_finite
 from nas_data.dataset.content import content_hash
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import (
@@ -32,6 +34,7 @@ from nas_data.dataset.inheritance import attachments, lost
 from nas_data.dataset.layout import PROVENANCE
 from nas_data.dataset.provenance import Parent, Provenance, now, package_versions, read_provenance
 from nas_data.dataset.read import read
+from nas_data.dataset.recording import recordings
 from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.write import json_bytes
 from nas_data.errors import DatasetInvalid, JointMismatch, OptionError
@@ -43,8 +46,7 @@ CommandKind = Literal["position", "velocity", "torque"]
 Episodes = np.ndarray | Sequence[np.ndarray]
 KINDS: Mapping[str, str] = {"position": POSITION, "velocity": VELOCITY, "torque": EFFORT}
 REMEDIES = {
-    "unit_slip": "give radians and metres: numpy.radians(positions)",
-    "not_finite": "take these rows out",
+    "unit_slip": "give radians and metres, numpy.radians(positions), or turns=True where a joint does go so far",
 }
 EDITED = "edited in Python"
 
@@ -169,6 +171,7 @@ def of_arrays(
     times: Episodes | None,
     kind: CommandKind,
     slides: Sequence[str],
+    turns: bool,
     robot: str,
     tasks: Sequence[str],
 ) -> Dataset:
@@ -190,8 +193,8 @@ def of_arrays(
         ]
         features[STATE] = state_feature(joints, slides)
     if times is not None:
-        clocks = [np.reshape(part, (-1, 1)) for part in split_episodes(times, 1, "times")]
-        pairs = zip_alike(clocks, measured, "times")
+        clocks = [times] if np.ndim(times[0]) == 0 else list(times)
+        pairs = zip_alike([np.reshape(np.asarray(part, float), (-1, 1)) for part in clocks], measured, "times")
         columns[TIME] = [part - part[:1] for part, rows in pairs if same(part, rows, "times")]
         features[TIME] = time_feature()
     for part, rows in zip(asked, measured, strict=True):
@@ -204,8 +207,9 @@ def of_arrays(
         robot_type=robot,
         tasks=tuple(tasks),
     )
+    check_finite(dataset, "The recording in memory")
     complete, derived = as_transitions(dataset)
-    refuse(complete)
+    refuse(complete, turns)
     provenance = Provenance(how="imported", robot=robot, target={"kind": "arrays"}, derived=derived, contiguous=True)
     return replace(complete, origin=Origin(complete, provenance, derived))
 
@@ -234,9 +238,6 @@ def split_episodes(values: Episodes, width: int, what: str) -> list[np.ndarray]:
     Raises:
         DatasetInvalid: they have another shape.
     """
-    if width == 1:  # times may lack the last axis
-        parts = [values] if np.ndim(values[0]) == 0 else list(values)
-        return [np.asarray(part, float).reshape(-1, 1) for part in parts]
     parts = [np.asarray(values)] if np.ndim(values[0]) == 1 else list(values)
     arrays = [np.asarray(part, float) for part in parts]
     wrong = next((part.shape for part in arrays if part.ndim != 2 or part.shape[1] != width), None)
@@ -267,13 +268,19 @@ def same(part: np.ndarray, rows: np.ndarray, what: str) -> bool:
     return True
 
 
-def refuse(dataset: Dataset) -> None:
+def refuse(dataset: Dataset, turns: bool) -> None:
     """Audit a dataset of arrays: warn on stderr of what is doubtful.
+
+    Args:
+        dataset: Transitions.
+        turns: Whether joints may turn farther than two turns.
 
     Raises:
         DatasetInvalid: it cannot be right; says why.
     """
-    findings = audit_dataset(dataset)
+    effort = not dataset.commands_positions
+    expected = Expected(rate=dataset.fps, slides=dataset.slides, effort=effort, turns=turns)
+    findings = [finding for recording in recordings(dataset) for finding in audit(recording, expected)]
     error = next((finding for finding in findings if finding.error), None)
     if error is not None:
         remedy = REMEDIES.get(error.check, "correct the arrays")
