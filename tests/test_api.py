@@ -202,7 +202,7 @@ def test_a_table_has_a_row_a_frame_and_a_column_a_component(ds):
 
 def test_saving_makes_versions_that_name_their_parents(ds, paired, arm, tmp_path):
     first = ds.save(tmp_path / "arm")
-    assert ds.save(tmp_path / "arm") == first
+    assert ds.save(tmp_path / "arm") == ds.save(first) == first
     loaded = nas.Dataset.load(tmp_path / "arm")
     assert content_hash(loaded) == content_hash(ds)
     second = nas.pair(loaded, model=arm).save(tmp_path / "arm")
@@ -371,6 +371,18 @@ def test_an_environment_draws_what_it_shows(page):
     env = page["env"]
     env.reset(seed=1)
     assert not np.array_equal(env.render(), page["picture"])
+
+
+@pytest.mark.parametrize("task", ["ErgoShield", "Pusher", "Striker"])
+def test_every_environment_has_pictures_that_move(task):
+    env = gymnasium.make(f"nas_data:nas/{task}-v0", render_mode="rgb_array")
+    env.reset(seed=0)
+    first = env.render()
+    for _ in range(20):
+        env.step(env.action_space.high)
+    assert first.std() > 1
+    assert not np.array_equal(env.render(), first)
+    env.close()
 
 
 def test_an_environment_without_pictures_says_so():

@@ -341,9 +341,11 @@ def find_judging_source(
     try:
         return locate_source(model, (), kept_in, engine)
     except ModelFileError:
-        if model is not None or learned is None or learned.kind == "delta":
-            raise
-        return None
+        if model is None and learned is not None and learned.kind == "forward":
+            return None
+        if model is None and learned is not None and learned.folder is None:
+            raise ModelFileError('This φ keeps no source; give the one that it corrects: model="MODEL.xml".') from None
+        raise
 
 
 def fit_plain(

@@ -136,7 +136,7 @@ class Dataset:
         """Write the dataset as the next version of a name; a recorded version is never changed.
 
         Args:
-            path: `datasets/NAME`, a folder of versions, which need not exist.
+            path: `datasets/NAME`, a folder of versions, which need not exist; or one of its versions.
 
         Returns:
             The version's folder; an earlier one where that has the same content and source.

@@ -139,6 +139,8 @@ def describe(dataset: Dataset) -> tuple[Provenance, Mapping[str, bytes]]:
 
 def save(dataset: Dataset, path: Path) -> Path:
     """Write a dataset as the next version of a name; see `Dataset.save`."""
+    if versions.VERSION.fullmatch(path.name):
+        path = path.parent
     provenance, files = describe(dataset)
     return versions.new_version(dataset, path.name, provenance, path.parent, files)
 
