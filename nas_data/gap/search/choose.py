@@ -24,7 +24,8 @@ def choose(search: Search, plain: Hypothesis, without: Container[str] = ()) -> H
 
     What is left of the plain fit when all that is not worth its price is dropped decides where to begin. Where it holds
     many parts, nearly everything is missing everywhere: adding one thing at a time to the model goes astray, and the
-    search goes on from there alone. Where it brings every joint to the floor with few parts, it is only reviewed.
+    search goes on from there alone. Where it brings every joint to the floor with few parts, or with parts of one kind,
+    it is only reviewed.
 
     Args:
         search: Search.
@@ -37,7 +38,7 @@ def choose(search: Search, plain: Hypothesis, without: Container[str] = ()) -> H
     down = descend(search, plain, without)
     if len(drop.parts(down)) > MANY * len(search.excited):
         return climb(search, down, without)
-    if not search.above_floor(down) and len(drop.parts(down)) <= FEW:
+    if not search.above_floor(down) and is_simple(down):
         return review(search, apply_moves(search, down, ("merge_joints", "one_for_several"), without), without)
     search.return_to(first)
     up = climb(search, search.null, without, down if is_explained(search, down) else None)
@@ -88,6 +89,12 @@ def descend(search: Search, plain: Hypothesis, without: Container[str] = ()) -> 
     named = search.relinearise(search.judge(description, found))
     search.report("  as effects", named)
     return apply_moves(search, named, ("share_value", "drop"), without)
+
+
+def is_simple(h: Hypothesis) -> bool:
+    """Whether a hypothesis has few parts, or one effect in several joints."""
+    kinds = {part if isinstance(part, str) else part.name() for part in drop.parts(h)}
+    return len(drop.parts(h)) <= FEW or len(kinds) == 1
 
 
 def is_explained(search: Search, h: Hypothesis) -> bool:

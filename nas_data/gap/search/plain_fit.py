@@ -17,13 +17,14 @@ from nas_data.gap.search.hypothesis import PRICE, Description, Hypothesis, reuse
 from nas_data.gap.search.objective import Task
 from nas_data.gap.search.parameters import FreeParameters, Label
 from nas_data.gap.search.screen import screen
-from nas_data.gap.search.search import AT_FLOOR, Search
+from nas_data.gap.search.search import AT_FLOOR, TRIED, Search
 from nas_data.gap.side_by_side import side_by_side
 
 SHORT = 1.0  # [s] of the windows on which the fit begins: in open loop a wrong model soon is nowhere
 SHORT_STEPS = 8_000  # physics steps that one rollout of them may take
 FACTORS = (1.0, 0.3, 0.1, 0.03)  # of all gains, from which the fit may begin; of all filters the first and the last
-FOLLOWED = 3  # starts from which a fit is begun
+CLEARLY = 0.1  # nats an observation (10 % of the errors) by which a start must do better than the model as it is
+NEARLY = 0.3  # nats an observation by which a start may do worse than the best and still be followed
 SMALL = 0.1  # of a joint's natural size, from which what the model lacks begins
 NAMED = {  # effects that say what a freed parameter does: its kind, and whether they add to it or multiply it
     "servo_stiffness": ("gain", False),
@@ -94,7 +95,7 @@ def natural_damping(sizes: Scales) -> float:
 
 
 def begin_on_short_windows(search: Search, description: Description) -> Fit | None:
-    """Return the fit to short windows from the best of several starts; None where the model's own is the best."""
+    """Return the fit to short windows from the best of several starts; None where none clearly beats the model."""
     nominal = search.train.nominal
     rows = SHORT_STEPS // nominal.simulator().substeps
     evidence = windows(search.train.evidence, rows, SHORT)
@@ -102,10 +103,12 @@ def begin_on_short_windows(search: Search, description: Description) -> Fit | No
     task = Task(nominal, evidence, search.train.floor, fine=False)
     starts = [parameters.start(factors) for factors in starting_factors(description.freed)]
     predicted = [task.predict(parameters, start) for start in starts]
-    usable = sorted((task.misfit(rows), number) for number, rows in enumerate(predicted) if rows is not None)
-    if not usable or usable[0][1] == 0:
-        return None  # nothing is better than the model as it is
-    best = [starts[number] for _, number in usable[:FOLLOWED]]
+    observation = float(task.observations.sum()) * len(task.floor)
+    misfits = np.array([task.misfit(rows) for rows in predicted]) / observation
+    order = np.argsort(misfits)
+    if not misfits[order[0]] < misfits[0] - CLEARLY:
+        return None
+    best = [starts[number] for number in order[:TRIED] if misfits[number] < misfits[order[0]] + NEARLY]
     first = task.relinearise(parameters, best[0])
     fitted = side_by_side(lambda theta: fit(first, parameters, theta, steps=4, jacobian_refreshes=1), best)
     found = min(filter(None, fitted), key=lambda one: one.loss)
@@ -132,7 +135,8 @@ def add_limits(search: Search, plain: Hypothesis) -> Hypothesis:
     half = np.arange(0, len(search.sub.evidence), 2)
     task = search.sub.select(half)
     search.say("  screening torque limits and delays beside the plain fit")
-    found = screen(task, plain.fit.select(task, half), search.sizes, search.above_floor(plain), LIMITS)
+    above = search.above_floor(plain)
+    found = screen(task, plain.fit.select(task, half), search.sizes, above, search.changes, LIMITS)
     reach = plain.fit.select(task, half).loss
     for name in LIMITS:
         alike = [c.effect for c in found if c.effect.name() == name and c.loss + 0.5 * PRICE < reach]

@@ -1,6 +1,7 @@
 """Order candidates by one simulation each: how much of the error would go, to first order, all else following."""
 
-from collections.abc import Container, Iterator, Sequence
+import math
+from collections.abc import Container, Hashable, Iterator, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,9 @@ from nas_data.gap.side_by_side import side_by_side
 STRETCHES = (0.0, 2.0)  # how far a guess may be stretched along its mark, to first order
 SIGNED_STRETCHES = (-6.0, 6.0)  # the same where the parameter has either sign
 SMALLEST_STRETCH = 0.2  # a fit starts no nearer to the neutral value than this share of the guess
+ROUGHLY = 3.0  # steps to a factor of e in which a number beside a candidate counts as the same
+
+Changes = MutableMapping[Hashable, np.ndarray]  # what candidates change beside what is known at their joint
 
 
 @dataclass(frozen=True)
@@ -52,7 +56,12 @@ def candidates(joints: Sequence[str], sizes: Sequence[Scales]) -> Iterator[Effec
 
 
 def screen(
-    task: Task, state: Fit, sizes: Sequence[Scales], joints: Container[str], names: Container[str] | None = None
+    task: Task,
+    state: Fit,
+    sizes: Sequence[Scales],
+    joints: Container[str],
+    changes: Changes,
+    names: Container[str] | None = None,
 ) -> list[Candidate]:
     """Return candidates to add to a fitted hypothesis, the most promising first, each effect and joint once.
 
@@ -61,6 +70,7 @@ def screen(
         state: Hypothesis fitted so far, with predictions and Jacobian on the same episodes.
         sizes: Natural sizes of each joint.
         joints: Joints to look at.
+        changes: What was simulated before on the same episodes; what is simulated now is added.
         names: Effects to look at; all where None.
     """
     best: dict[tuple[str, str | None], Candidate] = {}
@@ -76,7 +86,13 @@ def screen(
 
     def estimated(effect: Effect) -> Candidate | None:
         idle = effect.idle(by_joint[effect.joint]) if effect.joint else effect.parameters[0].neutral
-        return first_order(task, state, effect, idle)
+        try:
+            identity = (effect, surroundings(state, effect))
+            if identity not in changes:
+                changes[identity] = change_of(task, state, effect)
+            return first_order(task, state, effect, idle, changes[identity])
+        except NasError:
+            return None
 
     for found in side_by_side(estimated, wanted):
         if found is not None and (found.place not in best or found.loss < best[found.place].loss):
@@ -84,8 +100,37 @@ def screen(
     return sorted(best.values(), key=lambda candidate: candidate.loss)
 
 
-def first_order(task: Task, state: Fit, effect: Effect, idle: float) -> Candidate | None:
-    """Simulate one candidate beside the state; None where the model cannot take it or diverges.
+def surroundings(state: Fit, effect: Effect) -> Hashable:
+    """Return what a hypothesis says of an effect's joint, roughly: what the effect changes depends on little else."""
+    joint = effect.joint
+
+    def near(name: str | None) -> bool:
+        return joint is None or name is None or name == joint
+
+    effects = [(o.name(), o.joint, *roughly(vars(o))) for o in state.effects if near(o.joint)]
+    free = {p.name: state.factors[p.name] for p in state.parameters.base if near(p.joint)}
+    return (*effects, *roughly(free))
+
+
+def roughly(values: Mapping[str, object]) -> Iterator[tuple[str, float]]:
+    """Yield the size of numbers by name, in steps."""
+    for name, value in values.items():
+        if isinstance(value, float):
+            yield name, float(round(ROUGHLY * math.log(abs(value)))) if 0 < abs(value) < math.inf else value
+
+
+def change_of(task: Task, state: Fit, effect: Effect) -> np.ndarray:
+    """Return by how much an effect at its first guess moves the positions of a hypothesis [rad; m], shape (E, T, n).
+
+    Raises:
+        NasError: the model cannot take it or diverges.
+    """
+    predicted = task.nominal.predict(task.evidence, (*state.effects, effect), state.factors) + task.correction
+    return np.asarray(predicted - state.predicted)
+
+
+def first_order(task: Task, state: Fit, effect: Effect, idle: float, change: np.ndarray) -> Candidate:
+    """Estimate what one candidate beside the state would leave.
 
     To first order the candidate changes the positions by s · c, where c is the change at its guess and s its stretch,
     and the other numbers by J · Δθ. Both are found together, with weights made anew for what they leave.
@@ -95,12 +140,9 @@ def first_order(task: Task, state: Fit, effect: Effect, idle: float) -> Candidat
         state: Hypothesis fitted so far.
         effect: Candidate at a first guess.
         idle: Value of its first parameter at which it ends to do anything.
+        change: What it changes, shape (E, T, n).
     """
-    try:
-        predicted = task.nominal.predict(task.evidence, (*state.effects, effect), state.factors) + task.correction
-    except NasError:
-        return None
-    change, counts = predicted - state.predicted, task.evidence.counts[..., None]
+    counts = task.evidence.counts[..., None]
     errors = task.evidence.errors(state.predicted)
     guess = errors
     low, high = state.parameters.bounds()

@@ -18,7 +18,7 @@ from nas_data.gap.search.hypothesis import (
 )
 from nas_data.gap.search.objective import Score, Task
 from nas_data.gap.search.scales import scales
-from nas_data.gap.search.screen import Candidate, screen
+from nas_data.gap.search.screen import Candidate, Changes, screen
 from nas_data.gap.search.timestep import choose_timestep
 
 SCREENED = 6  # episodes on which candidates are compared
@@ -26,7 +26,9 @@ SCREENED_ROWS = 1800  # rows on which they are compared at least, where episodes
 ODD = 3.0  # times the usual error of a joint from which an episode is odd, and looked at besides
 ODDEST = 2  # odd episodes at most
 AT_FLOOR = 1.15  # noise floors of rest up to which nothing is looked for
-FAR_BEHIND = 60.0  # nats by which a rival may lie behind after a few steps and still be fitted to the end
+FAR_BEHIND = 60.0  # nats from which a difference decides, though fits are short or estimates of first order
+TRIED = 3  # alternatives that are fitted where several promise
+ROUNDS = 3  # over one set of alternatives, at most
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,7 @@ class Search:
         rivals: For each effect and joint, effects that competed with it when it was added.
         settled: Sets of effects in which swaps were tried.
         clear: Sets of effects of which the last one added left every other candidate far behind.
+        changes: What candidates of a screening change.
     """
 
     train: Task
@@ -65,6 +68,7 @@ class Search:
     rivals: dict[Key, list[Effect]] = field(default_factory=dict)
     settled: set[frozenset[Key]] = field(default_factory=set)
     clear: set[frozenset[Key]] = field(default_factory=set)
+    changes: Changes = field(default_factory=dict)
 
     @classmethod
     def begin(cls, train: Task, held: Task, say: Callable[[str], None] = lambda text: None) -> "Search":
@@ -193,7 +197,8 @@ class Search:
         """
         half = np.arange(0, len(self.sub.evidence), 2)
         task = self.sub.select(half)
-        return screen(task, around.select(task, half), self.sizes, joints), kept.fit.select(task, half).loss
+        found = screen(task, around.select(task, half), self.sizes, joints, self.changes)
+        return found, kept.fit.select(task, half).loss
 
     def logs(self, without: Hypothesis, with_: Hypothesis) -> np.ndarray:
         """Return the log of the ratio of held-out errors, shape (E, n); negative where the effect helps."""

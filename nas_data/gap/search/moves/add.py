@@ -12,17 +12,15 @@ from nas_data.gap.search.hypothesis import (
 )
 from nas_data.gap.search.moves import optional_parameters
 from nas_data.gap.search.screen import Candidate
-from nas_data.gap.search.search import FAR_BEHIND, Search
+from nas_data.gap.search.search import FAR_BEHIND, TRIED, Search
 from nas_data.gap.side_by_side import side_by_side
 
-FINALISTS = 3  # short fits that are continued
 BUNDLED = 2  # effects that are tried in all joints at once
 DOUBTFUL = 2.0  # noise floors of rest above which every effect of a joint is fitted before the search ends
 WORST = 2  # joints of which every effect is fitted then
 PROMISE = 2.5  # nats by which the first order must lower the loss of every other episode, or a candidate is not fitted
 SLACK = 30.0  # nats that the first order may be wrong by there around the unfitted model
-CHANCE = 80.0  # nats by which a short fit may lie behind the best and still be continued
-SHORTLIST, BESIDE = 6, 3  # candidates that are fitted, of those screened; and beside the best of each joint
+SHORTLIST = 6  # candidates that are fitted, of those screened
 LOOKED_AHEAD = 2  # effects in several joints that are followed one step further, where nothing is named yet
 
 
@@ -82,7 +80,7 @@ def shortlist(found: Sequence[Candidate], reach: float, slack: float) -> list[Ca
         if candidate.loss.nats < reach:
             leaders.setdefault(candidate.effect.joint, candidate)
     others = [c for c in found if c.loss.nats < reach + slack and leaders.get(c.effect.joint) is not c]
-    chosen = [*leaders.values(), *others[: max(SHORTLIST - len(leaders), BESIDE)]]
+    chosen = [*leaders.values(), *others[: max(SHORTLIST - len(leaders), TRIED)]]
     return sorted(chosen, key=lambda candidate: candidate.loss)
 
 
@@ -120,7 +118,7 @@ def fit_candidates(search: Search, kept: Hypothesis, around: Fit, candidates: Se
 
     quick = side_by_side(fit_briefly, candidates)
     ranked = sorted((h for h in quick if h and not h.effects[-1].is_twin), key=lambda h: h.score)
-    ahead = [h for h in ranked if h.score < ranked[0].score + CHANCE][:FINALISTS]
+    ahead = [h for h in ranked if h.score < ranked[0].score + FAR_BEHIND][:TRIED]
     thorough = side_by_side(lambda h: optional_parameters.apply(search, search.continued(h)), ahead)
     return sorted([*thorough, *ranked[len(ahead) :]], key=lambda h: h.score)
 
@@ -150,10 +148,11 @@ def look_ahead(search: Search, kept: Hypothesis, ranked: Sequence[Hypothesis]) -
     """Return hypotheses best first; those with one effect in several joints are continued by one more step.
 
     A servo far softer than its model needs friction beside it before it explains what a dead band explains alone: where
-    all joints lack the same two things, the first of them may look worse by itself than a wrong one.
+    all joints lack the same two things, the first of them may look worse by itself than a wrong one. One that brings
+    every joint to the floor needs no such look.
     """
     several = [h for h in ranked if len(h.effects) > len(kept.effects) + 1 and h.score < kept.score][:LOOKED_AHEAD]
-    if len(several) < LOOKED_AHEAD or ranked[0] is not several[0]:
+    if len(several) < LOOKED_AHEAD or ranked[0] is not several[0] or not search.above_floor(ranked[0]):
         return list(ranked)
     leads = [min([h, *extensions(search, h, h.fit)], key=lambda one: one.score) for h in several]
     best = min(leads, key=lambda one: one.score)

@@ -6,11 +6,10 @@ from nas_data.effects.base import Effect
 from nas_data.gap.search.fit import normal_equations
 from nas_data.gap.search.hypothesis import PRICE, Description, Hypothesis, effect_cost
 from nas_data.gap.search.parameters import SIGNED_SCALE, FreeParameters
-from nas_data.gap.search.search import Search
+from nas_data.gap.search.search import FAR_BEHIND, Search
 from nas_data.gap.side_by_side import side_by_side
 
 TRIED = 6  # without which the rest is fitted, of what seems to be worth least
-CERTAIN = 60.0  # nats by which the loss seems to rise without a part that is surely worth its price
 MANY = 8  # effects beyond which several are dropped at a time
 
 Part = Effect | str
@@ -36,7 +35,7 @@ def drop_one(search: Search, h: Hypothesis) -> Hypothesis:
     """
     search.say(f"  dropping one of {len(parts(h))} parts, if one is not worth its price")
     losses = estimate_losses(search, h)
-    doubted = sorted((part for part in losses if losses[part] < CERTAIN), key=lambda part: losses[part])[:TRIED]
+    doubted = sorted((part for part in losses if losses[part] < FAR_BEHIND), key=lambda part: losses[part])[:TRIED]
     found = side_by_side(lambda part: fit_without(search, h, [part]), doubted)
     sound = {part: one for part, one in zip(doubted, found, strict=True) if one is not None and one.is_sound}
     if not sound:

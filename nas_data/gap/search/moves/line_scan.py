@@ -10,7 +10,7 @@ from nas_data.gap.search.fit import Fit, loss
 from nas_data.gap.search.hypothesis import PRICE, Hypothesis
 from nas_data.gap.search.objective import Score, Task
 from nas_data.gap.search.parameters import FreeParameters
-from nas_data.gap.search.search import Search
+from nas_data.gap.search.search import ROUNDS, Search
 from nas_data.gap.side_by_side import side_by_side
 from nas_data.simulators.settled import Hold
 
@@ -18,7 +18,6 @@ UNEXPLAINED = 5.0  # noise floors of rest from which a joint is far from explain
 # Between neighbouring values and how far either way, in logarithms: first as wide apart as the dips of a play's width
 # are, from a tenth to ten times; then about the best, and closer yet
 SCANS = ((0.14, 2.4), (0.02, 0.16), (0.004, 0.024))
-ROUNDS = 3  # over all parameters, at most
 NUDGE = 1e-4  # [rad] by which starts are off, less than encoders tell, to see whether an arm is chaotic
 CHAOTIC = 0.1  # part of the errors that rollouts then change by, from which it is
 

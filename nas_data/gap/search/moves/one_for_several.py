@@ -4,10 +4,8 @@ from nas_data.gap.search.hypothesis import Description, Hypothesis
 from nas_data.gap.search.moves.add import beside
 from nas_data.gap.search.moves.drop import joint_of, parts
 from nas_data.gap.search.screen import Candidate
-from nas_data.gap.search.search import FAR_BEHIND, Search
+from nas_data.gap.search.search import FAR_BEHIND, TRIED, Search
 from nas_data.gap.side_by_side import side_by_side
-
-TRIED = 3  # effects that are fitted in the place of several parts, those that promise most
 
 
 def apply(search: Search, h: Hypothesis) -> Hypothesis:

@@ -5,12 +5,10 @@ from collections.abc import Sequence
 from nas_data import registry
 from nas_data.effects.base import Effect, find_effect
 from nas_data.gap.search.hypothesis import Hypothesis, key
-from nas_data.gap.search.search import Search
+from nas_data.gap.search.search import FAR_BEHIND, ROUNDS, TRIED, Search
 from nas_data.gap.side_by_side import side_by_side
 
-RIVALS = 3  # that are fitted beside the other effects, for each effect
 FACED = 2  # effects that one must face, of those that it is easily confused with and that a hook tells apart from it
-ROUNDS = 3  # replacements at most
 
 
 def apply(search: Search, h: Hypothesis) -> Hypothesis:
@@ -20,6 +18,7 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
     """
     if len(h.effects) == 1 and frozenset(map(key, h.effects)) in search.clear:
         return h
+    search.say(f"  letting {len(h.effects)} effects face rivals")
     add_rivals(search, h)
     for _ in range(ROUNDS):
         found = find_better_rival(search, h)
@@ -52,13 +51,14 @@ def add_rivals(search: Search, h: Hypothesis) -> None:
             continue
         known = search.rivals.setdefault(key(effect), [])
         faces_hook = any(confusable(effect, other) for other in hooked_kinds(effect))
-        if len(known) >= RIVALS and not faces_hook:
+        if len(known) >= TRIED and not faces_hook:
             continue
         without = search.without(h, number) or search.null
-        found, _ = search.screened(without.fit, h, {effect.joint})
+        found, reach = search.screened(without.fit, h, {effect.joint})
         met = {key(effect), *map(key, known)}
-        others = [c.effect for c in found if c.effect.joint and key(c.effect) not in met]
-        known.extend(others[: RIVALS - len(known)])
+        near = [c for c in found if c.effect.joint and c.loss.over(reach) < FAR_BEHIND]
+        others = [c.effect for c in near if key(c.effect) not in met]
+        known.extend(others[: TRIED - len(known)])
         hooked = [other for other in others if other.in_model != effect.in_model and confusable(effect, other)]
         known[:0] = [other for other in hooked if other not in known][:FACED]
 
@@ -90,4 +90,4 @@ def contenders(search: Search, effect: Effect, others: Sequence[Effect]) -> list
         if key(rival) not in taken:
             taken.add(key(rival))
             result.append(rival)
-    return result[: RIVALS if effect.in_model else RIVALS + FACED]
+    return result[: TRIED if effect.in_model else TRIED + FACED]

@@ -9,11 +9,10 @@ from nas_data.gap.search.fit import Fit, fit
 from nas_data.gap.search.hypothesis import PRICE, Hypothesis, reuse_jacobian
 from nas_data.gap.search.objective import Task
 from nas_data.gap.search.parameters import FreeParameters
-from nas_data.gap.search.search import AT_FLOOR, Search
+from nas_data.gap.search.search import AT_FLOOR, ROUNDS, Search
 from nas_data.gap.side_by_side import side_by_side
 
 SHIFTS = (-3, -2, -1, 1, 2, 3)  # of the model's own physics steps, either way
-ROUNDS = 3  # at most
 
 
 def apply(search: Search, h: Hypothesis) -> Hypothesis:

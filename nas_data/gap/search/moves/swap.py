@@ -5,11 +5,11 @@ from functools import partial
 from nas_data.gap.search.hypothesis import Hypothesis, frees_base_parameter, joints_beyond_prior, key
 from nas_data.gap.search.moves.add import beside
 from nas_data.gap.search.screen import Candidate
-from nas_data.gap.search.search import FAR_BEHIND, Search
+from nas_data.gap.search.search import FAR_BEHIND, TRIED, Search
 from nas_data.gap.side_by_side import side_by_side
 
 UNSATISFIED = 1.25  # noise floors above which other effects are tried in the place of one that was found
-DOUBTED, MANY = 3, 8  # effects in whose place others are tried; where there are many, only the most doubted one's
+MANY = 8  # effects from which others are tried only in the place of the most doubted one
 SWAPPED = 4  # effects that are tried there
 
 
@@ -47,7 +47,7 @@ def doubtful(search: Search, h: Hypothesis) -> list[int]:
     above = [
         (left, number) for left, joint, number in own if left > UNSATISFIED or joint in bent or (bent and not joint)
     ]
-    return [number for _, number in sorted(above, reverse=True)[: DOUBTED if len(h.effects) <= MANY else 1]]
+    return [number for _, number in sorted(above, reverse=True)[: TRIED if len(h.effects) <= MANY else 1]]
 
 
 def fit_briefly(search: Search, rest: Hypothesis, candidate: Candidate) -> Hypothesis | None:
