@@ -11,6 +11,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import VecEnv
 
+from nas_data.arrays import Array
 from nas_data.environment_ids import environment_id
 from nas_data.envs.base import find_task_file
 from nas_data.errors import CheckpointError, JointMismatch, OptionError
@@ -38,7 +39,7 @@ class Normalise(BaseFeaturesExtractor):
 
 
 def load_policy(
-    folder: str | Path, *, seed: int | None = None, env: gymnasium.Env[np.ndarray, np.ndarray] | VecEnv | None = None
+    folder: str | Path, *, seed: int | None = None, env: gymnasium.Env[Array, Array] | VecEnv | None = None
 ) -> PPO:
     """Read a policy folder as stable-baselines3's PPO.
 
@@ -106,7 +107,7 @@ def choose(folder: Path, seed: int | None) -> Policy:
     return found[0]
 
 
-def check_spaces(policy: Policy, env: gymnasium.Env[np.ndarray, np.ndarray] | VecEnv) -> None:
+def check_spaces(policy: Policy, env: gymnasium.Env[Array, Array] | VecEnv) -> None:
     """Refuse an environment that observes or takes something else than the policy.
 
     Raises:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nas_data.arrays import Array
 from nas_data.dataset.carried import Carried
 from nas_data.dataset.features import ACTION, EFFORT, NEXT_STATE, POSITION, SIM_STATE, STATE, VELOCITY, Feature
 from nas_data.errors import DatasetInvalid, JointMismatch
@@ -35,8 +36,8 @@ class Dataset:
     """
 
     features: Mapping[str, Feature]
-    columns: Mapping[str, np.ndarray]
-    lengths: np.ndarray
+    columns: Mapping[str, Array]
+    lengths: Array
     fps: float
     robot_type: str = "unknown"
     tasks: tuple[str, ...] = field(default=())
@@ -169,7 +170,7 @@ class Dataset:
         return len(self.lengths)
 
     @cached_property
-    def starts(self) -> np.ndarray:
+    def starts(self) -> Array:
         """First frame of each episode, shape (E,)."""
         return np.concatenate([[0], np.cumsum(self.lengths)[:-1]]).astype(np.int64)
 
@@ -205,22 +206,22 @@ class Dataset:
         return SIM_STATE in self.features
 
     @property
-    def states(self) -> np.ndarray:
+    def states(self) -> Array:
         """Measured positions [rad] then velocities [rad/s], shape (N, 2n)."""
         return self._column(STATE)
 
     @property
-    def commands(self) -> np.ndarray:
+    def commands(self) -> Array:
         """What each joint is asked for (see `kinds`), shape (N, n)."""
         return self._column(ACTION)
 
     @property
-    def next_states(self) -> np.ndarray:
+    def next_states(self) -> Array:
         """Measured at the next control step, shape (N, 2n)."""
         return self._column(NEXT_STATE)
 
     @property
-    def sim_states(self) -> np.ndarray:
+    def sim_states(self) -> Array:
         """What the source predicts for the next control step, shape (N, 2n)."""
         return self._column(SIM_STATE)
 
@@ -241,7 +242,7 @@ class Dataset:
         rows = np.concatenate([np.arange(self.n_frames)[self.episode(index)] for index in episodes])
         return self.take(rows, self.lengths[list(episodes)], tuple(self.tasks[index] for index in episodes))
 
-    def take(self, rows: np.ndarray, lengths: np.ndarray, tasks: Sequence[str]) -> "Dataset":
+    def take(self, rows: Array, lengths: Array, tasks: Sequence[str]) -> "Dataset":
         """Return a dataset of some frames.
 
         Args:
@@ -257,7 +258,7 @@ class Dataset:
             carried=self.carried and self.carried.take(rows),
         )
 
-    def with_column(self, key: str, feature: Feature, column: np.ndarray) -> "Dataset":
+    def with_column(self, key: str, feature: Feature, column: Array) -> "Dataset":
         """Return the dataset with one more (or a replaced) column of shape (N, width)."""
         return replace(self, features={**self.features, key: feature}, columns={**self.columns, key: column})
 
@@ -266,6 +267,6 @@ class Dataset:
             raise JointMismatch(f"The dataset has no feature '{key}'; it has: {', '.join(self.features)}.")
         return self.features[key]
 
-    def _column(self, key: str) -> np.ndarray:
+    def _column(self, key: str) -> Array:
         self._feature(key)
         return self.columns[key]

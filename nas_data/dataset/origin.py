@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from nas_data.arrays import Array
 from nas_data.dataset import versions
 from nas_data.dataset.audits import audit
 from nas_data.dataset.audits.base import Expected
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
     import pandas
 
 CommandKind = Literal["position", "velocity", "torque"]
-Episodes = np.ndarray | Sequence[np.ndarray]
+Episodes = Array | Sequence[Array]
 KINDS: Mapping[str, str] = {"position": POSITION, "velocity": VELOCITY, "torque": EFFORT}
 REMEDIES = {
     "unit_slip": "give radians and metres, numpy.radians(positions), or turns=True where a joint does go so far",
@@ -234,7 +235,7 @@ def check_options(rate: float, joints: Sequence[str], kind: str, slides: Sequenc
         raise JointMismatch(f"slides name '{strange[0]}', which is none of the joints {', '.join(joints)}.")
 
 
-def split_episodes(values: Episodes, width: int, what: str) -> list[np.ndarray]:
+def split_episodes(values: Episodes, width: int, what: str) -> list[Array]:
     """Return arrays of shape (T, width), one an episode, of one such array, a list of them, or (E, T, width).
 
     Raises:
@@ -248,7 +249,7 @@ def split_episodes(values: Episodes, width: int, what: str) -> list[np.ndarray]:
     return arrays
 
 
-def zip_alike(parts: list[np.ndarray], measured: list[np.ndarray], what: str) -> list[tuple[np.ndarray, np.ndarray]]:
+def zip_alike(parts: list[Array], measured: list[Array], what: str) -> list[tuple[Array, Array]]:
     """Return pairs of each episode's values and positions.
 
     Raises:
@@ -259,7 +260,7 @@ def zip_alike(parts: list[np.ndarray], measured: list[np.ndarray], what: str) ->
     return list(zip(parts, measured, strict=True))
 
 
-def same(part: np.ndarray, rows: np.ndarray, what: str) -> bool:
+def same(part: Array, rows: Array, what: str) -> bool:
     """Whether an episode has as many rows of something as of positions.
 
     Raises:

@@ -7,6 +7,7 @@ import gymnasium
 import gymnasium.utils
 import numpy as np
 
+from nas_data.arrays import Array
 from nas_data.envs.base import SOURCE
 from nas_data.envs.loop.arena import Arena
 from nas_data.envs.loop.plant import Plant
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 HUMAN, RGB_ARRAY = "human", "rgb_array"
 
 
-class ArmEnv(gymnasium.Env[np.ndarray, np.ndarray], gymnasium.utils.EzPickle):
+class ArmEnv(gymnasium.Env[Array, Array], gymnasium.utils.EzPickle):
     """A task as a Gymnasium environment; the same logic as `ArmVecEnv`, for one arm.
 
     Pickled or copied, it is built anew from its arguments, and begins with a `reset` as a new one does.
@@ -79,7 +80,7 @@ class ArmEnv(gymnasium.Env[np.ndarray, np.ndarray], gymnasium.utils.EzPickle):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, object] | None = None
-    ) -> tuple[np.ndarray, dict[str, object]]:
+    ) -> tuple[Array, dict[str, object]]:
         """Begin an episode; returns its first observation."""
         super().reset(seed=seed)
         self.arena.start([self.np_random])
@@ -88,7 +89,7 @@ class ArmEnv(gymnasium.Env[np.ndarray, np.ndarray], gymnasium.utils.EzPickle):
             self.render()
         return self._seen.copy(), {}
 
-    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, object]]:
+    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, object]]:
         """Act for one control period; `info["is_success"]` says whether the goal is reached.
 
         A simulation that leaves all bounds ends the episode (see `Arena`): `info["diverged"]` says so, and the
@@ -105,7 +106,7 @@ class ArmEnv(gymnasium.Env[np.ndarray, np.ndarray], gymnasium.utils.EzPickle):
             self.render()
         return self._seen.copy(), float(verdict.reward[0]), bool(verdict.terminated[0]), bool(truncated[0]), info
 
-    def render(self) -> np.ndarray | None:
+    def render(self) -> Array | None:
         """Return a picture of the arm as it is, shape (480, 640, 3), uint8; with `human`, show it and return None.
 
         Raises:

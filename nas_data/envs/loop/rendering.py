@@ -11,6 +11,7 @@ import mujoco
 import mujoco.viewer
 import numpy as np
 
+from nas_data.arrays import Array
 from nas_data.envs.base import Task
 from nas_data.envs.loop.arm_env import HUMAN, RGB_ARRAY
 from nas_data.errors import MissingPackage, OptionError
@@ -75,7 +76,7 @@ class Pictures:
         self._camera, self._options = mujoco.MjvCamera(), mujoco.MjvOption()
         mujoco.mjv_defaultFreeCamera(pose.model, self._camera)
 
-    def draw(self) -> np.ndarray:
+    def draw(self) -> Array:
         """Return a picture, shape (height, width, 3), uint8."""
         self._context.make_current()
         pose, picture, area = self._pose, np.empty((*SIZE, 3), np.uint8), mujoco.MjrRect(0, 0, SIZE[1], SIZE[0])
