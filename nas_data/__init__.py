@@ -1,7 +1,63 @@
-"""Neural-augmented robot simulation: paired recordings in, better simulators and transferable policies out."""
+"""Neural-augmented robot simulation: paired recordings in, better simulators and transferable policies out.
+
+`import nas_data as nas` is all that a notebook needs; what a name needs is loaded when it is first used.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
 
 from nas_data.environment_ids import register_when_loaded
 
+if TYPE_CHECKING:
+    from nas_data.api.gap import identify
+    from nas_data.api.learning import LearnedModel, evaluate, train_delta, train_forward
+    from nas_data.api.pairing import pair
+    from nas_data.api.policy import load_policy
+    from nas_data.dataset.dataset import Dataset
+    from nas_data.errors import NasError
+    from nas_data.gap.report import GapReport
+
 __version__ = "0.1.0"
+__all__ = [
+    "Dataset",
+    "GapReport",
+    "LearnedModel",
+    "NasError",
+    "evaluate",
+    "identify",
+    "load_policy",
+    "pair",
+    "train_delta",
+    "train_forward",
+]
+
+HOMES = {
+    "Dataset": "dataset.dataset",
+    "GapReport": "gap.report",
+    "LearnedModel": "api.learning",
+    "NasError": "errors",
+    "evaluate": "api.learning",
+    "identify": "api.gap",
+    "load_policy": "api.policy",
+    "pair": "api.pairing",
+    "train_delta": "api.learning",
+    "train_forward": "api.learning",
+}  # the module of each name, which a type checker reads above
+
+if not TYPE_CHECKING:  # a type checker would take every other name for one, too
+
+    def __getattr__(name: str) -> object:
+        """Load a name when it is first used (PEP 562)."""
+        if name not in HOMES:
+            raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+        value = getattr(import_module(f"{__name__}.{HOMES[name]}"), name)
+        globals()[name] = value
+        return value
+
+
+def __dir__() -> list[str]:
+    """Return the names that there are, loaded or not."""
+    return sorted({*__all__, *globals()})
+
 
 register_when_loaded()

@@ -8,7 +8,7 @@ import numpy as np
 from nas_data.joint_units import JointUnit, factors, kinds_of, table_unit
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Errors:
     """Root mean squared position errors [rad; slides m] of one predictor on E episodes of n joints.
 
@@ -26,6 +26,11 @@ class Errors:
     squared: np.ndarray
     lengths: np.ndarray
     slides: frozenset[str] = frozenset()
+
+    def __repr__(self) -> str:
+        """Return the overall error in a line."""
+        found = ", ".join(f"{value:.3g} {unit.si}" for unit, value in self.overall_by_kind)
+        return f"Errors({found} over {len(self.lengths)} episodes)"
 
     @classmethod
     def of(

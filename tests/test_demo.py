@@ -24,6 +24,7 @@ from nas_data.demo.recording import DATASETS, HELDOUT, TRAIN, newest
 from nas_data.effects.base import parse
 from nas_data.errors import OutputExists
 from nas_data.gap.add import write_effects
+from nas_data.gap.report import GapReport
 from nas_data.stages import Found, Stage, claim, read_done, run_stages
 
 NAMES = [stage.name for stage in STAGES]
@@ -169,11 +170,11 @@ def test_the_search_is_given_episodes_that_do_not_say_what_hides_and_its_names_a
     folder, _ = demo
     given: list[Path] = []
 
-    def search(dataset: Path, model: Path, out: Path, say) -> dict:
+    def search(dataset: Path, model: Path, out: Path, say) -> GapReport:
         given.append(dataset)
         say("  tried: " + 50 * "one thing, ")
         leave_report(out)
-        return REPORT
+        return GapReport.load(out)
 
     lines: list[str] = []
     shutil.copytree(folder / DATASETS, tmp_path / DATASETS)

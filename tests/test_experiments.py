@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from command_samples import nas
 from experiment_samples import TINY, times, tiny
+from report_samples import gap_report
 
 from nas_data import registry
 from nas_data.dataset.provenance import read_provenance
@@ -60,7 +61,7 @@ def named_by(*effects, episodes=(TINY.named,), verdict="partly_explained"):
         say("name: which effect is missing")
         out.mkdir(parents=True, exist_ok=True)
         write_effects(out, [parse(text) for text in effects], {})
-        return {"verdict": verdict if effects else "none", "effects": list(effects), "retuned": [], "gap": {}}
+        return gap_report(verdict=verdict if effects else "none")
 
     return investigate
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from report_samples import gap_report
 from test_gap_delivery import delivered, nominal
 from test_gap_workflow import ARM, recorded
 
@@ -70,8 +71,6 @@ def test_it_is_said_in_a_line(integrator: str, tmp_path: Path, capsys):
 
 def test_the_summary_repeats_it(tmp_path: Path):
     note = nominal(arm(tmp_path, "RK4"), JOINTS).notes[0]
-    gap = {"before": 0.01, "after": 0.01, "noise_floor": 0.01}
     audit = [{"check": "timing", "finding": "late", "ok": False}, {"check": "model", "finding": note, "ok": False}]
-    report = {"verdict": "none", "gap": gap, "seconds": 1.0, "find": {"audit": audit}}
-    told = summary({**report, **{key: [] for key in ("effects", "unexplained", "retuned")}}, tmp_path)
+    told = summary(gap_report(find={"joints": {}, "regimes": [], "audit": audit}), tmp_path)
     assert note in told.splitlines() and "late" not in told

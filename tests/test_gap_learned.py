@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from report_samples import gap_report
 from test_gap_workflow import ARM, recorded
 
 from nas_data.cli import main
@@ -57,11 +58,8 @@ def test_the_checkpoint_knows_the_model_with_the_names(taught: tuple[Path, Mappi
 
 def test_an_earlier_phi_is_called_one(taught: tuple[Path, Mapping[str, float]]):
     folder, shares = taught
-    gap = {"before": 0.1, "after": 0.01, "noise_floor": 0.01}
-    content = {"verdict": "explained", "find": {}, "effects": [], "unexplained": [], "retuned": [], "gap": gap}
-    content |= {"seconds": 1.0, "shares": shares}
-    assert "earlier" not in summary(content, folder)
-    assert "earlier report" in summary({**content, "shares": {**shares, "learned": None}}, folder)
+    assert "earlier" not in summary(gap_report(shares=shares), folder)
+    assert "earlier report" in summary(gap_report(shares={**shares, "learned": None}), folder)
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ import copy
 import json
 import re
 import shutil
+from dataclasses import replace
 from html import unescape
 
 import numpy as np
@@ -11,10 +12,10 @@ import pytest
 from command_samples import nas
 
 from nas_data.errors import OptionError
+from nas_data.gap.report import GapReport
 from nas_data.gap.showing.figures import AFTER, BEFORE, RETUNED, per_joint
 from nas_data.gap.showing.page_pictures import ABOVE, models
 from nas_data.gap.showing.page_words import beside, figures, friendly, listed
-from nas_data.gap.showing.report import read_report
 from nas_data.gap.showing.series import Series
 from nas_data.gap.showing.show import show
 
@@ -274,8 +275,9 @@ def test_rmse_counts_recorded_rows_only():
 
 def test_without_effects_the_written_model_is_the_retuned_one(tmp_path):
     shown = Series.read(written(tmp_path))
-    assert list(models(REPORT, shown)) == [BEFORE, RETUNED, AFTER]
-    bare = models({**REPORT, "effects": []}, shown)
+    report = GapReport.load(tmp_path)
+    assert list(models(report, shown)) == [BEFORE, RETUNED, AFTER]
+    bare = models(replace(report, effects=()), shown)
     assert list(bare) == [BEFORE, RETUNED]
     np.testing.assert_array_equal(bare[RETUNED], shown.after)
 
@@ -301,7 +303,7 @@ def test_what_is_missing_is_named(tmp_path):
     report = json.loads((tmp_path / "report.json").read_text())
     (tmp_path / "report.json").write_text(json.dumps({key: report[key] for key in report if key != "gap"}))
     with pytest.raises(OptionError, match="lacks gap"):
-        read_report(tmp_path)
+        GapReport.load(tmp_path)
 
 
 def test_the_command_shows_a_folder(tmp_path):

@@ -125,8 +125,8 @@ def test_pairing_takes_the_result_as_a_source(hidden: tuple[Path, dict], arm: Pa
 
 def test_nothing_is_named_where_nothing_hides(arm: Path, tmp_path: Path):
     report = investigate(recorded(arm, tmp_path / "data"), arm, tmp_path / "report")
-    assert report["effects"] == []
-    assert report["verdict"] in {"none", "retuned"}
+    assert report.effects == ()
+    assert report.verdict in {"none", "retuned"}
 
 
 def test_stages_can_be_run_one_by_one(hidden: tuple[Path, dict], arm: Path, tmp_path: Path, capsys):
@@ -207,8 +207,8 @@ def test_an_arm_that_never_moved_gets_no_name(arm: Path, tmp_path: Path):
     commands.write_text(f"episode,shoulder.pos,elbow.pos\n{rows}\n")
     data = recorded(arm, tmp_path / "data", "--effect", BACKLASH, "--commands", str(commands))
     report = investigate(data, arm, tmp_path / "report")
-    assert report["effects"] == []
-    assert report["find"]["undecidable"]
+    assert report.effects == ()
+    assert report.find.undecidable
 
 
 @pytest.mark.slow

@@ -30,42 +30,28 @@ class Evaluate(TakesModel):
 
     def run(self) -> Outcome:
         """Evaluate and return the tables."""
+        from nas_data.api.learning import LearnedModel, evaluate
         from nas_data.dataset import versions
-        from nas_data.dataset.foreign import take_in, warn
-        from nas_data.dataset.read import read
-        from nas_data.errors import ModelFileError, OptionError
-        from nas_data.models import checkpoint
-        from nas_data.models.evaluation import evaluate
-        from nas_data.pairing import warn_of_ranges
-        from nas_data.robots.base import find_robot
-        from nas_data.sources import find_source
+        from nas_data.dataset.dataset import Dataset
 
         alone = self.checkpoint.is_file()  # a checkpoint is a folder
-        folder = self.checkpoint if alone else checkpoint.find(self.checkpoint)
-        model = None if alone else checkpoint.load_frozen(folder)
+        learned = None if alone else LearnedModel.load(self.checkpoint)
         root = versions.resolve(self.dataset)
-        dataset = read(root)
-        dataset, derived, noticed = take_in(root, dataset.select(self.episodes) if self.episodes else dataset)
-        warn(noticed)
-        if model is not None:
-            checkpoint.check_fits(model, dataset, folder)
-        elif self.model is not None:
-            raise OptionError(
-                f"{folder} is a model by itself; leave out --model, or give a checkpoint that corrects it."
-            )
-        given = self.actuated(str(folder) if alone else self.model)
-        try:
-            simulator = find_source(given, (), dataset, [folder, root], self.engine)
-        except ModelFileError:
-            if self.model is not None or model is None or model.kind == "delta":
-                raise
-            simulator = None
-        if simulator is not None and given is not None:
-            warn_of_ranges(dataset, find_robot(given).spec().compile())
-        evaluation = evaluate(dataset, simulator, model, Counting("rolling out"))
-        seen = None if model is None else model.provenance.get("dataset")
+        dataset = Dataset.load(root, self.episodes)
+        evaluation = evaluate(
+            learned or self.checkpoint,
+            dataset,
+            model=self.model,
+            engine=self.engine,
+            plain_fit=False,
+            actuators=self.actuators,
+            count=Counting("rolling out"),
+        )
+        derived = dataset.origin.derived if dataset.origin else {}
+        folder = learned.folder if learned else self.checkpoint
+        seen = learned.network.provenance.get("dataset") if learned else None
         name = seen.get("name") if isinstance(seen, dict) else "unknown"
-        origin = "a model" if model is None else f"trained on {name}"
+        origin = f"trained on {name}" if learned else "a model"
         head = [f"{folder} ({origin}) on {root}: {dataset.n_episodes} episodes, {dataset.n_frames} frames"]
         head += [f"derived {key}: {how}" for key, how in derived.items()]
         data = {"checkpoint": folder, "dataset": root, "trained_on": seen, "derived": derived, **evaluation.to_json()}

@@ -28,11 +28,13 @@ class Gap(TakesModel):
 
     def run(self) -> Outcome:
         """Work through all stages."""
+        from nas_data.api.gap import identify
         from nas_data.gap.summary import summary
-        from nas_data.gap.workflow import investigate
 
-        report = investigate(self.dataset, self.actuated(self.model), self.out, say, self.learn)
-        return Outcome(summary(report, self.out), report)
+        report = identify(
+            self.dataset, self.model, out=self.out, learn=self.learn, actuators=self.actuators, progress=say
+        )
+        return Outcome(summary(report, self.out), report.to_json())
 
 
 def say(text: str) -> None:

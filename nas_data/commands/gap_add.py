@@ -1,7 +1,6 @@
 """Only add named effects to a model: write model.xml from effects.json and score it on held-out episodes."""
 
 import sys
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -38,10 +37,10 @@ class GapAdd(TakesModel):
     def run(self) -> Outcome:
         """Write and score."""
         from nas_data.gap.added import added
+        from nas_data.gap.compose import gap
         from nas_data.gap.named import Named
         from nas_data.gap.place import check_model
         from nas_data.gap.problem import Problem
-        from nas_data.gap.report import gap
         from nas_data.gap.search.final import Final
         from nas_data.joint_units import unit_named
 
@@ -53,16 +52,15 @@ class GapAdd(TakesModel):
         outcome = added(problem, final, Final((), {}, ()), Final((), {}, ()), self.out)
         found = gap(problem.held, outcome)
         told = " and ".join(
-            f"{unit_named(str(errors['unit'])).text(float(str(errors['before'])), 3)} before, "
-            f"{unit_named(str(errors['unit'])).text(float(str(errors['after'])), 3)} after"
-            for errors in (found, found.get("slides"))
-            if isinstance(errors, Mapping)
+            f"{unit.text(errors.before, 3)} before, {unit.text(errors.after, 3)} after"
+            for errors in (found, found.slides)
+            if errors is not None and (unit := unit_named(errors.unit))
         )
         text = (
             f"Open-loop position error on {len(problem.held.evidence)} held-out episodes: {told}, "
             f"from the written file.\n{outcome.model}"
         )
-        data = {"model": outcome.model, "before": found["before"], "after": found["after"]}
+        data: dict[str, object] = {"model": outcome.model, "before": found.before, "after": found.after}
         if self.export is not None:
             data["exported"] = self._export(problem.train.nominal, named)
             text += f"\n{data['exported']}"

@@ -27,10 +27,11 @@ class GapName(TakesModel):
     def run(self) -> Outcome:
         """Search and write."""
         from nas_data.gap.add import write_effects
+        from nas_data.gap.compose import described
         from nas_data.gap.name import name
         from nas_data.gap.problem import Problem
-        from nas_data.gap.report import described
         from nas_data.gap.summary import finding_text
+        from nas_data.typed_json import to_json
 
         problem = Problem.load(self.dataset, self.actuated(self.model))
         naming = name(problem.train, problem.held, say)
@@ -38,5 +39,5 @@ class GapName(TakesModel):
         self.out.mkdir(parents=True, exist_ok=True)
         path = write_effects(self.out, naming.final.effects, naming.final.factors, slides=nominal.slides)
         effects = [described(finding, nominal) for finding in naming.findings]
-        lines = [finding_text(entry) for entry in effects] or ["No effect is named."]
-        return Outcome("\n".join([*lines, str(path)]), {"effects": effects, "file": path})
+        lines = [finding_text(effect) for effect in effects] or ["No effect is named."]
+        return Outcome("\n".join([*lines, str(path)]), {"effects": to_json(effects), "file": path})

@@ -3,16 +3,24 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nas_data.arrays import Array
 from nas_data.dataset.carried import Carried
 from nas_data.dataset.features import ACTION, EFFORT, NEXT_STATE, POSITION, SIM_STATE, STATE, VELOCITY, Feature
 from nas_data.errors import DatasetInvalid, JointMismatch
 from nas_data.joint_units import SLIDE
 
+if TYPE_CHECKING:
+    import pandas
 
-@dataclass(frozen=True)
+    from nas_data.dataset.origin import CommandKind, Episodes, Origin
+
+
+@dataclass(frozen=True, repr=False)
 class Dataset:
     """Recorded episodes, N frames in all.
 
@@ -24,15 +32,17 @@ class Dataset:
         robot_type: Robot's name as LeRobot stores it.
         tasks: What each episode does, one sentence or word an episode.
         carried: What is carried along unused: cameras, texts, matrices; None where there is nothing of the kind.
+        origin: Where it comes from; None where nobody said.
     """
 
     features: Mapping[str, Feature]
-    columns: Mapping[str, np.ndarray]
-    lengths: np.ndarray
+    columns: Mapping[str, Array]
+    lengths: Array
     fps: float
     robot_type: str = "unknown"
     tasks: tuple[str, ...] = field(default=())
     carried: Carried | None = None
+    origin: "Origin | None" = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         total = int(self.lengths.sum())
@@ -45,6 +55,110 @@ class Dataset:
         if not self.tasks:
             object.__setattr__(self, "tasks", ("",) * len(self.lengths))
 
+    def __repr__(self) -> str:
+        """Return sizes, rate and joints in a line."""
+        seconds = self.n_frames / self.fps
+        joints = f"; joints {', '.join(self.joints)}" if STATE in self.features else ""
+        sizes = f"{self.n_episodes} episodes, {self.n_frames} frames at {self.fps:g} Hz, {seconds:.4g} s"
+        return f"Dataset({self.robot_type}: {sizes}{joints}{'; paired' if self.paired else ''})"
+
+    @classmethod
+    def load(cls, path: str | Path, episodes: Sequence[int] = ()) -> "Dataset":
+        """Read a dataset as transitions in SI units, whoever recorded it.
+
+        Velocities and next states that LeRobot's own recordings lack are derived, and recordings of others are
+        audited; doubts are told on stderr.
+
+        Args:
+            path: A version's folder, or `datasets/NAME` for the newest version.
+            episodes: Only these episodes, by number; all by default.
+
+        Raises:
+            DatasetNotFound: there is no dataset.
+            DatasetInvalid: it is damaged, or not in SI units; names the command that imports it.
+            JointMismatch: state and action name different joints.
+        """
+        from nas_data.dataset.origin import load
+
+        return load(Path(path), episodes)
+
+    @classmethod
+    def from_lerobot(cls, folder: str | Path) -> "Dataset":
+        """Read a dataset that LeRobot's own tools recorded, in SI units; see `load`.
+
+        One in degrees or −100 … 100 is imported once, on the command line: `nas import FOLDER --map NAME`.
+        """
+        return cls.load(folder)
+
+    @classmethod
+    def from_arrays(
+        cls,
+        positions: "Episodes",
+        commands: "Episodes",
+        *,
+        rate: float,
+        joints: Sequence[str],
+        velocities: "Episodes | None" = None,
+        times: "Episodes | None" = None,
+        kind: "CommandKind" = "position",
+        slides: Sequence[str] = (),
+        turns: bool = False,
+        robot: str = "unknown",
+        tasks: Sequence[str] = (),
+    ) -> "Dataset":
+        """Make a dataset of what was measured and commanded; next states are those of the following rows.
+
+        Each array is one episode (T, n), several (E, T, n), or a list of episodes of different lengths. Row t holds
+        the state at step t and the command that acts from then on. Positions may have one row more than commands.
+
+        Args:
+            positions: Measured positions [rad; slides m].
+            commands: Commanded positions [rad; m], velocities [rad/s; m/s] or torques [N·m; N], by `kind`.
+            rate: Control rate [Hz].
+            joints: Names of the n joints.
+            velocities: Measured velocities [rad/s; m/s]; derived from the positions where None.
+            times: Recorder's clock [s], shape (T,) an episode; rows count as evenly spaced where None.
+            kind: What is commanded: `position`, `velocity` or `torque`.
+            slides: Which of the joints are slides.
+            turns: Whether joints may turn farther than two turns; else such positions are taken for degrees.
+            robot: Robot's name.
+            tasks: What each episode does; nothing by default.
+
+        Raises:
+            DatasetInvalid: shapes differ, or values cannot be right: degrees, NaN, a clock that goes back.
+            JointMismatch: a joint is named twice, or a slide is no joint.
+            OptionError: the rate or the kind cannot be.
+        """
+        from nas_data.dataset.origin import of_arrays
+
+        return of_arrays(positions, commands, rate, joints, velocities, times, kind, slides, turns, robot, tasks)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the dataset as the next version of a name; a recorded version is never changed.
+
+        Args:
+            path: `datasets/NAME`, a folder of versions, which need not exist; or one of its versions.
+
+        Returns:
+            The version's folder; an earlier one where that has the same content and source.
+
+        Raises:
+            OptionError: the name is no folder's name.
+            DatasetInvalid: LeRobot's tools could not read it.
+        """
+        from nas_data.dataset.origin import save
+
+        return save(self, Path(path))
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """Return a table: a row for each frame by (episode, frame), a column for each (feature, component).
+
+        `table["observation.state", "m1.pos"]` is the measured position [rad] of the joint m1.
+        """
+        from nas_data.dataset.origin import as_frame
+
+        return as_frame(self)
+
     @property
     def n_frames(self) -> int:
         """Number of frames in all episodes."""
@@ -56,7 +170,7 @@ class Dataset:
         return len(self.lengths)
 
     @cached_property
-    def starts(self) -> np.ndarray:
+    def starts(self) -> Array:
         """First frame of each episode, shape (E,)."""
         return np.concatenate([[0], np.cumsum(self.lengths)[:-1]]).astype(np.int64)
 
@@ -92,22 +206,22 @@ class Dataset:
         return SIM_STATE in self.features
 
     @property
-    def states(self) -> np.ndarray:
+    def states(self) -> Array:
         """Measured positions [rad] then velocities [rad/s], shape (N, 2n)."""
         return self._column(STATE)
 
     @property
-    def commands(self) -> np.ndarray:
+    def commands(self) -> Array:
         """What each joint is asked for (see `kinds`), shape (N, n)."""
         return self._column(ACTION)
 
     @property
-    def next_states(self) -> np.ndarray:
+    def next_states(self) -> Array:
         """Measured at the next control step, shape (N, 2n)."""
         return self._column(NEXT_STATE)
 
     @property
-    def sim_states(self) -> np.ndarray:
+    def sim_states(self) -> Array:
         """What the source predicts for the next control step, shape (N, 2n)."""
         return self._column(SIM_STATE)
 
@@ -128,7 +242,7 @@ class Dataset:
         rows = np.concatenate([np.arange(self.n_frames)[self.episode(index)] for index in episodes])
         return self.take(rows, self.lengths[list(episodes)], tuple(self.tasks[index] for index in episodes))
 
-    def take(self, rows: np.ndarray, lengths: np.ndarray, tasks: Sequence[str]) -> "Dataset":
+    def take(self, rows: Array, lengths: Array, tasks: Sequence[str]) -> "Dataset":
         """Return a dataset of some frames.
 
         Args:
@@ -144,7 +258,7 @@ class Dataset:
             carried=self.carried and self.carried.take(rows),
         )
 
-    def with_column(self, key: str, feature: Feature, column: np.ndarray) -> "Dataset":
+    def with_column(self, key: str, feature: Feature, column: Array) -> "Dataset":
         """Return the dataset with one more (or a replaced) column of shape (N, width)."""
         return replace(self, features={**self.features, key: feature}, columns={**self.columns, key: column})
 
@@ -153,6 +267,6 @@ class Dataset:
             raise JointMismatch(f"The dataset has no feature '{key}'; it has: {', '.join(self.features)}.")
         return self.features[key]
 
-    def _column(self, key: str) -> np.ndarray:
+    def _column(self, key: str) -> Array:
         self._feature(key)
         return self.columns[key]

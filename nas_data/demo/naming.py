@@ -14,8 +14,7 @@ from nas_data.envs.loop.plant import Plant
 from nas_data.gap.add import EFFECTS
 from nas_data.gap.named import Named
 from nas_data.gap.showing.page_words import listed, titled
-from nas_data.gap.showing.report import read_report
-from nas_data.gap.summary import mapping, shrinking, summary
+from nas_data.gap.summary import shrinking, summary
 from nas_data.gap.workflow import investigate
 from nas_data.policies.ppo import Calm
 from nas_data.stages import INDENT, WIDTH, Found
@@ -34,13 +33,14 @@ def name_effects(demo: Demo) -> Found:
     recording, model = record_blind(demo), newest(demo, TRAIN) / SOURCE
     say = Calm(lambda line: demo.report(INDENT + textwrap.shorten(line, WIDTH, placeholder=" …")), PAUSE)
     report = investigate(recording, model, folder, say)
-    effects = [titled(effect) for effect in read_report(folder)["effects"]]
+    effects = [titled(effect) for effect in report.effects]
+    content = report.to_json()
     return Found(
         summary(report, folder).splitlines(),
-        {key: report[key] for key in ("verdict", "effects", "retuned", "gap")},
+        {key: content[key] for key in ("verdict", "effects", "retuned", "gap")},
         [
             f"nas gap names: {listed(effects) if effects else 'nothing'}",
-            f"Open-loop error on its own held-out episodes: {shrinking(mapping(report['gap']))}",
+            f"Open-loop error on its own held-out episodes: {shrinking(report.gap)}",
         ],
     )
 

@@ -13,11 +13,11 @@ from nas_data.demo.plan import Demo, Plan
 from nas_data.demo.policies import BASELINES, load_baselines
 from nas_data.demo.policies import FOLDER as POLICIES
 from nas_data.demo.recording import HELDOUT, TRAIN, newest
+from nas_data.gap.report import GapReport
 from nas_data.gap.showing.page_pictures import gap_picture
 from nas_data.gap.showing.page_tables import NONE, joints_table
 from nas_data.gap.showing.page_verdict import lead
 from nas_data.gap.showing.page_words import confidence, friendly, interval, listed, spoken
-from nas_data.gap.showing.report import Report, read_report
 from nas_data.gap.showing.series import Series
 from nas_data.reports.file import write_whole
 from nas_data.reports.page import Block, Facts, Page, Picture, Section, Table, Text
@@ -94,7 +94,7 @@ def names_blocks(demo: Demo) -> list[Block]:
     if named_plant(demo) is None:
         asked = "Nothing was named and nothing retuned." if demo.plan.named else "Not searched for: nas demo --names."
         return [Text(asked)]
-    report, series = read_report(folder), Series.read(folder)
+    report, series = GapReport.load(folder), Series.read(folder)
     return [
         Text(
             f"nas gap was given the first {demo.plan.named} of the recorded episodes and the plain source; what hides "
@@ -111,22 +111,22 @@ def names_blocks(demo: Demo) -> list[Block]:
     ]
 
 
-def names_table(plan: Plan, report: Report) -> Table:
+def names_table(plan: Plan, report: GapReport) -> Table:
     """Return a row for each effect that hides in the target or was named."""
     hidden = {(effect.name(), effect.joint): effect for effect in plan.task.effects(plan.dynamics)}
-    named = {(effect["effect"], effect["joint"]): effect for effect in report["effects"]}
+    named = {(effect.name, effect.joint): effect for effect in report.effects}
     rows = []
     for name, joint in {**hidden, **named}:
         there, found = hidden.get((name, joint)), named.get((name, joint))
-        numbers = list(found["parameters"].values()) if found else []
+        numbers = list(found.parameters.values()) if found else []
         truth = [friendly(getattr(there, one.name), one.unit) for one in there.sought] if there else []
         rows.append(
             (
                 f"{spoken(name)} in {joint or 'the whole arm'}",
                 "; ".join(truth) or NONE,
-                "; ".join(friendly(number["value"], number["unit"]) for number in numbers) or NONE,
+                "; ".join(friendly(number.value, number.unit) for number in numbers) or NONE,
                 "; ".join(interval(number) for number in numbers) or NONE,
-                confidence(found["confidence"]) if found else NONE,
+                confidence(found.confidence) if found else NONE,
             )
         )
     note = (

@@ -7,6 +7,7 @@ from nas_data.errors import OutputExists
 
 FILES = ("report.json", "report.html", "effects.json", "model.xml", "series.npz", "next_experiment.csv")
 FOLDERS = ("figures", "phi")
+ASSETS = "assets"  # files that `model.xml` needs; others may lie there, too
 MARKS = ("report.json", "effects.json")  # one of them is there as soon as a report is begun
 
 
@@ -21,6 +22,15 @@ def check_place(folder: Path, model: str | Path) -> None:
         OutputExists: says what would be lost.
     """
     check_model(folder, model)
+    check_free(folder)
+
+
+def check_free(folder: Path) -> None:
+    """Refuse a folder in which a report would replace what no report wrote.
+
+    Raises:
+        OutputExists: says what would be lost.
+    """
     strange = [name for name in (*FILES, *FOLDERS) if (folder / name).exists()]
     if strange and not any((folder / name).is_file() for name in MARKS):
         raise OutputExists(f"{folder} holds {strange[0]}, which no gap report wrote; choose another --out.")

@@ -1,224 +1,502 @@
-"""Write `report.json` and the series behind the pictures."""
+"""The gap report: what `report.json` holds as one typed record, with the files beside it.
 
+Nothing else writes `report.json`, and nothing else reads it.
+"""
+
+import io
 import json
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
+from nas_data.errors import OptionError, UnknownName
+from nas_data.gap.place import ASSETS, FILES, FOLDERS, check_free, clear
+from nas_data.joint_units import HINGE
+from nas_data.reports.file import write_whole
+from nas_data.typed_json import FormError, LacksKeys, as_object, from_json
+from nas_data.visible import visible
 
-from nas_data.effects.base import Effect
-from nas_data.gap.added import Outcome
-from nas_data.gap.finding.find import Found
-from nas_data.gap.floor import ratios
-from nas_data.gap.goes_with import goes_with
-from nas_data.gap.name import ADEQUATE, Finding, Naming
-from nas_data.gap.nominal import Nominal
-from nas_data.gap.problem import Problem
-from nas_data.gap.search.final import retuned, values
-from nas_data.gap.search.objective import Task
-from nas_data.gap.verdict import above, verdict
-from nas_data.joint_units import JointUnit, joint_unit, kinds_of
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
-REPORT, SERIES = "report.json", "series.npz"
-METRIC = "open-loop position RMSE on held-out episodes"
+    from nas_data.gap.showing.series import Series
+
+REPORT = "report.json"
+SCHEMA = 2
+NAME = {"key": "effect"}
+OPTIONAL = {"optional": True}
+ANEW = "make it anew with: nas gap DATASET --model MODEL"
 
 
-def write_report(
-    folder: Path,
-    problem: Problem,
-    found: Found,
-    naming: Naming,
-    outcome: Outcome,
-    experiment: Mapping[str, object],
-    seconds: float,
-) -> dict[str, object]:
-    """Write `report.json`; return its content.
+@dataclass(frozen=True, kw_only=True)
+class FittedParameter:
+    """A parameter of an effect.
 
-    Args:
-        folder: Where.
-        problem: What was given.
-        found: Where the gap is.
-        naming: What was named.
-        outcome: What the models do.
-        experiment: What to record next.
-        seconds: How long it took [s].
+    Attributes:
+        value: In `unit`.
+        unit: SI.
+        interval95: Where it lies with 95 %, if the name is right; None where that is not known.
     """
-    held, floor = problem.held, problem.held.floor
-    before = ratios(held.evidence.mean_squares(outcome.before), floor)
-    after = ratios(held.evidence.mean_squares(outcome.after), floor)
-    dataset, model = problem.names
-    report: dict[str, object] = {
-        "schema": 2,
-        "dataset": dataset,
-        "model": model,
-        "verdict": verdict(before, after, len(naming.findings)),
-        "effects": [described(finding, held.nominal, outcome.whole) for finding in naming.findings],
-        "retuned": retuned(naming.final),
-        "joints": joint_reports(held, naming, after),
-        "unexplained": unexplained(held, outcome.after, after),
-        "gap": {**gap(held, outcome), "conditioning": float(f"{naming.final.conditioning:.3g}")},
-        "shares": shares(held, outcome),
-        "placebo": placebo(held, naming),
-        **experiment,
-        "find": found.to_json(),
-        "episodes": {
-            "train": np.unique(problem.train.evidence.numbers).tolist(),
-            "heldout": np.unique(held.evidence.numbers).tolist(),
-        },
-        "seed": 0,
-        "seconds": round(seconds, 2),
-    }
-    (folder / REPORT).write_text(json.dumps(report, indent=1, allow_nan=False), encoding="utf-8")
-    return report
+
+    value: float
+    unit: str = ""
+    interval95: tuple[float, float] | None = field(default=None, metadata=OPTIONAL)
 
 
-def described(finding: Finding, nominal: Nominal, whole: bool = False) -> Mapping[str, object]:
-    """Return a finding as the report lists it.
+@dataclass(frozen=True, kw_only=True)
+class EffectName:
+    """An effect by name and joint; joint is None where it belongs to the whole arm."""
 
-    Args:
-        finding: What was named.
-        nominal: The model, whose joints decide the units.
-        whole: Whether the model file holds every effect.
+    name: str = field(metadata=NAME)
+    joint: str | None = None
+
+    def __str__(self) -> str:
+        """Return the name with its joint."""
+        return f"{self.name} in {self.joint}" if self.joint else self.name
+
+
+@dataclass(frozen=True, kw_only=True)
+class Alternative(EffectName):
+    """What could stand in an effect's place.
+
+    Attributes:
+        parameters: Fitted values in SI units, by name.
+        heldout_error_after: Error that it leaves, in the unit of the effect's evidence.
     """
-    effect, slides = finding.effect, nominal.slides
-    unit = joint_unit(effect.joint, slides) if effect.joint else kinds_of(nominal.joints, slides)[0][0]
-    errors = {"heldout_error_before": finding.before, "heldout_error_after": finding.after}
-    return {
-        "effect": effect.name(),
-        "joint": effect.joint,
-        "parameters": values(effect, finding.interval, slides),
-        "confidence": finding.confidence,
-        "evidence": {**errors, "unit": unit.si},
-        "alternatives": [alternative(rival, error) for rival, error in finding.alternatives],
-        "equals": [{"effect": rival.name(), "joint": rival.joint} for rival in finding.equals],
-        "in_model_xml": whole or effect.in_model,
-    }
+
+    parameters: Mapping[str, float] | None = field(default=None, metadata=OPTIONAL)
+    heldout_error_after: float
 
 
-def alternative(effect: Effect, error: float) -> Mapping[str, object]:
-    """Return what came second as the report lists it."""
-    numbers = {p.name: float(getattr(effect, p.name)) for p in effect.sought}
-    return {"effect": effect.name(), "joint": effect.joint, "parameters": numbers, "heldout_error_after": error}
+@dataclass(frozen=True, kw_only=True)
+class HeldoutErrors:
+    """Held-out open-loop RMSE without and with an effect, in `unit`: rad, or m for a slide."""
+
+    heldout_error_before: float
+    heldout_error_after: float
+    unit: str = HINGE.si
 
 
-def joint_reports(held: Task, naming: Naming, after: np.ndarray) -> Mapping[str, Mapping[str, object]]:
-    """Return of each joint how complete its description is, its rest, and whether two halves of the recording agree.
+@dataclass(frozen=True, kw_only=True, repr=False)
+class NamedEffect(EffectName):
+    """An effect that the model lacks.
 
-    Args:
-        held: Model and held-out episodes.
-        naming: What was named.
-        after: Held-out error over the floor with the names, shape (n,).
+    Attributes:
+        parameters: Fitted, by name.
+        confidence: Probability that name and joint are right.
+        evidence: Error without and with it, everything else fitted anew.
+        alternatives: What came second and after in its place.
+        equals: Those that these data cannot tell from it.
+        in_model_xml: Whether `model.xml` holds it; `effects.json` always does.
     """
-    return {
-        joint: {
-            "complete": round(float(min(1.0, (ADEQUATE / max(ratio, 1e-9)) ** 2)), 3),
-            "ratio_to_noise": round(float(ratio), 2),
-            "stable": naming.stable.get(joint, True),
-        }
-        for joint, ratio in zip(held.evidence.joints, after, strict=True)
-    }
+
+    parameters: Mapping[str, FittedParameter]
+    confidence: float
+    evidence: HeldoutErrors
+    alternatives: tuple[Alternative, ...] = ()
+    equals: tuple[EffectName, ...] = ()
+    in_model_xml: bool = True
+
+    def __repr__(self) -> str:
+        """Return name, joint, parameters and confidence in a line."""
+        values = ", ".join(f"{name} {one.value:.4g} {one.unit}".strip() for name, one in self.parameters.items())
+        return f"NamedEffect({self}: {values}; confidence {self.confidence:.2f})"
 
 
-def unexplained(held: Task, predicted: np.ndarray, after: np.ndarray) -> Sequence[Mapping[str, object]]:
-    """Return the joints whose rest is above the floor, and what it goes with."""
-    errors = held.evidence.errors(predicted)
-    return [
-        {
-            "joint": held.evidence.joints[joint],
-            "ratio_to_noise": round(float(after[joint]), 2),
-            "goes_with": goes_with(held.evidence, errors, joint),
-        }
-        for joint in above(after, ADEQUATE)
-    ]
+@dataclass(frozen=True, kw_only=True)
+class FittedEffect(EffectName):
+    """An effect with its fitted parameters by name."""
+
+    parameters: Mapping[str, FittedParameter] = field(default_factory=dict)
 
 
-def gap(held: Task, outcome: Outcome) -> Mapping[str, object]:
-    """Return the gap before and after, per joint, and pooled over the joints of each kind.
+@dataclass(frozen=True, kw_only=True)
+class Placebo:
+    """The runner-up in the place of the surest name.
 
-    The figures of the first kind, hinges where there are any, stand at the top. Where the arm has slides as well,
-    theirs stand beside under `slides`: radians and metres have no mean.
+    Attributes:
+        effects: All effects of that model.
+        after: Held-out error that it leaves, in the unit of the gap.
+        text: What stands in the place of what.
     """
-    models = {
-        "before": outcome.before, "plain": outcome.plain, "after": outcome.after, "after_model_xml": outcome.written,
-    }  # fmt: skip
-    squares = {name: held.evidence.mean_squares(predicted).mean(0) for name, predicted in models.items()}
-    squares = {"noise_floor": held.floor**2, **squares}
 
-    def pooled(unit: JointUnit, places: np.ndarray) -> dict[str, object]:
-        return {"unit": unit.si, **{name: float(np.sqrt(row[places].mean())) for name, row in squares.items()}}
-
-    joints, slides = held.evidence.joints, held.nominal.slides
-    (unit, places), *others = kinds_of(joints, slides)
-    return {
-        "metric": METRIC + (f", over the {unit.kind} ({others[0][0].kind} beside)" if others else ""),
-        "delivered": outcome.delivered,
-        **pooled(unit, places),
-        **{other.kind: pooled(other, rest) for other, rest in others},
-        "per_joint": {
-            joint: {
-                "unit": joint_unit(joint, slides).si,
-                **{name: float(np.sqrt(row[place])) for name, row in squares.items() if name != "after_model_xml"},
-            }
-            for place, joint in enumerate(joints)
-        },
-    }
+    effects: tuple[FittedEffect, ...]
+    after: float
+    text: str
 
 
-def shares(held: Task, outcome: Outcome) -> Mapping[str, float] | Mapping[str, float | None]:
-    """Return which share of the squared gap above the floor the names explain, φ on top, and what is left.
+@dataclass(frozen=True, kw_only=True)
+class Retuned:
+    """A parameter that the model has and that was changed.
 
-    Squares are those of the joints of the first kind: hinges where there are any.
+    Attributes:
+        parameter: Joint and kind, for example `m2.damping`.
+        factor: New value over the model's.
+        at_bound: Whether the fit ended on the bound of what a real arm may be off by.
     """
-    if outcome.learned is not None:
-        return outcome.learned
-    places = first_kind(held)
-    floor = float((held.floor[places] ** 2).mean())
-    before, after = (float(held.evidence.mean_squares(p)[:, places].mean()) for p in (outcome.before, outcome.after))
-    above_floor = max(before - floor, 1e-18)
-    left = float(np.clip((after - floor) / above_floor, 0.0, 1.0))
-    return {"names": 1 - left, "learned": None, "left": left}
+
+    parameter: str
+    factor: float
+    at_bound: bool = False
 
 
-def first_kind(held: Task) -> np.ndarray:
-    """Return the places of the joints of the first kind, over which pooled figures go."""
-    return kinds_of(held.evidence.joints, held.nominal.slides)[0][1]
+@dataclass(frozen=True, kw_only=True)
+class JointDescription:
+    """How far a joint is explained.
+
+    Attributes:
+        complete: Confidence that nothing is missing there.
+        ratio_to_noise: Held-out error over the noise floor.
+        stable: Whether two halves of the recording agree on its parameters.
+    """
+
+    complete: float
+    ratio_to_noise: float
+    stable: bool
 
 
-def placebo(held: Task, naming: Naming) -> Mapping[str, object] | None:
-    """Return what the runner-up achieves in the place of the surest finding."""
-    if naming.placebo is None:
-        return None
-    error = float(np.sqrt(naming.placebo.heldout[:, first_kind(held)].mean()))
-    rival = naming.placebo.effects[-1]
-    replaced = naming.findings[naming.rivals.index(naming.placebo)].effect
-    where = f" in {rival.joint}" if rival.joint else ""
-    return {
-        "effects": [effect.to_json(held.nominal.slides) for effect in naming.placebo.effects],
-        "after": error,
-        "text": f"{rival.name()}{where} instead of {replaced.name()}",
-    }
+@dataclass(frozen=True, kw_only=True)
+class Unexplained:
+    """A joint whose error stays above the noise: how many noise floors it is, and what it goes with."""
+
+    joint: str
+    ratio_to_noise: float
+    goes_with: str
 
 
-def write_series(folder: Path, problem: Problem, naming: Naming, outcome: Outcome) -> None:
-    """Write the held-out episodes and what each model makes of them to `series.npz`."""
-    held = problem.held
-    evidence = held.evidence
-    series = {
-        "time": evidence.period * np.arange(1, evidence.commands.shape[1] + 1),
-        "joints": np.array(evidence.joints),
-        "episodes": evidence.numbers,
-        "measured": evidence.measured,
-        "command": evidence.commands,
-        "before": outcome.before,
-        "retuned": outcome.retuned,
-        "plain": outcome.plain,
-        "after": outcome.after,
-        "counts": evidence.counts,
-        "floor": held.floor,
-        "slides": np.array(held.nominal.slides, dtype=str),
-    }
-    if naming.placebo is not None:
-        predicted = held.predict(naming.placebo.fit.parameters, naming.placebo.fit.theta)
-        if predicted is not None:
-            series["placebo"] = predicted
-    np.savez_compressed(folder / SERIES, allow_pickle=False, **series)
+@dataclass(frozen=True, kw_only=True)
+class GapErrors:
+    """Held-out open-loop RMSE of positions over joints of one kind, in `unit`: rad, or m for slides.
+
+    Attributes:
+        noise_floor: What the noise of the readings lets one expect.
+        before: Of the model as handed over.
+        plain: Of the plain fit: every smooth parameter fitted, no name given.
+        after: With what is named.
+        after_model_xml: Of `model.xml` alone, where a file cannot hold all that is named.
+    """
+
+    unit: str = HINGE.si
+    noise_floor: float | None = field(default=None, metadata=OPTIONAL)
+    before: float
+    plain: float | None = field(default=None, metadata=OPTIONAL)
+    after: float
+    after_model_xml: float | None = field(default=None, metadata=OPTIONAL)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gap(GapErrors):
+    """The gap of the whole arm: errors over its hinges, or over its slides where it has no hinge.
+
+    Attributes:
+        metric: What the errors are, in words.
+        delivered: What `model.xml` is: `names`, `names and plain`, `plain` or `given`.
+        slides: Errors over the slides of an arm that has hinges as well.
+        per_joint: Errors of each joint.
+        conditioning: Condition number of the last fit.
+    """
+
+    metric: str = ""
+    delivered: str | None = field(default=None, metadata=OPTIONAL)
+    slides: GapErrors | None = field(default=None, metadata=OPTIONAL)
+    per_joint: Mapping[str, GapErrors] = field(default_factory=dict)
+    conditioning: float | None = field(default=None, metadata=OPTIONAL)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shares:
+    """Parts of the squared gap above the noise: what the names explain, what φ learned on top, what is left."""
+
+    names: float | None
+    learned: float | None = None
+    left: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointGap:
+    """Root mean squared position errors of one joint under the model as handed over, in `unit`.
+
+    Attributes:
+        floor: Noise of the readings.
+        one_step: Of the model, reset to each measured state.
+        one_step_hold: Of staying at the measured position.
+        open_loop: Of the model, started once per episode.
+        open_loop_hold: Of staying in the first pose.
+        open_loop_command: Of the command itself; None where commands are torques.
+        ratio_to_noise: `open_loop` over `floor`.
+        repeatability: Spread between repeats of the same commands; None where none was repeated.
+        unit: `rad`, or `m` for a slide.
+    """
+
+    floor: float
+    one_step: float
+    one_step_hold: float
+    open_loop: float
+    open_loop_hold: float
+    open_loop_command: float | None
+    ratio_to_noise: float
+    repeatability: float | None = None
+    unit: str = HINGE.si
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bin:
+    """The error of one joint under one condition; errors of a slide are in metres.
+
+    Attributes:
+        joint: Which.
+        regime: Name of the condition.
+        bin: Name of the bin.
+        rows: Rows in it.
+        rmse: Error there [rad].
+        mean: Mean error there, model minus measured [rad]; of opposite signs in the two directions where friction,
+            play or a lag is missing in the model.
+        rest: Error in the condition's other bins [rad].
+        ratio_to_noise: `rmse` over the noise floor.
+        share: Part of the joint's total squared error.
+        chance: Chance of a difference to the rest as large, were there none; 1 where the joint has no gap to place.
+        significant: Whether it differs from the rest, all bins of the arm considered.
+    """
+
+    joint: str
+    regime: str
+    bin: str
+    rows: int = 0
+    rmse: float
+    mean: float = 0.0
+    rest: float
+    ratio_to_noise: float
+    share: float
+    chance: float = 1.0
+    significant: bool
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that was looked at in the recording.
+
+    Attributes:
+        check: What.
+        finding: One or two sentences: what was found, and what it means.
+        ok: Whether the recording can be taken as it is in this respect.
+    """
+
+    check: str
+    finding: str
+    ok: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Found:
+    """Where the gap is.
+
+    Attributes:
+        joints: Errors of each joint.
+        regimes: Errors of each joint under each condition.
+        audit: What was looked at in the recording.
+        undecidable: What these data cannot decide, a sentence each.
+    """
+
+    joints: Mapping[str, JointGap]
+    regimes: tuple[Bin, ...]
+    audit: tuple[Check, ...]
+    undecidable: tuple[str, ...] = ()
+
+    def to_json(self) -> dict[str, object]:
+        """Return all of it, in SI units."""
+        return as_object(self)
+
+    def text(self) -> str:
+        """Return a short table in degrees and millimetres, and what was noticed."""
+        from nas_data.gap.finding.text import found_text
+
+        return found_text(self.joints, self.regimes, self.audit, self.undecidable)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TriedExperiment:
+    """An experiment that could be recorded next.
+
+    Attributes:
+        name: What the joints do.
+        on: Joints that move.
+        seconds: Its length.
+        separation: Difference of the two best explanations in it [noise floors].
+        joint: Where that difference is.
+    """
+
+    name: str
+    on: tuple[str, ...]
+    seconds: float
+    separation: float
+    joint: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodeNumbers:
+    """Numbers of the episodes that were fitted, and of those that judged."""
+
+    train: tuple[int, ...]
+    heldout: tuple[int, ...]
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class GapReport:
+    """What a model lacks, by a recording: `report.json` typed, and the files beside it.
+
+    Attributes:
+        schema: Version of the file's form.
+        dataset: What the recording is called.
+        model: What the model is called.
+        verdict: `none`, `retuned`, `explained`, `partly_explained` or `unexplained`.
+        effects: What is missing, the surest name first.
+        retuned: Parameters of the model that were changed.
+        joints: How far each joint is explained.
+        unexplained: Joints with a rest above the noise, the worst first.
+        gap: Errors before and after.
+        shares: What explains how much of the gap.
+        placebo: What a wrong name achieves.
+        next_experiment: What to record next; None where all names are sure.
+        experiments: All that were compared.
+        find: Where the gap is.
+        episodes: Which were fitted, and which judged.
+        seed: Of all random draws.
+        seconds: Wall time of the search [s].
+        files: Content of the other files of the report's folder, by their path in it.
+    """
+
+    schema: int = SCHEMA
+    dataset: str = ""
+    model: str = ""
+    verdict: str
+    effects: tuple[NamedEffect, ...]
+    retuned: tuple[Retuned, ...]
+    joints: Mapping[str, JointDescription] = field(default_factory=dict)
+    unexplained: tuple[Unexplained, ...]
+    gap: Gap
+    shares: Shares | None = None
+    placebo: Placebo | None = None
+    next_experiment: str | None
+    experiments: tuple[TriedExperiment, ...] = ()
+    find: Found | None = None
+    episodes: EpisodeNumbers
+    seed: int
+    seconds: float
+    files: Mapping[str, bytes] = field(default_factory=dict, compare=False, metadata={"key": None})
+
+    def __repr__(self) -> str:
+        """Return verdict, names and how the gap shrinks, in a line."""
+        named = ", ".join(f"{effect} ({effect.confidence:.2f})" for effect in self.effects)
+        shrinks = f"{self.gap.before:.3g} → {self.gap.after:.3g} {self.gap.unit}"
+        return f"GapReport({self.verdict}{': ' if named else ''}{named}; {shrinks})"
+
+    def __str__(self) -> str:
+        """Return what a person wants to read first, a few lines."""
+        from nas_data.gap.summary import findings
+
+        return "\n".join(findings(self))
+
+    def to_json(self) -> dict[str, object]:
+        """Return what `report.json` holds."""
+        return as_object(self)
+
+    @classmethod
+    def load(cls, folder: str | Path) -> "GapReport":
+        """Read the report of a folder.
+
+        Args:
+            folder: Written by `nas gap` or `save`.
+
+        Raises:
+            OptionError: there is none, or it lacks a part.
+        """
+        report = cls.read(Path(folder) / REPORT)
+        return report.with_files(Path(folder))
+
+    @classmethod
+    def read(cls, path: Path) -> "GapReport":
+        """Read a `report.json` alone, without the files beside it.
+
+        Raises:
+            OptionError: it is none, or lacks a part.
+        """
+        try:
+            return from_json(cls, json.loads(path.read_text(encoding="utf-8")))
+        except LacksKeys as error:
+            raise OptionError(f"{path} lacks {', '.join(error.keys)}; {ANEW}") from None
+        except FormError as error:
+            raise OptionError(f"{path} is not a gap report ({error}); {ANEW}") from None
+        except (OSError, ValueError) as error:
+            raise OptionError(f"{path} is not a gap report ({error}); {ANEW}") from None
+
+    def with_files(self, folder: Path) -> "GapReport":
+        """Return the report with the files of its folder."""
+        paths = [folder / name for name in FILES if name != REPORT and (folder / name).is_file()]
+        paths += [path for name in (*FOLDERS, ASSETS) for path in visible(folder / name, "**/*") if path.is_file()]
+        return replace(self, files={path.relative_to(folder).as_posix(): path.read_bytes() for path in paths})
+
+    def save(self, folder: str | Path) -> Path:
+        """Write the report with all its files: page, model, effects, figures.
+
+        Args:
+            folder: Where; an earlier report in it is replaced.
+
+        Returns:
+            The folder.
+
+        Raises:
+            OutputExists: the folder holds what no report wrote, and this one would replace.
+        """
+        folder = Path(folder)
+        check_free(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        clear(folder)
+        for name, content in self.files.items():
+            write_whole(folder / name, content)
+        self.write(folder)
+        return folder
+
+    def write(self, folder: Path) -> None:
+        """Write `report.json` alone."""
+        text = json.dumps(self.to_json(), indent=1, allow_nan=False)
+        write_whole(folder / REPORT, text.encode())
+
+    @property
+    def series(self) -> "Series":
+        """Held-out episodes, and what each model makes of their commands.
+
+        Raises:
+            OptionError: the report has none.
+        """
+        from nas_data.gap.showing.series import SERIES, Series
+
+        if SERIES not in self.files:
+            raise OptionError(f"This report has no {SERIES}, so that there is nothing to draw; {ANEW}")
+        return Series.read_file(io.BytesIO(self.files[SERIES]), SERIES)
+
+    def plot(self, joint: str | None = None) -> "Figure":
+        """Draw the held-out episodes: one joint as it moved and as each model predicts, or the errors of all joints.
+
+        Args:
+            joint: Its name; the figure shows the episode that the model as handed over predicts worst. None for the
+                errors of every joint beside the noise floor.
+
+        Returns:
+            A matplotlib figure: `figure.savefig("m3.png")`; notebooks show it.
+
+        Raises:
+            UnknownName: there is no such joint.
+            OptionError: the report has no series to draw.
+        """
+        from nas_data.gap.showing.page_pictures import draw_all_joints, draw_joint
+
+        if "IPython" in sys.modules:
+            import matplotlib.pyplot  # noqa: F401 (notebooks show figures once this is loaded)
+        series = self.series
+        if joint is None:
+            return draw_all_joints(self, series)
+        if joint not in series.joints:
+            raise UnknownName("joint", joint, series.joints)
+        return draw_joint(self, series, series.joints.index(joint))

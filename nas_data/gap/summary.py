@@ -1,8 +1,8 @@
 """A gap report in a few lines of text."""
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from nas_data.gap.report import FittedParameter, GapErrors, GapReport, NamedEffect
 from nas_data.joint_units import unit_named
 
 VERDICTS = {
@@ -21,84 +21,69 @@ DELIVERED = {
 }
 
 
-def summary(report: Mapping[str, object], folder: Path) -> str:
-    """Return what a person wants to read first."""
-    gap = mapping(report["gap"])
-    lines = [VERDICTS[str(report["verdict"])]]
-    undecidable = mapping(report["find"]).get("undecidable")
-    lines += map(str, undecidable) if isinstance(undecidable, Sequence) else []
-    audit = mappings(mapping(report["find"]).get("audit", []))
-    lines += [str(check["finding"]) for check in audit if check["check"] == "model" and not check["ok"]]
-    lines += [finding_text(entry) for entry in mappings(report["effects"])]
-    lines += [
-        f"{entry['joint']}: still {number(entry['ratio_to_noise']):.1f} times the noise; goes with {entry['goes_with']}"
-        for entry in mappings(report["unexplained"])
-    ]
-    changed = [
-        f"{entry['parameter']} × {number(entry['factor']):.3f}{' (on its bound)' if entry.get('at_bound') else ''}"
-        for entry in mappings(report["retuned"])
-    ]
-    if changed:
-        lines.append("retuned: " + ", ".join(changed))
-    slides = mapping(gap.get("slides", {}))
-    beside = f" of the hinges, {shrinking(slides)} of the slides" if slides else ""
-    lines.append(
-        f"open-loop error on held-out episodes: {shrinking(gap)}{beside}, in {number(report['seconds']):.0f} s"
-    )
-    if (delivered := str(gap.get("delivered"))) in DELIVERED:
-        lines.append(DELIVERED[delivered])
-    if report.get("next_experiment"):
-        lines.append(f"record next: {report['next_experiment']}")
-    if (folder / "phi").is_dir() and not mapping(report["shares"]).get("learned"):
+def summary(report: GapReport, folder: Path) -> str:
+    """Return what a person wants to read first, and where the report lies."""
+    lines = findings(report)
+    if (folder / "phi").is_dir() and not (report.shares and report.shares.learned):
         lines.append(f"{folder / 'phi'} is what an earlier report learned on top; --learn replaces it")
     return "\n".join([*lines, f"{folder / 'report.html'}", f"{folder / 'model.xml'}"])
 
 
-def shrinking(gap: Mapping[str, object]) -> str:
+def findings(report: GapReport) -> list[str]:
+    """Return verdict, names, what stays and what to record next, a line each."""
+    gap, found = report.gap, report.find
+    lines = [VERDICTS.get(report.verdict, f"Verdict: {report.verdict}.")]
+    if found:
+        lines += found.undecidable
+        lines += [check.finding for check in found.audit if check.check == "model" and not check.ok]
+    lines += map(finding_text, report.effects)
+    lines += [
+        f"{entry.joint}: still {entry.ratio_to_noise:.1f} times the noise; goes with {entry.goes_with}"
+        for entry in report.unexplained
+    ]
+    changed = [
+        f"{entry.parameter} × {entry.factor:.3f}{' (on its bound)' if entry.at_bound else ''}"
+        for entry in report.retuned
+    ]
+    if changed:
+        lines.append("retuned: " + ", ".join(changed))
+    beside = f" of the hinges, {shrinking(gap.slides)} of the slides" if gap.slides else ""
+    lines.append(f"open-loop error on held-out episodes: {shrinking(gap)}{beside}, in {report.seconds:.0f} s")
+    if gap.delivered in DELIVERED:
+        lines.append(DELIVERED[gap.delivered])
+    if report.next_experiment:
+        lines.append(f"record next: {report.next_experiment}")
+    return lines
+
+
+def shrinking(gap: GapErrors) -> str:
     """Return how an error shrinks, beside what limits it."""
-    unit = unit_named(str(gap.get("unit")))
-    before, after, floor = (unit.text(number(gap[name])) for name in ("before", "after", "noise_floor"))
-    plain = f"plain fit {unit.text(number(gap['plain']))}, " if "plain" in gap else ""
-    return f"{before} → {after} ({plain}noise floor {floor})"
+    unit = unit_named(gap.unit)
+    plain = "" if gap.plain is None else f"plain fit {unit.text(gap.plain)}, "
+    floor = "unknown" if gap.noise_floor is None else unit.text(gap.noise_floor)
+    return f"{unit.text(gap.before)} → {unit.text(gap.after)} ({plain}noise floor {floor})"
 
 
-def finding_text(entry: Mapping[str, object]) -> str:
+def finding_text(effect: NamedEffect) -> str:
     """Return a finding in a line."""
-    where = entry["joint"] or "whole arm"
-    values = ", ".join(value_text(name, mapping(value)) for name, value in mapping(entry["parameters"]).items())
-    evidence = mapping(entry["evidence"])
-    unit = unit_named(str(evidence.get("unit")))
-    before, after = (unit.text(number(evidence[f"heldout_error_{when}"])) for when in ("before", "after"))
+    values = ", ".join(value_text(name, value) for name, value in effect.parameters.items())
+    errors = effect.evidence
+    unit = unit_named(errors.unit)
+    before, after = unit.text(errors.heldout_error_before), unit.text(errors.heldout_error_after)
     line = (
-        f"{where}: {entry['effect']} {values}; confidence {number(entry['confidence']):.2f}; error {before} → {after}"
+        f"{effect.joint or 'whole arm'}: {effect.name} {values}; confidence {effect.confidence:.2f}; "
+        f"error {before} → {after}"
     )
-    second = next(iter(mappings(entry["alternatives"])), None)
-    equals = [f"{other['effect']} {other['joint'] or ''}".strip() for other in mappings(entry.get("equals", []))]
-    if equals:
+    if effect.equals:
+        equals = [f"{other.name} {other.joint or ''}".strip() for other in effect.equals]
         line += f" (these data cannot tell it from {', '.join(equals)})"
-    elif second:
-        line += f" (runner-up {second['effect']}: {unit.text(number(second['heldout_error_after']))})"
+    elif effect.alternatives:
+        second = effect.alternatives[0]
+        line += f" (runner-up {second.name}: {unit.text(second.heldout_error_after)})"
     return line
 
 
-def value_text(name: str, value: Mapping[str, object]) -> str:
+def value_text(name: str, parameter: FittedParameter) -> str:
     """Return a parameter with its interval."""
-    low, high = (number(end) for end in value["interval95"])  # type: ignore[attr-defined]
-    return f"{name} {number(value['value']):.4g} {value['unit']} [{low:.4g}, {high:.4g}]".replace("  ", " ")
-
-
-def number(value: object) -> float:
-    """Take a JSON value as a number."""
-    return float(value)  # type: ignore[arg-type]
-
-
-def mapping(value: object) -> Mapping[str, object]:
-    """Take a JSON value as an object."""
-    assert isinstance(value, Mapping)
-    return value
-
-
-def mappings(value: object) -> Sequence[Mapping[str, object]]:
-    """Take a JSON value as a list of objects."""
-    assert isinstance(value, Sequence)
-    return [mapping(item) for item in value]
+    low, high = parameter.interval95 or (parameter.value, parameter.value)
+    return f"{name} {parameter.value:.4g} {parameter.unit} [{low:.4g}, {high:.4g}]".replace("  ", " ")

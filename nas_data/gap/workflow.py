@@ -9,19 +9,21 @@ import numpy as np
 
 from nas_data.errors import NasError, OptionError
 from nas_data.gap.added import Outcome, added, predict_held
+from nas_data.gap.compose import Proposal, compose, write_series
 from nas_data.gap.evidence import Evidence
 from nas_data.gap.experiments.experiment import Rival, next_experiment, write
-from nas_data.gap.finding.find import Found, find
+from nas_data.gap.finding.find import find
 from nas_data.gap.floor import ratios
 from nas_data.gap.name import ADEQUATE, Naming, name
 from nas_data.gap.place import check_place, clear
 from nas_data.gap.portable import check_portable
 from nas_data.gap.problem import Problem
-from nas_data.gap.report import write_report, write_series
+from nas_data.gap.report import Found, GapReport, TriedExperiment
 from nas_data.gap.search.final import Final, finish
 from nas_data.gap.search.hypothesis import Description
 from nas_data.gap.showing.show import show
 from nas_data.joint_units import mean_of_kind
+from nas_data.typed_json import from_json
 
 EXPERIMENT = "next_experiment.csv"
 
@@ -34,18 +36,25 @@ def silent(text: str) -> None:
 
 def investigate(
     dataset: str | Path, model: str | Path, out: str | Path, say: Say = silent, learn: int = 0
-) -> dict[str, object]:
+) -> GapReport:
+    """Run the whole workflow on a dataset's folder; arguments, result and errors as of `investigate_problem`."""
+    return investigate_problem(lambda: Problem.load(dataset, model), model, out, say, learn)
+
+
+def investigate_problem(
+    load: Callable[[], Problem], model: str | Path, out: str | Path, say: Say = silent, learn: int = 0
+) -> GapReport:
     """Run the whole workflow.
 
     Args:
-        dataset: Folder of a dataset.
+        load: Reads dataset and model, once it is known that the report can be written.
         model: A robot's name or a model file.
         out: Folder of the report; files of an earlier report in it are replaced.
         say: Told what is going on.
         learn: Updates in which φ learns what the names leave; 0 leaves it out.
 
     Returns:
-        The content of `report.json`.
+        The report, with the files that now lie in the folder.
 
     Raises:
         NasError: the dataset or the model cannot be used.
@@ -56,14 +65,14 @@ def investigate(
     if learn < 0:
         raise OptionError(f"--learn is {learn}; give 0, which leaves φ out, or a number of updates such as 400.")
     check_place(folder, model)
-    problem = Problem.load(dataset, model)
+    problem = load()
     check_portable(problem.train.nominal.spec, problem.train.nominal.robot.mjcf)
     say("find: where model and recording disagree")
     found = find(problem.dataset, problem.evidence, problem.train.nominal, problem.train.floor)
     return conclude(problem, found, folder, began, say, learn)
 
 
-def conclude(problem: Problem, found: Found, folder: Path, began: float, say: Say, learn: int) -> dict[str, object]:
+def conclude(problem: Problem, found: Found, folder: Path, began: float, say: Say, learn: int) -> GapReport:
     """Name, add, score from the written file and report."""
     if found.undecidable:
         say("; ".join(found.undecidable))
@@ -77,11 +86,12 @@ def conclude(problem: Problem, found: Found, folder: Path, began: float, say: Sa
         say("learn: φ on what the names leave")
         outcome = replace(outcome, learned=learned(problem, outcome.model, learn, say))
     experiment = proposed(problem, naming, folder)
-    report = write_report(folder, problem, found, naming, outcome, experiment, time.monotonic() - began)
+    report = compose(problem, found, naming, outcome, experiment, time.monotonic() - began)
+    report.write(folder)
     write_series(folder, problem, naming, outcome)
     say("show: draw it")
     show(folder)
-    return report
+    return report.with_files(folder)
 
 
 def deliver(problem: Problem, naming: Naming, folder: Path, say: Say) -> tuple[Naming, Outcome]:
@@ -131,15 +141,11 @@ def learned(problem: Problem, model: Path, updates: int, say: Say) -> Mapping[st
     return learned_shares(problem.dataset, (problem.given, model), (numbers[0], numbers[1]), model.parent, updates, say)
 
 
-def proposed(problem: Problem, naming: Naming, folder: Path) -> Mapping[str, object]:
-    """Write the command file that would settle the most doubtful name.
-
-    Returns:
-        `next_experiment`, what it is, None where all names are sure; and `experiments`, all that were compared.
-    """
+def proposed(problem: Problem, naming: Naming, folder: Path) -> Proposal:
+    """Write the command file that would settle the most doubtful name; say what it is."""
     rival = naming.doubt
     if rival is None:
-        return {"next_experiment": None, "experiments": []}
+        return Proposal()
     pair = (
         Rival(naming.final.effects, dict(naming.final.factors)),
         Rival(rival.effects, rival.fit.factors),
@@ -147,6 +153,7 @@ def proposed(problem: Problem, naming: Naming, folder: Path) -> Mapping[str, obj
     try:
         experiment = next_experiment(problem.train.nominal, pair, problem.train.floor, seed=0)
     except NasError as error:
-        return {"next_experiment": f"none could be computed: {error}", "experiments": []}
+        return Proposal(f"none could be computed: {error}")
     write(experiment, folder / EXPERIMENT)
-    return {"next_experiment": f"{experiment.text} (commands in {EXPERIMENT})", "experiments": experiment.to_json()}
+    compared = tuple(from_json(TriedExperiment, row) for row in experiment.to_json())
+    return Proposal(f"{experiment.text} (commands in {EXPERIMENT})", compared)

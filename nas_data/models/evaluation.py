@@ -19,13 +19,15 @@ from nas_data.pairing import check_fits, initial_states, pair
 from nas_data.simulators.base import Simulator, Stepper
 
 MODEL = {"delta": "source + φ", "forward": "ψ"}
+PLAIN = "plain fit"
+NOBODY: Mapping[str, Simulator] = {}
 ROLLOUT_BATCH = 64
 SHORTEST = 0.8  # of the longest rollout in a batch of the source: what is padded is simulated, too, and thrown away
 EPISODES_SHOWN = 50
 DIVERGED_SHOWN = 5  # episodes named in the sentence; JSON names all
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Evaluation:
     """Errors of every predictor on the same episodes.
 
@@ -34,19 +36,31 @@ class Evaluation:
         open_loop: From the first measured state of the episode on, by predictor.
         rollouts: Open-loop states of each episode, shape (T, 2n), by predictor; for pictures.
         diverged: Which episodes a predictor left all bounds in, and when [s after the start], by predictor.
+        notes: What else there is to know of a predictor, a sentence each.
     """
 
     one_step: dict[str, Errors]
     open_loop: dict[str, Errors]
     rollouts: dict[str, list[np.ndarray]]
     diverged: dict[str, dict[int, float]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """Return the open-loop error of each predictor, in a line."""
+        errors = ", ".join(f"{name} {one.overall:.3g}" for name, one in self.open_loop.items())
+        first = next(iter(self.open_loop.values()))
+        return f"Evaluation({len(first.lengths)} episodes, open loop [{first.unit.si}]: {errors})"
+
+    def __str__(self) -> str:
+        """Return both tables."""
+        return self.text()
 
     def text(self) -> str:
         """Return both tables, and below them what diverged."""
         steps = table(self.one_step, "One step: RMSE of the next position")
         loop = table(self.open_loop, "Open loop: RMSE of positions, started once per episode")
         said = [divergence(name, times, len(self.rollouts[name])) for name, times in self.diverged.items()]
-        return "\n".join([f"{steps}\n\n{loop}", *said])
+        return "\n".join([f"{steps}\n\n{loop}", *said, *self.notes])
 
     def episodes_text(self) -> str:
         """Return the open-loop errors of each episode, over the joints of the first kind, a column per predictor."""
@@ -98,6 +112,7 @@ def evaluate(
     simulator: Simulator | None,
     model: DynamicsModel | None,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    others: Mapping[str, Simulator] = NOBODY,
 ) -> Evaluation:
     """Compare predictors with what was measured.
 
@@ -106,6 +121,7 @@ def evaluate(
         simulator: Source; may be None for ψ and the trivial baselines.
         model: Frozen φ (needs the simulator) or ψ; None for the baselines alone.
         progress: Called with control steps done and to do.
+        others: Further sources by what they are called.
 
     Raises:
         JointMismatch: dataset, simulator and model do not fit together.
@@ -114,6 +130,10 @@ def evaluate(
     if simulator is not None:
         dataset = pair(dataset, simulator)
     one_step, rollouts = baselines(dataset, simulator)
+    for name, other in others.items():
+        predicted = pair(dataset, other).sim_states
+        one_step[name] = [predicted[rows] for rows in dataset.episodes()]
+        rollouts[name] = open_loop_source(dataset, other)
     if model is not None:
         name = MODEL[model.kind]
         one_step = {name: one_step_model(dataset, model, simulator)} | one_step

@@ -1,18 +1,26 @@
 """A task as a Gymnasium environment of one arm."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import gymnasium
 import gymnasium.utils
 import numpy as np
 
+from nas_data.arrays import Array
 from nas_data.envs.base import SOURCE
 from nas_data.envs.loop.arena import Arena
 from nas_data.envs.loop.plant import Plant
+from nas_data.errors import OptionError
 from nas_data.simulators.base import Stepper
 
+if TYPE_CHECKING:
+    from nas_data.envs.loop.rendering import Pictures, Pose, Window
 
-class ArmEnv(gymnasium.Env[np.ndarray, np.ndarray], gymnasium.utils.EzPickle):
+HUMAN, RGB_ARRAY = "human", "rgb_array"
+
+
+class ArmEnv(gymnasium.Env[Array, Array], gymnasium.utils.EzPickle):
     """A task as a Gymnasium environment; the same logic as `ArmVecEnv`, for one arm.
 
     Pickled or copied, it is built anew from its arguments, and begins with a `reset` as a new one does.
@@ -24,7 +32,7 @@ class ArmEnv(gymnasium.Env[np.ndarray, np.ndarray], gymnasium.utils.EzPickle):
         >>> observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012 (not a ClassVar: Gymnasium's base class declares it as it is)
+    metadata = {"render_modes": [HUMAN, RGB_ARRAY]}  # noqa: RUF012 (Gymnasium's base class declares no ClassVar)
 
     def __init__(
         self,
@@ -44,14 +52,17 @@ class ArmEnv(gymnasium.Env[np.ndarray, np.ndarray], gymnasium.utils.EzPickle):
             dynamics: Which of the task's dynamics; `source` is the plain model.
             checkpoint: Learned model that corrects (φ) or replaces (ψ) the physics.
             stepper: What moves the arm, instead of a simulation of the task's robot: a batch of one.
-            render_mode: None; there is no rendering.
+            render_mode: `rgb_array`: `render()` returns a picture; `human`: a window shows every step as it happens.
             effects: Gap report, or its `effects.json`, whose named effects the physics has as well.
             engine: What computes the physics, `mujoco` or `bullet`.
             missed: Share of the touches that ErgoShield does not notice.
 
         Raises:
             UnknownName: there is no such task, dynamics or engine; lists the choices.
+            OptionError: there is no such render mode.
         """
+        if render_mode not in (None, HUMAN, RGB_ARRAY):
+            raise OptionError(f"render_mode is '{render_mode}'; choose '{RGB_ARRAY}', '{HUMAN}' or None.")
         gymnasium.utils.EzPickle.__init__(
             self, task, dynamics, checkpoint, stepper, render_mode, effects, engine, missed
         )
@@ -62,17 +73,23 @@ class ArmEnv(gymnasium.Env[np.ndarray, np.ndarray], gymnasium.utils.EzPickle):
         self.observation_space = self.task.observation_space
         self.action_space = self.task.action_space
         self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": round(1 / self.task.period)}
+        self._dynamics = dynamics
+        self._pose: Pose | None = None
+        self._display: Pictures | Window | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, object] | None = None
-    ) -> tuple[np.ndarray, dict[str, object]]:
+    ) -> tuple[Array, dict[str, object]]:
         """Begin an episode; returns its first observation."""
         super().reset(seed=seed)
         self.arena.start([self.np_random])
         self._seen = self.arena.observe()[0]
+        if self.render_mode == HUMAN:
+            self.render()
         return self._seen.copy(), {}
 
-    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, object]]:
+    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, object]]:
         """Act for one control period; `info["is_success"]` says whether the goal is reached.
 
         A simulation that leaves all bounds ends the episode (see `Arena`): `info["diverged"]` says so, and the
@@ -85,4 +102,34 @@ class ArmEnv(gymnasium.Env[np.ndarray, np.ndarray], gymnasium.utils.EzPickle):
         diverged = bool(self.arena.lost[0])
         info: dict[str, object] = {"is_success": bool(verdict.success[0]), "diverged": diverged}
         self._seen = self._seen if diverged else self.arena.observe()[0]
+        if self.render_mode == HUMAN:
+            self.render()
         return self._seen.copy(), float(verdict.reward[0]), bool(verdict.terminated[0]), bool(truncated[0]), info
+
+    def render(self) -> Array | None:
+        """Return a picture of the arm as it is, shape (480, 640, 3), uint8; with `human`, show it and return None.
+
+        Raises:
+            OptionError: the environment was made without a render mode, or there is no screen for a window.
+            MissingPackage: this machine has nothing that draws pictures; names a package.
+        """
+        from nas_data.envs.loop.rendering import Pictures, Pose, Window
+
+        if self.render_mode is None:
+            raise OptionError(f"The environment was made without pictures; make it with render_mode='{RGB_ARRAY}'.")
+        if self._pose is None:
+            self._pose = Pose(self.task, self._dynamics)
+        if self._display is None:
+            human = self.render_mode == HUMAN
+            self._display = Window(self._pose, self.task.period) if human else Pictures(self._pose)
+        self._pose.take(self.arena.stepper)
+        if isinstance(self._display, Pictures):
+            return self._display.draw()
+        self._display.show()
+        return None
+
+    def close(self) -> None:
+        """Close the window or the renderer, where one is open."""
+        if self._display is not None:
+            self._display.close()
+            self._display = None

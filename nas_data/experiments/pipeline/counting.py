@@ -125,7 +125,7 @@ def name_subset(job: CountJob) -> Names:
         began = time.monotonic()
         with on_one_core() if job.threads == 1 else nullcontext():
             report = workflow.investigate(root, job.material.train / "meta/source.xml", folder, silence)
-        held = {"identity": identity, "seconds": time.monotonic() - began, "verdict": report["verdict"]}
+        held = {"identity": identity, "seconds": time.monotonic() - began, "verdict": report.verdict}
         write_whole(record, (json.dumps(held, indent=1) + "\n").encode())
     named = Named.read(folder)
     found = folder if named.effects or named.retuned else None

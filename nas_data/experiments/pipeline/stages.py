@@ -73,9 +73,8 @@ def name_effects(job: Job) -> Found:
     report = workflow.investigate(root, material.train / "meta/source.xml", job.folder / NAMES, say)
     named = Named.read(job.folder / NAMES)
     listed = ", ".join(f"{effect.name()} in {effect.joint or 'the arm'}" for effect in named.effects) or "nothing"
-    return Found(
-        [f"named: {listed}; {report['verdict']} → {job.folder / NAMES}"], {key: report.get(key) for key in TOLD}
-    )
+    content = report.to_json()
+    return Found([f"named: {listed}; {report.verdict} → {job.folder / NAMES}"], {key: content[key] for key in TOLD})
 
 
 def recordings_to_name(job: Job) -> Path:

@@ -13,8 +13,9 @@ from nas_data.effects.edits.servo import damping, stiffness, torque_limit
 from nas_data.errors import OptionError
 from nas_data.gap.add import EFFECTS
 from nas_data.gap.nominal import Nominal
-from nas_data.gap.report import REPORT
+from nas_data.gap.report import REPORT, FittedEffect
 from nas_data.joint_units import unit_at
+from nas_data.typed_json import from_json
 
 ROUNDING = 1e-9  # relative difference of numbers that were only written otherwise
 ALIKE = 1e-3  # relative difference below which a report's number is that of an effects.json
@@ -93,12 +94,12 @@ def read_intervals(path: Path, effects: Sequence[Effect]) -> Intervals:
     try:
         entries = json.loads(report.read_text(encoding="utf-8"))["effects"]
         known = {
-            (entry["effect"], entry["joint"], name): (float(number["value"]), *map(float, number["interval95"]))
-            for entry in entries
-            for name, number in entry["parameters"].items()
-            if "interval95" in number
+            (effect.name, effect.joint, name): (number.value, *number.interval95)
+            for effect in (from_json(FittedEffect, entry) for entry in entries)
+            for name, number in effect.parameters.items()
+            if number.interval95 is not None
         }
-    except (KeyError, TypeError, ValueError, AttributeError):
+    except (OSError, KeyError, TypeError, ValueError):
         raise OptionError(f"{report} is not a gap report; give the folder that `nas gap` wrote.") from None
     values = {
         (effect.name(), effect.joint, parameter.name): float(getattr(effect, parameter.name))

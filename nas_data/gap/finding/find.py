@@ -1,54 +1,21 @@
 """Find where model and recording disagree: by joint, by regime, beside the noise, after an audit of the recording."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-
 import numpy as np
 
 from nas_data.dataset.audits import audit_dataset
 from nas_data.dataset.dataset import Dataset
 from nas_data.gap.evidence import Evidence
 from nas_data.gap.finding.audits import audit
-from nas_data.gap.finding.audits.base import Check, Examined
+from nas_data.gap.finding.audits.base import Examined
 from nas_data.gap.finding.conditions import Setting, conditions
 from nas_data.gap.finding.driven import while_driven
-from nas_data.gap.finding.joint_gaps import JointGap, find_joint_gaps
+from nas_data.gap.finding.joint_gaps import find_joint_gaps
 from nas_data.gap.finding.loads import find_loads
 from nas_data.gap.finding.recorded import Recorded
-from nas_data.gap.finding.regimes import Bin, find_regimes
-from nas_data.gap.finding.text import found_text
+from nas_data.gap.finding.regimes import find_regimes
 from nas_data.gap.finding.undecidable import undecidable
 from nas_data.gap.nominal import Nominal
-
-
-@dataclass(frozen=True)
-class Found:
-    """Where the gap is.
-
-    Attributes:
-        joints: The gap of each joint.
-        regimes: The error of each joint in each bin of each condition.
-        audit: What was looked at before physics.
-        undecidable: What the recording cannot tell, a sentence each.
-    """
-
-    joints: Mapping[str, JointGap]
-    regimes: tuple[Bin, ...]
-    audit: tuple[Check, ...]
-    undecidable: tuple[str, ...]
-
-    def to_json(self) -> dict[str, object]:
-        """Return all of it, in SI units."""
-        return {
-            "joints": {joint: gap.to_json() for joint, gap in self.joints.items()},
-            "regimes": [measured.to_json() for measured in self.regimes],
-            "audit": [check.to_json() for check in self.audit],
-            "undecidable": list(self.undecidable),
-        }
-
-    def text(self) -> str:
-        """Return a short table in degrees and millimetres, and what was noticed."""
-        return found_text(self.joints, self.regimes, self.audit, self.undecidable)
+from nas_data.gap.report import Found
 
 
 def find(dataset: Dataset, evidence: Evidence, nominal: Nominal, floor: np.ndarray) -> Found:

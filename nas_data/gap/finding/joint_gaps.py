@@ -1,45 +1,13 @@
 """The gap of each joint, in one step and in open loop, beside repeating the pose and beside repeating the command."""
 
-from dataclasses import asdict, dataclass
-
 import numpy as np
 
 from nas_data.gap.evidence import Evidence
 from nas_data.gap.finding.recorded import Recorded
 from nas_data.gap.finding.repeatability import repeatability
 from nas_data.gap.nominal import Nominal
-from nas_data.joint_units import HINGE, joint_unit
-
-
-@dataclass(frozen=True)
-class JointGap:
-    """Root mean squared position errors of one joint, in `unit`.
-
-    Attributes:
-        floor: Noise of the readings.
-        one_step: Of the model, reset to each measured state.
-        one_step_hold: Of staying at the measured position.
-        open_loop: Of the model, started once per episode.
-        open_loop_hold: Of staying in the first pose.
-        open_loop_command: Of the command itself; None where commands are torques.
-        ratio_to_noise: `open_loop` over `floor`.
-        repeatability: Spread between repeats of the same commands; None where none was repeated.
-        unit: `rad`, or `m` for a slide.
-    """
-
-    floor: float
-    one_step: float
-    one_step_hold: float
-    open_loop: float
-    open_loop_hold: float
-    open_loop_command: float | None
-    ratio_to_noise: float
-    repeatability: float | None
-    unit: str = HINGE.si
-
-    def to_json(self) -> dict[str, float | str | None]:
-        """Return the form for machines."""
-        return asdict(self)
+from nas_data.gap.report import JointGap
+from nas_data.joint_units import joint_unit
 
 
 def find_joint_gaps(

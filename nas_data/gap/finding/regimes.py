@@ -1,56 +1,19 @@
 """Where a joint's error is: its size in each bin of each condition, beside the rest of that joint's rows."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from nas_data.gap.evidence import Evidence
 from nas_data.gap.finding.conditions import Condition
 from nas_data.gap.finding.significance import grouped_chance, holm, paired_chance
+from nas_data.gap.report import Bin
 
 FEWEST = 20  # rows below which a bin or its rest says nothing
 VISIBLE = 1.2  # noise floors that a joint's error must exceed for its bins to be tested: less has no place
 PRESENT = 5  # rows that an episode needs on either side to be compared within
 SEED = 0
-
-
-@dataclass(frozen=True)
-class Bin:
-    """The error of one joint under one condition.
-
-    Attributes:
-        joint: Which.
-        regime: Name of the condition.
-        bin: Name of the bin.
-        rows: Rows in it.
-        rmse: Error there [rad].
-        mean: Mean error there, model minus measured [rad]; of opposite signs in the two directions where friction,
-            play or a lag is missing in the model.
-        rest: Error in the condition's other bins [rad].
-        ratio_to_noise: `rmse` over the noise floor.
-        share: Part of the joint's total squared error.
-        chance: Chance of a difference to the rest as large, were there none; 1 where the joint has no gap to place.
-        significant: Whether it differs from the rest, all bins of the arm considered.
-
-    Errors of a slide are in metres.
-    """
-
-    joint: str
-    regime: str
-    bin: str
-    rows: int
-    rmse: float
-    mean: float
-    rest: float
-    ratio_to_noise: float
-    share: float
-    chance: float
-    significant: bool
-
-    def to_json(self) -> dict[str, object]:
-        """Return the form for machines."""
-        return asdict(self)
 
 
 def find_regimes(

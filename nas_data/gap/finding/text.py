@@ -2,9 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from nas_data.gap.finding.audits.base import Check
-from nas_data.gap.finding.joint_gaps import JointGap
-from nas_data.gap.finding.regimes import Bin
+from nas_data.gap.report import Bin, Check, JointGap
 from nas_data.joint_units import SLIDE, JointUnit, table_unit, unit_named
 
 SHOWN = 3  # regimes a joint

@@ -6,8 +6,8 @@ import numpy as np
 
 from nas_data.gap.finding.audits.excitation import constant, names, unmoved
 from nas_data.gap.finding.recorded import Recorded
-from nas_data.gap.finding.regimes import Bin
 from nas_data.gap.finding.significance import episodes_needed
+from nas_data.gap.report import Bin
 
 SHORT = 5.0  # [s] of recording below which little can be told
 RATES = 0.02  # relative difference between the rates of episodes

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from nas_data.gap.report import GapReport
 from nas_data.gap.showing.page_pictures import joint_pictures, models, regimes_picture, shrinking
 from nas_data.gap.showing.page_tables import (
     audit_facts,
@@ -15,7 +16,6 @@ from nas_data.gap.showing.page_tables import (
 )
 from nas_data.gap.showing.page_verdict import error, lead, model, rest, scored
 from nas_data.gap.showing.page_words import capital, finding, friendly, listed, spoken, titled
-from nas_data.gap.showing.report import Report
 from nas_data.gap.showing.series import Series
 from nas_data.reports.page import Block, Page, Section, Text
 
@@ -35,7 +35,7 @@ READING = (
 )
 
 
-def build(report: Report, series: Series) -> Page:
+def build(report: GapReport, series: Series) -> Page:
     """Return the page."""
     sections = [
         Section("", opening(report)),
@@ -54,62 +54,62 @@ def build(report: Report, series: Series) -> Page:
     return Page(f"Gap report of {model(report)}", [section for section in sections if section.blocks])
 
 
-def opening(report: Report) -> list[Block]:
+def opening(report: GapReport) -> list[Block]:
     """Return the verdict, every name with its numbers, and what stays."""
-    found = [Text(" ".join(finding(effect)[:3])) for effect in report["effects"]]
-    return [Text(lead(report), lead=True), *found, *[Text(rest(entry)) for entry in report["unexplained"]]]
+    found = [Text(" ".join(finding(effect)[:3])) for effect in report.effects]
+    return [Text(lead(report), lead=True), *found, *[Text(rest(entry)) for entry in report.unexplained]]
 
 
-def effects_blocks(report: Report) -> list[Block]:
+def effects_blocks(report: GapReport) -> list[Block]:
     """Return the table of named effects, and what gives each away."""
-    if not report["effects"]:
+    if not report.effects:
         return []
-    more = [(titled(effect), finding(effect)[3:]) for effect in report["effects"]]
+    more = [(titled(effect), finding(effect)[3:]) for effect in report.effects]
     return [effects_table(report), *[Text(f"{capital(name)}. {' '.join(rest)}") for name, rest in more if rest]]
 
 
-def rest_blocks(report: Report) -> list[Block]:
+def rest_blocks(report: GapReport) -> list[Block]:
     """Return what is left, in a sentence where that is nothing."""
-    found = report.get("find")
-    open_questions = [Text(sentence) for sentence in (found.get("undecidable") or [] if found else [])]
-    if report["unexplained"]:
-        return [*[Text(rest(entry)) for entry in report["unexplained"]], *open_questions]
+    found = report.find
+    open_questions = [Text(sentence) for sentence in (found.undecidable if found else ())]
+    if report.unexplained:
+        return [*[Text(rest(entry)) for entry in report.unexplained], *open_questions]
     return [
         Text("Nothing that stands out: no joint's error on the held-out episodes stays clearly above the noise."),
         *open_questions,
     ]
 
 
-def retuned_blocks(report: Report) -> list[Block]:
+def retuned_blocks(report: GapReport) -> list[Block]:
     """Return the numbers of the model that were changed."""
-    if not report["retuned"]:
+    if not report.retuned:
         return [Text("Nothing: every number that the model already has was kept.")]
     return [retuned_table(report)]
 
 
-def placebo_blocks(report: Report) -> list[Block]:
+def placebo_blocks(report: GapReport) -> list[Block]:
     """Return how much less the runner-up shrinks the gap."""
-    placebo, gap = report.get("placebo"), report["gap"]
+    placebo, gap = report.placebo, report.gap
     if not placebo:
         return []
-    told = spoken(placebo["text"]).rstrip(".") or listed([titled(effect) for effect in placebo["effects"]])
+    told = spoken(placebo.text).rstrip(".") or listed([titled(effect) for effect in placebo.effects])
     return [
         Text(
             f"{capital(told)}: with the same freedom to fit, this placebo leaves "
-            f"{friendly(placebo['after'], gap['unit'])} of the {error(gap, 'before')} before. "
+            f"{friendly(placebo.after, gap.unit)} of the {error(gap, 'before')} before. "
             f"What is named leaves {error(gap, 'after')}."
         )
     ]
 
 
-def next_blocks(report: Report) -> list[Block]:
+def next_blocks(report: GapReport) -> list[Block]:
     """Return the experiment that would say more."""
-    text = report["next_experiment"]
+    text = report.next_experiment
     if not text:
         return [Text("Nothing in particular: no rival explanation is close enough to be worth an experiment.")]
     return [Text(f"{capital(text.rstrip('.'))}."), *experiments_table(report)]
 
 
-def where_blocks(report: Report) -> Sequence[Block]:
+def where_blocks(report: GapReport) -> Sequence[Block]:
     """Return the gap of the model as handed over, by joint and by condition."""
     return [*joints_table(report), *regimes_picture(report), *regimes_table(report)]

@@ -2,8 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
+from nas_data.gap.report import Bin, GapReport, JointGap
 from nas_data.gap.showing.figures import Models
 from nas_data.gap.showing.page_verdict import by_size, change
 from nas_data.gap.showing.page_words import (
@@ -17,7 +16,6 @@ from nas_data.gap.showing.page_words import (
     spoken,
     titled,
 )
-from nas_data.gap.showing.report import Bin, JointGap, Report
 from nas_data.gap.showing.series import Series
 from nas_data.joint_units import joint_unit
 from nas_data.reports.page import Facts, Table
@@ -28,15 +26,15 @@ MANY = 12  # episodes whose numbers are all listed
 NONE = "–"
 
 
-def effects_table(report: Report) -> Table:
+def effects_table(report: GapReport) -> Table:
     """Return a row for each parameter of each named effect."""
     rows = []
-    for effect in report["effects"]:
-        errors = effect["evidence"]
-        shrink = " → ".join(friendly(errors[end], errors.get("unit", ANGLE)) for end in ENDS)
-        for number, (name, value) in enumerate(effect["parameters"].items()):
-            first = (titled(effect), confidence(effect["confidence"]), shrink) if number == 0 else ("", "", "")
-            values = spoken(name), beside(value["value"], value["unit"]), interval(value) or NONE
+    for effect in report.effects:
+        errors = effect.evidence
+        shrink = " → ".join(friendly(getattr(errors, end), errors.unit) for end in ENDS)
+        for number, (name, value) in enumerate(effect.parameters.items()):
+            first = (titled(effect), confidence(effect.confidence), shrink) if number == 0 else ("", "", "")
+            values = spoken(name), beside(value.value, value.unit), interval(value) or NONE
             rows.append((first[0], *values, first[1], first[2]))
     headers = ("", "parameter", "value", "95 % interval", "confidence", "error without → with")
     return Table(
@@ -44,9 +42,9 @@ def effects_table(report: Report) -> Table:
     )
 
 
-def retuned_table(report: Report) -> Table:
+def retuned_table(report: GapReport) -> Table:
     """Return the changed numbers, the largest change first."""
-    rows = [change(entry) for entry in sorted(report["retuned"], key=by_size)]
+    rows = [change(entry) for entry in sorted(report.retuned, key=by_size)]
     return Table(("", "factor", "change"), rows, "Of the value in the model as handed over.")
 
 
@@ -67,12 +65,12 @@ def gap_table(series: Series, models: Models) -> Table:
     return Table(headers, rows, "Open-loop RMSE of positions, over all held-out episodes.")
 
 
-def joints_table(report: Report) -> list[Table]:
+def joints_table(report: GapReport) -> list[Table]:
     """Return the gap of the model as handed over beside trivial predictions."""
-    found = report.get("find")
-    if not found or not found["joints"]:
+    found = report.find
+    if not found or not found.joints:
         return []
-    rows = [joint_row(joint, gap) for joint, gap in found["joints"].items()]
+    rows = [joint_row(joint, gap) for joint, gap in found.joints.items()]
     headers = ("", "noise", "one step", "(hold)", "open loop", "(hold)", "(command)", "open loop / noise")
     note = (
         "RMSE over the whole recording, model as handed over. One step: set to every measured state anew. Hold "
@@ -84,74 +82,74 @@ def joints_table(report: Report) -> list[Table]:
 def joint_row(joint: str, gap: JointGap) -> tuple[str, ...]:
     """Return the row of a joint's errors."""
     values = [
-        gap["floor"], gap["one_step"], gap["one_step_hold"],
-        gap["open_loop"], gap["open_loop_hold"], gap["open_loop_command"],
+        gap.floor, gap.one_step, gap.one_step_hold,
+        gap.open_loop, gap.open_loop_hold, gap.open_loop_command,
     ]  # fmt: skip
-    told = [NONE if value is None else friendly(value, gap.get("unit", ANGLE)) for value in values]
-    return (joint, *told, figures(gap["ratio_to_noise"]))
+    told = [NONE if value is None else friendly(value, gap.unit) for value in values]
+    return (joint, *told, figures(gap.ratio_to_noise))
 
 
-def regimes_table(report: Report) -> list[Table]:
+def regimes_table(report: GapReport) -> list[Table]:
     """Return under which conditions a joint's error is larger than otherwise, beyond chance."""
-    found = report.get("find")
-    units = {joint: gap.get("unit", ANGLE) for joint, gap in found["joints"].items()} if found else {}
-    rows = [row(entry, units) for entry in (largest(found["regimes"]) if found else [])]
+    found = report.find
+    units = {joint: gap.unit for joint, gap in found.joints.items()} if found else {}
+    rows = [row(entry, units) for entry in (largest(found.regimes) if found else [])]
     headers = ("", "condition", "error", "otherwise", "share of squared error")
     return [Table(headers, rows, "Where the error is larger, beyond chance.")] if rows else []
 
 
 def largest(bins: Sequence[Bin]) -> list[Bin]:
     """Return the conditions that stand out, some for each joint."""
-    chosen = [b for b in bins if b["significant"] and b["rmse"] > LARGER * b.get("rest", np.inf)]
-    joints = dict.fromkeys(b["joint"] for b in chosen)
-    ranked = sorted(chosen, key=lambda b: -b["rmse"] / max(b.get("rest", 0.0), 1e-9))
-    return [b for joint in joints for b in [b for b in ranked if b["joint"] == joint][:SHOWN]]
+    chosen = [b for b in bins if b.significant and b.rmse > LARGER * b.rest]
+    joints = dict.fromkeys(b.joint for b in chosen)
+    ranked = sorted(chosen, key=lambda b: -b.rmse / max(b.rest, 1e-9))
+    return [b for joint in joints for b in [b for b in ranked if b.joint == joint][:SHOWN]]
 
 
 def row(entry: Bin, units: Mapping[str, str]) -> tuple[str, ...]:
     """Return a row of the table of conditions; `units` are the joints'."""
-    condition = f"{entry['regime']}: {entry['bin']}"
-    unit = units.get(entry["joint"], ANGLE)
-    errors = friendly(entry["rmse"], unit), friendly(entry.get("rest", np.nan), unit)
-    return entry["joint"], condition, *errors, f"{100 * entry['share']:.0f} %"
+    condition = f"{entry.regime}: {entry.bin}"
+    unit = units.get(entry.joint, ANGLE)
+    errors = friendly(entry.rmse, unit), friendly(entry.rest, unit)
+    return entry.joint, condition, *errors, f"{100 * entry.share:.0f} %"
 
 
-def audit_facts(report: Report) -> list[Facts]:
+def audit_facts(report: GapReport) -> list[Facts]:
     """Return what was looked at in the recording before physics."""
-    found = report.get("find")
+    found = report.find
     entries: dict[str, str] = {}
-    for check in found["audit"] if found else []:
-        text = ("ok: " if check["ok"] else "look: ") + check["finding"]
-        entries[check["check"]] = "; ".join([*([entries[check["check"]]] if check["check"] in entries else []), text])
+    for check in found.audit if found else []:
+        text = ("ok: " if check.ok else "look: ") + check.finding
+        entries[check.check] = "; ".join([*([entries[check.check]] if check.check in entries else []), text])
     return [Facts(entries)] if entries else []
 
 
-def experiments_table(report: Report) -> list[Table]:
+def experiments_table(report: GapReport) -> list[Table]:
     """Return all experiments that were weighed."""
     rows = [
         (
-            entry["name"],
-            ", ".join(entry["on"]),
-            friendly(entry["seconds"], "").strip() + " s",
-            f"{entry['separation']:.1f} × noise at {entry['joint']}",
+            entry.name,
+            ", ".join(entry.on),
+            friendly(entry.seconds, "").strip() + " s",
+            f"{entry.separation:.1f} × noise at {entry.joint}",
         )
-        for entry in report.get("experiments") or []
+        for entry in report.experiments
     ]
     note = "Difference of the two best explanations in each experiment, after one was fitted to the other."
     return [Table(("", "joints", "length", "difference"), rows, note)] if rows else []
 
 
-def facts(report: Report) -> Facts:
+def facts(report: GapReport) -> Facts:
     """Return what the page rests on."""
-    episodes = report["episodes"]
+    episodes = report.episodes
     entries = {
-        "Dataset": report.get("dataset", ""),
-        "Model": report.get("model", ""),
-        "Gap": f"{report['gap']['metric']}",
-        "Fitted": counted(episodes["train"]),
-        "Held out": counted(episodes["heldout"]),
-        "Seed": str(report["seed"]),
-        "Time": f"{report['seconds']:.0f} s",
+        "Dataset": report.dataset,
+        "Model": report.model,
+        "Gap": f"{report.gap.metric}",
+        "Fitted": counted(episodes.train),
+        "Held out": counted(episodes.heldout),
+        "Seed": str(report.seed),
+        "Time": f"{report.seconds:.0f} s",
         "Beside this page": "report.json (these numbers), model.xml, effects.json, series.npz, figures/",
     }
     return Facts({name: value for name, value in entries.items() if value})

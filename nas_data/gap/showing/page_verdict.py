@@ -4,18 +4,18 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Literal
 
-from nas_data.gap.showing.page_words import ANGLE, LIKELY, figures, friendly, listed, titled
-from nas_data.gap.showing.report import Factor, Gap, Report, Rest
+from nas_data.gap.report import GapErrors, GapReport, Retuned, Unexplained
+from nas_data.gap.showing.page_words import LIKELY, figures, friendly, listed, titled
 
 
-def lead(report: Report) -> str:
+def lead(report: GapReport) -> str:
     """Return the verdict in a sentence or two."""
-    return VERDICTS.get(report["verdict"], other)(report) + of_slides(report)
+    return VERDICTS.get(report.verdict, other)(report) + of_slides(report)
 
 
-def of_slides(report: Report) -> str:
+def of_slides(report: GapReport) -> str:
     """Return the sentence about the slides of an arm that has hinges as well, else nothing: lengths are no angles."""
-    gap = report["gap"].get("slides")
+    gap = report.gap.slides
     if gap is None:
         return ""
     return (
@@ -24,50 +24,51 @@ def of_slides(report: Report) -> str:
     )
 
 
-def error(gap: Gap, name: Literal["before", "plain", "after", "noise_floor"]) -> str:
-    """Return one of the errors of a gap."""
-    return friendly(gap[name], gap.get("unit", ANGLE))
+def error(gap: GapErrors, name: Literal["before", "plain", "after", "noise_floor"]) -> str:
+    """Return one of the errors of a gap, a dash where it is not known."""
+    value: float | None = getattr(gap, name)
+    return "–" if value is None else friendly(value, gap.unit)
 
 
-def none(report: Report) -> str:
+def none(report: GapReport) -> str:
     """Say that there is no gap."""
-    gap = report["gap"]
+    gap = report.gap
     return (
         f"Nothing is missing: on held-out episodes {model(report)} errs by {error(gap, 'before')}, which is "
         f"what the noise of the readings, {error(gap, 'noise_floor')}, lets one expect."
     )
 
 
-def retuned(report: Report) -> str:
+def retuned(report: GapReport) -> str:
     """Say that numbers that the model has were off."""
-    count = len(report["retuned"])
+    count = len(report.retuned)
     numbers = "one number that it already has" if count == 1 else f"{count} numbers that it already has"
     return (
         f"Nothing is missing: {model(report)} only needs {numbers} changed, by at most {widest(report):.0f} %. "
-        f"{shrunk(report)}, close to the noise of the readings, {error(report['gap'], 'noise_floor')}."
+        f"{shrunk(report)}, close to the noise of the readings, {error(report.gap, 'noise_floor')}."
     )
 
 
-def explained(report: Report) -> str:
+def explained(report: GapReport) -> str:
     """Say what is missing, and that this is all."""
     return (
         f"{missing(report)} {shrunk(report)}; what is left is close to the noise of the readings, "
-        f"{error(report['gap'], 'noise_floor')}."
+        f"{error(report.gap, 'noise_floor')}."
     )
 
 
-def partly_explained(report: Report) -> str:
+def partly_explained(report: GapReport) -> str:
     """Say what is missing, and that something else is, too."""
     return (
         f"{missing(report)} {shrunk(report)}, while the noise of the readings is "
-        f"{error(report['gap'], 'noise_floor')}: something else is missing, too{places(report)}."
+        f"{error(report.gap, 'noise_floor')}: something else is missing, too{places(report)}."
     )
 
 
-def unexplained(report: Report) -> str:
+def unexplained(report: GapReport) -> str:
     """Say that no name fits."""
-    gap = report["gap"]
-    how = "when all its smooth parameters are fitted" if gap.get("delivered") == "plain" else "when its own are retuned"
+    gap = report.gap
+    how = "when all its smooth parameters are fitted" if gap.delivered == "plain" else "when its own are retuned"
     return (
         f"Something is missing in {model(report)} that no effect in the catalogue explains{places(report)}. On "
         f"held-out episodes it errs by {error(gap, 'before')}, {error(gap, 'after')} {how}; "
@@ -75,12 +76,12 @@ def unexplained(report: Report) -> str:
     )
 
 
-def other(report: Report) -> str:
+def other(report: GapReport) -> str:
     """Say what there is to say of a verdict that this page does not know."""
-    return f"Verdict: {report['verdict']}. {shrunk(report)}."
+    return f"Verdict: {report.verdict}. {shrunk(report)}."
 
 
-VERDICTS: Mapping[str, Callable[[Report], str]] = {
+VERDICTS: Mapping[str, Callable[[GapReport], str]] = {
     "none": none,
     "retuned": retuned,
     "explained": explained,
@@ -89,67 +90,67 @@ VERDICTS: Mapping[str, Callable[[Report], str]] = {
 }
 
 
-def model(report: Report) -> str:
+def model(report: GapReport) -> str:
     """Return how the model is called."""
-    return f"the model {report['model']}" if report.get("model") else "the model"
+    return f"the model {report.model}" if report.model else "the model"
 
 
-def missing(report: Report) -> str:
+def missing(report: GapReport) -> str:
     """Return the sentence that names what is missing."""
-    effects = [titled(effect) for effect in report["effects"]]
-    doubt = "probably " if min(effect["confidence"] for effect in report["effects"]) < LIKELY else ""
-    part = "in part " if report["verdict"] == "partly_explained" else ""
+    effects = [titled(effect) for effect in report.effects]
+    doubt = "probably " if min(effect.confidence for effect in report.effects) < LIKELY else ""
+    part = "in part " if report.verdict == "partly_explained" else ""
     return f"The gap between {model(report)} and the recording {doubt}comes {part}from {listed(effects)}."
 
 
-def shrunk(report: Report) -> str:
+def shrunk(report: GapReport) -> str:
     """Return how the gap shrinks, without a full stop."""
-    effects = len(report["effects"])
-    gap = report["gap"]
+    effects = len(report.effects)
+    gap = report.gap
     added = "With it" if effects == 1 else "With them" if effects else "Retuned"
-    beside = f" (a plain fit of all smooth parameters: {error(gap, 'plain')})" if "plain" in gap else ""
+    beside = f" (a plain fit of all smooth parameters: {error(gap, 'plain')})" if gap.plain is not None else ""
     fall = f"from {error(gap, 'before')} to {error(gap, 'after')}{beside}"
     return f"{added}, the error on held-out episodes falls {fall}"
 
 
-def places(report: Report) -> str:
+def places(report: GapReport) -> str:
     """Return where a rest is, to end a sentence with."""
-    joints = [rest["joint"] for rest in report["unexplained"]]
+    joints = [rest.joint for rest in report.unexplained]
     return f", at {listed(joints)}" if joints else ""
 
 
-def widest(report: Report) -> float:
+def widest(report: GapReport) -> float:
     """Return the largest change among the retuned numbers [%]."""
-    return max((abs(100 * (entry["factor"] - 1)) for entry in report["retuned"]), default=0.0)
+    return max((abs(100 * (entry.factor - 1)) for entry in report.retuned), default=0.0)
 
 
-def rest(entry: Rest) -> str:
+def rest(entry: Unexplained) -> str:
     """Return what is left at a joint."""
-    ratio = figures(entry["ratio_to_noise"], 2)
-    return f"{entry['joint']}: the error is still {ratio} times the noise; it goes with {entry['goes_with']}."
+    ratio = figures(entry.ratio_to_noise, 2)
+    return f"{entry.joint}: the error is still {ratio} times the noise; it goes with {entry.goes_with}."
 
 
-def change(factor: Factor) -> tuple[str, str, str]:
+def change(factor: Retuned) -> tuple[str, str, str]:
     """Return a row of the table of retuned numbers."""
-    percent = 100 * (factor["factor"] - 1)
-    joint, _, kind = factor["parameter"].rpartition(".")
+    percent = 100 * (factor.factor - 1)
+    joint, _, kind = factor.parameter.rpartition(".")
     sign = "+" if percent > 0 else "−"
-    bound = ", on its bound" if factor.get("at_bound") else ""
-    return f"{joint} {kind}".strip(), figures(factor["factor"]), f"{sign}{abs(percent):.1f} %{bound}"
+    bound = ", on its bound" if factor.at_bound else ""
+    return f"{joint} {kind}".strip(), figures(factor.factor), f"{sign}{abs(percent):.1f} %{bound}"
 
 
-def by_size(factor: Factor) -> float:
+def by_size(factor: Retuned) -> float:
     """Return how large a change is, in either direction."""
-    return -abs(math.log(factor["factor"]))
+    return -abs(math.log(factor.factor))
 
 
-def scored(report: Report) -> str:
+def scored(report: GapReport) -> str:
     """Return of what the errors called after are."""
-    gap = report["gap"]
-    alone = gap.get("after_model_xml", gap["after"])
-    if friendly(alone, gap["unit"]) == error(gap, "after"):
+    gap = report.gap
+    alone = gap.after if gap.after_model_xml is None else gap.after_model_xml
+    if friendly(alone, gap.unit) == error(gap, "after"):
         return "The errors called after were computed from that file, read back."
     return (
         f"The errors called after are those of the effects named, of which a model file cannot hold all; it alone "
-        f"leaves {friendly(alone, gap['unit'])}."
+        f"leaves {friendly(alone, gap.unit)}."
     )

@@ -6,7 +6,7 @@ from typing import Literal
 
 from nas_data.effects.base import find_effect
 from nas_data.errors import UnknownName
-from nas_data.gap.showing.report import Alternative, Effect, Equal, Named, Number
+from nas_data.gap.report import EffectName, FittedParameter, NamedEffect
 
 FRIENDLY = {
     "rad": ("°", 180 / math.pi),
@@ -47,12 +47,12 @@ def beside(value: float, unit: str) -> str:
     return friendly(value, unit) + plain
 
 
-def interval(number: Number) -> str:
+def interval(number: FittedParameter) -> str:
     """Return the 95 % interval of a parameter, empty where there is none."""
-    ends = number.get("interval95")
+    ends = number.interval95
     if not ends or ends[0] == ends[1]:
         return ""
-    return f"{friendly(ends[0], number['unit'])} … {friendly(ends[1], number['unit'])}"
+    return f"{friendly(ends[0], number.unit)} … {friendly(ends[1], number.unit)}"
 
 
 def spoken(name: str) -> str:
@@ -60,10 +60,9 @@ def spoken(name: str) -> str:
     return name.replace("_", " ")
 
 
-def titled(effect: Effect | Named | Alternative | Equal) -> str:
+def titled(effect: EffectName) -> str:
     """Return an effect with its place, for example `backlash in m3`."""
-    joint = effect.get("joint")
-    return f"{spoken(effect['effect'])} in {joint}" if joint else f"{spoken(effect['effect'])} (whole arm)"
+    return f"{spoken(effect.name)} in {effect.joint}" if effect.joint else f"{spoken(effect.name)} (whole arm)"
 
 
 def listed(items: Sequence[str]) -> str:
@@ -83,35 +82,35 @@ def confidence(value: float) -> str:
     return f"{percent} ({word})"
 
 
-def finding(effect: Effect) -> list[str]:
+def finding(effect: NamedEffect) -> list[str]:
     """Return what was found out about a named effect, a sentence each."""
     values = [
-        f"{spoken(name)} {beside(number['value'], number['unit'])}"
+        f"{spoken(name)} {beside(number.value, number.unit)}"
         + (f" (95 % interval: {interval(number)})" if interval(number) else "")
-        for name, number in effect["parameters"].items()
+        for name, number in effect.parameters.items()
     ]
-    errors = effect["evidence"]
-    without, with_it = (friendly(errors[end], errors.get("unit", ANGLE)) for end in ENDS)
-    where = f"of {effect['joint']}" if effect["joint"] else "of the arm"
+    errors = effect.evidence
+    without, with_it = (friendly(getattr(errors, end), errors.unit) for end in ENDS)
+    where = f"of {effect.joint}" if effect.joint else "of the arm"
     sentences = [
         f"{capital(titled(effect))}: {'; '.join(values)}.",
-        f"Confidence in this name: {confidence(effect['confidence'])}.",
+        f"Confidence in this name: {confidence(effect.confidence)}.",
         f"Without it, the held-out error {where} is {without}, everything else fitted anew; with it, {with_it}.",
         *rivals(effect),
-        *signature(effect["effect"]),
+        *signature(effect.name),
     ]
-    if not effect["in_model_xml"]:
+    if not effect.in_model_xml:
         sentences.append(
             "A model file cannot quite hold it here: effects.json does, and model.xml has what comes nearest to it."
         )
     return sentences
 
 
-def rivals(effect: Effect) -> list[str]:
+def rivals(effect: NamedEffect) -> list[str]:
     """Return how far the alternatives are behind."""
-    unit = effect["evidence"].get("unit", ANGLE)
-    told = [f"{titled(other)} ({friendly(other['heldout_error_after'], unit)})" for other in effect["alternatives"]]
-    near = [titled(other) for other in effect.get("equals", [])]
+    unit = effect.evidence.unit
+    told = [f"{titled(other)} ({friendly(other.heldout_error_after, unit)})" for other in effect.alternatives]
+    near = [titled(other) for other in effect.equals]
     sentences = [f"In its place, this error would be left by {listed(told)}."] if told else []
     return sentences + ([f"These data cannot tell it from {listed(near)}."] if near else [])
 

@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
+from nas_data.gap.report import Bin
 from nas_data.gap.showing.figures import anchored, turned
-from nas_data.gap.showing.report import Bin
 from nas_data.reports.style import WIDTH, house_style
 
 COLOURS = "YlOrRd"
@@ -18,13 +18,13 @@ LEAST = 3.0  # noise floors at the dark end of the scale, at least: a small gap 
 
 def regimes(bins: Sequence[Bin]) -> Figure:
     """Draw error over noise; a star marks what differs from the joint's other rows beyond chance."""
-    joints = list(dict.fromkeys(entry["joint"] for entry in bins))
-    places = list(dict.fromkeys((entry["regime"], entry["bin"]) for entry in bins))
+    joints = list(dict.fromkeys(entry.joint for entry in bins))
+    places = list(dict.fromkeys((entry.regime, entry.bin) for entry in bins))
     ratios = np.full((len(places), len(joints)), np.nan)
     stars = np.zeros(ratios.shape, bool)
     for entry in bins:
-        where = places.index((entry["regime"], entry["bin"])), joints.index(entry["joint"])
-        ratios[where], stars[where] = entry["ratio_to_noise"], entry["significant"]
+        where = places.index((entry.regime, entry.bin)), joints.index(entry.joint)
+        ratios[where], stars[where] = entry.ratio_to_noise, entry.significant
     with house_style():
         figure = Figure(figsize=(WIDTH, max(SHORTEST, 1.1 + 0.27 * len(places))))
         axes = figure.subplots()

@@ -3,6 +3,7 @@
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
@@ -71,13 +72,18 @@ class Series:
             OptionError: there are none, or a part is missing.
         """
         path = folder / SERIES
+        return cls.read_file(path, str(path))
+
+    @classmethod
+    def read_file(cls, file: Path | BinaryIO, name: str) -> "Series":
+        """Read the series from a file, called by a name in errors; see `read`."""
         try:
-            with np.load(path, allow_pickle=False) as stored:
+            with np.load(file, allow_pickle=False) as stored:
                 parts = {name: stored[name] for name in stored.files if name in cls.__dataclass_fields__}
             parts |= {key: tuple(map(str, parts[key])) for key in ("joints", "slides") if key in parts}
             return cls(**parts)
         except (OSError, ValueError, TypeError, KeyError, zipfile.BadZipFile) as error:
-            raise OptionError(f"{path} has no series to draw ({error}); make it anew with: nas gap") from None
+            raise OptionError(f"{name} has no series to draw ({error}); make it anew with: nas gap") from None
 
     def squares(self, predicted: np.ndarray) -> np.ndarray:
         """Return the mean squared error of each episode and joint [rad²; m²], shape (E, n)."""

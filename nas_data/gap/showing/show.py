@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from nas_data.gap.report import REPORT, GapReport
 from nas_data.gap.showing.page import build
-from nas_data.gap.showing.report import read_report
 from nas_data.gap.showing.series import Series
 from nas_data.reports.file import write_whole
 
@@ -22,7 +22,7 @@ def show(folder: Path) -> Path:
     Raises:
         OptionError: one of the two files is missing or lacks a part.
     """
-    page = build(read_report(folder), Series.read(folder))
+    page = build(GapReport.read(folder / REPORT), Series.read(folder))
     pictures = {f"{picture.name}.png": picture.png for picture in page.pictures()}
     for stale in (folder / FIGURES).glob("*.png"):
         if stale.name not in pictures:

@@ -6,7 +6,8 @@ Where no model is needed to see it, the file sums up what the audits of every re
 from typing import Protocol, cast
 
 from nas_data import registry
-from nas_data.gap.finding.audits.base import Check, Examined
+from nas_data.gap.finding.audits.base import Examined
+from nas_data.gap.report import Check
 
 FIRST = ("timing", "repeated_samples", "command_shift", "velocities", "readings")  # time before everything else
 

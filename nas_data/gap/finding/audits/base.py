@@ -1,7 +1,7 @@
 """What an audit looks at, and what it says."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.gap.finding.loads import Loads
 from nas_data.gap.finding.recorded import Recorded
 from nas_data.gap.nominal import Nominal
+from nas_data.gap.report import Check
 
 
 @dataclass(frozen=True)
@@ -33,25 +34,6 @@ class Examined:
     floor: np.ndarray
     predicted: np.ndarray
     loads: Loads
-
-
-@dataclass(frozen=True)
-class Check:
-    """One thing that was looked at.
-
-    Attributes:
-        check: What.
-        finding: One or two sentences: what was found, and what it means.
-        ok: Whether the recording can be taken as it is in this respect.
-    """
-
-    check: str
-    finding: str
-    ok: bool = True
-
-    def to_json(self) -> dict[str, object]:
-        """Return the form for machines."""
-        return asdict(self)
 
 
 def summarized(name: str, examined: Examined, checks: Sequence[str], sound: str, advice: str = "") -> Check:

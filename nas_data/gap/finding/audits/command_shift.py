@@ -6,7 +6,8 @@ import numpy as np
 
 from nas_data.errors import ModelFileError
 from nas_data.gap.evidence import Evidence
-from nas_data.gap.finding.audits.base import Check, Examined, listed
+from nas_data.gap.finding.audits.base import Examined, listed
+from nas_data.gap.report import Check
 
 NAME = "command shift"
 SHIFTS = (-3, -2, -1, 0, 1, 2, 3)  # [rows] by which commands are moved; positive acts later

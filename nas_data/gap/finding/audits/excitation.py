@@ -3,8 +3,9 @@
 import numpy as np
 
 from nas_data.gap.evidence import Evidence
-from nas_data.gap.finding.audits.base import Check, Examined, listed
+from nas_data.gap.finding.audits.base import Examined, listed
 from nas_data.gap.finding.recorded import STILL
+from nas_data.gap.report import Check
 
 NAME = "excitation"
 STEADY = 1e-6  # [rad or N·m] within which a command is constant

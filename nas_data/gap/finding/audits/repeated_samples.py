@@ -1,6 +1,7 @@
 """Repeated samples: readings that stand still while the arm moves, because the device is slower than the recorder."""
 
-from nas_data.gap.finding.audits.base import Check, Examined, summarized
+from nas_data.gap.finding.audits.base import Examined, summarized
+from nas_data.gap.report import Check
 
 NAME = "repeated samples"
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from nas_data.gap.finding.audits.base import Check, Examined, listed, percent
+from nas_data.gap.finding.audits.base import Examined, listed, percent
+from nas_data.gap.report import Check
 from nas_data.simulators.limits import command_limits
 
 NAME = "saturation"

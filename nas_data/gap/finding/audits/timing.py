@@ -1,7 +1,8 @@
 """Timing: rows that came late, and a clock that runs at another rate than the dataset says."""
 
 from nas_data.dataset.features import TIME
-from nas_data.gap.finding.audits.base import Check, Examined, summarized
+from nas_data.gap.finding.audits.base import Examined, summarized
+from nas_data.gap.report import Check
 
 NAME = "timing"
 CHECKS = ("time_backwards", "repeated_time", "rate", "irregular_time", "time_gap")

@@ -1,7 +1,8 @@
 """Torque off: rows in which the servos were released, which no command explains."""
 
-from nas_data.gap.finding.audits.base import Check, Examined, percent
+from nas_data.gap.finding.audits.base import Examined, percent
 from nas_data.gap.finding.driven import TORQUE, torque_on
+from nas_data.gap.report import Check
 
 NAME = "torque off"
 

@@ -1,7 +1,8 @@
 """Velocities: whether the recorded ones belong to the recorded positions, in size and in time."""
 
 from nas_data.dataset.recording import are_derived
-from nas_data.gap.finding.audits.base import Check, Examined, summarized
+from nas_data.gap.finding.audits.base import Examined, summarized
+from nas_data.gap.report import Check
 
 NAME = "velocities"
 CHECKS = ("velocity_scale", "velocity_lag", "position_contradicts_velocity")

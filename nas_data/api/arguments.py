@@ -1,0 +1,80 @@
+"""What the functions for notebooks take alike: a dataset or its folder, a model with its actuators, progress."""
+
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Literal
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.origin import load, with_origin
+from nas_data.errors import OptionError
+from nas_data.gap.add import EFFECTS
+from nas_data.gap.named import Named
+from nas_data.gap.report import GapReport
+from nas_data.robots.base import TORQUES
+
+Progress = Callable[[str], None]
+Actuators = Literal["position", "torque"]
+
+
+def silent(text: str) -> None:
+    """Say nothing."""
+
+
+def as_dataset(dataset: Dataset | str | Path, episodes: Sequence[int] = ()) -> Dataset:
+    """Return a dataset as transitions, read where a folder is given.
+
+    Args:
+        dataset: In memory, or its folder.
+        episodes: Only these; all by default.
+
+    Raises:
+        NasError: it cannot be used.
+    """
+    if not isinstance(dataset, Dataset):
+        return load(Path(dataset), episodes)
+    complete = with_origin(dataset)
+    return complete.select(episodes) if episodes else complete
+
+
+def name_of(dataset: Dataset) -> Path:
+    """Return what to call a dataset in reports and errors: its folder where it has one."""
+    folder = dataset.origin.root if dataset.origin else None
+    return folder or Path("dataset")
+
+
+def as_model(model: str | Path, actuators: Actuators = "position") -> str:
+    """Return a model as `find_robot` takes it, with the actuators of a URDF, which names none."""
+    return str(model) + (TORQUES if actuators == "torque" else "")
+
+
+def as_optional_model(model: str | Path | None, actuators: Actuators) -> str | None:
+    """Return a model as `as_model` does, None where there is none.
+
+    Raises:
+        OptionError: actuators are given without a model.
+    """
+    if model is not None:
+        return as_model(model, actuators)
+    if actuators != "position":
+        raise OptionError("--actuators is for a URDF given with --model; without one, leave it out.")
+    return None
+
+
+def as_named(report: GapReport | str | Path) -> Named:
+    """Return the effects and the retuned base that a gap report named.
+
+    Args:
+        report: In memory, its folder, or its `effects.json`.
+
+    Raises:
+        OptionError: it holds none.
+    """
+    if not isinstance(report, GapReport):
+        return Named.read(report)
+    if EFFECTS not in report.files:
+        raise OptionError(f"This report has no {EFFECTS}; give the folder that `nas gap` wrote.")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, EFFECTS)
+        path.write_bytes(report.files[EFFECTS])
+        return Named.read(path)

@@ -1,0 +1,53 @@
+"""Name what a model lacks, by a recording."""
+
+import tempfile
+from pathlib import Path
+
+from nas_data.api.arguments import Actuators, Progress, as_dataset, as_model, name_of, silent
+from nas_data.dataset.dataset import Dataset
+from nas_data.gap.problem import Problem
+from nas_data.gap.report import GapReport
+from nas_data.gap.workflow import investigate_problem
+
+
+def identify(
+    dataset: Dataset | str | Path,
+    model: str | Path,
+    *,
+    out: str | Path | None = None,
+    learn: int = 0,
+    actuators: Actuators = "position",
+    progress: Progress | None = None,
+) -> GapReport:
+    """Find where model and recording disagree, name the missing effects, add them, and judge on held-out episodes.
+
+    Args:
+        dataset: At least two recorded episodes, or their folder; need not be paired.
+        model: The model as it is: an MJCF or URDF file, or a robot's name.
+        out: Folder of the report; an earlier report in it is replaced. None keeps all of it in memory: see
+            `GapReport.save`.
+        learn: Updates in which φ learns what the names leave; 0 leaves it out.
+        actuators: What moves the joints of a URDF: `position` servos, or motors (`torque`).
+        progress: Told what is being done, a sentence each; `print` will do.
+
+    Returns:
+        The report: verdict, effects with parameters and intervals, errors before and after, the written model.
+
+    Raises:
+        DatasetInvalid: there are fewer than two episodes.
+        JointMismatch: model and dataset have other joints or kinds of command.
+        ModelFileError: the model cannot be used.
+        OutputExists: `out` holds what no report wrote, and this one would replace.
+    """
+    if out is None:
+        with tempfile.TemporaryDirectory() as folder:
+            return identify(
+                dataset, model, out=Path(folder, "gap"), learn=learn, actuators=actuators, progress=progress
+            )
+    given = as_model(model, actuators)
+
+    def load() -> Problem:
+        recorded = as_dataset(dataset)
+        return Problem.of(recorded, given, name_of(recorded))
+
+    return investigate_problem(load, given, out, progress or silent, learn)

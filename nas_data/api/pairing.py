@@ -1,0 +1,131 @@
+"""Pair a dataset with what a source model predicts for every transition."""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from nas_data.api.arguments import Actuators, as_dataset, as_model, as_named
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.foreign import warn
+from nas_data.dataset.origin import Origin
+from nas_data.dataset.provenance import Provenance
+from nas_data.effects.base import Effect, parse
+from nas_data.errors import NasError
+from nas_data.gap.report import GapReport
+from nas_data.pairing import object_warnings, warn_of_ranges
+from nas_data.pairing import pair as pair_with
+from nas_data.robots.base import Robot, find_robot
+from nas_data.simulators.engines import load_simulator
+from nas_data.sources import check_kept, left_out, source_files
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """A paired dataset, and how it came about.
+
+    Attributes:
+        dataset: With `next.observation.sim_state`.
+        source: What predicted, as provenance records it.
+        seconds: How long the simulation took [s].
+        warnings: What is doubtful, a sentence each; told on stderr already.
+        remark: What of the source could not be kept with the dataset; None where nothing.
+    """
+
+    dataset: Dataset
+    source: Mapping[str, object]
+    seconds: float
+    warnings: tuple[str, ...]
+    remark: str | None
+
+
+def pair(
+    dataset: Dataset | str | Path,
+    model: str | Path,
+    *,
+    engine: str = "mujoco",
+    effects: Sequence[Effect | str] = (),
+    report: GapReport | str | Path | None = None,
+    actuators: Actuators = "position",
+) -> Dataset:
+    """Add what a source predicts for every transition: reset to the state before it, command held for one step.
+
+    Args:
+        dataset: N transitions, or their folder.
+        model: Source: an MJCF or URDF file whose joints carry the dataset's names, or a robot's name.
+        engine: `mujoco` or `bullet`.
+        effects: Effects to add to the source, for example `"backlash:joint=m3,half_width=0.02"`.
+        report: A gap report, or its folder, whose effects and retuned base are added to the source.
+        actuators: What moves the joints of a URDF: `position` servos, or motors (`torque`).
+
+    Returns:
+        The dataset with `next.observation.sim_state`: positions [rad; m] then velocities [rad/s; m/s], shape (N, 2n).
+        It keeps its source: `save` writes both.
+
+    Raises:
+        JointMismatch: model and dataset have other joints or kinds of command.
+        ModelFileError, OptionError, UnknownName: model, effects or engine cannot be used.
+    """
+    return make_pairs(dataset, model, engine=engine, effects=effects, report=report, actuators=actuators).dataset
+
+
+def make_pairs(
+    dataset: Dataset | str | Path,
+    model: str | Path,
+    *,
+    engine: str = "mujoco",
+    effects: Sequence[Effect | str] = (),
+    report: GapReport | str | Path | None = None,
+    actuators: Actuators = "position",
+) -> Pairing:
+    """Do as `pair`, and say how it came about."""
+    recorded = as_dataset(dataset)
+    named = None if report is None else as_named(report)
+    added = [parse(effect) if isinstance(effect, str) else effect for effect in effects]
+    added += named.effects if named else ()
+    plain = find_robot(as_model(model, actuators))
+    robot = named.robot(plain, recorded.joints) if named else plain
+    simulator = load_simulator(robot, 1 / recorded.fps, recorded.joints, tuple(added), engine)
+    began = time.perf_counter()
+    paired = pair_with(recorded, simulator)
+    seconds = time.perf_counter() - began
+    missing = object_warnings(recorded, simulator)
+    warnings = [*warn_of_ranges(recorded, robot.spec().compile()), *missing]
+    warn(missing)
+    files, remark = keep_source(robot, added, paired, engine, as_model(model, actuators))
+    origin = recorded.origin
+    assert origin is not None
+    before, source = origin.provenance, simulator.describe()
+    provenance = replace(
+        Provenance(how="paired"),
+        robot=before.robot,
+        source=source,
+        target=before.target,
+        signal=before.signal,
+        seeds=before.seeds,
+        parents=origin.parents,
+        derived=before.derived,
+        contiguous=before.contiguous,
+        notes=before.notes,
+    )
+    kept = {f"meta/{name}": content for name, content in files.items()}
+    paired = replace(paired, origin=None)
+    paired = replace(paired, origin=Origin(paired, provenance, origin.derived, attachments=kept))
+    return Pairing(paired, source, seconds, (*origin.noticed, *warnings), remark)
+
+
+def keep_source(
+    robot: Robot, effects: Sequence[Effect], paired: Dataset, engine: str, model: str
+) -> tuple[Mapping[str, bytes], str | None]:
+    """Return the files that keep the source with the dataset, and what they lack; none that predict otherwise."""
+    files, remark = source_files(robot, effects), left_out(robot)
+    if remark is None:
+        return files, None
+    try:
+        check_kept(files, paired, engine)
+    except NasError:
+        return {}, (
+            "the source's colliding meshes touch something in these motions, and without their files it would "
+            f"predict otherwise: it is not kept, later commands need --model {model} again"
+        )
+    return files, remark

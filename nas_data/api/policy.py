@@ -1,0 +1,140 @@
+"""A trained policy as stable-baselines3's PPO, which takes and gives what the environment gives and takes."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.vec_env import VecEnv
+
+from nas_data.arrays import Array
+from nas_data.environment_ids import environment_id
+from nas_data.envs.base import find_task_file
+from nas_data.errors import CheckpointError, JointMismatch, OptionError
+from nas_data.policies.policy import CLIP, EPSILON, MEAN, VARIANCE, Policy, find_policies
+from nas_data.policies.policy import load_policy as read_policy
+
+EXTRACTOR = "features_extractor"  # ends the name of the modules that normalise, of which actor and critic share one
+
+
+class Normalise(BaseFeaturesExtractor):
+    """Observations normalised by the frozen statistics of a training, as its `VecNormalize` did."""
+
+    mean: torch.Tensor
+    scale: torch.Tensor
+
+    def __init__(self, observation_space: gymnasium.spaces.Box) -> None:
+        """Normalise nothing yet: mean 0, scale 1."""
+        super().__init__(observation_space, int(np.prod(observation_space.shape)))
+        self.register_buffer("mean", torch.zeros(self.features_dim, dtype=torch.float64))
+        self.register_buffer("scale", torch.ones(self.features_dim, dtype=torch.float64))
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        """Return normalised observations (B, o), float32, for raw ones (B, o)."""
+        return torch.clip((observations - self.mean) / self.scale, -CLIP, CLIP).float()
+
+
+def load_policy(
+    folder: str | Path, *, seed: int | None = None, env: gymnasium.Env[Array, Array] | VecEnv | None = None
+) -> PPO:
+    """Read a policy folder as stable-baselines3's PPO.
+
+    It acts on the environment's own observations: `action, _ = ppo.predict(observation, deterministic=True)`. The
+    normalisation of its training is part of it, so `ppo.save` and `PPO.load` keep it. `ppo.learn` goes on from these
+    weights with a fresh optimiser and the rewards of `env` as they are.
+
+    Args:
+        folder: Written by `nas policy train`: a policy, or the folder of several seeds.
+        seed: Which seed's policy, where there are several.
+        env: Environment to go on learning in; the one that it was trained for, on its plain source, where None.
+
+    Raises:
+        CheckpointError: there is no policy, or it is damaged.
+        OptionError: there are several, or none of that seed.
+        JointMismatch: the environment observes or takes something else.
+    """
+    policy = choose(Path(folder), seed)
+    settings = policy.config.get("hyperparameters")
+    if not isinstance(settings, Mapping):
+        raise CheckpointError(f"{folder} does not say how its policy was trained; train it again.")
+    env = env or gymnasium.make(f"nas_data:{environment_id(find_task_file(policy.environment))}")
+    check_spaces(policy, env)
+    ppo = PPO(
+        ActorCriticPolicy,
+        env,
+        learning_rate=float(settings["learning_rate"]),
+        n_steps=int(settings["rollout"]) // (env.num_envs if isinstance(env, VecEnv) else 1),
+        batch_size=int(settings["rollout"]) // int(settings["minibatches"]),
+        n_epochs=int(settings["epochs"]),
+        gamma=float(settings["discount"]),
+        gae_lambda=float(settings["trace"]),
+        clip_range=float(settings["clip"]),
+        ent_coef=float(settings["entropy_weight"]),
+        vf_coef=float(settings["value_weight"]),
+        max_grad_norm=float(settings["gradient_norm"]),
+        policy_kwargs={
+            "net_arch": {"pi": list(settings["hidden"]), "vf": list(settings["hidden"])},
+            "activation_fn": torch.nn.Tanh,
+            "features_extractor_class": Normalise,
+            "optimizer_kwargs": {"eps": 1e-5},
+        },
+        seed=policy.seed,
+        device="cpu",
+    )
+    fill(ppo, policy, Path(folder))
+    ppo.num_timesteps = policy.frames
+    return ppo
+
+
+def choose(folder: Path, seed: int | None) -> Policy:
+    """Return the policy of a folder, the one of a seed where there are several.
+
+    Raises:
+        CheckpointError: there is none.
+        OptionError: there are several, or none of that seed.
+    """
+    policies = [read_policy(path) for path in find_policies(folder)]
+    found = [policy for policy in policies if seed in (None, policy.seed)]
+    if len(found) != 1:
+        seeds = ", ".join(str(policy.seed) for policy in policies)
+        raise OptionError(
+            f"{folder} holds the policies of the seeds {seeds}; give one of them: seed={policies[0].seed}."
+        )
+    return found[0]
+
+
+def check_spaces(policy: Policy, env: gymnasium.Env[Array, Array] | VecEnv) -> None:
+    """Refuse an environment that observes or takes something else than the policy.
+
+    Raises:
+        JointMismatch: says what, with both sizes.
+    """
+    wanted = len(policy.tensors[MEAN]), len(policy.tensors["action_net.bias"])
+    shapes = env.observation_space.shape, env.action_space.shape
+    if shapes != ((wanted[0],), (wanted[1],)):
+        raise JointMismatch(
+            f"The policy observes {wanted[0]} numbers and gives {wanted[1]}; the environment has {shapes[0]} and "
+            f"{shapes[1]}. Give one of {policy.environment}."
+        )
+
+
+def fill(ppo: PPO, policy: Policy, folder: Path) -> None:
+    """Put a policy's weights and statistics into PPO's networks.
+
+    Raises:
+        CheckpointError: weights are missing or have another shape.
+    """
+    normalise = ppo.policy.features_extractor
+    assert isinstance(normalise, Normalise)
+    normalise.mean.copy_(torch.from_numpy(policy.tensors[MEAN]))
+    normalise.scale.copy_(torch.from_numpy(np.sqrt(policy.tensors[VARIANCE] + EPSILON)))
+    held = {name: torch.from_numpy(array) for name, array in policy.tensors.items() if name not in (MEAN, VARIANCE)}
+    own = {name: tensor for name, tensor in ppo.policy.state_dict().items() if EXTRACTOR in name}
+    try:
+        ppo.policy.load_state_dict({**own, **held})
+    except RuntimeError as error:
+        raise CheckpointError(f"{folder} holds other networks than its configuration says ({error}).") from None

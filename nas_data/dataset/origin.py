@@ -1,0 +1,302 @@
+"""Datasets in memory that know where they come from: read, made of arrays, saved as the next version, as a table."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from nas_data.arrays import Array
+from nas_data.dataset import versions
+from nas_data.dataset.audits import audit
+from nas_data.dataset.audits.base import Expected
+from nas_data.dataset.checks import check_finite
+from nas_data.dataset.content import content_hash
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import (
+    ACTION,
+    EFFORT,
+    POSITION,
+    STATE,
+    TIME,
+    VELOCITY,
+    Feature,
+    action_feature,
+    position_feature,
+    state_feature,
+    time_feature,
+)
+from nas_data.dataset.foreign import take_in, warn, warnings_of
+from nas_data.dataset.inheritance import attachments, lost
+from nas_data.dataset.layout import PROVENANCE
+from nas_data.dataset.provenance import Parent, Provenance, now, package_versions, read_provenance
+from nas_data.dataset.read import read
+from nas_data.dataset.recording import recordings
+from nas_data.dataset.transitions import as_transitions
+from nas_data.dataset.write import json_bytes
+from nas_data.errors import DatasetInvalid, JointMismatch, OptionError
+
+if TYPE_CHECKING:
+    import pandas
+
+CommandKind = Literal["position", "velocity", "torque"]
+Episodes = Array | Sequence[Array]
+KINDS: Mapping[str, str] = {"position": POSITION, "velocity": VELOCITY, "torque": EFFORT}
+REMEDIES = {
+    "unit_slip": "give radians and metres, numpy.radians(positions), or turns=True where a joint does go so far",
+}
+EDITED = "edited in Python"
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a dataset in memory comes from, which `save` writes beside it.
+
+    Attributes:
+        dataset: The content that the provenance is of.
+        provenance: What `meta/nas.json` says of it.
+        derived: What was derived when it was read: feature → how.
+        root: Folder that it was read from; None where it was made in memory.
+        recorded: What lies in that folder, as it was read.
+        attachments: Further files by their path in a dataset: the source that predicted.
+        noticed: What the audits doubt, a sentence each; told on stderr already.
+    """
+
+    dataset: Dataset
+    provenance: Provenance
+    derived: Mapping[str, str] = field(default_factory=dict)
+    root: Path | None = None
+    recorded: Dataset | None = None
+    attachments: Mapping[str, bytes] = field(default_factory=dict)
+    noticed: tuple[str, ...] = ()
+
+    @cached_property
+    def parents(self) -> tuple[Parent, ...]:
+        """What the provenance of a dataset made from it names."""
+        if self.root is None or self.recorded is None:
+            return self.provenance.parents
+        return (versions.parent_of(self.root, self.recorded),)
+
+
+def load(path: Path, episodes: Sequence[int] = ()) -> Dataset:
+    """Read a dataset; see `Dataset.load`."""
+    root = versions.resolve(path)
+    recorded = read(root)
+    dataset, derived, noticed = take_in(root, recorded.select(episodes) if episodes else recorded)
+    warn(noticed)
+    before = read_provenance(root)
+    kept = attachments(root, before)
+    before = before or lost(recorded)
+    provenance = replace(before, derived={**before.derived, **derived})
+    return replace(dataset, origin=Origin(dataset, provenance, derived, root, recorded, kept, noticed))
+
+
+def with_origin(dataset: Dataset) -> Dataset:
+    """Return a dataset as transitions with an origin: its own, or that it was made in Python.
+
+    Raises:
+        JointMismatch, DatasetInvalid: it is not in the contract's form and cannot be brought into it.
+    """
+    if dataset.origin is not None:
+        return dataset
+    complete, derived = as_transitions(dataset)
+    provenance = Provenance(how="edited", robot=dataset.robot_type, derived=derived, notes=EDITED)
+    return replace(complete, origin=Origin(complete, provenance, derived))
+
+
+def identity_of(dataset: Dataset) -> Parent:
+    """Return how a checkpoint or a dataset made from this one names it."""
+    origin = dataset.origin
+    if origin is not None and origin.root is not None and is_unchanged(dataset, origin):
+        return origin.parents[0]
+    named = origin.parents[0].name if origin and origin.parents else dataset.robot_type
+    return Parent(named, content_hash(dataset))
+
+
+def is_unchanged(dataset: Dataset, origin: Origin) -> bool:
+    """Whether a dataset holds what its origin describes."""
+    if dataset.columns is origin.dataset.columns and dataset.features is origin.dataset.features:
+        return True
+    return content_hash(dataset) == content_hash(origin.dataset)
+
+
+def describe(dataset: Dataset) -> tuple[Provenance, Mapping[str, bytes]]:
+    """Return the provenance and the further files of a dataset that is to be written."""
+    origin = with_origin(dataset).origin
+    assert origin is not None
+    if not is_unchanged(dataset, origin):
+        provenance = origin.provenance
+        notes = "\n".join(filter(None, [provenance.notes, EDITED]))
+        edited = {"how": "edited", "when": now(), "packages": dict(package_versions()), "notes": notes}
+        return replace(provenance, **edited, parents=origin.parents), origin.attachments  # type: ignore[arg-type]
+    if origin.derived and origin.root is not None:
+        return replace(origin.provenance, parents=origin.parents), origin.attachments
+    return origin.provenance, origin.attachments
+
+
+def save(dataset: Dataset, path: Path) -> Path:
+    """Write a dataset as the next version of a name; see `Dataset.save`."""
+    if versions.VERSION.fullmatch(path.name):
+        path = path.parent
+    provenance, files = describe(dataset)
+    return versions.new_version(dataset, path.name, provenance, path.parent, files)
+
+
+@contextmanager
+def kept_folders(dataset: Dataset) -> Iterator[list[Path]]:
+    """Yield the folders in which the source that a dataset was paired with may be kept."""
+    origin = dataset.origin
+    if origin is None:
+        yield []
+        return
+    if origin.root is not None:
+        yield [origin.root]
+        return
+    with TemporaryDirectory() as folder:
+        files = {**origin.attachments, PROVENANCE: json_bytes(origin.provenance.to_json())}
+        for name, content in files.items():
+            path = Path(folder, name)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content)
+        yield [Path(folder)]
+
+
+def of_arrays(
+    positions: Episodes,
+    commands: Episodes,
+    rate: float,
+    joints: Sequence[str],
+    velocities: Episodes | None,
+    times: Episodes | None,
+    kind: CommandKind,
+    slides: Sequence[str],
+    turns: bool,
+    robot: str,
+    tasks: Sequence[str],
+) -> Dataset:
+    """Make a dataset of arrays; see `Dataset.from_arrays`."""
+    check_options(rate, joints, kind, slides)
+    n = len(joints)
+    measured = split_episodes(positions, n, "positions")
+    asked = [
+        np.concatenate([part, part[-1:]]) if len(part) and len(part) + 1 == len(rows) else part
+        for part, rows in zip_alike(split_episodes(commands, n, "commands"), measured, "commands")
+    ]
+    columns = {STATE: measured, ACTION: asked}
+    features: dict[str, Feature] = {STATE: position_feature(joints, slides)}
+    features[ACTION] = action_feature(joints, [KINDS[kind]] * n, slides)
+    if velocities is not None:
+        pairs = zip_alike(split_episodes(velocities, n, "velocities"), measured, "velocities")
+        columns[STATE] = [
+            np.concatenate([rows, part], axis=1) for part, rows in pairs if same(part, rows, "velocities")
+        ]
+        features[STATE] = state_feature(joints, slides)
+    if times is not None:
+        clocks = [times] if np.ndim(times[0]) == 0 else list(times)
+        pairs = zip_alike([np.reshape(np.asarray(part, float), (-1, 1)) for part in clocks], measured, "times")
+        columns[TIME] = [part - part[:1] for part, rows in pairs if same(part, rows, "times")]
+        features[TIME] = time_feature()
+    for part, rows in zip(asked, measured, strict=True):
+        same(part, rows, "commands")
+    dataset = Dataset(
+        features=features,
+        columns={key: np.concatenate(parts).astype(features[key].dtype) for key, parts in columns.items()},
+        lengths=np.array([len(part) for part in measured]),
+        fps=float(rate),
+        robot_type=robot,
+        tasks=tuple(tasks),
+    )
+    check_finite(dataset, "The recording in memory")
+    complete, derived = as_transitions(dataset)
+    refuse(complete, turns)
+    provenance = Provenance(how="imported", robot=robot, target={"kind": "arrays"}, derived=derived, contiguous=True)
+    return replace(complete, origin=Origin(complete, provenance, derived))
+
+
+def check_options(rate: float, joints: Sequence[str], kind: str, slides: Sequence[str]) -> None:
+    """Refuse a rate, joints or a kind of command that cannot be.
+
+    Raises:
+        OptionError: says which.
+        JointMismatch: a slide is none of the joints, or joints are named twice.
+    """
+    if not (np.isfinite(rate) and rate > 0):
+        raise OptionError(f"rate is {rate}; give the control rate [Hz], above 0.")
+    if kind not in KINDS:
+        raise OptionError(f"kind is '{kind}'; choose one of: {', '.join(KINDS)}.")
+    if not joints or len(set(joints)) < len(joints):
+        raise JointMismatch(f"joints are {', '.join(joints) or 'none'}; give each joint one name of its own.")
+    strange = [joint for joint in slides if joint not in joints]
+    if strange:
+        raise JointMismatch(f"slides name '{strange[0]}', which is none of the joints {', '.join(joints)}.")
+
+
+def split_episodes(values: Episodes, width: int, what: str) -> list[Array]:
+    """Return arrays of shape (T, width), one an episode, of one such array, a list of them, or (E, T, width).
+
+    Raises:
+        DatasetInvalid: they have another shape.
+    """
+    parts = [np.asarray(values)] if np.ndim(values[0]) == 1 else list(values)
+    arrays = [np.asarray(part, float) for part in parts]
+    wrong = next((part.shape for part in arrays if part.ndim != 2 or part.shape[1] != width), None)
+    if wrong is not None:
+        raise DatasetInvalid(f"An episode of {what} has shape {wrong}; (T, {width}) is needed, a column a joint.")
+    return arrays
+
+
+def zip_alike(parts: list[Array], measured: list[Array], what: str) -> list[tuple[Array, Array]]:
+    """Return pairs of each episode's values and positions.
+
+    Raises:
+        DatasetInvalid: there are other numbers of episodes.
+    """
+    if len(parts) != len(measured):
+        raise DatasetInvalid(f"There are {len(measured)} episodes of positions and {len(parts)} of {what}.")
+    return list(zip(parts, measured, strict=True))
+
+
+def same(part: Array, rows: Array, what: str) -> bool:
+    """Whether an episode has as many rows of something as of positions.
+
+    Raises:
+        DatasetInvalid: it has not.
+    """
+    if len(part) != len(rows):
+        raise DatasetInvalid(f"An episode has {len(rows)} rows of positions and {len(part)} of {what}.")
+    return True
+
+
+def refuse(dataset: Dataset, turns: bool) -> None:
+    """Audit a dataset of arrays: warn on stderr of what is doubtful.
+
+    Args:
+        dataset: Transitions.
+        turns: Whether joints may turn farther than two turns.
+
+    Raises:
+        DatasetInvalid: it cannot be right; says why.
+    """
+    effort = not dataset.commands_positions
+    expected = Expected(rate=dataset.fps, slides=dataset.slides, effort=effort, turns=turns)
+    findings = [finding for recording in recordings(dataset) for finding in audit(recording, expected)]
+    error = next((finding for finding in findings if finding.error), None)
+    if error is not None:
+        remedy = REMEDIES.get(error.check, "correct the arrays")
+        raise DatasetInvalid(f"The arrays: in {error.file} {error.what}; {remedy}.")
+    warn(warnings_of(findings))
+
+
+def as_frame(dataset: Dataset) -> "pandas.DataFrame":
+    """Return a dataset as a table; see `Dataset.to_pandas`."""
+    import pandas as pd
+
+    lengths = np.asarray(dataset.lengths)
+    frame = np.arange(dataset.n_frames) - np.repeat(dataset.starts, lengths)
+    rows = pd.MultiIndex.from_arrays([np.repeat(np.arange(len(lengths)), lengths), frame], names=("episode", "frame"))
+    parts = {key: pd.DataFrame(dataset.columns[key], rows, item.names) for key, item in dataset.features.items()}
+    return pd.concat(parts, axis=1, names=("feature", "component"))

@@ -1,0 +1,248 @@
+"""Put a gap report together, and write the series behind its pictures."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.effects.base import Effect
+from nas_data.gap.added import Outcome
+from nas_data.gap.floor import ratios
+from nas_data.gap.goes_with import goes_with
+from nas_data.gap.name import ADEQUATE, Finding, Naming
+from nas_data.gap.nominal import Nominal
+from nas_data.gap.problem import Problem
+from nas_data.gap.report import (
+    Alternative,
+    EffectName,
+    EpisodeNumbers,
+    FittedEffect,
+    FittedParameter,
+    Found,
+    Gap,
+    GapErrors,
+    GapReport,
+    HeldoutErrors,
+    JointDescription,
+    NamedEffect,
+    Placebo,
+    Retuned,
+    Shares,
+    TriedExperiment,
+    Unexplained,
+)
+from nas_data.gap.search.final import retuned, values
+from nas_data.gap.search.objective import Task
+from nas_data.gap.showing.series import SERIES
+from nas_data.gap.verdict import above, verdict
+from nas_data.joint_units import joint_unit, kinds_of
+from nas_data.typed_json import from_json
+
+METRIC = "open-loop position RMSE on held-out episodes"
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """What to record next.
+
+    Attributes:
+        text: In a sentence; None where all names are sure.
+        compared: All experiments that were compared.
+    """
+
+    text: str | None = None
+    compared: tuple[TriedExperiment, ...] = ()
+
+
+def compose(
+    problem: Problem, found: Found, naming: Naming, outcome: Outcome, experiment: Proposal, seconds: float
+) -> GapReport:
+    """Return the report, without the files beside it.
+
+    Args:
+        problem: What was given.
+        found: Where the gap is.
+        naming: What was named.
+        outcome: What the models do.
+        experiment: What to record next.
+        seconds: How long it took [s].
+    """
+    held, floor = problem.held, problem.held.floor
+    before = ratios(held.evidence.mean_squares(outcome.before), floor)
+    after = ratios(held.evidence.mean_squares(outcome.after), floor)
+    dataset, model = problem.names
+    return GapReport(
+        dataset=dataset,
+        model=model,
+        verdict=verdict(before, after, len(naming.findings)),
+        effects=tuple(described(finding, held.nominal, outcome.whole) for finding in naming.findings),
+        retuned=tuple(from_json(Retuned, entry) for entry in retuned(naming.final)),
+        joints=joint_reports(held, naming, after),
+        unexplained=unexplained(held, outcome.after, after),
+        gap=gap(held, outcome, float(f"{naming.final.conditioning:.3g}")),
+        shares=shares(held, outcome),
+        placebo=placebo(held, naming),
+        next_experiment=experiment.text,
+        experiments=experiment.compared,
+        find=found,
+        episodes=EpisodeNumbers(
+            train=tuple(np.unique(problem.train.evidence.numbers).tolist()),
+            heldout=tuple(np.unique(held.evidence.numbers).tolist()),
+        ),
+        seed=0,
+        seconds=round(seconds, 2),
+    )
+
+
+def described(finding: Finding, nominal: Nominal, whole: bool = False) -> NamedEffect:
+    """Return a finding as the report lists it.
+
+    Args:
+        finding: What was named.
+        nominal: The model, whose joints decide the units.
+        whole: Whether the model file holds every effect.
+    """
+    effect, slides = finding.effect, nominal.slides
+    unit = joint_unit(effect.joint, slides) if effect.joint else kinds_of(nominal.joints, slides)[0][0]
+    found = values(effect, finding.interval, slides)
+    return NamedEffect(
+        name=effect.name(),
+        joint=effect.joint,
+        parameters={name: from_json(FittedParameter, entry) for name, entry in found.items()},
+        confidence=finding.confidence,
+        evidence=HeldoutErrors(heldout_error_before=finding.before, heldout_error_after=finding.after, unit=unit.si),
+        alternatives=tuple(alternative(rival, error) for rival, error in finding.alternatives),
+        equals=tuple(EffectName(name=rival.name(), joint=rival.joint) for rival in finding.equals),
+        in_model_xml=whole or effect.in_model,
+    )
+
+
+def alternative(effect: Effect, error: float) -> Alternative:
+    """Return what came second as the report lists it."""
+    numbers = {p.name: float(getattr(effect, p.name)) for p in effect.sought}
+    return Alternative(name=effect.name(), joint=effect.joint, parameters=numbers, heldout_error_after=error)
+
+
+def joint_reports(held: Task, naming: Naming, after: np.ndarray) -> Mapping[str, JointDescription]:
+    """Return of each joint how complete its description is, its rest, and whether two halves of the recording agree.
+
+    Args:
+        held: Model and held-out episodes.
+        naming: What was named.
+        after: Held-out error over the floor with the names, shape (n,).
+    """
+    return {
+        joint: JointDescription(
+            complete=round(float(min(1.0, (ADEQUATE / max(ratio, 1e-9)) ** 2)), 3),
+            ratio_to_noise=round(float(ratio), 2),
+            stable=naming.stable.get(joint, True),
+        )
+        for joint, ratio in zip(held.evidence.joints, after, strict=True)
+    }
+
+
+def unexplained(held: Task, predicted: np.ndarray, after: np.ndarray) -> tuple[Unexplained, ...]:
+    """Return the joints whose rest is above the floor, and what it goes with."""
+    errors = held.evidence.errors(predicted)
+    return tuple(
+        Unexplained(
+            joint=held.evidence.joints[joint],
+            ratio_to_noise=round(float(after[joint]), 2),
+            goes_with=goes_with(held.evidence, errors, joint),
+        )
+        for joint in above(after, ADEQUATE)
+    )
+
+
+def gap(held: Task, outcome: Outcome, conditioning: float | None = None) -> Gap:
+    """Return the gap before and after, per joint, and pooled over the joints of each kind.
+
+    The figures of the first kind, hinges where there are any, stand at the top. Where the arm has slides as well,
+    theirs stand beside under `slides`: radians and metres have no mean.
+    """
+    models = {
+        "before": outcome.before, "plain": outcome.plain, "after": outcome.after, "after_model_xml": outcome.written,
+    }  # fmt: skip
+    squares = {name: held.evidence.mean_squares(predicted).mean(0) for name, predicted in models.items()}
+    squares = {"noise_floor": held.floor**2, **squares}
+
+    def pooled(places: np.ndarray) -> dict[str, float]:
+        return {name: float(np.sqrt(row[places].mean())) for name, row in squares.items()}
+
+    def of_joint(place: int, unit: str) -> GapErrors:
+        return replace(GapErrors(unit=unit, **pooled(np.array([place]))), after_model_xml=None)
+
+    joints, slides = held.evidence.joints, held.nominal.slides
+    (unit, places), *others = kinds_of(joints, slides)
+    beside = [GapErrors(unit=other.si, **pooled(rest)) for other, rest in others]
+    return Gap(
+        unit=unit.si,
+        **pooled(places),
+        metric=METRIC + (f", over the {unit.kind} ({others[0][0].kind} beside)" if others else ""),
+        delivered=outcome.delivered,
+        slides=beside[0] if beside else None,
+        per_joint={joint: of_joint(place, joint_unit(joint, slides).si) for place, joint in enumerate(joints)},
+        conditioning=conditioning,
+    )
+
+
+def shares(held: Task, outcome: Outcome) -> Shares:
+    """Return which share of the squared gap above the floor the names explain, φ on top, and what is left.
+
+    Squares are those of the joints of the first kind: hinges where there are any.
+    """
+    if outcome.learned is not None:
+        return Shares(**outcome.learned)
+    places = first_kind(held)
+    floor = float((held.floor[places] ** 2).mean())
+    before, after = (float(held.evidence.mean_squares(p)[:, places].mean()) for p in (outcome.before, outcome.after))
+    above_floor = max(before - floor, 1e-18)
+    left = float(np.clip((after - floor) / above_floor, 0.0, 1.0))
+    return Shares(names=1 - left, left=left)
+
+
+def first_kind(held: Task) -> np.ndarray:
+    """Return the places of the joints of the first kind, over which pooled figures go."""
+    return kinds_of(held.evidence.joints, held.nominal.slides)[0][1]
+
+
+def placebo(held: Task, naming: Naming) -> Placebo | None:
+    """Return what the runner-up achieves in the place of the surest finding."""
+    if naming.placebo is None:
+        return None
+    error = float(np.sqrt(naming.placebo.heldout[:, first_kind(held)].mean()))
+    rival = naming.placebo.effects[-1]
+    replaced = naming.findings[naming.rivals.index(naming.placebo)].effect
+    where = f" in {rival.joint}" if rival.joint else ""
+    effects = (effect.to_json(held.nominal.slides) for effect in naming.placebo.effects)
+    return Placebo(
+        effects=tuple(from_json(FittedEffect, entry) for entry in effects),
+        after=error,
+        text=f"{rival.name()}{where} instead of {replaced.name()}",
+    )
+
+
+def write_series(folder: Path, problem: Problem, naming: Naming, outcome: Outcome) -> None:
+    """Write the held-out episodes and what each model makes of them to `series.npz`."""
+    held = problem.held
+    evidence = held.evidence
+    series = {
+        "time": evidence.period * np.arange(1, evidence.commands.shape[1] + 1),
+        "joints": np.array(evidence.joints),
+        "episodes": evidence.numbers,
+        "measured": evidence.measured,
+        "command": evidence.commands,
+        "before": outcome.before,
+        "retuned": outcome.retuned,
+        "plain": outcome.plain,
+        "after": outcome.after,
+        "counts": evidence.counts,
+        "floor": held.floor,
+        "slides": np.array(held.nominal.slides, dtype=str),
+    }
+    if naming.placebo is not None:
+        predicted = held.predict(naming.placebo.fit.parameters, naming.placebo.fit.theta)
+        if predicted is not None:
+            series["placebo"] = predicted
+    np.savez_compressed(folder / SERIES, allow_pickle=False, **series)

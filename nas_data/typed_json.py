@@ -1,0 +1,126 @@
+"""Frozen dataclasses as JSON and back: what a file holds is a record, written and read by one piece of code.
+
+A key is called as its field, or as the field's metadata say (`field(metadata={"key": "effect"})`). A field of None
+whose metadata have `optional` is left out. A field with a default may be missing in the file; keys that a record does
+not have are ignored.
+"""
+
+import types
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, Field, fields, is_dataclass
+from typing import TYPE_CHECKING, Any, TypeVar, Union, get_args, get_origin, get_type_hints
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Record = TypeVar("Record")
+SHOWN = 40  # characters of a wrong value in an error
+WORDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
+
+
+class FormError(ValueError):
+    """A JSON value is not what a record needs."""
+
+
+class LacksKeys(FormError):
+    """A JSON object lacks keys that a record needs.
+
+    Attributes:
+        keys: Their names.
+    """
+
+    def __init__(self, where: str, keys: Sequence[str]) -> None:
+        super().__init__(f"{where or 'it'} lacks {', '.join(keys)}")
+        self.keys = tuple(keys)
+
+
+def as_object(record: "DataclassInstance") -> dict[str, object]:
+    """Return a record as `json.dumps` takes it."""
+    pairs = ((key, item, getattr(record, item.name)) for item in fields(record) if (key := key_of(item)))
+    return {key: to_json(held) for key, item, held in pairs if not (held is None and is_optional(item))}
+
+
+def to_json(value: object) -> object:
+    """Return what a field of a record holds as `json.dumps` takes it."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return as_object(value)
+    if isinstance(value, Mapping):
+        return {str(key): to_json(held) for key, held in value.items()}
+    if isinstance(value, list | tuple):
+        return [to_json(held) for held in value]
+    return value
+
+
+def from_json(kind: type[Record], value: object, where: str = "") -> Record:
+    """Read a record.
+
+    Args:
+        kind: Its dataclass.
+        value: What `json.loads` gave.
+        where: How to call the value in an error, for example `effects[0]`.
+
+    Raises:
+        FormError: the value has another form; says where.
+        LacksKeys: it lacks keys.
+    """
+    if not isinstance(value, Mapping):
+        raise wrong(value, "an object", where)
+    known = {item.name: (key, item) for item in fields(kind) if (key := key_of(item))}  # type: ignore[arg-type]
+    lacking = sorted(key for key, item in known.values() if key not in value and is_needed(item))
+    if lacking:
+        raise LacksKeys(where, lacking)
+    hints = get_type_hints(kind)
+    held = {
+        name: convert(hints[name], value[key], f"{where}.{key}" if where else key)
+        for name, (key, _) in known.items()
+        if key in value
+    }
+    return kind(**held)
+
+
+def convert(kind: Any, value: object, where: str) -> object:
+    """Return a JSON value as the type of a field; errors as of `from_json`."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin in (Union, types.UnionType):
+        if value is None and type(None) in inner:
+            return None
+        (kind,) = (one for one in inner if one is not type(None))
+        return convert(kind, value, where)
+    if origin is tuple:
+        if not isinstance(value, list | tuple) or (inner[-1] is not Ellipsis and len(value) != len(inner)):
+            raise wrong(value, "a list" if inner[-1] is Ellipsis else f"a list of {len(inner)}", where)
+        kinds = [inner[0]] * len(value) if inner[-1] is Ellipsis else inner
+        return tuple(
+            convert(one, held, f"{where}[{i}]") for i, (one, held) in enumerate(zip(kinds, value, strict=True))
+        )
+    if origin is not None:  # a mapping from texts
+        if not isinstance(value, Mapping):
+            raise wrong(value, "an object", where)
+        return {str(key): convert(inner[1], held, f"{where}.{key}") for key, held in value.items()}
+    if is_dataclass(kind):
+        return from_json(kind, value, where)  # type: ignore[arg-type]  # a class, never one of its instances
+    wanted = (int, float) if kind is float else kind
+    if not isinstance(value, wanted) or isinstance(value, bool) != (kind is bool):
+        raise wrong(value, WORDS[kind], where)
+    return float(value) if kind is float else value
+
+
+def wrong(value: object, wanted: str, where: str) -> FormError:
+    """Return the error of a value that is not what is wanted."""
+    return FormError(f"{where or 'it'} is {str(value)[:SHOWN]!r}, not {wanted}")
+
+
+def key_of(item: "Field[Any]") -> str | None:
+    """Return the key of a field in JSON; None where it is kept elsewhere."""
+    key = item.metadata.get("key", item.name)
+    return None if key is None else str(key)
+
+
+def is_optional(item: "Field[Any]") -> bool:
+    """Whether a field of None is left out."""
+    return bool(item.metadata.get("optional"))
+
+
+def is_needed(item: "Field[Any]") -> bool:
+    """Whether a field has no default."""
+    return item.default is MISSING and item.default_factory is MISSING
