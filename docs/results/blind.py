@@ -1,12 +1,20 @@
-"""Gather finished blind cases into one file beside the tables of blind.md, and print those tables from it."""
+"""Make blind.md from the cases in blind.parquet, to which finished cases are added first if asked for.
+
+Run `python docs/results/blind.py`, or with cases to add: `python docs/results/blind.py runs/blind --seed 24 --setting any
+--commit abc1234`.
+"""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import tyro
+from pages import HERE, markdown_table, render, write_page
 
+GIVEN = {"0.03", "0.2", "0.088", "0.29", "1.4", "0.5", "1.1", "2.5", "1.3", "0.6", "1.5"}  # of the cases drawn
 FAMILIES = {
     "one": "one effect",
     "two": "two effects",
@@ -16,138 +24,193 @@ FAMILIES = {
 }
 KEPT = (
     "case", "arm", "excitation", "true", "marks", "named", "confidences", "parameters", "verdict", "exact",
-    "confident_wrong", "unexplained_joint_named", "seconds", "fresh", "baselines",
+    "confident_wrong", "unexplained_joint_named", "seconds", "fresh",
 )  # fmt: skip
 SURE = 0.8  # a wrong name with at least this confidence counts as confidently wrong
+TABLE = "blind.parquet"
 Case = Mapping[str, object]
 
 
-def gathered(folders: Iterable[Path], commit: str, seed: int, before: Path | None) -> dict[str, object]:
-    """Return the finished cases of some `--out` folders, after those of an earlier file."""
-    cases = {case["case"]: case for case in (json.loads(before.read_text("utf-8"))["cases"] if before else ())}
-    for folder in folders:
-        for path in sorted((folder / "results").glob("*.json")):
-            record = json.loads(path.read_text("utf-8"))
-            cases[record["case"]] = {key: record[key] for key in KEPT if record.get(key) != {}}
-    return {"commit": commit, "seed": seed, "cases": [cases[name] for name in sorted(cases)]}
+class Blind:
+    """What the cases say, in the words of the page."""
+
+    def __init__(self, folder: Path) -> None:
+        self._cases = pq.read_table(folder / TABLE).to_pylist()
+
+    def _of(self, seed: int, setting: str, family: str | None = None) -> list[Case]:
+        cases = [case for case in self._cases if (case["seed"], case["setting"]) == (seed, setting)]
+        return [case for case in cases if family in (None, find_family(case))]
+
+    def count(self, seed: int, setting: str) -> str:
+        """Return how many cases a seed has."""
+        return str(len(self._of(seed, setting)))
+
+    def commit(self, seed: int, setting: str) -> str:
+        """Return what a seed's cases were run with."""
+        return self._of(seed, setting)[0]["commit"]
+
+    def right(self, seeds: Sequence[int], setting: str, families: Sequence[str]) -> str:
+        """Return how many cases of some families are exactly right, of how many."""
+        cases = [case for seed in seeds for family in families for case in self._of(seed, setting, family)]
+        return f"{sum(case['exact'] for case in cases)} of {len(cases)}"
+
+    def families(self, seed: int, setting: str) -> str:
+        """Return the table of a seed's families."""
+        by_family = {family: self._of(seed, setting, family) for family in FAMILIES}
+        heads = ["family", "cases", "exactly right", "wrong with confidence ≥ 0.8"]
+        heads += ["rest of right ones on fresh episodes, median [noise floors]", "least, median", "median time [s]"]
+        return markdown_table(heads, [tell_family(family, own) for family, own in by_family.items() if own])
+
+    def found(self, seed: int, setting: str) -> str:
+        """Return a list of how right parameters, intervals and confidences of a seed are."""
+        cases = self._of(seed, setting)
+        parameters = [entry for case in cases for entry in case["parameters"]]
+        errors = [entry["relative_error"] for entry in parameters if not np.isnan(entry["relative_error"])]
+        held = [bool(entry["covered"]) for entry in parameters if entry["covered"] is not None]
+        said = [(entry["confidence"], entry["right"]) for case in cases for entry in case["confidences"]]
+        lines = [
+            f"- **Parameters** of right names: median error {100 * np.median(errors):.1f} %, largest "
+            f"{100 * max(errors):.0f} %; the 95 % intervals held the truth in {sum(held)} of {len(held)}."
+        ]
+        parts = []
+        for low, high, words in ((0.8, 2.0, "at 0.8 or more"), (0.5, 0.8, "from 0.5 to 0.8"), (0.0, 0.5, "below 0.5")):
+            inside = [right for confidence, right in said if low <= confidence < high]
+            parts.append(f"{sum(inside)} of {len(inside)} {words}")
+        return "\n".join([*lines, f"- **Confidence**: findings that are right: {', '.join(parts)}."])
+
+    def failures(self, seeds: Sequence[int], setting: str) -> str:
+        """Return the table of cases inside the catalogue that are not right."""
+        cases = [case for seed in seeds for case in self._of(seed, setting)]
+        wrong = [case for case in cases if not case["exact"] and find_family(case) != "outside"]
+        return markdown_table(["not right", "hidden (floors)", "named (confidence)"], map(tell_failure, wrong))
+
+    def runs(self, setting: str, seeds: Sequence[int]) -> str:
+        """Return the table of several seeds: how many of each family are exactly right, and how sure it was."""
+        rows = []
+        for seed in seeds:
+            cases = self._of(seed, setting)
+            families = [self._of(seed, setting, family) for family in FAMILIES]
+            cells = [f"{sum(case['exact'] for case in own)} of {len(own)}" if own else "" for own in families]
+            errors = [e["relative_error"] for c in cases for e in c["parameters"] if not np.isnan(e["relative_error"])]
+            held = [bool(e["covered"]) for c in cases for e in c["parameters"] if e["covered"] is not None]
+            sure, off = str(sum(map(is_sure_and_wrong, cases))), f"{100 * np.median(errors):.1f} %"
+            commit, held_of = f"`{cases[0]['commit']}`", f"{sum(held)} of {len(held)}"
+            rows.append([str(seed), commit, *cells, sure, off, held_of])
+        heads = ["seed", "commit", *FAMILIES.values(), "wrong with confidence ≥ 0.8"]
+        return markdown_table([*heads, "parameters off by, median", "intervals that hold"], rows)
+
+    def methods(self, seed: int, setting: str) -> str:
+        """Return the table of the other methods on the cases that they were given, `nas gap` beside them."""
+        rows = []
+        for family, label in FAMILIES.items():
+            both = [case for case in self._of(seed, setting, family) if case["baselines"]]
+            answers = {"nas gap": both}
+            for case in both:
+                for answer in case["baselines"]:
+                    answers.setdefault(answer["method"], []).append(answer)
+            rows += [tell_method(label, name, given) for name, given in answers.items() if given]
+        return markdown_table(
+            ["hidden", "method", "cases", "exactly right", "sure and wrong", "rest", "time [s]"], rows
+        )
 
 
-def write(path: Path, whole: Mapping[str, object]) -> None:
-    """Write the file, one case a line."""
-    lines = ",\n".join(json.dumps(case) for case in whole["cases"])
-    head = f'{{"commit": {json.dumps(whole["commit"])}, "seed": {whole["seed"]}, "cases": ['
-    path.write_text(f"{head}\n{lines}\n]}}\n", encoding="utf-8")
-
-
-def family_of(case: Case) -> str:
+def find_family(case: Case) -> str:
     """Return the family that a case's name begins with."""
     return str(case["case"]).removeprefix("any-").split("-")[0]
 
 
-def row(family: str, cases: Sequence[Case]) -> str:
-    """Return one line of the table of families."""
+def is_sure_and_wrong(case: Case) -> bool:
+    """Return whether something wrong was named with a confidence of at least `SURE`."""
+    return any(said["confidence"] >= SURE and not said["right"] for said in case["confidences"])
+
+
+def list_rests(cases: Iterable[Case]) -> list[float]:
+    """Return what the delivered models leave on fresh episodes, in noise floors."""
+    return [case["fresh"]["after"] / case["fresh"]["floor"] for case in cases if case["fresh"]["after"]]
+
+
+def tell_median(values: Sequence[float], digits: int = 2) -> str:
+    """Return the median; nothing of none."""
+    return f"{np.median(values):.{digits}f}" if values else ""
+
+
+def tell_family(family: str, cases: Sequence[Case]) -> list[str]:
+    """Return a row of the table of families."""
     right = [case for case in cases if case["exact"]]
-    sure = sum(any(said["confidence"] >= SURE and not said["right"] for said in case["confidences"]) for case in cases)
-    least = [case["fresh"]["least"] / case["fresh"]["floor"] for case in right if case["fresh"].get("least")]
-    told = [str(len(right)), str(sure), median(rests(right)), median(least)]
+    least = [case["fresh"]["least"] / case["fresh"]["floor"] for case in right if case["fresh"]["least"]]
+    sure, time = str(sum(map(is_sure_and_wrong, cases))), tell_median([case["seconds"] for case in cases], 0)
     if family == "outside":
         named = sum(bool(case["unexplained_joint_named"]) for case in cases)
         explained = sum(case["verdict"] == "explained" for case in cases)
-        told[0] = f"named nothing in {len(right)}"
-        told[2:] = [f"({explained} `explained`, the joint among the unexplained in {named})", ""]
-    return f"| {FAMILIES[family]} | {len(cases)} | {' | '.join(told)} |"
+        words = f"({explained or 'none'} `explained`, the joint among the unexplained in {named})"
+        return [FAMILIES[family], str(len(cases)), f"named nothing in {len(right)}", sure, words, "", time]
+    counts = [FAMILIES[family], str(len(cases)), str(len(right)), sure]
+    return [*counts, tell_median(list_rests(right)), tell_median(least), time]
 
 
-def rests(cases: Iterable[Case]) -> list[float]:
-    """Return what the delivered models leave on fresh episodes, as multiples of the noise floor."""
-    return [case["fresh"]["after"] / case["fresh"]["floor"] for case in cases if case["fresh"].get("after")]
-
-
-def median(values: Sequence[float]) -> str:
-    """Return the median with two digits; nothing of none."""
-    return f"{np.median(values):.2f}" if values else ""
-
-
-def told(cases: Sequence[Case]) -> str:
-    """Return table and list as Markdown."""
-    by_family = {family: [case for case in cases if family_of(case) == family] for family in FAMILIES}
-    lines = ["| family | cases | exactly right | wrong with confidence ≥ 0.8 | rest | least |", "|" + " --- |" * 6]
-    lines += [row(family, own) for family, own in by_family.items() if own]
-    parameters = [entry for case in cases for entry in case["parameters"]]
-    errors = [entry["relative_error"] for entry in parameters if not np.isnan(entry["relative_error"])]
-    judged = [bool(entry["covered"]) for entry in parameters if entry["covered"] is not None]
-    said = [(entry["confidence"], entry["right"]) for case in cases for entry in case["confidences"]]
-    lines += ["", f"- parameters: median error {np.median(errors):.1%}, largest {max(errors):.0%}; "]
-    lines[-1] += f"intervals held the truth in {sum(judged)} of {len(judged)}"
-    for low, high in ((0.8, 2.0), (0.5, 0.8), (0.0, 0.5)):
-        inside = [right for confidence, right in said if low <= confidence < high]
-        lines.append(f"- confidence from {low}: {sum(inside)} of {len(inside)} findings right")
-    own = [case for family in ("one", "two", "three") for case in by_family[family] if case["exact"]]
-    lines.append(f"- rest of all right ones: {median(rests(own))} floors")
-    for family, members in by_family.items():
-        lines.append(f"- {family}: {median([case['seconds'] for case in members])} s")
-    lines += [f"- not right: {case['case']}: {names(case)}" for case in cases if wrong(case)]
-    return "\n".join([*lines, *baselines(by_family)])
-
-
-def baselines(by_family: Mapping[str, Sequence[Case]]) -> list[str]:
-    """Return a table of the other methods on the cases that they were given, the workflow's own figures beside them."""
-    lines = ["", "| family | method | cases | exactly right | wrong, sure | rest | s |", "|" + " --- |" * 7]
-    for family, members in by_family.items():
-        both = [case for case in members if case.get("baselines")]
-        methods = {"nas gap": both} | {
-            name: [case["baselines"][name] for case in both if name in case["baselines"]]
-            for name in dict.fromkeys(name for case in both for name in case["baselines"])
-        }
-        lines += [method_row(FAMILIES[family], name, answers) for name, answers in methods.items() if answers]
-    return lines if len(lines) > 3 else []
-
-
-def method_row(family: str, name: str, answers: Sequence[Case]) -> str:
-    """Return one line of that table; rests are those of all cases, right or not."""
-    right = sum(bool(answer["exact"]) for answer in answers)
-    sure = sum(bool(answer["confident_wrong"]) for answer in answers if "confident_wrong" in answer)
-    seconds = median([answer["seconds"] for answer in answers if "seconds" in answer])
-    left = median([rest for answer in answers if "fresh" in answer for rest in rests([answer])])
-    return f"| {family} | {name} | {len(answers)} | {right} | {sure} | {left} | {seconds} |"
-
-
-def wrong(case: Case) -> bool:
-    """Return whether a case inside the catalogue was not named exactly."""
-    return not case["exact"] and family_of(case) != "outside"
-
-
-def names(case: Case) -> str:
-    """Return what was hidden and what was named, with confidences."""
-    named = [
-        f"{words(name)} {said['confidence']:.2f}" for name, said in zip(case["named"], case["confidences"], strict=True)
+def tell_method(family: str, name: str, answers: Sequence[Case]) -> list[str]:
+    """Return a row of the table of methods; rests are those of all cases, right or not."""
+    right, sure = sum(bool(one["exact"]) for one in answers), sum(bool(one["confident_wrong"]) for one in answers)
+    rest = tell_median(list_rests([one for one in answers if one["fresh"]]))
+    return [
+        family,
+        name,
+        str(len(answers)),
+        str(right),
+        str(sure),
+        rest,
+        tell_median([a["seconds"] for a in answers], 1),
     ]
-    marks = [f"{words(name)} ({mark:.0f} floors)" for name, mark in zip(case["true"], case["marks"], strict=True)]
-    return f"{', '.join(marks)} → {', '.join(named) or 'nothing'}"
 
 
-def words(name: Sequence[str | None]) -> str:
+def tell_failure(case: Case) -> list[str]:
+    """Return which case it is, what was hidden and what was named."""
+    family, plant, seed, place = str(case["case"]).removeprefix("any-").split("-")
+    marks = [f"{join(name)} ({mark:.0f})" for name, mark in zip(case["true"], case["marks"], strict=True)]
+    said = zip(case["named"], case["confidences"], strict=True)
+    named = [f"{join(name)} ({each['confidence']:.2f})" for name, each in said]
+    return [f"seed {seed}: {family}, {plant} {int(place)}", ", ".join(marks), ", ".join(named) or "nothing"]
+
+
+def join(name: Sequence[str | None]) -> str:
     """Return effect and joint."""
-    return " ".join(part for part in name if part)
+    return " ".join(part.replace("_", " ") for part in name if part)
+
+
+def make_page(folder: Path) -> str:
+    """Return the page that the cases of a folder make."""
+    return render(folder / "blind.md.j2", Blind(folder))
+
+
+def add_cases(folders: Iterable[Path], seed: int, setting: str, commit: str) -> None:
+    """Add the finished cases of `--out` folders of `nas benchmark gap` to the table; cases of the same name go."""
+    table = pq.read_table(HERE / TABLE)
+    added = {}
+    for folder in folders:
+        for path in sorted((folder / "results").glob("*.json")):
+            record = json.loads(path.read_text("utf-8"))
+            case = {key: record.get(key) for key in KEPT} | {"seed": seed, "setting": setting, "commit": commit}
+            case["baselines"] = [{"method": name, **one} for name, one in (record.get("baselines") or {}).items()]
+            added[record["case"]] = case
+    kept = [case for case in table.to_pylist() if case["case"] not in added]
+    new = pa.Table.from_pylist([*kept, *added.values()], schema=table.schema)
+    pq.write_table(new, HERE / TABLE, compression="zstd")
 
 
 def main(
-    file: tyro.conf.Positional[Path],
-    folders: tyro.conf.Positional[tuple[Path, ...]] = (),
-    commit: str = "",
-    seed: int = 0,
+    folders: tyro.conf.Positional[tuple[Path, ...]] = (), seed: int = 0, setting: str = "xl320", commit: str = ""
 ) -> None:
-    """Print the tables of a file of blind cases, after the cases of some folders have been added to it.
+    """Make the page, after the cases of some folders have been added.
 
     Args:
-        file: JSON beside blind.md.
-        folders: `--out` folders of `nas benchmark gap`, whose finished cases are added first.
-        commit: What the added cases were run with.
-        seed: Seed that they were drawn with.
+        folders: `--out` folders of `nas benchmark gap`.
+        seed: Seed that their cases were drawn with.
+        setting: Setting that they were drawn by.
+        commit: What they were run with.
     """
     if folders:
-        write(file, gathered(folders, commit, seed, file if file.exists() else None))
-    print(told(json.loads(file.read_text("utf-8"))["cases"]))
+        add_cases(folders, seed, setting, commit)
+    write_page("blind", make_page(HERE), {})
 
 
 if __name__ == "__main__":

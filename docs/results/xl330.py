@@ -1,98 +1,77 @@
-"""Score models of the XL330 pendulum on logs that none of them was fitted to; the commands are in xl330.md."""
+"""Make xl330.md from xl330.csv and xl330_names.csv.
 
-import json
-from collections.abc import Mapping, Sequence
+Run `python docs/results/xl330.py`.
+"""
+
 from pathlib import Path
 
 import numpy as np
-import tyro
+from pages import HERE, markdown_table, number, read_table, render, write_page
 
-from nas_data.dataset.read import read
-from nas_data.dataset.transitions import as_transitions
-from nas_data.dataset.versions import resolve
-from nas_data.effects.base import Effect, read_effects
-from nas_data.gap.add import read_factors
-from nas_data.gap.evidence import Evidence
-from nas_data.gap.finding.driven import until_driven_again
-from nas_data.gap.floor import noise_floor
-from nas_data.gap.gains import with_relative_gains
-from nas_data.gap.nominal import Nominal, fine_timestep, with_timestep
-from nas_data.gap.search.final import finish
-from nas_data.gap.search.fit import Task
-
-HERE = Path(__file__).parent
-MODEL, AUTHORS = HERE / "xl330.xml", HERE / "xl330_authors.json"
-TRAJECTORIES = ("lift_and_drop", "sin_sin", "up_and_down")
-MODELS = ("frictionless", "authors", "refitted", "named")
+GIVEN = {"7.4", "6.1"}  # [V] the motor's supply, as recorded
+MODELS = {
+    "frictionless": "frictionless",
+    "authors": "authors' M1",
+    "refitted": "M1, fitted without this trajectory",
+    "named": "named",
+}
+DIGITS = {"": 3, "N·m·s/rad": 4, "rad": 3}
 
 
-def recorded(dataset: Path) -> tuple[tuple[str, ...], Evidence]:
-    """Return the names of a dataset's logs, and what they measured."""
-    root = resolve(dataset)
-    transitions, _ = as_transitions(read(root))
-    told = with_relative_gains(transitions, MODEL, root)
-    return told.tasks, Evidence.of(until_driven_again(told))
+class Xl330:
+    """What the tables say, in the words of the page."""
+
+    def __init__(self, folder: Path) -> None:
+        self._logs, self._names = read_table(folder / "xl330.csv"), read_table(folder / "xl330_names.csv")
+
+    def errors_table(self) -> str:
+        """Return the table of errors by held-out log, the least of each in bold."""
+        logs = sorted(self._logs, key=lambda row: (row["log"].split()[0], int(row["log"].split("=")[1])))
+        rows = [self._row(row["log"].replace(" kp=", ", P "), [float(row[name]) for name in MODELS]) for row in logs]
+        rows.append(self._row("median", [self._median(name) for name in MODELS]))
+        return markdown_table(["held-out log", *MODELS.values()], rows)
+
+    def _row(self, name: str, errors: list[float]) -> list[str]:
+        texts = [number(error, 2) for error in errors]
+        return [name, *(f"**{text}**" if text == number(min(errors), 2) else text for text in texts)]
+
+    def _median(self, model: str) -> float:
+        return float(np.median([float(row[model]) for row in self._logs]))
+
+    def median(self, model: str) -> str:
+        """Return the median error of a model [°]."""
+        return f"{number(self._median(model), 2)}°"
+
+    def better(self) -> str:
+        """Return on how many logs the names are better than the authors' numbers."""
+        return str(sum(float(row["named"]) < float(row["authors"]) for row in self._logs))
+
+    def count(self) -> str:
+        """Return the number of logs."""
+        return str(len(self._logs))
+
+    def names_table(self) -> str:
+        """Return the table of names by held-out trajectory."""
+        told: dict[str, list[str]] = {}
+        for row in self._names:
+            digits = DIGITS[row["unit"]]
+            value, low, high = (number(float(row[key]), digits) for key in ("value", "low", "high"))
+            unit = f" {row['unit']}" if row["unit"] else ""
+            effect, sure = row["effect"].replace("_", " "), number(float(row["confidence"]), 2)
+            told.setdefault(row["held_out"], []).append(f"{effect} {value}{unit} [{low}, {high}], {sure}")
+        order = ("sin_sin", "lift_and_drop", "up_and_down")
+        rows = [[name, "; ".join(told[name])] for name in order]
+        return markdown_table(["named without", "names, 95 % intervals, confidence"], rows)
+
+    def most_sure(self) -> str:
+        """Return the largest confidence of a name."""
+        return number(max(float(row["confidence"]) for row in self._names), 2)
 
 
-def errors(
-    evidence: Evidence, effects: Sequence[Effect] = (), factors: Mapping[str, float] | None = None
-) -> np.ndarray:
-    """Return the open-loop RMSE of each log [°] for the frictionless model with effects, shape (E,)."""
-    nominal = Nominal.load(MODEL, evidence)
-    nominal = with_timestep(nominal, fine_timestep(nominal))
-    return np.degrees(np.sqrt(evidence.mean_squares(nominal.predict(evidence, effects, factors))[:, 0]))
-
-
-def refitted(evidence: Evidence) -> tuple[Sequence[Effect], Mapping[str, float]]:
-    """Fit the authors' effects and the model's own numbers to other logs: what their form of friction can foresee."""
-    final = finish(Task(Nominal.load(MODEL, evidence), evidence, noise_floor(evidence)), read_effects(AUTHORS), {})
-    return final.effects, final.factors
-
-
-def held_out(trajectory: str, datasets: Path, runs: Path) -> list[dict[str, object]]:
-    """Return the table's rows of one trajectory; what is named was fitted on the other two."""
-    logs, evidence = recorded(datasets / trajectory)
-    others, named = recorded(datasets / f"without_{trajectory}")[1], runs / f"without_{trajectory}" / "effects.json"
-    columns = {
-        "frictionless": errors(evidence),
-        "authors": errors(evidence, read_effects(AUTHORS)),
-        "refitted": errors(evidence, *refitted(others)),
-        "named": errors(evidence, read_effects(named), read_factors(named)),
-    }
-    return [
-        {"log": logs[int(number)], **{name: round(float(column[place]), 3) for name, column in columns.items()}}
-        for place, number in enumerate(evidence.numbers)
-    ]
-
-
-def effects(runs: Path, trajectory: str) -> list[dict[str, object]]:
-    """Return what was named without one trajectory, with value, interval and confidence."""
-    report = json.loads((runs / f"without_{trajectory}" / "report.json").read_text(encoding="utf-8"))
-    kept = ("effect", "joint", "parameters", "confidence", "in_model_xml")
-    return [{key: entry[key] for key in kept} for entry in report["effects"]]
-
-
-def main(datasets: tyro.conf.Positional[Path], runs: tyro.conf.Positional[Path]) -> None:
-    """Print the table and write it beside this file.
-
-    Args:
-        datasets: Folder of the logs, as xl330.md imports them.
-        runs: Folder of the gap reports that xl330.md's commands wrote.
-    """
-    rows = [row for trajectory in TRAJECTORIES for row in held_out(trajectory, datasets, runs)]
-    medians = {"log": "median", **{name: float(np.median([row[name] for row in rows])) for name in MODELS}}
-    print("held-out log [°]".ljust(22), *(name.rjust(12) for name in MODELS))
-    for row in [*rows, medians]:
-        print(str(row["log"]).ljust(22), *(f"{row[name]:12.2f}" for name in MODELS))
-    content = {
-        "metric": "open-loop position RMSE over a whole log, started once",
-        "unit": "deg",
-        "rows": rows,
-        "medians": medians,
-        "named_without": {trajectory: effects(runs, trajectory) for trajectory in TRAJECTORIES},
-    }
-    (HERE / "xl330.json").write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+def make_page(folder: Path) -> str:
+    """Return the page that the tables of a folder make."""
+    return render(folder / "xl330.md.j2", Xl330(folder))
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    write_page("xl330", make_page(HERE), {})

@@ -100,7 +100,7 @@ FEW = TrainingOptions(
 PRESETS = {
     "fast": TrainingOptions(),
     # For recordings of a few minutes, which a larger network learns by heart; in windows longer than these the training
-    # diverges on some of them. Chosen on four hundreds of Pusher's trajectories (docs/results/tried.md).
+    # diverges on some of them. Chosen on four hundreds of Pusher's trajectories (docs/log/experiments.md).
     "few": FEW,
     # For as little of a torque-driven arm whose model says how it is symmetric
     "symmetric": replace(FEW, preset="symmetric", weight_decay=3.0, corrects="command", symmetric=True),

@@ -1,0 +1,146 @@
+"""Make so101.md and its picture from so101.csv and so101_names.csv.
+
+Run `python docs/results/so101.py`.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from pages import HERE, Row, markdown_table, number, read_table, render, write_page
+
+from nas_data.reports.ablation_figure import Curve, error_over_amount
+from nas_data.reports.style import to_png
+
+GIVEN = {"40.1", "0.0349", "0.55"}  # the changes that were made, and what was to be reached
+MOTIONS = ("chirp_sweep", "random_waypoints", "friction_gravity", "pick_place")
+COLUMNS = {
+    "stock model": ("source", "ac39df1"),
+    "with the named effects": ("names", "ac39df1"),
+    "+ φ on these": ("names + φ", "ac39df1"),
+}
+LOOPS = ("open_loop", "one_step")
+
+
+class So101:
+    """What the tables say, in the words of the page."""
+
+    def __init__(self, folder: Path) -> None:
+        self._runs, self._names = read_table(folder / "so101.csv"), read_table(folder / "so101_names.csv")
+
+    # Held-out motions
+
+    def motions_table(self) -> str:
+        """Return the table of errors by held-out motion [°]."""
+        rows = [
+            [f"`{motion}`", *(number(self._error(motion, *one), 2) for one in COLUMNS.values())] for motion in MOTIONS
+        ]
+        rows.append(["mean", *(self.mean(*one) for one in COLUMNS.values())])
+        return markdown_table(["held-out motion", *COLUMNS], rows)
+
+    def mean(self, method: str, commit: str) -> str:
+        """Return the mean error of the four motions [°]."""
+        return number(self._error("mean", method, commit), 2)
+
+    def share(self) -> str:
+        """Return what the names leave of the stock model's mean error."""
+        return number(self._error("mean", "names", "ac39df1") / self._error("mean", "source", "ac39df1"), 2)
+
+    def _error(self, motion: str, method: str, commit: str) -> float:
+        key = ("held-out motions", motion, method, commit)
+        (row,) = (r for r in self._runs if (r["experiment"], r["motion"], r["method"], r["commit"]) == key)
+        return float(row["open_loop"])
+
+    # Names
+
+    def _found(self, recordings: str) -> list[Row]:
+        return [row for row in self._names if row["recordings"] == recordings]
+
+    def names_count(self) -> str:
+        """Return how many effects were named in the recordings as they are."""
+        rows = [row for row in self._found("so101") if row["effect"] not in ("base", "unexplained")]
+        return str(len({(row["effect"], row["joint"]) for row in rows}))
+
+    def most_sure(self) -> str:
+        """Return the largest confidence of these names."""
+        return number(max(float(row["confidence"]) for row in self._found("so101") if row["confidence"]), 2)
+
+    def left(self) -> str:
+        """Return what is left in the joints, in noise floors."""
+        values = [float(row["value"]) for row in self._found("so101") if row["effect"] == "unexplained"]
+        return f"{min(values):.0f} to {max(values):.0f}"
+
+    def change(self, recordings: str, effect: str, joint: str, factor: float, digits: int, unit: str) -> str:
+        """Return what was found of a change: value and interval, times a factor."""
+        row = self._change(recordings, effect, joint)
+        value, low, high = (number(factor * float(row[key]), digits) for key in ("value", "low", "high"))
+        return f"{value} {unit} [{low}, {high}]"
+
+    def change_row(self, recordings: str, effect: str, joint: str, true: float) -> str:
+        """Return by how much a change was missed, its confidence, and the held-out error before and after."""
+        row = self._change(recordings, effect, joint)
+        before, after = (f"{np.degrees(float(row[key])):.2f}°" for key in ("before", "after"))
+        off = abs(float(row["value"]) / true - 1)
+        return f"{100 * off:.0f} % | {number(float(row['confidence']), 2)} | {before} → {after}"
+
+    def _change(self, recordings: str, effect: str, joint: str) -> Row:
+        rows = [row for row in self._found(recordings) if (row["effect"], row["joint"]) == (effect, joint)]
+        return rows[0]
+
+    # Minutes of data
+
+    def ablation_table(self, preset: str) -> str:
+        """Return the table of errors by minutes of data, three seeds each [°]."""
+        heads = ["learned", "from", "open loop [°]: median", "min … max", "one step [°]: median", "min … max"]
+        rows = []
+        for method, minutes in self._amounts(preset):
+            cells = [method, f"{minutes:.3g} minute{'' if minutes == 1 else 's'}"]
+            for loop in LOOPS:
+                low, middle, high = self._spread(preset, method, minutes, loop)
+                digits = 2 if loop == "open_loop" else 3
+                ends = " … ".join(number(value, digits) if np.isfinite(value) else "diverged" for value in (low, high))
+                cells += [number(middle, digits), ends]
+            rows.append(cells)
+        if preset == "small":
+            for row in self._ablation(""):
+                errors = [np.degrees(float(row[loop])) for loop in LOOPS]
+                rows.append([row["method"], "", number(errors[0], 2), "", number(errors[1], 3), ""])
+        return markdown_table(heads, rows)
+
+    def _ablation(self, preset: str) -> list[Row]:
+        return [row for row in self._runs if (row["experiment"], row["preset"]) == ("ablation", preset)]
+
+    def _amounts(self, preset: str) -> list[tuple[str, float]]:
+        return list(dict.fromkeys((row["method"], float(row["given_minutes"])) for row in self._ablation(preset)))
+
+    def _spread(self, preset: str, method: str, minutes: float, loop: str) -> tuple[float, float, float]:
+        rows = [
+            row for row in self._ablation(preset) if (row["method"], float(row["given_minutes"])) == (method, minutes)
+        ]
+        values = np.degrees([float(row[loop]) for row in rows])
+        return float(values.min()), float(np.median(values)), float(values.max())
+
+    def _curve(self, method: str, loop: str) -> Curve:
+        amounts = np.array([minutes for name, minutes in self._amounts("small") if name == method])
+        low, median, high = np.radians([self._spread("small", method, minutes, loop) for minutes in amounts]).T
+        return Curve(amounts, low, median, high)
+
+    def _baselines(self, loop: str) -> dict[str, float]:
+        return {row["method"]: float(row[loop]) for row in self._ablation("")}
+
+
+def make_page(folder: Path) -> str:
+    """Return the page that the tables of a folder make."""
+    return render(folder / "so101.md.j2", So101(folder))
+
+
+def draw_ablation() -> bytes:
+    """Draw errors over minutes of data."""
+    found = So101(HERE)
+    curves = {loop: {name: found._curve(name, loop) for name in ("source + φ", "ψ")} for loop in LOOPS}
+    return to_png(error_over_amount(curves, {loop: found._baselines(loop) for loop in LOOPS}, "minutes"))
+
+
+PICTURES = {"so101_ablation.png": draw_ablation}
+
+if __name__ == "__main__":
+    write_page("so101", make_page(HERE), PICTURES)

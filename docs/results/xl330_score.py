@@ -1,0 +1,95 @@
+"""Score models of the XL330 pendulum on logs that none of them was fitted to; the commands are in xl330.md."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import tyro
+from pages import write_table
+
+from nas_data.dataset.read import read
+from nas_data.dataset.transitions import as_transitions
+from nas_data.dataset.versions import resolve
+from nas_data.effects.base import Effect, read_effects
+from nas_data.gap.add import read_factors
+from nas_data.gap.evidence import Evidence
+from nas_data.gap.finding.driven import until_driven_again
+from nas_data.gap.floor import noise_floor
+from nas_data.gap.gains import with_relative_gains
+from nas_data.gap.nominal import Nominal, fine_timestep, with_timestep
+from nas_data.gap.search.final import finish
+from nas_data.gap.search.fit import Task
+
+HERE = Path(__file__).parent
+MODEL, AUTHORS = HERE / "xl330.xml", HERE / "xl330_authors.json"
+TRAJECTORIES = ("lift_and_drop", "sin_sin", "up_and_down")
+
+
+def recorded(dataset: Path) -> tuple[tuple[str, ...], Evidence]:
+    """Return the names of a dataset's logs, and what they measured."""
+    root = resolve(dataset)
+    transitions, _ = as_transitions(read(root))
+    told = with_relative_gains(transitions, MODEL, root)
+    return told.tasks, Evidence.of(until_driven_again(told))
+
+
+def errors(
+    evidence: Evidence, effects: Sequence[Effect] = (), factors: Mapping[str, float] | None = None
+) -> np.ndarray:
+    """Return the open-loop RMSE of each log [°] for the frictionless model with effects, shape (E,)."""
+    nominal = Nominal.load(MODEL, evidence)
+    nominal = with_timestep(nominal, fine_timestep(nominal))
+    return np.degrees(np.sqrt(evidence.mean_squares(nominal.predict(evidence, effects, factors))[:, 0]))
+
+
+def refitted(evidence: Evidence) -> tuple[Sequence[Effect], Mapping[str, float]]:
+    """Fit the authors' effects and the model's own numbers to other logs: what their form of friction can foresee."""
+    final = finish(Task(Nominal.load(MODEL, evidence), evidence, noise_floor(evidence)), read_effects(AUTHORS), {})
+    return final.effects, final.factors
+
+
+def held_out(trajectory: str, datasets: Path, runs: Path) -> list[dict[str, object]]:
+    """Return the table's rows of one trajectory; what is named was fitted on the other two."""
+    logs, evidence = recorded(datasets / trajectory)
+    others, named = recorded(datasets / f"without_{trajectory}")[1], runs / f"without_{trajectory}" / "effects.json"
+    columns = {
+        "frictionless": errors(evidence),
+        "authors": errors(evidence, read_effects(AUTHORS)),
+        "refitted": errors(evidence, *refitted(others)),
+        "named": errors(evidence, read_effects(named), read_factors(named)),
+    }
+    return [
+        {"log": logs[int(number)], **{name: round(float(column[place]), 3) for name, column in columns.items()}}
+        for place, number in enumerate(evidence.numbers)
+    ]
+
+
+def list_names(runs: Path, trajectory: str) -> list[dict[str, object]]:
+    """Return what was named without one trajectory: a row a parameter, with value, interval and confidence."""
+    report = json.loads((runs / f"without_{trajectory}" / "report.json").read_text(encoding="utf-8"))
+    return [
+        {"held_out": trajectory, "effect": entry["effect"], "joint": entry["joint"], "parameter": name}
+        | {"value": found["value"], "unit": found["unit"]}
+        | dict(zip(("low", "high"), found["interval95"], strict=True))
+        | {"confidence": entry["confidence"], "in_model_xml": entry["in_model_xml"]}
+        for entry in report["effects"]
+        for name, found in entry["parameters"].items()
+    ]
+
+
+def main(datasets: tyro.conf.Positional[Path], runs: tyro.conf.Positional[Path]) -> None:
+    """Write xl330.csv and xl330_names.csv beside this file.
+
+    Args:
+        datasets: Folder of the logs, as xl330.md imports them.
+        runs: Folder of the gap reports that xl330.md's commands wrote.
+    """
+    write_table(
+        HERE / "xl330.csv", [row for trajectory in TRAJECTORIES for row in held_out(trajectory, datasets, runs)]
+    )
+    write_table(HERE / "xl330_names.csv", [row for trajectory in TRAJECTORIES for row in list_names(runs, trajectory)])
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
