@@ -41,8 +41,8 @@ class Render(ShowsEpisode):
         """Simulate, draw and write."""
         if self.out.suffix not in (".mp4", ".png"):
             raise OptionError(f"--out {self.out} must end in .mp4 (a film and a picture) or .png (the picture alone).")
-        files = dict.fromkeys([self.out.with_suffix(".png"), self.out])
-        for file in files:
+        picture, film_file = self.out.with_suffix(".png"), self.out if self.out.suffix == ".mp4" else None
+        for file in filter(None, (picture, film_file)):
             if file.exists():
                 raise OutputExists(f"{file} exists; choose another --out.")
         from nas_data.films.film import Film, frames_between, write_mp4, write_png
@@ -52,26 +52,22 @@ class Render(ShowsEpisode):
         still = motion.worst if self.at is None else int(frames_between(motion, self.at, None, self.rate, 1.0)[0])
         film = Film(motion, self.dataset.name, (self.height, self.width), self.azimuth, self.elevation)
         try:
-            write_png(film.picture(still), self.out.with_suffix(".png"))
-            if self.out.suffix == ".mp4":
-                write_mp4(film, chosen, self.rate, self.out, Counting("drawing"))
+            write_png(film.picture(still), picture)
+            if film_file:
+                write_mp4(film, chosen, self.rate, film_file, Counting("drawing"))
         finally:
             film.close()
-        arms = ", ".join(ghost.name for ghost in motion.ghosts)
-        lines = [
-            f"{arms} in episode {self.episode} of {root}, {motion.times[-1]:.2f} s",
-            f"  picture → {list(files)[0]}",
-        ]
-        lines += [f"  film, {len(chosen)} pictures → {self.out}"] if self.out.suffix == ".mp4" else []
+        arms, frames = [ghost.name for ghost in motion.ghosts], len(chosen) if film_file else 0
+        text = f"{', '.join(arms)} in episode {self.episode} of {root}\n  at {motion.times[still]:.2f} s → {picture}"
         return Outcome(
-            "\n".join(lines),
+            text + (f"\n  {frames} pictures → {film_file}" if film_file else ""),
             {
                 "dataset": root,
                 "episode": self.episode,
-                "arms": [ghost.name for ghost in motion.ghosts],
-                "picture": self.out.with_suffix(".png"),
+                "arms": arms,
+                "picture": picture,
                 "picture_at_s": float(motion.times[still]),
-                "film": self.out if self.out.suffix == ".mp4" else None,
-                "frames": len(chosen) if self.out.suffix == ".mp4" else 0,
+                "film": film_file,
+                "frames": frames,
             },
         )

@@ -77,17 +77,22 @@ def log_signals(motion: Motion) -> None:
     send(ACTION, motion, dataset.commands)
     send(STATES, motion, motion.ghosts[0].states[:count, : dataset.states.shape[1]])
     for ghost in motion.ghosts[1:]:
-        send(f"{SIMULATED}/{ghost.name}", motion, ghost.states[:, : dataset.states.shape[1]])
+        send(entity(SIMULATED, ghost.name), motion, ghost.states[:, : dataset.states.shape[1]])
         factors = np.array([unit.factor for unit in motion.units])
-        send(f"{ERRORS}/{ghost.name}", motion, ghost.errors * factors)
+        send(entity(ERRORS, ghost.name), motion, ghost.errors * factors)
 
 
-def send(entity: str, motion: Motion, values: np.ndarray) -> None:
+def entity(kind: str, name: str) -> str:
+    """Return the path of what belongs to an arm, whose name may hold what a path cannot."""
+    return f"{kind}/{load_rerun().escape_entity_path_part(name)}"
+
+
+def send(path: str, motion: Motion, values: np.ndarray) -> None:
     """Log rows of numbers (rows, width) from the episode's first frame on."""
     rerun = load_rerun()
     columns = rerun.Scalars.columns(scalars=np.asarray(values, float).ravel())
     rows = columns.partition(np.full(len(values), values.shape[1]))
-    rerun.send_columns(entity, indexes=timelines(motion, len(values)), columns=rows)
+    rerun.send_columns(path, indexes=timelines(motion, len(values)), columns=rows)
 
 
 def timelines(motion: Motion, count: int) -> list[object]:
@@ -110,7 +115,7 @@ def log_arms(motion: Motion) -> None:
     rerun.log(ARMS, rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     for body in range(model.nbody):
         ghost = int(scene.owner[body])
-        path = f"{ARMS}/{motion.ghosts[ghost].name}/{body}"
+        path = f"{entity(ARMS, motion.ghosts[ghost].name)}/{body}"
         geoms = [geom for geom in np.flatnonzero(model.geom_bodyid == body) if scene.shown[geom]]
         for geom in geoms:
             shape = shape_of(model, int(geom), [round(255 * part) for part in colour(ghost)])
@@ -129,7 +134,7 @@ def shape_of(model: mujoco.MjModel, geom: int, shade: Sequence[int]) -> object |
     placed = {"quaternions": [turn], "colors": [shade], "fill_mode": "solid"}
     kind = mujoco.mjtGeom(model.geom_type[geom])
     if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
-        start = at + rotate(model.geom_quat[geom], np.array([0.0, 0.0, -size[1]]))  # Rerun's begins at its lower cap
+        start = at + turned(np.array([0.0, 0.0, -size[1]]), model.geom_quat[geom])  # Rerun's begins at its lower cap
         return rerun.Capsules3D(lengths=[2 * size[1]], radii=[size[0]], translations=[start], **placed)
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
         return rerun.Cylinders3D(lengths=[2 * size[1]], radii=[size[0]], centers=[at], **placed)
@@ -142,16 +147,16 @@ def shape_of(model: mujoco.MjModel, geom: int, shade: Sequence[int]) -> object |
         mesh = model.mesh(int(model.geom_dataid[geom]))
         corners = slice(int(mesh.vertadr[0]), int(mesh.vertadr[0] + mesh.vertnum[0]))
         faces = slice(int(mesh.faceadr[0]), int(mesh.faceadr[0] + mesh.facenum[0]))
-        moved = at + np.array([rotate(model.geom_quat[geom], corner) for corner in model.mesh_vert[corners]])
+        moved = at + turned(model.mesh_vert[corners], model.geom_quat[geom])
         return rerun.Mesh3D(vertex_positions=moved, triangle_indices=model.mesh_face[faces], albedo_factor=shade)
     return None
 
 
-def rotate(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """Return a vector (3,) turned by a quaternion (4,), w first."""
-    turned = np.empty(3)
-    mujoco.mju_rotVecQuat(turned, np.asarray(vector, float), quaternion)
-    return turned
+def turned(vectors: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
+    """Return vectors (…, 3) turned by a quaternion (4,), w first."""
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return np.asarray(vectors @ matrix.reshape(3, 3).T)
 
 
 def blueprint(motion: Motion) -> object:
@@ -163,9 +168,9 @@ def blueprint(motion: Motion) -> object:
     errors = [f"RMSE [{unit.shown}]" for unit in motion.units]
     plots = [(ACTION, action), (STATES, state)]
     for ghost in motion.ghosts[1:]:
-        plots += [(f"{SIMULATED}/{ghost.name}", state), (f"{ERRORS}/{ghost.name}", errors)]
+        plots += [(entity(SIMULATED, ghost.name), state), (entity(ERRORS, ghost.name), errors)]
     shown = [views.Spatial3DView(origin=ARMS, name=ARMS)]
-    for entity, names in plots:
+    for path, names in plots:
         lines = rerun.SeriesLines(names=list(names))
-        shown.append(views.TimeSeriesView(origin=entity, name=entity, overrides={entity: lines}))
+        shown.append(views.TimeSeriesView(origin=path, name=path, overrides={path: lines}))
     return views.Blueprint(views.Grid(*shown))

@@ -104,19 +104,18 @@ def compose(ghosts: Sequence[Ghost]) -> tuple[mujoco.MjModel, np.ndarray]:
     Raises:
         ModelFileError: MuJoCo refuses the scene.
     """
-    scene, owner = mujoco.MjSpec(), [0]
+    scene, parts = mujoco.MjSpec(), [bare(ghost, with_world=number == 0) for number, ghost in enumerate(ghosts)]
     light_up(scene)
-    for number, ghost in enumerate(ghosts):
-        shapes = bare(ghost, with_world=number == 0)
-        owner += [number] * (len(shapes.bodies) - 1)
-        scene.attach(shapes, prefix=f"{number}/", frame=scene.worldbody.add_frame())
     try:
+        for number, part in enumerate(parts):
+            scene.attach(part, prefix=f"{number}/", frame=scene.worldbody.add_frame())
         model = scene.compile()
     except (ValueError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split()).rstrip(".")
         files = ", ".join(dict.fromkeys(str(ghost.simulator.robot.mjcf) for ghost in ghosts))
         raise ModelFileError(f"{files} cannot be drawn in one scene: {reason}; render one --model at a time.") from None
-    return model, np.array(owner)
+    names = [model.body(body).name.partition("/") for body in range(model.nbody)]  # `bare` names all but the world
+    return model, np.array([int(number) if slash else 0 for number, slash, _ in names])
 
 
 def bare(ghost: Ghost, with_world: bool) -> mujoco.MjSpec:
