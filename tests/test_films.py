@@ -1,6 +1,7 @@
 """Films of an episode: the measured arm and its models in one scene, as pictures, as a film and in Rerun."""
 
 import json
+import sys
 from pathlib import Path
 
 import mujoco
@@ -10,7 +11,6 @@ from command_samples import SIMULATED, nas
 from recording_samples import recorded_on, wander
 from simulator_samples import CONTACTS, PLAY
 
-from nas_data.cli import main
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.versions import new_version
 from nas_data.errors import MissingPackage, OptionError
@@ -190,10 +190,8 @@ def test_a_film_and_its_picture_are_written_by_one_command(folder, here):
 def test_a_machine_that_cannot_draw_is_told_what_to_install(folder, here, monkeypatch):
     from nas_data.simulators import offscreen
 
-    monkeypatch.setattr(offscreen, "BACKENDS", {})
-    monkeypatch.setattr(offscreen, "UNUSABLE", (Exception,))
-    monkeypatch.setenv("MUJOCO_GL", "osmesa")
-    monkeypatch.setattr(offscreen.importlib, "import_module", lambda name: object())
+    monkeypatch.setattr(offscreen, "BACKENDS", {sys.platform: ()})
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
     answer = nas("render", folder / "arm", "--model", folder / "stock.xml")
     assert answer.code == 2
     assert "apt install libegl1 (or libosmesa6)" in answer.err
@@ -204,7 +202,8 @@ def test_a_machine_that_cannot_draw_is_told_what_to_install(folder, here, monkey
     ("words", "said"),
     [
         ("--out film.gif", "must end in .mp4"),
-        ("--start 99", "outside episode 0, which lasts 1.2 s"),
+        ("--at 99", "--at 99 is outside episode 0, which lasts 1.2 s"),
+        ("--start 99", "--start 99 is outside episode 0, which lasts 1.2 s"),
         ("--speed 0", "--speed 0 must be a number above 0"),
         ("--episode 7", "no episode 7"),
         ("--model nothing.xml", "no model file nothing.xml"),
@@ -272,7 +271,7 @@ def test_a_window_of_rerun_needs_a_screen(folder, here, monkeypatch):
 
 
 def test_without_rerun_the_extra_is_named(folder, here, monkeypatch):
-    import sys
-
     monkeypatch.setitem(sys.modules, "rerun", None)
-    assert main(["view", str(folder / "arm"), "--out", "a.rrd"]) == 2
+    answer = nas("view", folder / "arm", "--model", folder / "stock.xml", "--out", "a.rrd")
+    assert answer.code == 2
+    assert "pip install 'nas_data[viz]'" in answer.err

@@ -45,11 +45,11 @@ class Render(ShowsEpisode):
         for file in filter(None, (picture, film_file)):
             if file.exists():
                 raise OutputExists(f"{file} exists; choose another --out.")
-        from nas_data.films.film import Film, frames_between, write_mp4, write_png
+        from nas_data.films.film import Film, frame_at, frames_between, write_mp4, write_png
 
         root, motion = self.motion()
         chosen = frames_between(motion, self.start, self.seconds, self.rate, self.speed)
-        still = motion.worst if self.at is None else int(frames_between(motion, self.at, None, self.rate, 1.0)[0])
+        still = motion.worst if self.at is None else frame_at(motion, self.at, "--at")
         film = Film(motion, self.dataset.name, (self.height, self.width), self.azimuth, self.elevation)
         try:
             write_png(film.picture(still), picture)

@@ -1,6 +1,7 @@
 """Pictures and films of ghosts, with a caption that says who is who and how far each is off."""
 
 from collections.abc import Callable, Iterator, Sequence
+from io import BytesIO
 from pathlib import Path
 
 import matplotlib
@@ -10,6 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 from nas_data.errors import OptionError
 from nas_data.films.motion import Motion
 from nas_data.films.scene import Scene, colour
+from nas_data.reports.file import write_whole
 from nas_data.simulators.offscreen import Pictures
 
 LINE, EDGE = 22, 10  # [px] height of a line of the caption, and space around it
@@ -90,18 +92,30 @@ def frames_between(motion: Motion, start: float, seconds: float | None, rate: fl
     for name, value in (("seconds", seconds), ("rate", rate), ("speed", speed)):
         if value is not None and not 0 < value < np.inf:
             raise OptionError(f"--{name} {value:g} must be a number above 0.")
+    frame_at(motion, start, "--start")
     last = float(motion.times[-1])
-    if not 0 <= start <= last:
-        raise OptionError(f"--start {start:g} is outside episode {motion.episode}, which lasts {last:g} s.")
     end = last if seconds is None else min(last, start + seconds)
     times = np.arange(start, end + 1e-9, speed / rate)
     return np.minimum(np.rint(times * motion.dataset.fps).astype(int), len(motion.times) - 1)
 
 
+def frame_at(motion: Motion, seconds: float, option: str) -> int:
+    """Return the frame at a time [s after the episode's start] that an option gives.
+
+    Raises:
+        OptionError: the episode has none then.
+    """
+    last = float(motion.times[-1])
+    if not 0 <= seconds <= last:
+        raise OptionError(f"{option} {seconds:g} is outside episode {motion.episode}, which lasts {last:g} s.")
+    return round(seconds * motion.dataset.fps)
+
+
 def write_png(picture: np.ndarray, path: Path) -> None:
     """Write a picture, shape (height, width, 3), uint8."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    Image.fromarray(picture).save(path, format="PNG", optimize=True)
+    content = BytesIO()
+    Image.fromarray(picture).save(content, format="PNG", optimize=True)
+    write_whole(path, content.getvalue())
 
 
 def write_mp4(

@@ -73,9 +73,9 @@ class Recording:
 
 def log_signals(motion: Motion) -> None:
     """Log what was commanded, measured and simulated, a row a frame, as LeRobot does."""
-    dataset, count = motion.dataset, len(motion.times)
+    dataset = motion.dataset
     send(ACTION, motion, dataset.commands)
-    send(STATES, motion, motion.ghosts[0].states[:count, : dataset.states.shape[1]])
+    send(STATES, motion, motion.ghosts[0].states[:, : dataset.states.shape[1]])
     for ghost in motion.ghosts[1:]:
         send(entity(SIMULATED, ghost.name), motion, ghost.states[:, : dataset.states.shape[1]])
         factors = np.array([unit.factor for unit in motion.units])
