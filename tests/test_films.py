@@ -52,18 +52,14 @@ TIP = "v 0 0 0\nv .04 0 0\nv 0 .02 0\nv 0 0 .02\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 
 SIZE = (240, 320)
 
 
-def draws() -> str | None:
-    """Return why this machine cannot draw; None where it can."""
+@pytest.fixture(scope="module")
+def screen():
+    """Skip what draws where the machine cannot."""
     model = mujoco.MjModel.from_xml_string("<mujoco/>")
     try:
         Pictures(model, mujoco.MjData(model), (16, 16)).close()
     except MissingPackage as error:
-        return str(error)
-    return None
-
-
-REASON = draws()
-needs_gl = pytest.mark.skipif(REASON is not None, reason=str(REASON))
+        pytest.skip(str(error))
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +89,7 @@ def test_models_move_and_err_as_evaluate_says(motion, folder):
     expected = Errors.of(("a", "b"), [rolled], [motion.dataset.next_states]).overall
     assert np.sqrt(np.mean(stock.errors[1:, 0] ** 2)) == pytest.approx(expected)
     assert stock.errors[0, 0] == 0
-    assert corrected.errors.max() < 1e-4 < stock.errors.max()
+    assert corrected.errors.max() < 0.05 * stock.errors.max()
     assert motion.worst == np.argmax(stock.errors[:, 0])
 
 
@@ -151,8 +147,7 @@ def test_the_camera_sees_every_posture(motion, azimuth, elevation):
     assert 0.75 < beside.max() < 1
 
 
-@needs_gl
-def test_a_picture_shows_every_arm_in_its_colour(motion):
+def test_a_picture_shows_every_arm_in_its_colour(screen, motion):
     film = Film(motion, "arm", SIZE, azimuth=90, elevation=0)
     try:
         picture = film.picture(motion.worst).astype(int)
@@ -167,8 +162,7 @@ def test_a_picture_shows_every_arm_in_its_colour(motion):
     assert ((blue - red) > 30).sum() > 20
 
 
-@needs_gl
-def test_a_film_and_its_picture_are_written_by_one_command(folder, here):
+def test_a_film_and_its_picture_are_written_by_one_command(screen, folder, here):
     import av
 
     models = ["--model", folder / "stock.xml", "--model", folder / "corrected.xml"]
@@ -237,6 +231,7 @@ def test_models_are_named_by_what_tells_them_apart():
     assert names_of(["arm.xml", "runs/b/arm2.xml"]) == ["arm", "arm2"]
     assert names_of(["runs/a/model.xml", "runs/b/model.xml"]) == ["a/model", "b/model"]
     assert names_of(["runs/gap/model.xml"]) == ["gap/model"]
+    assert names_of(["model.xml"]) == ["model"]
     assert names_of(["arm.xml", "arm.xml"]) == ["arm (1)", "arm (2)"]
     assert names_of([]) == ["source"]
 

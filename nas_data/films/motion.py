@@ -145,8 +145,9 @@ def names_of(models: Sequence[str]) -> list[str]:
         return ["source"]
     paths = [Path(model).with_suffix("") for model in models]
     longest = max(len(path.parts) for path in paths)
-    for length in range(1, longest + 1):
+    telling = 2 if {path.name for path in paths} == {"model"} else 1  # every gap report calls its model so
+    for length in range(min(telling, longest), longest + 1):
         names = ["/".join(path.parts[-length:]) for path in paths]
-        if len(set(names)) == len(names) and not (length == 1 and set(names) == {"model"}):
+        if len(set(names)) == len(names):
             return names
-    return [f"{'/'.join(path.parts)} ({number})" for number, path in enumerate(paths, 1)]
+    return [f"{path} ({number})" for number, path in enumerate(paths, 1)]
