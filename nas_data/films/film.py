@@ -142,6 +142,7 @@ def write_mp4(
         with av.open(str(partial), "w", format="mp4", options={"movflags": "faststart"}) as container:
             codec = next(name for name in CODECS if name in av.codecs_available)
             stream = container.add_stream(codec, rate=round(rate), options=QUALITY.get(codec, {}))
+            assert isinstance(stream, av.VideoStream)
             stream.height, stream.width = film.size
             stream.pix_fmt = "yuv420p"
             for picture in pictures(film, frames, progress):

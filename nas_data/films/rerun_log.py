@@ -166,10 +166,10 @@ def blueprint(motion: Motion) -> object:
 
     state, action = motion.dataset.features[STATE].names, motion.dataset.features[ACTION].names
     errors = [f"RMSE [{unit.shown}]" for unit in motion.units]
-    plots = [(ACTION, action), (STATES, state)]
+    plots: list[tuple[str, Sequence[str]]] = [(ACTION, action), (STATES, state)]
     for ghost in motion.ghosts[1:]:
         plots += [(entity(SIMULATED, ghost.name), state), (entity(ERRORS, ghost.name), errors)]
-    shown = [views.Spatial3DView(origin=ARMS, name=ARMS)]
+    shown: list[views.View] = [views.Spatial3DView(origin=ARMS, name=ARMS)]
     for path, names in plots:
         lines = rerun.SeriesLines(names=list(names))
         shown.append(views.TimeSeriesView(origin=path, name=path, overrides={path: lines}))

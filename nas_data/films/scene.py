@@ -1,5 +1,6 @@
 """One MuJoCo scene in which the arms of a film stand in the same place, each in one colour."""
 
+import warnings
 from collections.abc import Sequence
 
 import mujoco
@@ -109,7 +110,9 @@ def compose(ghosts: Sequence[Ghost]) -> tuple[mujoco.MjModel, np.ndarray]:
     try:
         for number, part in enumerate(parts):
             scene.attach(part, prefix=f"{number}/", frame=scene.worldbody.add_frame())
-        model = scene.compile()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # options such as the integrator differ, and are not used here
+            model = scene.compile()
     except (ValueError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split()).rstrip(".")
         files = ", ".join(dict.fromkeys(str(ghost.simulator.robot.mjcf) for ghost in ghosts))
