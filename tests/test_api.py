@@ -402,13 +402,13 @@ def test_a_window_needs_a_screen(monkeypatch):
 
 
 def test_a_machine_that_cannot_draw_is_told_what_to_install(monkeypatch):
-    from nas_data.envs.loop import rendering
+    from nas_data.simulators import offscreen
 
-    monkeypatch.setattr(rendering, "BACKENDS", {})
-    monkeypatch.setattr(rendering.importlib, "import_module", lambda name: object())
+    monkeypatch.setattr(offscreen, "BACKENDS", {})
+    monkeypatch.setattr(offscreen.importlib, "import_module", lambda name: object())
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     with pytest.raises(MissingPackage, match="libegl1"):
-        rendering.open_context(8, 8)
+        offscreen.open_context(8, 8)
 
 
 def test_ppo_acts_as_the_policy_that_was_trained(page, policy):

@@ -216,7 +216,8 @@ def typed(path: Path) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    "page", ["docs/ergojr.md", "docs/lerobot_arms.md", "docs/your_arm.md", "lerobot_robot_ergojr/README.md"]
+    "page",
+    ["docs/ergojr.md", "docs/lerobot_arms.md", "docs/render.md", "docs/your_arm.md", "lerobot_robot_ergojr/README.md"],
 )
 def test_each_command_of_a_page_can_be_typed(page):
     commands = typed(ROOT / page)

@@ -172,6 +172,11 @@ def baselines(
 
 def open_loop_source(dataset: Dataset, simulator: Simulator) -> list[np.ndarray]:
     """Roll the source out over every episode, started at its first measured state; a list of (T, 2n)."""
+    return [states[:, : dataset.states.shape[1]] for states in open_loop_scene(dataset, simulator)]
+
+
+def open_loop_scene(dataset: Dataset, simulator: Simulator) -> list[np.ndarray]:
+    """Do as `open_loop_source`, with the objects that the dataset has: a list of (T, 2n or 2n + m)."""
     check_fits(dataset, simulator)
     initial = initial_states(dataset, simulator)
     result: list[np.ndarray] = [np.empty(0)] * dataset.n_episodes
@@ -179,7 +184,7 @@ def open_loop_source(dataset: Dataset, simulator: Simulator) -> list[np.ndarray]
         commands = padded_commands(dataset, batch)
         states = simulator.rollout_settled(initial[batch], commands)
         for row, episode in enumerate(batch):
-            result[episode] = states[row, : dataset.lengths[episode], : dataset.states.shape[1]]
+            result[episode] = states[row, : dataset.lengths[episode]]
     return result
 
 

@@ -15,7 +15,8 @@ from nas_data.errors import OptionError
 from nas_data.simulators.base import Stepper
 
 if TYPE_CHECKING:
-    from nas_data.envs.loop.rendering import Pictures, Pose, Window
+    from nas_data.envs.loop.rendering import Pose, Window
+    from nas_data.simulators.offscreen import Pictures
 
 HUMAN, RGB_ARRAY = "human", "rgb_array"
 
@@ -113,7 +114,8 @@ class ArmEnv(gymnasium.Env[Array, Array], gymnasium.utils.EzPickle):
             OptionError: the environment was made without a render mode, or there is no screen for a window.
             MissingPackage: this machine has nothing that draws pictures; names a package.
         """
-        from nas_data.envs.loop.rendering import Pictures, Pose, Window
+        from nas_data.envs.loop.rendering import Pose, Window
+        from nas_data.simulators.offscreen import Pictures
 
         if self.render_mode is None:
             raise OptionError(f"The environment was made without pictures; make it with render_mode='{RGB_ARRAY}'.")
@@ -121,7 +123,8 @@ class ArmEnv(gymnasium.Env[Array, Array], gymnasium.utils.EzPickle):
             self._pose = Pose(self.task, self._dynamics)
         if self._display is None:
             human = self.render_mode == HUMAN
-            self._display = Window(self._pose, self.task.period) if human else Pictures(self._pose)
+            pose = self._pose
+            self._display = Window(pose, self.task.period) if human else Pictures(pose.model, pose.data)
         self._pose.take(self.arena.stepper)
         if isinstance(self._display, Pictures):
             return self._display.draw()

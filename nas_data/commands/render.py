@@ -1,0 +1,73 @@
+"""Draw an episode as a film: the measured arm and its models as ghosts in one scene."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from nas_data.commands._ghosts import ShowsEpisode
+from nas_data.commands._patience import Counting
+from nas_data.commands.base import Outcome
+from nas_data.errors import OptionError, OutputExists
+
+
+@dataclass(frozen=True, kw_only=True)
+class Render(ShowsEpisode):
+    """Draw the measured arm, solid, and models under the same commands, transparent: one film and one picture.
+
+    Example: nas render datasets/arm --model arm.xml --model runs/gap/model.xml --episode 3 --out film.mp4
+    """
+
+    out: Path = Path("film.mp4")
+    """The film; a picture of the same name, .png, lies beside it. With a name that ends in .png, only the picture."""
+    at: float | None = None
+    """When the picture is taken [s after the episode's start]; when the first model is farthest off by default."""
+    start: float = 0.0
+    """Where the film begins [s after the episode's start]."""
+    seconds: float | None = None
+    """How much of the episode it shows [s]; all by default."""
+    rate: int = 30
+    """Pictures a second."""
+    speed: float = 1.0
+    """Seconds of the episode in a second of film; below 1 is slow motion."""
+    width: int = 960
+    """Width of a picture [px]."""
+    height: int = 720
+    """Height of a picture, caption included [px]."""
+    azimuth: float = 120.0
+    """Direction in which the camera looks, about the vertical axis [deg]."""
+    elevation: float = -15.0
+    """Direction in which the camera looks, above the horizon [deg]; negative looks down."""
+
+    def run(self) -> Outcome:
+        """Simulate, draw and write."""
+        if self.out.suffix not in (".mp4", ".png"):
+            raise OptionError(f"--out {self.out} must end in .mp4 (a film and a picture) or .png (the picture alone).")
+        picture, film_file = self.out.with_suffix(".png"), self.out if self.out.suffix == ".mp4" else None
+        for file in filter(None, (picture, film_file)):
+            if file.exists():
+                raise OutputExists(f"{file} exists; choose another --out.")
+        from nas_data.films.film import Film, frame_at, frames_between, write_mp4, write_png
+
+        root, motion = self.motion()
+        chosen = frames_between(motion, self.start, self.seconds, self.rate, self.speed)
+        still = motion.worst if self.at is None else frame_at(motion, self.at, "--at")
+        film = Film(motion, self.dataset.name, (self.height, self.width), self.azimuth, self.elevation)
+        try:
+            write_png(film.picture(still), picture)
+            if film_file:
+                write_mp4(film, chosen, self.rate, film_file, Counting("drawing"))
+        finally:
+            film.close()
+        arms, frames = [ghost.name for ghost in motion.ghosts], len(chosen) if film_file else 0
+        text = f"{', '.join(arms)} in episode {self.episode} of {root}\n  at {motion.times[still]:.2f} s → {picture}"
+        return Outcome(
+            text + (f"\n  {frames} pictures → {film_file}" if film_file else ""),
+            {
+                "dataset": root,
+                "episode": self.episode,
+                "arms": arms,
+                "picture": picture,
+                "picture_at_s": float(motion.times[still]),
+                "film": film_file,
+                "frames": frames,
+            },
+        )

@@ -1,0 +1,1 @@
+"""Films of an episode: the measured arm and its models as ghosts in one scene."""

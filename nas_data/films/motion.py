@@ -1,0 +1,153 @@
+"""How the measured arm and its models move in one episode, as postures that can be drawn."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.origin import kept_folders
+from nas_data.effects.base import add_effects
+from nas_data.joint_units import JointUnit, kinds_of
+from nas_data.models.evaluation import open_loop_scene
+from nas_data.pairing import initial_states, object_states, with_model_units
+from nas_data.simulators.mujoco import MujocoSimulator
+from nas_data.sources import Source, locate_source
+
+MEASURED = "measured"
+
+
+@dataclass(frozen=True)
+class Ghost:
+    """One arm of a film over T control steps.
+
+    Attributes:
+        name: What it is called.
+        simulator: Whose model gives the arm its shape.
+        states: Joints' positions [rad; m], velocities [rad/s; m/s] and the objects' states, shape (T + 1, 2n or
+            2n + m); the first row is where the episode begins.
+        errors: RMSE over the joints of each kind, hinges [rad] before slides [m], shape (T + 1, kinds).
+    """
+
+    name: str
+    simulator: MujocoSimulator
+    states: np.ndarray
+    errors: np.ndarray
+
+    @property
+    def finite(self) -> np.ndarray:
+        """Which rows are numbers, shape (T + 1,): a simulation may diverge."""
+        return np.asarray(np.isfinite(self.states).all(axis=1))
+
+    def spec(self) -> mujoco.MjSpec:
+        """Return the model of the arm, with the simulator's effects."""
+        spec = self.simulator.robot.spec()
+        add_effects(spec, self.simulator.effects)
+        return spec
+
+    def postures(self) -> np.ndarray:
+        """Return `qpos` of its model, followers and plays in place, shape (T + 1, nq).
+
+        A row that is not finite repeats the last one that is.
+        """
+        last = np.maximum.accumulate(np.where(self.finite, np.arange(len(self.states)), 0))
+        rest = self.simulator.rest
+        positions, _ = rest.motion(rest(self.states[last]))
+        return np.array(positions)
+
+    def error_text(self, frame: int, units: Sequence[JointUnit]) -> str:
+        """Return its error at a frame as a caption says it, for example `3.21° off`."""
+        if not self.finite[frame]:
+            return "diverged"
+        return ", ".join(unit.text(value) for unit, value in zip(units, self.errors[frame], strict=True)) + " off"
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One episode as its ghosts move in it.
+
+    Attributes:
+        episode: Its number.
+        dataset: The episode alone, T transitions.
+        ghosts: The measured arm, then the models in the order in which they were given.
+    """
+
+    episode: int
+    dataset: Dataset
+    ghosts: tuple[Ghost, ...]
+
+    @property
+    def times(self) -> np.ndarray:
+        """Seconds since the episode's start, shape (T + 1,)."""
+        return np.arange(self.dataset.n_frames + 1) / self.dataset.fps
+
+    @property
+    def units(self) -> list[JointUnit]:
+        """The kinds of joints that the arm has."""
+        return [unit for unit, _ in kinds_of(self.dataset.joints, self.dataset.slides)]
+
+    @property
+    def worst(self) -> int:
+        """The frame in which the first model is farthest from what was measured; 0 without models."""
+        return int(np.nanargmax(self.ghosts[1].errors[:, 0])) if len(self.ghosts) > 1 else 0
+
+
+def follow(dataset: Dataset, episode: int, models: Sequence[str] = (), engine: str | None = None) -> Motion:
+    """Let models follow the commands of an episode in open loop, from the first measured state, as `evaluate` does.
+
+    Args:
+        dataset: Transitions of the episode alone.
+        episode: Its number in the recording.
+        models: MJCF or URDF files, or robots' names; the source kept with the dataset where there are none.
+        engine: `mujoco` or `bullet`; the source's own where None.
+
+    Raises:
+        ModelFileError: a model cannot be used or diverges, or none is given and none is kept.
+        JointMismatch: a model has other joints than the dataset.
+    """
+    with kept_folders(dataset) as folders:
+        sources = [locate_source(model, (), folders, engine) for model in models or (None,)]
+        simulators = [source.simulator(dataset) for source in sources]
+        bodies = [body_of(source, dataset) for source in sources]
+        dataset = with_model_units(dataset, bodies[0])
+        rollouts = [open_loop_scene(dataset, simulator)[0] for simulator in simulators]
+    measured = measured_states(dataset, bodies[0])
+    kinds = kinds_of(dataset.joints, dataset.slides)
+    ghosts = [Ghost(MEASURED, bodies[0], measured, np.zeros((len(measured), len(kinds))))]
+    for name, simulator, body, rolled in zip(names_of(models), simulators, bodies, rollouts, strict=True):
+        states = np.concatenate([initial_states(dataset, simulator), rolled])
+        n = len(dataset.joints)
+        squared = np.square(states[:, :n] - measured[:, :n])
+        errors = np.sqrt(np.stack([squared[:, places].mean(axis=1) for _, places in kinds], axis=1))
+        ghosts.append(Ghost(name, body, states, errors))
+    return Motion(episode, dataset, tuple(ghosts))
+
+
+def body_of(source: Source, dataset: Dataset) -> MujocoSimulator:
+    """Return the model in MuJoCo, which draws also what another engine simulates."""
+    simulator = Source(source.model, source.effects).simulator(dataset, threads=1)
+    assert isinstance(simulator, MujocoSimulator)
+    return simulator
+
+
+def measured_states(dataset: Dataset, simulator: MujocoSimulator) -> np.ndarray:
+    """Return what was measured of an episode of T transitions, its end included, shape (T + 1, 2n or 2n + m)."""
+    states = np.concatenate([dataset.states[:1], dataset.next_states]).astype(float)
+    objects = object_states(dataset, simulator).astype(float)
+    return np.concatenate([states, np.concatenate([objects, objects[-1:]])], axis=1)
+
+
+def names_of(models: Sequence[str]) -> list[str]:
+    """Return a short name of each model: its file's, or with so many folders that all differ."""
+    if not models:
+        return ["source"]
+    paths = [Path(model).with_suffix("") for model in models]
+    longest = max(len(path.parts) for path in paths)
+    telling = 2 if {path.name for path in paths} == {"model"} else 1  # every gap report calls its model so
+    for length in range(min(telling, longest), longest + 1):
+        names = ["/".join(path.parts[-length:]) for path in paths]
+        if len(set(names)) == len(names):
+            return names
+    return [f"{path} ({number})" for number, path in enumerate(paths, 1)]
