@@ -31,7 +31,7 @@ def prose(text: str) -> list[str]:
     text = re.sub(r"^\s*(?:#.*|\|.*)$", "", text, flags=re.MULTILINE)
     text = re.sub(r"^\s*(?:[-*]|\d+\.) ", "\n\n", text, flags=re.MULTILINE)
     blocks = [" ".join(block.split()) for block in re.split(r"\n\s*\n", text)]
-    sentences = [part for block in blocks for part in re.split(r"(?<=[.!?:;])\s+(?=[^a-z])", block)]
+    sentences = [part for block in blocks for part in re.split(r"(?<=[.!?])\s+(?=[^a-z])", block)]
     return [sentence for sentence in sentences if len(sentence.split()) > 1]
 
 
