@@ -1,4 +1,4 @@
-"""What the site does beyond mkdocs: formulas without JavaScript, and links that leave the documentation."""
+"""What the site does beyond mkdocs: formulas without JavaScript, GitHub's anchors, links that leave the documentation."""
 
 import html
 import re
@@ -9,10 +9,17 @@ from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import Files
 from mkdocs.structure.pages import Page
+from pymdownx.slugs import slugify
 
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
 LINK = re.compile(r"(?<!!)\[((?:[^\[\]]|\[[^\[\]]*\])*)\]\(([^()\s#:]+)(#[^()\s]*)?\)")
 CODE = re.compile(r"(```.*?```)", re.DOTALL)
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Name anchors as GitHub does, so that a link works in both places."""
+    config.mdx_configs.setdefault("toc", {})["slugify"] = slugify(case="lower")
+    return config
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
