@@ -1,4 +1,4 @@
-"""What the site does beyond mkdocs: formulas without JavaScript, GitHub's anchors, links that leave the documentation."""
+"""What the site does beyond mkdocs: formulas as MathML, anchors as on GitHub, links that leave the documentation."""
 
 import html
 import re
