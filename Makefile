@@ -49,7 +49,7 @@ check: $(STAMP)
 
 docs: $(STAMP)
 	@$(BIN)/python -m pip install --quiet --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[docs]'
-	@$(BIN)/python -m mkdocs build --quiet
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
 	@echo "open site/index.html"
 
 setup: $(STAMP)
