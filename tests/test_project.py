@@ -30,7 +30,7 @@ HEAVY = {
     "pandas", "pyarrow", "pybullet", "scipy", "stable_baselines3", "tensorboard", "torch",
 }  # fmt: skip
 MACHINE_PATH = re.compile(r"/(?:work|tmp|root|farm|home|Users)/\w")
-MARKED = re.compile(r"<!-- test -->\s*```(bash|python)\n(.*?)```", re.DOTALL)
+MARKED = re.compile(r"<!-- test(: slow)? -->\s*```(bash|python)\n(.*?)```", re.DOTALL)
 PAGES = ["README.md", *sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs").rglob("*.md"))]
 GUIDES = [page for page in PAGES if not page.startswith(("docs/results/", "docs/log/"))]
 OWN_TEST = "docs/your_arm.md"  # whose blocks read what its own test writes
@@ -192,42 +192,55 @@ def test_every_dependency_is_pinned_to_a_version_that_the_project_allows(python)
 # Pages
 
 
-def marked_blocks(page: str) -> list[tuple[str, str]]:
-    """Return language and text of the blocks of a page that are marked as tested."""
-    return MARKED.findall((ROOT / page).read_text(encoding="utf-8"))
+def marked_blocks(page: str, slow: bool) -> list[tuple[str, str]]:
+    """Return language and text of a page's blocks that run; the slow ones only where asked for, in their places."""
+    found = MARKED.findall((ROOT / page).read_text(encoding="utf-8"))
+    return [(language, text) for mark, language, text in found if slow or not mark]
 
 
-RUN = [page for page in PAGES if page != OWN_TEST and marked_blocks(page)]
+RUN = [page for page in PAGES if page != OWN_TEST and marked_blocks(page, slow=False)]
+SLOW = [page for page in RUN if marked_blocks(page, slow=True) != marked_blocks(page, slow=False)]
 
 
-@pytest.fixture(scope="module")
-def clone(tmp_path_factory) -> Path:
+@pytest.fixture
+def clone(tmp_path) -> Path:
     """A copy of the project, as a reader has it, with the program `nas` of this copy in `bin`."""
-    root = tmp_path_factory.mktemp("clone")
+    root = tmp_path / "clone"
     for path in own_files():
         target = root / path.relative_to(ROOT)
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(path, target)
     program = root / "bin/nas"
-    program.parent.mkdir()
+    program.parent.mkdir(parents=True)
     program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m nas_data "$@"\n')
     program.chmod(0o755)
     return root
 
 
-@pytest.mark.parametrize("page", RUN)
-def test_the_marked_blocks_of_a_page_run(clone, page):
+def run_page(clone: Path, page: str, slow: bool) -> None:
+    """Run the blocks of a page, one after the other, at the root of the copy."""
     search = f"{clone / 'bin'}{os.pathsep}{os.environ['PATH']}"
     environment = {**os.environ, "PATH": search, "PYTHONPATH": str(clone)}
-    for language, block in marked_blocks(page):
+    for language, block in marked_blocks(page, slow):
         shell = ["bash", "-euo", "pipefail", "-c"] if language == "bash" else [sys.executable, "-c"]
         run = subprocess.run([*shell, block], cwd=clone, env=environment, capture_output=True, text=True)
         assert run.returncode == 0, f"a block of {page} failed:\n{block}\n{run.stdout}\n{run.stderr}"
 
 
+@pytest.mark.parametrize("page", RUN)
+def test_the_marked_blocks_of_a_page_run(clone, page):
+    run_page(clone, page, slow=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", SLOW)
+def test_the_slow_blocks_of_a_page_run_among_the_others(clone, page):
+    run_page(clone, page, slow=True)
+
+
 def test_the_readme_and_the_pages_that_begin_have_marked_blocks():
     assert {"README.md", "docs/first_report.md", "docs/ergojr.md"} <= set(RUN)
-    assert {language for language, _ in marked_blocks("README.md")} == {"bash", "python"}
+    assert {language for language, _ in marked_blocks("README.md", slow=True)} == {"bash", "python"}
 
 
 def typed(path: Path) -> list[str]:
@@ -254,5 +267,7 @@ def test_each_command_of_a_page_can_be_typed(page):
 
 
 def test_a_block_is_found_only_below_its_mark():
-    text = "```bash\nfalse\n```\n<!-- test -->\n```bash\ntrue\n```\n<!-- test -->\n\n```python\na = 1\nb = 2\n```\n"
-    assert MARKED.findall(text) == [("bash", "true\n"), ("python", "a = 1\nb = 2\n")]
+    text = (
+        "```bash\nfalse\n```\n<!-- test -->\n```bash\ntrue\n```\n<!-- test: slow -->\n\n```python\na = 1\nb = 2\n```\n"
+    )
+    assert MARKED.findall(text) == [("", "bash", "true\n"), (": slow", "python", "a = 1\nb = 2\n")]
