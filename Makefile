@@ -23,12 +23,13 @@ STAMP := $(VENV)/.installed-$(VERSION)
 test test-slow check: export OMP_NUM_THREADS := 1
 test test-slow check: export HF_HUB_OFFLINE := 1
 
-.PHONY: help test test-slow check demo setup clean
+.PHONY: help test test-slow check docs demo setup clean
 help:
 	@echo "make demo       everything once, small: records, pairs, learns, trains policies, writes a page"
 	@echo "make test       ruff, mypy and the tests"
 	@echo "make test-slow  the tests that are marked slow"
 	@echo "make check      ruff and mypy only"
+	@echo "make docs       the documentation as a site, in site/"
 	@echo "make setup      only set up $(VENV)"
 	@echo "make clean      remove the environments and caches"
 
@@ -45,6 +46,11 @@ check: $(STAMP)
 	@$(BIN)/ruff check --quiet
 	@$(BIN)/ruff format --check --quiet
 	@$(BIN)/mypy
+
+docs: $(STAMP)
+	@$(BIN)/python -m pip install --quiet --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[docs]'
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
+	@echo "open site/index.html"
 
 setup: $(STAMP)
 

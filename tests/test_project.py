@@ -30,7 +30,10 @@ HEAVY = {
     "pandas", "pyarrow", "pybullet", "scipy", "stable_baselines3", "tensorboard", "torch",
 }  # fmt: skip
 MACHINE_PATH = re.compile(r"/(?:work|tmp|root|farm|home|Users)/\w")
-README_BLOCK = re.compile(r"<!-- test -->\s*```bash\n(.*?)```", re.DOTALL)
+MARKED = re.compile(r"<!-- test(: slow)? -->\s*```(bash|python)\n(.*?)```", re.DOTALL)
+PAGES = ["README.md", *sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs").rglob("*.md"))]
+GUIDES = [page for page in PAGES if not page.startswith(("docs/results/", "docs/log/"))]
+OWN_TEST = "docs/your_arm.md"  # whose blocks read what its own test writes
 
 
 def own_files() -> list[Path]:
@@ -175,7 +178,8 @@ def pins(python: str) -> dict[str, str]:
 @pytest.mark.parametrize("python", PYTHONS)
 def test_every_dependency_is_pinned_to_a_version_that_the_project_allows(python):
     pinned = pins(python)
-    needed = [Requirement(text) for text in PROJECT["dependencies"] + PROJECT["optional-dependencies"]["dev"]]
+    optional = PROJECT["optional-dependencies"]
+    needed = [Requirement(text) for text in PROJECT["dependencies"] + optional["dev"] + optional["docs"]]
     environment = {"python_version": PYTHONS[python], "python_full_version": f"{PYTHONS[python]}.0"}
     for requirement in needed:
         if requirement.marker is None or requirement.marker.evaluate(environment):
@@ -185,28 +189,58 @@ def test_every_dependency_is_pinned_to_a_version_that_the_project_allows(python)
     assert "nas-data" not in pinned
 
 
-# README
+# Pages
 
 
-def readme_blocks() -> list[str]:
-    """Return the blocks of the README that are marked as tested."""
-    return README_BLOCK.findall((ROOT / "README.md").read_text(encoding="utf-8"))
+def marked_blocks(page: str, slow: bool) -> list[tuple[str, str]]:
+    """Return language and text of a page's blocks that run; the slow ones only where asked for, in their places."""
+    found = MARKED.findall((ROOT / page).read_text(encoding="utf-8"))
+    return [(language, text) for mark, language, text in found if slow or not mark]
 
 
-def test_the_blocks_of_the_readme_run(tmp_path):
-    if not (ROOT / "README.md").read_text(encoding="utf-8").strip():
-        pytest.skip("the README is empty")
-    blocks = readme_blocks()
-    assert blocks, "no block of the README is marked with <!-- test -->"
-    for path in own_files():  # a reader is at the root of a clone
-        target = tmp_path / path.relative_to(ROOT)
+RUN = [page for page in PAGES if page != OWN_TEST and marked_blocks(page, slow=False)]
+SLOW = [page for page in RUN if marked_blocks(page, slow=True) != marked_blocks(page, slow=False)]
+
+
+@pytest.fixture
+def clone(tmp_path) -> Path:
+    """A copy of the project, as a reader has it, with the program `nas` of this copy in `bin`."""
+    root = tmp_path / "clone"
+    for path in own_files():
+        target = root / path.relative_to(ROOT)
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(path, target)
-    search = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    for number, block in enumerate(blocks, 1):
-        shell = ["bash", "-euo", "pipefail", "-c", block]
-        run = subprocess.run(shell, cwd=tmp_path, env={**os.environ, "PATH": search}, capture_output=True, text=True)
-        assert run.returncode == 0, f"block {number} of the README failed:\n{block}\n{run.stdout}\n{run.stderr}"
+    program = root / "bin/nas"
+    program.parent.mkdir(parents=True)
+    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m nas_data "$@"\n')
+    program.chmod(0o755)
+    return root
+
+
+def run_page(clone: Path, page: str, slow: bool) -> None:
+    """Run the blocks of a page, one after the other, at the root of the copy."""
+    search = f"{clone / 'bin'}{os.pathsep}{os.environ['PATH']}"
+    environment = {**os.environ, "PATH": search, "PYTHONPATH": str(clone)}
+    for language, block in marked_blocks(page, slow):
+        shell = ["bash", "-euo", "pipefail", "-c"] if language == "bash" else [sys.executable, "-c"]
+        run = subprocess.run([*shell, block], cwd=clone, env=environment, capture_output=True, text=True)
+        assert run.returncode == 0, f"a block of {page} failed:\n{block}\n{run.stdout}\n{run.stderr}"
+
+
+@pytest.mark.parametrize("page", RUN)
+def test_the_marked_blocks_of_a_page_run(clone, page):
+    run_page(clone, page, slow=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", SLOW)
+def test_the_slow_blocks_of_a_page_run_among_the_others(clone, page):
+    run_page(clone, page, slow=True)
+
+
+def test_the_readme_and_the_pages_that_begin_have_marked_blocks():
+    assert {"README.md", "docs/first_report.md", "docs/ergojr.md"} <= set(RUN)
+    assert {language for language, _ in marked_blocks("README.md", slow=True)} == {"bash", "python"}
 
 
 def typed(path: Path) -> list[str]:
@@ -215,14 +249,17 @@ def typed(path: Path) -> list[str]:
     return [line.strip() for block in blocks for line in block.splitlines() if line.strip().startswith("nas ")]
 
 
-@pytest.mark.parametrize(
-    "page",
-    ["docs/ergojr.md", "docs/lerobot_arms.md", "docs/render.md", "docs/your_arm.md", "lerobot_robot_ergojr/README.md"],
-)
+COMMANDED = [page for page in [*GUIDES, "lerobot_robot_ergojr/README.md"] if typed(ROOT / page)]
+
+
+def test_the_pages_with_commands_are_found():
+    expected = {"README.md", "docs/ergojr.md", "docs/lerobot_arms.md", "docs/your_arm.md", "docs/paper.md"}
+    assert expected <= set(COMMANDED)
+
+
+@pytest.mark.parametrize("page", COMMANDED)
 def test_each_command_of_a_page_can_be_typed(page):
-    commands = typed(ROOT / page)
-    assert commands
-    for command in commands:
+    for command in typed(ROOT / page):
         name, options = split(shlex.split(command, comments=True)[1:])
         assert name, command
         kind = command_class(name)
@@ -230,5 +267,7 @@ def test_each_command_of_a_page_can_be_typed(page):
 
 
 def test_a_block_is_found_only_below_its_mark():
-    text = "```bash\nfalse\n```\n<!-- test -->\n```bash\ntrue\n```\n<!-- test -->\n\n```bash\necho a\necho b\n```\n"
-    assert README_BLOCK.findall(text) == ["true\n", "echo a\necho b\n"]
+    text = (
+        "```bash\nfalse\n```\n<!-- test -->\n```bash\ntrue\n```\n<!-- test: slow -->\n\n```python\na = 1\nb = 2\n```\n"
+    )
+    assert MARKED.findall(text) == [("", "bash", "true\n"), (": slow", "python", "a = 1\nb = 2\n")]
