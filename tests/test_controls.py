@@ -62,6 +62,13 @@ def test_a_speed_limit_stands_beside_others_in_any_order(load, way, more):
         np.testing.assert_allclose(played(load(way, *effects)), played(load(PLAIN, *effects)), atol=2e-6)
 
 
+@pytest.mark.parametrize("more", ["servo_stiffness:joint=a,factor=0.5", "deadband:joint=a,half_width=0.03"])
+@pytest.mark.parametrize("way", [SCALED, SHIFTED], ids=["own unit", "own unit and zero"])
+def test_an_offset_keeps_its_size_when_the_servo_is_changed_after_it(load, way, more):
+    effects = ("joint_offset:joint=a,offset=0.1", more)
+    np.testing.assert_allclose(played(load(way, *effects)), played(load(PLAIN, *effects)), atol=2e-6)
+
+
 @pytest.mark.parametrize("limit", [[], ["speed_limit:joint=a,speed=1.0"]], ids=["", "speed limit"])
 @pytest.mark.parametrize("way", [GEARED, SCALED, SHIFTED], ids=["gear", "own unit", "own unit and zero"])
 def test_a_written_model_takes_the_controls_of_the_model_that_was_handed_over(load, way, limit, tmp_path):

@@ -6,7 +6,7 @@ import numpy as np
 from nas_data.drives import BAND, DAMPING, DRIVE, GAIN, GOAL, PARTS
 from nas_data.effects.edits.passive import add_passive
 from nas_data.effects.edits.pristine import clear_joint, clear_tendon
-from nas_data.effects.edits.servo import feedback, limit_torque, multiply_feedback, torque_limits
+from nas_data.effects.edits.servo import feedback, limit_torque, multiply_servo, torque_limits
 from nas_data.errors import ModelFileError
 from nas_data.free_name import free_name
 
@@ -42,7 +42,7 @@ def put_goal_between(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator)
     move_dampers(first, servo)
     limits = torque_limits(servo)
     servo.forcelimited, servo.forcerange = mujoco.mjtLimited.mjLIMITED_FALSE, [0.0, 0.0]
-    multiply_feedback(servo, 1 / SHARE)
+    multiply_servo(spec, joint, servo, 1 / SHARE)
     servo.biasprm = np.where(np.arange(len(servo.biasprm)) == 2, 0.0, servo.biasprm)
     goal = add_goal(spec, first, kp / SHARE)
     servo.trntype = mujoco.mjtTrn.mjTRN_TENDON

@@ -77,7 +77,7 @@ def damping(spec: mujoco.MjSpec, joint: str) -> float:
 
 def scale_stiffness(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
     """Multiply a servo's position gain; damping and dead band stay, and so does the angle at which it rests."""
-    multiply_feedback(joint_actuator(spec, joint), factor)
+    multiply_servo(spec, joint, joint_actuator(spec, joint), factor)
     for name in PARTS:
         if (other := spec.actuator(joint + name)) is not None:
             multiply_feedback(other, factor)
@@ -128,6 +128,13 @@ def scale_limit(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
     actuator, element = joint_actuator(spec, joint), spec.joint(joint)
     actuator.forcerange = actuator.forcerange * factor
     element.actfrcrange = element.actfrcrange * factor
+
+
+def multiply_servo(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator, factor: float) -> None:
+    """Multiply the force per position error of a joint's servo; where it rests, and where its unit begins, stays."""
+    multiply_feedback(servo, factor)
+    if (number := spec.numeric(joint + REST_SHIFT)) is not None:
+        number.data = [number.data[0] * factor]
 
 
 def multiply_feedback(actuator: mujoco.MjsActuator, factor: float) -> None:
