@@ -87,7 +87,7 @@ def judge_both(recordings: Path, out: Path) -> list[dict[str, Table]]:
     """Import the motions from LeRobot's degrees and from radians into a folder, and return the errors of either."""
     write_degrees(recordings, out / "degrees")
     logs = sorted(str(path) for path in recordings.glob("*.npz"))
-    said = ["--map", "so101_lerobot", "--unit", "deg", "--rate", str(RATE)]
+    said = ["--map", "so101_lerobot", "--rate", str(RATE)]
     assert nas(["import", str(out / "degrees"), *said, "--out", str(out / "from_degrees")]) == 0
     assert nas(["import", *logs, "--map", "so101_npz", "--out", str(out / "from_radians")]) == 0
     return [judge(recordings / MODEL, out / name) for name in ("from_degrees", "from_radians")]
