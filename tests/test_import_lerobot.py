@@ -131,6 +131,16 @@ def test_the_map_of_the_so101_tells_the_unit_by_the_servos_ticks(here, capsys, u
     np.testing.assert_allclose(states[:, 5], low + share * (high - low), atol=1e-5)
 
 
+def test_degrees_of_an_earlier_lerobot_are_told_by_its_ticks(here, capsys):
+    motors = write_calibration(here / "cal.json", SO101)
+    episodes, truth = so101("deg", motors, np.random.default_rng(1))
+    earlier = np.array([4095 / 4096] * 5 + [1])
+    write_lerobot(here / "d", [(s * earlier, c * earlier) for s, c in episodes], SO101, "so101_follower")
+    dataset = read(imported("d", "--map", "so101_lerobot"))
+    assert "Read as degrees (readings are the servo's ticks" in capsys.readouterr().out
+    np.testing.assert_allclose(dataset.states[:39, :5], truth[:39, :5] * 4095 / 4096, atol=1e-5)
+
+
 def test_ranges_without_a_calibration_are_refused_and_the_remedy_works(here, capsys):
     motors = write_calibration(here / "FILE", SO101)
     episodes, _ = so101("range", motors, np.random.default_rng(1))

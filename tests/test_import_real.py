@@ -1,7 +1,10 @@
 """Real recordings of an SO-101 arm and an XL330 pendulum import with the shipped maps; audits say what is known."""
 
 import json
+import runpy
+import shutil
 import tomllib
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -17,6 +20,7 @@ pytestmark = pytest.mark.skipif(not REALDATA.is_dir(), reason="the real recordin
 
 SO101 = REALDATA / "sage_so101"
 XL330 = REALDATA / "bam_xl330"
+IN_DEGREES = Path(__file__).parents[1] / "docs/results/so101_lerobot.py"
 
 
 def changed_map(folder, name: str, *changes: tuple[str, str]):
@@ -104,6 +108,21 @@ def test_radians_of_the_arm_taken_for_degrees_are_refused(tmp_path):
     slip = changed_map(tmp_path, "so101_npz", ('unit = "rad"\n', 'unit = "deg"\n'), ('"rad/s"', '"deg/s"'))
     with pytest.raises(LogError, match=r"chirp_sweep.npz: the position stays within .*say unit = 'rad'"):
         import_logs([SO101 / "chirp_sweep.npz"], slip)
+
+
+def test_the_arms_errors_are_the_same_from_lerobots_degrees_as_from_radians(tmp_path):
+    pytest.importorskip("lerobot")
+    (tmp_path / "model").mkdir()
+    shutil.copy(SO101 / "model/so101_new_calib_nomesh.xml", tmp_path / "model")
+    for name in ("figure_eight", "pick_place"):
+        log = dict(np.load(SO101 / f"{name}.npz"))
+        rows = {key: log[key][400:700] for key in ("t", "position", "velocity", "action", "current_torque")}
+        np.savez(tmp_path / f"{name}.npz", **{**log, **rows})
+    degrees, radians = runpy.run_path(str(IN_DEGREES))["judge_both"](tmp_path, tmp_path / "out")
+    for kind in ("one_step", "open_loop"):
+        for motion, errors in radians[kind].items():
+            assert errors["source"] > 0.05 and degrees[kind][motion] == pytest.approx(errors, abs=1e-4)
+    assert len(radians["open_loop"]) == 2
 
 
 def test_degrees_of_the_arm_taken_for_radians_are_refused(tmp_path):

@@ -4,6 +4,7 @@ LeRobot's `MotorsBus._normalize` (0.4.4 and 0.6.1 alike) makes of ticks t, with 
 degrees (t − (min + max) / 2) · 360 / (resolution − 1); −100 … 100: (t − min) / (max − min) · 200 − 100, turned round
 where drive_mode is 1 and the bus applies it (Feetech does, Dynamixel does not); 0 … 100 likewise, 100 − x where it is.
 So −100 … 100 are degrees times a factor a joint, and both are zero in the middle of the calibrated range.
+LeRobot's first versions gave degrees as ticks · 360 / resolution, about the zero of another calibration.
 """
 
 import json
@@ -100,7 +101,9 @@ def choose_unit(mapping: Map, raw: np.ndarray, motors: Sequence[Motor]) -> tuple
         return "deg", "the map says"
     if np.abs(raw[:, body]).max(initial=0.0) > LARGEST + 1e-3:
         return "deg", "readings go beyond 100"
-    degrees = [_on_grid(raw[:, index], 360 / (servo.resolution - 1)) for index in body]
+    steps = (360 / (servo.resolution - 1), 360 / servo.resolution)
+    grids = [[_on_grid(raw[:, index], step) for index in body] for step in steps]
+    degrees = next((grid for grid in grids if _all(grid)), grids[0])
     if motors:
         ranges = [_on_grid(raw[:, index], 200 / (motors[index].high - motors[index].low)) for index in body]
         if _all(degrees) and not _all(ranges):

@@ -8,7 +8,6 @@ import mujoco
 import mujoco.viewer
 import numpy as np
 
-from nas_data.arrays import Array
 from nas_data.envs.base import Task
 from nas_data.envs.loop.arm_env import HUMAN, RGB_ARRAY
 from nas_data.errors import OptionError
