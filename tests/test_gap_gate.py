@@ -15,6 +15,8 @@ from nas_data.blind.tables import median, rest, share
 from nas_data.commands.benchmark_gap import investigate
 from nas_data.gap import workflow
 
+pytestmark = pytest.mark.timeout(1200)  # six cases take three minutes of a processor, and a busy machine shares it
+
 SEED = 20261126
 SURE = 0.9  # confidence from which a wrong name is inexcusable
 KEPT_IN = "NAS_GATE_OUT"  # environment variable: folder in which cases of the slow gate are kept, and gone on with
