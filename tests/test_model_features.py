@@ -2,14 +2,12 @@
 
 import pytest
 from model_features import PAGE, WAYS, page, played, verdict
-
-from nas_data.simulators.engines import ENGINES
+from simulator_samples import EACH_ENGINE
 
 PYBULLET_LACKS = ("equality", "loop", "held")
-MARKED = [pytest.param(engine, marks=[pytest.mark.bullet] if engine == "bullet" else []) for engine in ENGINES]
 
 
-@pytest.mark.parametrize("engine", MARKED)
+@pytest.mark.parametrize("engine", EACH_ENGINE)
 @pytest.mark.parametrize("way", WAYS, ids=lambda way: way.name)
 def test_each_way_of_writing_an_arm_moves_as_commanded_or_is_refused(way, engine):
     lacking = way.group == "untold" or (engine == "bullet" and way.group in PYBULLET_LACKS)
