@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from nas_data.robots.base import find_robot
+from nas_data.simulators.engines import ENGINES
 
 SO101 = Path(__file__).parents[2] / "shared/realdata/sage_so101/model/so101_new_calib_nomesh.xml"
 needs_so101 = pytest.mark.skipif(not SO101.is_file(), reason="the SO-101 model of ../shared/realdata is absent")
+EACH_ENGINE = [pytest.param(name, marks=[pytest.mark.bullet] if name == "bullet" else []) for name in ENGINES]
 
 
 @cache

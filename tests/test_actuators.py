@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from simulator_samples import EACH_ENGINE
 
 from nas_data.cli import main
 from nas_data.dataset.read import read
 from nas_data.errors import ModelFileError
 from nas_data.robots.base import find_robot
-from nas_data.simulators.engines import ENGINES, load_simulator
+from nas_data.simulators.engines import load_simulator
 
 URDF = """<robot name="lever"><link name="base"/>
 <link name="arm"><inertial><origin xyz="0.1 0 0"/><mass value="0.3"/>
@@ -43,7 +44,7 @@ def test_motors_of_a_urdf_take_torques_and_forces_within_its_effort_limits(urdf)
     assert moved[3] == pytest.approx(0.2 * 0.02 / 0.2, rel=0.2)
 
 
-@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("engine", EACH_ENGINE)
 def test_torques_recorded_of_a_urdf_are_refused_by_its_servos_and_the_remedy_works(urdf, engine, capsys):
     if engine == "bullet":
         pytest.importorskip("pybullet")

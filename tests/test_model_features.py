@@ -2,13 +2,12 @@
 
 import pytest
 from model_features import PAGE, WAYS, page, played, verdict
-
-from nas_data.simulators.engines import ENGINES
+from simulator_samples import EACH_ENGINE
 
 PYBULLET_LACKS = ("equality", "loop", "held")
 
 
-@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("engine", EACH_ENGINE)
 @pytest.mark.parametrize("way", WAYS, ids=lambda way: way.name)
 def test_each_way_of_writing_an_arm_moves_as_commanded_or_is_refused(way, engine):
     lacking = way.group == "untold" or (engine == "bullet" and way.group in PYBULLET_LACKS)
@@ -24,5 +23,6 @@ def test_what_cannot_be_told_is_refused_by_the_actuator_and_its_kind(way):
     assert kind in said or "integrator" in said
 
 
+@pytest.mark.bullet
 def test_the_page_holds_the_table_that_these_tests_make():
     assert PAGE.read_text(encoding="utf-8") == page(), "run: python tests/model_features.py"
