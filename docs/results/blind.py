@@ -1,7 +1,6 @@
 """Make blind.md from the cases in blind.parquet, to which finished cases are added first if asked for.
 
-Run `python docs/results/blind.py`, or with cases to add: `python docs/results/blind.py runs/blind --seed 24
---setting any --commit abc1234`.
+Run `python docs/results/blind.py`; with cases to add, name their folders, `--seed`, `--setting` and `--commit`.
 """
 
 import json

@@ -32,8 +32,8 @@ class Xl330:
         return markdown_table(["held-out log", *MODELS.values()], rows)
 
     def _row(self, name: str, errors: list[float]) -> list[str]:
-        texts = [number(error, 2) for error in errors]
-        return [name, *(f"**{text}**" if text == number(min(errors), 2) else text for text in texts)]
+        texts = [f"{error:.2f}" for error in errors]
+        return [name, *(f"**{text}**" if text == f"{min(errors):.2f}" else text for text in texts)]
 
     def _median(self, model: str) -> float:
         return float(np.median([float(row[model]) for row in self._logs]))
