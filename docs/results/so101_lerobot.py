@@ -1,10 +1,10 @@
-"""The SO-101 recordings as LeRobot keeps them, in degrees: they must give the README's errors of the arm without φ.
+"""The SO-101 recordings as LeRobot keeps them, in degrees: they must give the errors that docs/so101.md has of the arm without φ.
 
     python docs/results/so101_lerobot.py sage_so101 runs/so101_lerobot
 
 LeRobot's own writer writes the motions in degrees, the gripper in 0 … 100, as `lerobot-record` would. What is imported
 from there and what is imported from the radians of the .npz files are judged by the same command. Printed are the
-open-loop errors from degrees, the README's beside them, and by how much degrees and radians differ.
+open-loop errors from degrees, the page's beside them, and by how much degrees and radians differ.
 """
 
 import contextlib
@@ -22,7 +22,7 @@ from nas_data.cli import main as nas
 from nas_data.dataset.read import read
 from nas_data.dataset.versions import resolve
 
-README = Path(__file__).parents[2] / "README.md"
+PAGE = Path(__file__).parents[1] / "so101.md"
 MODEL = "model/so101_new_calib_nomesh.xml"
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 FPS = 50  # [Hz] as a user says it to lerobot-record, which takes whole numbers
@@ -70,11 +70,11 @@ def judge(model: Path, dataset: Path) -> dict[str, Table]:
     }
 
 
-def readme_table() -> Table:
-    """Return what the README's table says of the held-out motions."""
+def page_table() -> Table:
+    """Return what the table of docs/so101.md says of the held-out motions."""
     row = re.compile(r"^\| `(\w+)` \| ([\d.]+) \| ([\d.]+) \| \S+ \| \S+ \|$", re.MULTILINE)
-    found = row.findall(README.read_text(encoding="utf-8"))
-    assert found, "the README has this table"
+    found = row.findall(PAGE.read_text(encoding="utf-8"))
+    assert found, "the page has this table"
     return {motion: {"command": float(command), "source": float(source)} for motion, command, source in found}
 
 
@@ -101,18 +101,18 @@ def main(recordings: tyro.conf.Positional[Path], out: tyro.conf.Positional[Path]
         out: Folder for the datasets; must not exist.
     """
     degrees, radians = judge_both(recordings, out)
-    found, table = degrees["open_loop"], readme_table()
-    print("\nopen loop [°]".ljust(22), *(name.rjust(10) for name in PREDICTORS), "README: command, source".rjust(26))
+    found, table = degrees["open_loop"], page_table()
+    print("\nopen loop [°]".ljust(22), *(name.rjust(10) for name in PREDICTORS), "page: command, source".rjust(26))
     for motion, errors in found.items():
         beside = "  ".join(f"{value:.2f}" for value in table.get(motion, {}).values())
         print(motion.ljust(21), *(f"{errors[name]:10.4f}" for name in PREDICTORS), beside.rjust(26))
     means = {name: np.mean([found[motion][name] for motion in table]) for name in PREDICTORS}
-    print("mean of the README's".ljust(21), *(f"{means[name]:10.4f}" for name in PREDICTORS))
+    print("mean of the page's".ljust(21), *(f"{means[name]:10.4f}" for name in PREDICTORS))
     for kind, errors in degrees.items():
         print(f"{kind}: from degrees and from radians differ by at most {apart(errors, radians[kind]):.1e}°")
     told = [(motion, name, value) for motion, row in table.items() for name, value in row.items()]
     other = [f"{motion}: {name}" for motion, name, value in told if f"{found[motion][name]:.2f}" != f"{value:.2f}"]
-    sys.exit(f"other than in the README: {', '.join(other)}" if other else None)
+    sys.exit(f"other than on the page: {', '.join(other)}" if other else None)
 
 
 if __name__ == "__main__":
