@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
+from nas_data.engine_warnings import heard_warnings
 from nas_data.errors import ModelFileError
 from nas_data.explicit import explicit
 from nas_data.films.motion import Ghost, Motion
@@ -108,10 +109,11 @@ def compose(ghosts: Sequence[Ghost]) -> tuple[mujoco.MjModel, np.ndarray]:
     scene, parts = mujoco.MjSpec(), [bare(ghost, with_world=number == 0) for number, ghost in enumerate(ghosts)]
     light_up(scene)
     try:
-        for number, part in enumerate(parts):
-            scene.attach(part, prefix=f"{number}/", frame=scene.worldbody.add_frame())
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # options such as the integrator differ, and are not used here
+        # warned of are options that differ, such as the integrator; nothing is simulated here
+        with heard_warnings(), warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            for number, part in enumerate(parts):
+                scene.attach(part, prefix=f"{number}/", frame=scene.worldbody.add_frame())
             model = scene.compile()
     except (ValueError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split()).rstrip(".")

@@ -8,6 +8,7 @@ from typing import Protocol
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from nas_data.errors import MissingPackage
 
@@ -64,7 +65,7 @@ class Pictures:
             mujoco.mjv_defaultFreeCamera(model, camera)
         self._camera = camera
 
-    def draw(self) -> np.ndarray:
+    def draw(self) -> NDArray[np.uint8]:
         """Return a picture, shape (height, width, 3), uint8."""
         self._context.make_current()
         height, width = self._size
