@@ -1,4 +1,4 @@
-"""The SO-101 recordings as LeRobot keeps them, in degrees: they must give the errors that docs/so101.md has of the arm without φ.
+"""The SO-101 recordings as LeRobot keeps them, in degrees: they must give the errors that docs/so101.md has.
 
     python docs/results/so101_lerobot.py sage_so101 runs/so101_lerobot
 
