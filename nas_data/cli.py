@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from nas_data import __version__
 from nas_data.errors import NasError, OptionError
-from nas_data.visible import visible
+from nas_data.visible_files import visible
 
 if TYPE_CHECKING:
     from nas_data.commands.base import Command
@@ -158,11 +158,11 @@ def parse(name: str, rest: list[str]) -> "Command":
             return tyro.cli(kind, args=kind.spell(rest), prog=f"nas {name}", config=(tyro.conf.FlagCreatePairsOff,))
     except SystemExit as stop:
         if stop.code and said.getvalue():
-            raise OptionError(f"{unboxed(said.getvalue())}; see: nas {name} --help") from None
+            raise OptionError(f"{strip_box(said.getvalue())}; see: nas {name} --help") from None
         raise
 
 
-def unboxed(text: str) -> str:
+def strip_box(text: str) -> str:
     """Return what a box of tyro's says in one line: no frame, no title, no help texts, nothing below its rule."""
     inside = [line.strip("│ ╭╮╰╯─") and line[2:].rstrip("│ ") for line in text.splitlines()[1:]]
     above = itertools.takewhile(bool, inside)

@@ -10,10 +10,10 @@ ROOT = Path(__file__).parent
 PACKAGE = ROOT.name
 # They store, refuse, show or tell.
 APART = (
-    "circumstances", "cli", "commands", "dataset", "engine_warnings", "errors", "gap.showing", "registry", "reports",
+    "environment_info", "cli", "commands", "dataset", "engine_warnings", "errors", "gap.showing", "registry", "reports",
 )  # fmt: skip
 # Each of their functions imports what one option needs. Whoever asks for a hash names the options that are taken.
-CHOOSING = ("envs.loop.plant", "simulators.engines")
+CHOOSING = ("envs.loop.dynamics_spec", "simulators.engines")
 BLOCKS = ("body", "orelse", "handlers", "finalbody", "cases")  # parts of a statement that hold statements
 
 
@@ -46,18 +46,18 @@ def collect(*modules: str) -> dict[str, str]:
     while waiting:
         module = waiting.pop()
         if module not in found:
-            found[module], imports = studied(module)
+            found[module], imports = analyse_module(module)
             waiting += imports
     return found
 
 
 @cache
-def studied(module: str) -> tuple[str, tuple[str, ...]]:
+def analyse_module(module: str) -> tuple[str, tuple[str, ...]]:
     """Return the hash of a module by itself, and the modules that it imports; as they were when first asked for."""
     tree = ast.parse(source_of(module))
     chooses = module.removeprefix(f"{PACKAGE}.") in CHOOSING
     followed = statements(tree, deep=not chooses)
-    imports = tuple(sorted({name for statement in followed for name in imported(statement)}))
+    imports = tuple(sorted({name for statement in followed for name in imported_modules(statement)}))
     return hashlib.sha256(meaning(tree).encode()).hexdigest(), imports
 
 
@@ -109,7 +109,7 @@ def statements(node: ast.AST, deep: bool) -> Iterator[ast.stmt]:
                 yield from statements(part, deep)
 
 
-def imported(statement: ast.stmt) -> Iterator[str]:
+def imported_modules(statement: ast.stmt) -> Iterator[str]:
     """Yield the modules of this package that a statement imports, those that decide no result left out."""
     if isinstance(statement, ast.Import):
         names = [name.name for name in statement.names]

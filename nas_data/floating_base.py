@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from nas_data.drives import driven_joint
+from nas_data.actuator_lookup import driven_joint
 
 HELD_BY_MODEL = 6  # directions that constraints must rule out, or a free joint falls
 LEVER = 1e-9  # singular value from which a constraint rules out a direction

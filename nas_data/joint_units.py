@@ -52,7 +52,7 @@ def unit_at(unit: str, slide: bool) -> str:
     return OF_SLIDES.get(unit, unit) if slide else unit
 
 
-def unit_named(si: str) -> JointUnit:
+def display_unit(si: str) -> JointUnit:
     """Return how positions in a unit inside are shown."""
     return next((unit for unit in (SLIDE, SHARE) if unit.si == si), HINGE)
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from nas_data.caution import say_once
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import (
     ACTION,
@@ -25,8 +24,9 @@ from nas_data.dataset.start_velocities import find_start_velocities
 from nas_data.errors import JointMismatch
 from nas_data.robots.base import URDF, Robot
 from nas_data.simulators.base import Simulator
-from nas_data.simulators.held import refuse_standing
+from nas_data.simulators.lock_joints import refuse_standing
 from nas_data.simulators.mujoco import MujocoSimulator
+from nas_data.warn_once import say_once
 
 ACTUATORS = {POSITION: "a <position>", VELOCITY: "a <velocity>", EFFORT: "a <motor>"}
 POSTURES = 100  # in which is looked whether a robot whose base is held stands on something

@@ -56,10 +56,10 @@ def run_jobs(
             "same command again, with --workers 1 if it happens again."
         ) from None
     if failed:
-        raise told(failed, len(jobs), len(jobs) - done - len(failed))
+        raise combine_errors(failed, len(jobs), len(jobs) - done - len(failed))
 
 
-def told(failed: dict[int, Exception], jobs: int, left_out: int = 0) -> Exception:
+def combine_errors(failed: dict[int, Exception], jobs: int, left_out: int = 0) -> Exception:
     """Return one error for all jobs that failed; what is no user's mistake stays what it is."""
     errors = [failed[number] for number in sorted(failed)]
     strange = [error for error in errors if not isinstance(error, NasError)]

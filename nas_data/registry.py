@@ -6,7 +6,7 @@ from types import ModuleType
 from typing import TypeVar
 
 from nas_data.errors import UnknownName
-from nas_data.visible import visible
+from nas_data.visible_files import visible
 
 ROOT = Path(__file__).parent
 T = TypeVar("T")

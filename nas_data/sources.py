@@ -10,11 +10,11 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.layout import PROVENANCE, SOURCE, SOURCE_EFFECTS, read_json
 from nas_data.effects.base import Effect, read_effects
 from nas_data.errors import ModelFileError
-from nas_data.meshless import colliding_shapes, exact_xml, meshless, needs_files
 from nas_data.pairing import check_source
 from nas_data.robots.base import Robot, slide_joints
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.engines import ENGINES, load_simulator
+from nas_data.strip_meshes import colliding_shapes, exact_xml, meshless, needs_files
 
 MODEL, EFFECTS = Path(SOURCE).name, Path(SOURCE_EFFECTS).name
 
@@ -41,7 +41,7 @@ def _alone(robot: Robot) -> bytes:
     return exact_xml(spec)
 
 
-def left_out(robot: Robot) -> str | None:
+def describe_left_out(robot: Robot) -> str | None:
     """Say what of a robot the kept source lacks and pairing may have felt; None where nothing."""
     spec = robot.spec()
     shapes = colliding_shapes(spec) if needs_files(spec) else 0
@@ -86,7 +86,7 @@ def kept_engine(root: Path) -> str:
 
 
 @dataclass(frozen=True)
-class Source:
+class SourceModel:
     """All that a source is built from.
 
     Attributes:
@@ -121,7 +121,7 @@ def find_source(
 
 def locate_source(
     model: str | None, effects: Sequence[Effect], kept_in: Sequence[Path], engine: str | None = None
-) -> Source:
+) -> SourceModel:
     """Return what the source of a dataset is built from.
 
     Args:
@@ -134,10 +134,10 @@ def locate_source(
         ModelFileError: no model was given and none is kept.
     """
     if model is not None:
-        return Source(model, tuple(effects), engine or ENGINES[0])
+        return SourceModel(model, tuple(effects), engine or ENGINES[0])
     for root in kept_in:
         for folder in (root / "meta", root):
             if (folder / MODEL).is_file():
                 kept = read_effects(folder / EFFECTS) if (folder / EFFECTS).is_file() else ()
-                return Source(folder / MODEL, tuple(kept), engine or kept_engine(root))
+                return SourceModel(folder / MODEL, tuple(kept), engine or kept_engine(root))
     raise ModelFileError(f"No source model is kept in {kept_in[0]}; give one with --model MODEL.xml.")

@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Generic, Protocol, TypeVar
 
-from nas_data.circumstances import commit
 from nas_data.dataset.provenance import now
+from nas_data.environment_info import commit
 from nas_data.errors import OutputExists
 from nas_data.reports.file import write_whole
 
@@ -51,7 +51,7 @@ class Work(Generic[Plan]):
 
 
 @dataclass(frozen=True)
-class Found:
+class StageResult:
     """What a stage found.
 
     Attributes:
@@ -82,7 +82,7 @@ class Stage(Generic[Plan]):
     name: str
     title: str
     does: str
-    work: Callable[[Work[Plan]], Found]
+    work: Callable[[Work[Plan]], StageResult]
     made: Sequence[str] = ()
     builds_on: Sequence[str] | None = None
     code: Callable[[Plan], str] | None = None
@@ -135,7 +135,7 @@ def run_stages(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> dict[str, Don
                 work.report(f"{INDENT}{line}".rstrip())
         else:
             done = read_stage(stage.name, work.folder)
-            work.report(f"{head}: {kept(done)}")
+            work.report(f"{head}: {describe_kept(done)}")
         results[stage.name] = done
     return results
 
@@ -161,7 +161,7 @@ def introduction(head: str, stage: Stage[Plan]) -> str:
     return "\n".join([head, textwrap.fill(stage.does, WIDTH, initial_indent=INDENT, subsequent_indent=INDENT)])
 
 
-def kept(done: Done) -> str:
+def describe_kept(done: Done) -> str:
     """Return what is said of a stage that an earlier run did."""
     return f"done before, in {done.seconds:.0f} s; kept"
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Generic
 
 from nas_data.parallel import run_jobs
-from nas_data.stages import INDENT, Plan, Stage, Work, begin, do, introduction, kept, read_stage, run_stages
+from nas_data.stages import INDENT, Plan, Stage, Work, begin, describe_kept, do, introduction, read_stage, run_stages
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def run_side_by_side(
         return
     for stage in stages:
         if stage.name not in missing:
-            work.report(f"{stage.title}: {kept(read_stage(stage.name, work.folder))}")
+            work.report(f"{stage.title}: {describe_kept(read_stage(stage.name, work.folder))}")
     parts = [Part(stage.name, work.plan, work.folder, work.name) for stage in stages if stage.name in missing]
     for _ in run_jobs(do_one, parts, workers, prerequisites([stage for stage in stages if stage.name in missing])):
         pass

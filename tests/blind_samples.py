@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.blind.arms import Arm, ergojr, random_arm
+from nas_data.blind.arms import NominalArm, ergojr, random_arm
 from nas_data.blind.case import Case, Identity
 from nas_data.blind.conditions import Conditions
 from nas_data.blind.draw import draw_case, scripts
@@ -24,7 +24,7 @@ from nas_data.robots.base import read_spec
 PERIOD = 0.01  # [s]
 
 
-def arms() -> list[Arm]:
+def arms() -> list[NominalArm]:
     """Return an arm of either sort."""
     return [ergojr(), random_arm(np.random.default_rng(3))]
 
@@ -37,12 +37,12 @@ def steps(episodes: int, seconds: float, seed: int = 1, hold: int = 30) -> tuple
     return np.repeat(targets, hold, axis=1)[:, :count], rng.uniform(-0.3, 0.3, (episodes, 6))
 
 
-def positions(plant: str, arm: Arm, truths: list[Truth], commands: np.ndarray, poses: np.ndarray) -> np.ndarray:
+def positions(plant: str, arm: NominalArm, truths: list[Truth], commands: np.ndarray, poses: np.ndarray) -> np.ndarray:
     """Return where a plant's links are [rad], shape (len(truths), E, T + 1, n)."""
     return find_plant(plant)(arm, truths, commands, poses, PERIOD)[..., : len(arm.joints)]
 
 
-def drawn(number: int, episodes: int = 1) -> tuple[Arm, Conditions, np.ndarray, np.ndarray]:
+def drawn(number: int, episodes: int = 1) -> tuple[NominalArm, Conditions, np.ndarray, np.ndarray]:
     """Return an arm of the setting `any`, its conditions, and a few commands and poses."""
     setting, identity = any_setting.SETTING, Identity("none", "numpy", number, 5, setting="any")
     arm, conditions = setting.draw(identity)
@@ -50,7 +50,7 @@ def drawn(number: int, episodes: int = 1) -> tuple[Arm, Conditions, np.ndarray, 
     return arm, conditions, *setting.episodes(conditions, episodes, control, identity.stream("commands"))
 
 
-def followed(number: int) -> tuple[Arm, Conditions, Tape]:
+def followed(number: int) -> tuple[NominalArm, Conditions, Tape]:
     """Return a machine of the setting `torque`, its conditions, and what its nominal self did."""
     identity = Identity("none", "numpy", number, 5, setting="torque")
     arm, conditions = torque.SETTING.draw(identity)
@@ -69,7 +69,7 @@ def shorten(monkeypatch) -> None:
 
     Motions under torque commands are cut in two pieces of half a second, two motions handed over and one kept back.
     """
-    monkeypatch.setattr("nas_data.blind.judge.draw_case", shortened)
+    monkeypatch.setattr("nas_data.blind.run_case.draw_case", shortened)
     monkeypatch.setattr(xl320, "EPISODES", 3)
     monkeypatch.setattr(xl320, "FRESH", 2)
     monkeypatch.setattr(xl320, "SECONDS", 0.5)

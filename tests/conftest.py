@@ -89,7 +89,7 @@ def edited(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str, str, str]
         text = original(module).replace(old, new)
         assert text != original(module)
         monkeypatch.setattr(code_hash, "source_of", lambda name: text if name == module else original(name))
-        code_hash.studied.cache_clear()
+        code_hash.analyse_module.cache_clear()
 
     yield edit
-    code_hash.studied.cache_clear()
+    code_hash.analyse_module.cache_clear()

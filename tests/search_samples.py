@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.effects.base import Effect, parse
-from nas_data.gap.evidence import Evidence
+from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.search.hypothesis import Description, Hypothesis
-from nas_data.gap.search.objective import Task
+from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.search import Search
 
 NOISE = 1e-4  # [rad]
@@ -52,7 +52,7 @@ def played(
     episodes: int = 6,
     seconds: float = 1.5,
     size: float = 0.7,
-) -> tuple[Nominal, Evidence]:
+) -> tuple[Nominal, EpisodeBatch]:
     """Return a model and what a target with hidden effects measures of it, from rest.
 
     Args:
@@ -69,13 +69,13 @@ def played(
     held = round(0.3 * RATE)
     told = rng.uniform(-size, size, (episodes, round(seconds * RATE / held), len(joints))).repeat(held, axis=1)
     counts = np.ones(told.shape[:2], bool)
-    empty = Evidence(joints, 1 / RATE, np.zeros((episodes, len(joints))), told, told, counts, np.arange(episodes))
+    empty = EpisodeBatch(joints, 1 / RATE, np.zeros((episodes, len(joints))), told, told, counts, np.arange(episodes))
     truth = loaded(target or model, empty).predict(empty, [parse(text) for text in effects], factors)
     seen = truth + rng.normal(0, NOISE, truth.shape)
-    return loaded(model, empty), Evidence(joints, 1 / RATE, empty.starts, told, seen, counts, np.arange(episodes))
+    return loaded(model, empty), EpisodeBatch(joints, 1 / RATE, empty.starts, told, seen, counts, np.arange(episodes))
 
 
-def loaded(model: str, evidence: Evidence) -> Nominal:
+def loaded(model: str, evidence: EpisodeBatch) -> Nominal:
     """Return a model from its text."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "arm.xml"
@@ -83,12 +83,12 @@ def loaded(model: str, evidence: Evidence) -> Nominal:
         return Nominal.load(path, evidence)
 
 
-def tasks(nominal: Nominal, evidence: Evidence) -> tuple[Task, Task]:
+def tasks(nominal: Nominal, evidence: EpisodeBatch) -> tuple[FitTask, FitTask]:
     """Return what is fitted, and what judges: every third episode."""
     held = np.arange(1, len(evidence), 3)
     rest = np.setdiff1d(np.arange(len(evidence)), held)
     floor = np.full(len(nominal.joints), NOISE)
-    return Task(nominal, evidence.select(rest), floor), Task(nominal, evidence.select(held), floor)
+    return FitTask(nominal, evidence.select(rest), floor), FitTask(nominal, evidence.select(held), floor)
 
 
 def begun(model: str, *effects: str, **options: object) -> Search:

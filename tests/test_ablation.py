@@ -14,15 +14,15 @@ from nas_data.ablation.amount import Amount, parse
 from nas_data.ablation.executors.base import FOLDER as EXECUTORS
 from nas_data.ablation.executors.base import find_executor
 from nas_data.ablation.inflation import Inflation
-from nas_data.ablation.kinds.base import Kind, find_kind, kinds
+from nas_data.ablation.kinds.base import ModelKind, find_kind, kinds
 from nas_data.ablation.subsets import divide, draw
-from nas_data.ablation.summary import ENOUGH, Spread, Summary
+from nas_data.ablation.summary import ENOUGH, Spread, SweepSummary
 from nas_data.ablation.table import markdown, rows, text
 from nas_data.ablation.write import write
 from nas_data.dataset.dataset import Dataset
 from nas_data.errors import OptionError
-from nas_data.models.holding_out import rows_of
-from nas_data.reports.ablation_figure import Curve, error_over_amount
+from nas_data.models.split import rows_of
+from nas_data.reports.ablation_figure import AblationCurve, error_over_amount
 from nas_data.reports.style import to_png
 
 RATE = 5.0  # [Hz] a low rate: stretches of ten seconds in short columns
@@ -133,7 +133,7 @@ def test_what_is_no_amount_is_refused(word):
 @pytest.mark.parametrize("name", kinds())
 def test_every_kind_of_the_folder_has_a_name_of_its_own(name):
     kind = find_kind(name)
-    assert isinstance(kind, Kind)
+    assert isinstance(kind, ModelKind)
     assert sum(find_kind(other).label == kind.label for other in kinds()) == 1
     assert kind.needs_source or not (kind.names or kind.needs_pairs)
 
@@ -181,7 +181,7 @@ def swept():
 
 def test_the_sentence_names_the_smallest_amount_within_five_percent_of_the_best():
     assert ENOUGH == 0.05
-    found = Summary.of(swept())
+    found = SweepSummary.of(swept())
     assert {kind: cell.amount.word for kind, cell in found.enough().items()} == {"delta": 20, "forward": "all"}
     assert found.sentence() == (
         "Smallest amount of data whose median open-loop error is within 5% of the kind's best: "
@@ -192,25 +192,25 @@ def test_the_sentence_names_the_smallest_amount_within_five_percent_of_the_best(
 
 def test_the_best_may_lie_before_the_last_and_a_kind_may_diverge_everywhere():
     values = [result("delta", n, 0, error) for n, error in ((1, 5.0), (2, 1.0), (3, 1.04))]
-    told = Summary.of([*values, result("forward", 1, 0, math.inf)]).sentence()
+    told = SweepSummary.of([*values, result("forward", 1, 0, math.inf)]).sentence()
     assert told.endswith("source + φ 2 episodes (1°); ψ diverges with every amount.")
 
 
 def test_the_sentence_says_where_nothing_learned_is_as_good():
     values = [result(kind, 2, 0, error, baseline=1.0) for kind, error in (("delta", 1.0), ("forward", 0.9))]
-    told = Summary.of(values).sentence()
+    told = SweepSummary.of(values).sentence()
     assert "(1°), which is no better than 'source', which learned nothing (1°); ψ" in told
     assert told.endswith("ψ 2 episodes (0.9°).")
 
 
 def test_the_table_holds_medians_ends_and_baselines():
-    table = {(row[0], row[1]): row[2:] for row in rows(Summary.of(swept()))}
+    table = {(row[0], row[1]): row[2:] for row in rows(SweepSummary.of(swept()))}
     assert table["source + φ", "10 episodes"] == ("3", "4.000", "3.000 … 9.000", "0.4000", "0.3000 … 0.9000")
     assert table["ψ", "20 episodes"][:3] == ("3", "3.000", "2.000 … diverged")
     assert table["source", ""] == ("3", "10.000", "9.000 … 11.000", "1.0000", "0.9000 … 1.1000")
     assert table["hold", ""] == ("3", "20.000", "", "2.0000", "")
     assert ("command", "") not in table, "torques are no positions"
-    found = Summary.of(swept())
+    found = SweepSummary.of(swept())
     for row in rows(found):
         assert all(word in markdown(found, []) for word in row)
         assert all(word in text(found) for word in row)
@@ -225,16 +225,16 @@ def test_the_median_is_numpys_and_infinite_where_half_diverged(values):
 
 def test_failed_trials_are_told_and_do_not_count(tmp_path):
     failed = {"question": result("delta", 30, 1, 1.0)["question"], "failed": "The arm fell over."}
-    found = Summary.of([*swept(), failed])
-    assert found.cells == Summary.of(swept()).cells
+    found = SweepSummary.of([*swept(), failed])
+    assert found.cells == SweepSummary.of(swept()).cells
     assert found.failed == ["delta, 30 episodes, seed 1: The arm fell over."]
-    only = Summary.of([failed])
+    only = SweepSummary.of([failed])
     assert only.sentence() == "No trial succeeded."
     assert set(write(tmp_path, only, {}, [])) == {"result", "table"}
 
 
 def test_the_files_hold_what_was_found(tmp_path):
-    found = Summary.of(swept())
+    found = SweepSummary.of(swept())
     files = write(tmp_path, found, {"trials": 18}, ["A note."])
     content = json.loads(files["result"].read_text())
     assert content["trials"] == 18 and content["enough"] == {"delta": 20, "forward": "all"}
@@ -249,7 +249,7 @@ def test_the_files_hold_what_was_found(tmp_path):
 
 def test_the_figure_shows_medians_in_degrees_over_amounts_and_baselines_as_lines():
     amounts, median = np.array([1.0, 10.0]), np.radians([4.0, 2.0])
-    curve = Curve(amounts, median / 2, median, median * 2)
+    curve = AblationCurve(amounts, median / 2, median, median * 2)
     figure = error_over_amount({"open_loop": {"ψ": curve}}, {"open_loop": {"source": math.radians(3)}}, "minutes")
     (axes,) = figure.axes
     lines = {line.get_label(): line for line in axes.lines}
@@ -263,7 +263,7 @@ def test_the_figure_shows_medians_in_degrees_over_amounts_and_baselines_as_lines
 
 def test_one_seed_that_went_astray_does_not_squash_the_others():
     amounts, median = np.array([1.0, 10.0]), np.radians([4.0, 2.0])
-    curve = Curve(amounts, median, median, np.radians([400.0, 2.0]))
+    curve = AblationCurve(amounts, median, median, np.radians([400.0, 2.0]))
     (axes,) = error_over_amount({"open_loop": {"ψ": curve}}, {"open_loop": {"hold": math.inf}}, "minutes").axes
     assert axes.get_ylim()[1] == pytest.approx(8.0)
     assert len(axes.lines) == 1, "a baseline that diverged has no line"
@@ -272,7 +272,7 @@ def test_one_seed_that_went_astray_does_not_squash_the_others():
 @pytest.mark.parametrize("amounts", [[1.0], [1.0, 2.0]])
 def test_a_figure_is_made_where_every_training_diverged(amounts):
     astray = np.full(len(amounts), math.inf)
-    curve = Curve(np.array(amounts), astray, astray, astray)
+    curve = AblationCurve(np.array(amounts), astray, astray, astray)
     figure = error_over_amount({"open_loop": {"φ": curve}}, {"open_loop": {"hold": 0.1, "source": 0.01}}, "minutes")
     assert to_png(figure).startswith(b"\x89PNG")
     (low, high), (axes,) = figure.axes[0].get_xlim(), figure.axes

@@ -22,18 +22,18 @@ from nas_data.ablation.amount import Amount
 from nas_data.ablation.inflation import Inflation, Probe, cost, inflation_of, keep, order, probes
 from nas_data.ablation.inflation import read as read_inflation
 from nas_data.ablation.kinds.base import Lesson, find_kind
-from nas_data.ablation.material import Material
+from nas_data.ablation.material import SweepData
 from nas_data.ablation.subsets import divide, draw
-from nas_data.ablation.sweep import Plan, run_sweep
+from nas_data.ablation.sweep import SweepPlan, run_sweep
 from nas_data.ablation.trial import UNFINISHED, do_trial
-from nas_data.circumstances import commit
 from nas_data.dataset.read import read
 from nas_data.dataset.versions import new_version
 from nas_data.effects.base import parse
+from nas_data.environment_info import commit
 from nas_data.errors import DatasetInvalid, WorkerLost
-from nas_data.gap.add import write_effects
-from nas_data.models.holding_out import hold_out, rows_of
+from nas_data.gap.write_model import write_effects
 from nas_data.models.presets import preset
+from nas_data.models.split import hold_out, rows_of
 
 SAMPLE = Path(__file__).parents[1] / "datasets/ergojr_sample"
 BRIEF = ("--hidden", "8", "--updates", "2", "--horizon", "20")
@@ -41,11 +41,11 @@ TINY = preset("fast", hidden=8, layers=1, updates=2, horizon=20, frames=100)
 CIRCUMSTANCES = {"wall_seconds", "cpu_seconds", "packages", "commit"}
 
 
-def plan(place: Place, **changes) -> Plan:
+def plan(place: Place, **changes) -> SweepPlan:
     """Return a sweep of six trials on the pendulum."""
-    material = Material(place.paired)
+    material = SweepData(place.paired)
     kinds, amounts = ("delta", "forward"), (Amount(2, "episodes"), Amount(4, "episodes"), Amount(6, "episodes"))
-    return replace(Plan(kinds, amounts, (0,), TINY, 0.2, material), **changes)
+    return replace(SweepPlan(kinds, amounts, (0,), TINY, 0.2, material), **changes)
 
 
 def planned(place: Place, folder: Path, **changes) -> list[trials.Trial]:
@@ -139,7 +139,7 @@ def test_normalisation_and_weights_know_nothing_of_what_is_not_in_the_subset(pla
     for name, data in (("as recorded", dataset), ("spoilt", spoilt)):
         (folder := tmp_path / name).mkdir()
         subset = rows_of(data, draw(data, divide(data.n_episodes, 0.2, 0)[0], amount, 0))
-        lesson = Lesson(subset, place.paired, Material(place.paired).source(), None, TINY, folder)
+        lesson = Lesson(subset, place.paired, SweepData(place.paired).source(), None, TINY, folder)
         learned.append(find_kind(kind).learn(lesson).model)
     assert same(*learned)
     own = hold_out(rows_of(dataset, runs), TINY.validation, 0).train

@@ -19,9 +19,9 @@ from nas_data.dataset.content import content_hash
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.verify import verify
 from nas_data.effects.base import parse
-from nas_data.envs.loop.plant import Plant
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import DatasetInvalid, JointMismatch, MissingPackage, OptionError, UnknownName
-from nas_data.policies.learner import Hyperparameters, Training
+from nas_data.policies.learner import Hyperparameters, PolicyTraining
 from nas_data.policies.policy import load_policy as read_policy
 from nas_data.policies.ppo import train
 from nas_data.robots.base import find_robot
@@ -64,7 +64,7 @@ def policy(tmp_path_factory) -> Path:
     """Return a policy after one short rollout."""
     folder = tmp_path_factory.mktemp("policy") / "seed3"
     small = Hyperparameters(arms=4, rollout=64, minibatches=2, epochs=1)
-    return train(Training(Plant("ErgoReacher"), 3, 64, small), folder, lambda line: None)
+    return train(PolicyTraining(DynamicsSpec("ErgoReacher"), 3, 64, small), folder, lambda line: None)
 
 
 @pytest.fixture(scope="module")

@@ -10,10 +10,10 @@ from itertools import pairwise
 import pytest
 from training_samples import TINY
 
-from nas_data.benchmarks.learning_curve import Clock, Point, learn, when
+from nas_data.benchmarks.learning_curve import Point, Stopwatch, learn, when
 from nas_data.benchmarks.training import FAST, PAPER, RECIPE, TUNED, Race
 from nas_data.cli import main
-from nas_data.models.training import Training
+from nas_data.models.training import ModelTraining
 
 CURVE = (Point(1.0, 2.0, 0.9), Point(2.0, 5.0, 0.5), Point(3.0, 6.0, 0.5), Point(4.0, 8.0, 0.2))
 
@@ -46,7 +46,7 @@ def test_a_training_is_what_it_would_be_without_being_watched(swings):
     curve = learn(swings, replace(TINY, epochs=4), lambda point: False)
     assert len(curve) == 4
     assert all(later.loss <= point.loss and later.cpu > point.cpu for point, later in pairwise(curve))
-    assert curve[-1].loss < Training("delta", swings, TINY, device="cpu").validation_error()
+    assert curve[-1].loss < ModelTraining("delta", swings, TINY, device="cpu").validation_error()
     again = learn(swings, replace(TINY, epochs=4), lambda point: point.loss <= curve[1].loss)
     assert [point.loss for point in again] == [point.loss for point in curve[: len(again)]]
     assert len(again) <= 2
@@ -55,7 +55,7 @@ def test_a_training_is_what_it_would_be_without_being_watched(swings):
 def test_a_clock_that_stands_still_counts_nothing(monkeypatch):
     now = iter(range(100))
     monkeypatch.setattr(time, "process_time", lambda: float(next(now)))
-    clock = Clock()  # 0
+    clock = Stopwatch()  # 0
     clock.stop()  # 1
     next(now)  # what is done meanwhile
     clock.go()  # 3

@@ -19,7 +19,7 @@ from nas_data.benchmarks import rounds
 from nas_data.benchmarks.gym_arm import GymArm
 from nas_data.benchmarks.pairing import BareRollouts
 from nas_data.benchmarks.recording import EFFECTS, check_equal
-from nas_data.benchmarks.result import SECONDS, Result
+from nas_data.benchmarks.result import SECONDS, BenchmarkResult
 from nas_data.benchmarks.rounds import Ratio, take_turns
 from nas_data.cli import main
 from nas_data.dataset.dataset import Dataset
@@ -93,14 +93,14 @@ def test_a_side_that_always_takes_longer_by_a_factor_gives_that_factor(wall, fac
     slow = tuple(factor * seconds for seconds in wall)
     times = {"fast": rounds.Times(tuple(wall), tuple(wall)), "slow": rounds.Times(slow, slow)}
     assert RATIO.of(times) == pytest.approx(factor)
-    answer = Result("title", times, (RATIO,)).to_json()
+    answer = BenchmarkResult("title", times, (RATIO,)).to_json()
     assert answer["ratios"] == {"fast_vs_slow": pytest.approx(factor)}
     assert len(answer["rounds"]["fast_vs_slow"]) == len(wall)
 
 
 def test_the_text_holds_every_round_the_spread_the_bar_and_the_hardware():
     times = {"fast": rounds.Times((1e-6, 2e-6), (3e-6, 4e-6)), "slow": rounds.Times((5e-6, 6e-6), (7e-6, 8e-6))}
-    text = Result("what was done", times, (RATIO,), ("a note",)).to_text()
+    text = BenchmarkResult("what was done", times, (RATIO,), ("a note",)).to_text()
     for part in (
         "what was done",
         "fast_vs_slow 4, between 3 and 5 in 2 rounds, at least 2",
@@ -114,7 +114,7 @@ def test_the_text_holds_every_round_the_spread_the_bar_and_the_hardware():
 
 
 def test_times_are_told_in_the_unit_of_the_result():
-    result = Result("title", {"side": rounds.Times((1.5, 2.5), (0.5, 0.25))}, (), unit=SECONDS)
+    result = BenchmarkResult("title", {"side": rounds.Times((1.5, 2.5), (0.5, 0.25))}, (), unit=SECONDS)
     assert result.to_json()["seconds"] == {"side": {"wall": [1.5, 2.5], "cpu": [0.5, 0.25]}}
     lines = [line.split() for line in result.to_text().splitlines()]
     assert ["seconds", "in", "round", "1", "2", "cpu"] in lines

@@ -10,10 +10,10 @@ from blind_samples import arms, positions, shorten, steps
 from nas_data import registry
 from nas_data.blind.baselines import one_step, phi, sysid
 from nas_data.blind.baselines.base import find_baseline
-from nas_data.blind.best import least_error
 from nas_data.blind.case import Episodes
 from nas_data.blind.draw import draw_case
 from nas_data.blind.fresh import Fresh
+from nas_data.blind.oracle_error import least_error
 from nas_data.blind.settings.xl320 import SENSOR
 from nas_data.blind.truth import Base, Hidden, Truth
 from nas_data.blind.write import ANSWER, DATASET, NOMINAL, write_case

@@ -9,8 +9,8 @@ from blind_samples import shorten, shortened
 from nas_data.blind.case import EVERY, FAMILIES, Identity
 from nas_data.blind.catalogue import EVERYWHERE, INSIDE, OUTSIDE
 from nas_data.blind.draw import draw_case
-from nas_data.blind.hiding_places import UNLIKE, Hider
 from nas_data.blind.plants.hiding import RULES
+from nas_data.blind.sampling import UNLIKE, Hider
 from nas_data.blind.settings.base import find_setting
 from nas_data.blind.settings.xl320 import FLOOR, QUANTUM
 from nas_data.blind.write import ANSWER, DATASET, FRESH, NOMINAL, write_case

@@ -10,7 +10,7 @@ from test_blind_plants import INDEPENDENT, reference
 
 from nas_data.blind.motions import SIGNALS
 from nas_data.blind.plants.base import find_plant
-from nas_data.blind.plants.body import Body
+from nas_data.blind.plants.body import PlantBody
 from nas_data.blind.plants.constants import Constants
 from nas_data.blind.plants.hiding import hide
 from nas_data.blind.settings.base import find_setting
@@ -120,7 +120,7 @@ def test_a_payload_weighs_where_it_is(plant):
 def test_two_bodies_that_turn_as_one_have_the_inertia_of_both():
     constants = Constants.of(drawn(4)[0].model())
     body = hide(constants, Truth(Base.nominal(3), (Hidden("payload", None, {"mass": 0.4, "x": 0.1, "z": -0.2}),)))
-    plain = Body.of(constants, Base.nominal(3))
+    plain = PlantBody.of(constants, Base.nominal(3))
     load = plain.centres[-1] + np.array([0.1, 0, -0.2])
     for point in (np.zeros(3), load, np.array([0.3, 0.1, -0.2])):  # about any point, moments of inertia add up
         parts = about(point, plain.centres[-1], plain.masses[-1], plain.inertias[-1]) + about(point, load, 0.4, 0)

@@ -5,14 +5,14 @@ import pytest
 from blind_samples import entry_of, know_everything, know_nothing, report_of, shorten
 from test_blind_plants import INDEPENDENT
 
-from nas_data.blind.benchmark import Plan, run
+from nas_data.blind.benchmark import BlindPlan, run
 from nas_data.blind.case import FAMILIES, Identity
 from nas_data.blind.designs import draw_design
 from nas_data.blind.draw import draw_case
 from nas_data.blind.grade import grade_names
-from nas_data.blind.hiding_places import Hider
 from nas_data.blind.plants.base import find_plant
 from nas_data.blind.plants.constants import Constants
+from nas_data.blind.sampling import Hider
 from nas_data.blind.settings.base import find_setting
 from nas_data.blind.settings.far import EXCESS, excess_of
 from nas_data.blind.truth import Base, Truth
@@ -76,7 +76,7 @@ def test_sizes_are_drawn_for_the_servos_that_the_arm_has():
 
 @pytest.mark.parametrize("plant", ["numpy", pytest.param("bullet", marks=[pytest.mark.bullet, pytest.mark.slow])])
 def test_who_knows_everything_is_right_about_far_gains_too(plant, tmp_path):
-    plan = Plan(("none",), (plant,), 1, 4, setting="far")
+    plan = BlindPlan(("none",), (plant,), 1, 4, setting="far")
     record = run(plan, tmp_path, know_everything, lambda line: None)[0]
     assert record["exact"] and record["verdict_right"] and len(record["true"]) > 1, record
     assert record["fresh"]["after"] < record["fresh"]["floor"] + 0.3 * record["fresh"]["before"], record

@@ -8,7 +8,7 @@ import pytest
 from blind_samples import drawn, entry_of, know_everything, report_of, shorten
 
 from nas_data import registry
-from nas_data.blind.benchmark import Plan, run
+from nas_data.blind.benchmark import BlindPlan, run
 from nas_data.blind.case import Case, Identity
 from nas_data.blind.draw import draw_case
 from nas_data.blind.grade import grade_names
@@ -71,7 +71,7 @@ def test_every_setting_can_be_found_and_no_other():
     with pytest.raises(UnknownName, match="setting"):
         draw_case("none", "numpy", 0, 0, setting="all")
     with pytest.raises(UnknownName, match="setting"):
-        Plan(("none",), ("numpy",), 1, 0, setting="all").check()
+        BlindPlan(("none",), ("numpy",), 1, 0, setting="all").check()
 
 
 def test_other_cases_have_names_of_their_own():
@@ -118,7 +118,7 @@ def test_measured_speeds_are_handed_over_and_others_differenced(tmp_path):
     ],
 )
 def test_who_knows_everything_is_right_about_other_arms_too(plant, tmp_path):
-    plan = Plan(("one",), (plant,), 1, 4, setting="any")
+    plan = BlindPlan(("one",), (plant,), 1, 4, setting="any")
     said: list[str] = []
     records = run(plan, tmp_path, know_everything, said.append)
     for record in records:
@@ -156,7 +156,9 @@ def test_a_case_of_poor_data_is_a_sound_dataset(tmp_path):
     ],
 )
 def test_who_knows_everything_is_right_about_those_cases_too(family, setting, tmp_path):
-    record = run(Plan((family,), ("numpy",), 1, 4, setting=setting), tmp_path, know_everything, lambda line: None)[0]
+    record = run(BlindPlan((family,), ("numpy",), 1, 4, setting=setting), tmp_path, know_everything, lambda line: None)[
+        0
+    ]
     assert record["exact"] and record["verdict_right"], record
     assert record["fresh"]["after"] < record["fresh"]["floor"] + 0.3 * record["fresh"]["before"], record
 
@@ -167,7 +169,7 @@ def test_every_baseline_answers_on_other_arms(setting, tmp_path, monkeypatch):
     small = {"updates": 1, "frames": 50, "horizon": 10, "hidden": 8, "shortcut": False}
     monkeypatch.setattr("nas_data.blind.baselines.phi.SMALL", small)
     names = registry.names("blind.baselines")
-    plan = Plan(("one",), ("numpy",), 1, 4, baselines=names, setting=setting)
+    plan = BlindPlan(("one",), ("numpy",), 1, 4, baselines=names, setting=setting)
     record = run(plan, tmp_path, know_everything, print)[0]
     for name in names:
         assert "fault" not in record["baselines"][name], record["baselines"][name]

@@ -8,15 +8,15 @@ import pytest
 from blind_samples import entry_of, followed, know_everything, know_nothing, report_of, shorten
 from test_blind_plants import INDEPENDENT
 
-from nas_data.blind.arms import Arm
-from nas_data.blind.benchmark import Plan, run
+from nas_data.blind.arms import NominalArm
+from nas_data.blind.benchmark import BlindPlan, run
 from nas_data.blind.case import Identity
 from nas_data.blind.draw import draw_case
 from nas_data.blind.following import reach_of
 from nas_data.blind.grade import grade_names
 from nas_data.blind.indistinct import equals_of
 from nas_data.blind.plants.base import chain_of, find_plant
-from nas_data.blind.plants.body import Body, stacked
+from nas_data.blind.plants.body import PlantBody, stack_arms
 from nas_data.blind.plants.constants import Constants
 from nas_data.blind.settings.base import find_setting
 from nas_data.blind.tape import Tape
@@ -36,7 +36,7 @@ def _short(monkeypatch):
     shorten(monkeypatch)
 
 
-def play(plant: str, arm: Arm, truths: list[Truth], tape: Tape, period: float) -> np.ndarray:
+def play(plant: str, arm: NominalArm, truths: list[Truth], tape: Tape, period: float) -> np.ndarray:
     """Return states (len(truths), E, T + 1, 2n) of a tape."""
     return find_plant(plant)(arm, truths, tape.commands, tape.poses, period, 0.0, tape.start_speeds)
 
@@ -79,7 +79,7 @@ def test_machines_differ_in_all_that_users_differ_in():
 def test_rigid_body_dynamics_with_slides_equal_mujocos(number):
     arm, *_ = followed(number)
     model, rng, n = arm.model(), np.random.default_rng(0), len(arm.joints)
-    chain = chain_of(stacked([Body.of(Constants.of(model), Base.nominal(n))], 4))
+    chain = chain_of(stack_arms([PlantBody.of(Constants.of(model), Base.nominal(n))], 4))
     q, v = rng.uniform(-1.5, 1.5, (4, n)), rng.uniform(-5, 5, (4, n))
     mass, bias = chain.dynamics(q, v)
     for row in range(4):
@@ -184,7 +184,7 @@ def test_a_dataset_has_torques_and_speeds_measured_or_estimated(tmp_path):
     ],
 )
 def test_who_knows_everything_is_right_about_machines_too(plant, tmp_path):
-    plan = Plan(("two",), (plant,), 1, 4, setting="torque")
+    plan = BlindPlan(("two",), (plant,), 1, 4, setting="torque")
     for record in run(plan, tmp_path, know_everything, lambda line: None):
         assert record["exact"] and record["verdict_right"], record
         fresh = record["fresh"]
@@ -195,7 +195,7 @@ def test_who_knows_everything_is_right_about_machines_too(plant, tmp_path):
 @pytest.mark.bullet
 @pytest.mark.slow
 def test_something_outside_the_catalogue_hides_there_too(tmp_path):
-    plan = Plan(("outside",), ("numpy", "bullet"), 1, 4, setting="torque")
+    plan = BlindPlan(("outside",), ("numpy", "bullet"), 1, 4, setting="torque")
     for record in run(plan, tmp_path, know_nothing, lambda line: None):
         assert "fault" not in record and record["marks"][0] >= TORQUE.least
 

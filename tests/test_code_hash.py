@@ -5,16 +5,16 @@ import json
 
 import pytest
 
-from nas_data import circumstances, code_hash
+from nas_data import code_hash, environment_info
 from nas_data.envs.ergo_reacher import TASK
-from nas_data.envs.loop.plant import Plant
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import OutputExists
 from nas_data.experiments.pipeline.learning import TRAINED_BY
 from nas_data.gap_code import gap_modules
 from nas_data.models.checkpoint import save
 from nas_data.models.lstm import DynamicsModel
 from nas_data.policies.compare import Run, Study, compare
-from nas_data.policies.learner import Hyperparameters, Training
+from nas_data.policies.learner import Hyperparameters, PolicyTraining
 from nas_data.policies.policy import CONFIG
 
 SMALL = Hyperparameters(arms=2, rollout=32, minibatches=2, epochs=1)
@@ -24,14 +24,14 @@ PHI_STEPS = "nas_data.models.frozen.onnx_network"  # imported inside a function
 
 
 def training(environment, dynamics="source"):
-    return Training(Plant(environment, dynamics), 0, 32, SMALL)
+    return PolicyTraining(DynamicsSpec(environment, dynamics), 0, 32, SMALL)
 
 
 @pytest.fixture
 def phi(tmp_path):
     """Return a plant that φ corrects."""
     model = DynamicsModel("delta", TASK.joints, hidden=8, layers=1, fps=1 / TASK.period)
-    return Plant("ErgoReacher", checkpoint=str(save(model, tmp_path / "phi")))
+    return DynamicsSpec("ErgoReacher", checkpoint=str(save(model, tmp_path / "phi")))
 
 
 @pytest.mark.parametrize(
@@ -40,7 +40,7 @@ def phi(tmp_path):
         ("nas_data.envs.pusher", "EFFORT_COST, REACH_COST = 0.1, 0.5", "EFFORT_COST, REACH_COST = 0.1, 0.6"),  # reward
         ("nas_data.envs.pusher", "horizon=100", "horizon=101"),
         ("nas_data.envs.pusher", "START_ANGLE = 0.1", "START_ANGLE = 0.2"),
-        ("nas_data.envs.loop.arena", "self.elapsed += 1", "self.elapsed += 2"),
+        ("nas_data.envs.loop.task_batch", "self.elapsed += 1", "self.elapsed += 2"),
         ("nas_data.effects.backlash", "half_width", "width"),
         ("nas_data.policies.learner", "gae_lambda=p.trace", "gae_lambda=1.0"),
         ("nas_data.policies.ppo", "while learner.done < training.rollouts", "while learner.done <= training.rollouts"),
@@ -70,7 +70,7 @@ def test_what_a_training_does_not_use_does_not_count(edited):
 
 def test_what_steps_phi_decides_policies_that_learn_or_are_judged_on_it(edited, phi):
     def versions():
-        plain, learned = (Training(plant, 0, 32, SMALL) for plant in (Plant("ErgoReacher"), phi))
+        plain, learned = (PolicyTraining(plant, 0, 32, SMALL) for plant in (DynamicsSpec("ErgoReacher"), phi))
         judged = Run("source", plain, phi, 2, folder=None).question()
         return learned.identity()["code"], judged["code"], plain.identity()["code"]
 
@@ -94,18 +94,18 @@ def test_imports_inside_functions_count(root, reached):
 
 
 def test_options_of_a_plant_count_only_where_they_are_taken():
-    plain = code_hash.collect(*Plant("Pusher").modules())
+    plain = code_hash.collect(*DynamicsSpec("Pusher").modules())
     assert not [name for name in plain if name.startswith(("nas_data.models", "nas_data.gap"))]
     assert "nas_data.simulators.bullet" not in plain and "nas_data.envs.loop.randomised" not in plain
-    assert "nas_data.simulators.bullet" in code_hash.collect(*Plant("Pusher", engine="bullet").modules())
+    assert "nas_data.simulators.bullet" in code_hash.collect(*DynamicsSpec("Pusher", engine="bullet").modules())
 
 
 def test_all_that_a_choosing_module_imports_in_its_functions_is_named_by_some_plant(tmp_path, phi):
     (tmp_path / "effects.json").write_text('{"schema": 1, "effects": [], "retuned": {"m1.damping": 1.1}}')
     plants = (
-        Plant("ErgoReacher", effects=str(tmp_path / "effects.json")),
-        Plant("ErgoReacher", randomised=True),
-        Plant("ErgoReacher", engine="bullet"),
+        DynamicsSpec("ErgoReacher", effects=str(tmp_path / "effects.json")),
+        DynamicsSpec("ErgoReacher", randomised=True),
+        DynamicsSpec("ErgoReacher", engine="bullet"),
         phi,
     )
     named = code_hash.collect(*(module for plant in plants for module in plant.modules()))
@@ -116,15 +116,22 @@ def test_all_that_a_choosing_module_imports_in_its_functions_is_named_by_some_pl
 def inner_imports(module):
     """Return what the functions of a module import."""
     tree = ast.parse(code_hash.source_of(module))
-    found = {name for statement in code_hash.statements(tree, deep=True) for name in code_hash.imported(statement)}
-    assert found > set(code_hash.studied(module)[1])
+    found = {
+        name for statement in code_hash.statements(tree, deep=True) for name in code_hash.imported_modules(statement)
+    }
+    assert found > set(code_hash.analyse_module(module)[1])
     return found
 
 
 def test_imports_are_found_in_every_block_but_not_those_for_type_checkers():
     tree = ast.parse(SCATTERED)
-    for deep, wanted in ((True, "stages metrics drives servos parallel sources pairing"), (False, "stages servos")):
-        found = {name for statement in code_hash.statements(tree, deep) for name in code_hash.imported(statement)}
+    for deep, wanted in (
+        (True, "stages metrics actuator_lookup default_servos parallel sources pairing"),
+        (False, "stages default_servos"),
+    ):
+        found = {
+            name for statement in code_hash.statements(tree, deep) for name in code_hash.imported_modules(statement)
+        }
         assert found == {f"nas_data.{word}" for word in wanted.split()}
 
 
@@ -132,15 +139,15 @@ SCATTERED = """
 import nas_data.stages, nas_data.errors, numpy
 from typing import TYPE_CHECKING
 if TYPE_CHECKING:
-    from nas_data.explicit import explicit
+    from nas_data.bake_inertia import explicit
 else:
-    from nas_data import servos
+    from nas_data import default_servos
 class Thing:
     def load(self):
         try:
             from nas_data.metrics import Errors
         except ImportError:
-            from nas_data.drives import driven_joint
+            from nas_data.actuator_lookup import driven_joint
         finally:
             with open("x"):
                 from nas_data.parallel import run_jobs
@@ -165,19 +172,19 @@ def test_all_that_nas_gap_may_name_decides_what_it_says(edited):
 
 
 def test_a_study_refuses_policies_of_other_code_and_leaves_them_alone(tmp_path, edited):
-    study = Study(Plant("Pusher"), {"source": Plant("Pusher")}, (0,), 32, 2, SMALL)
+    study = Study(DynamicsSpec("Pusher"), {"source": DynamicsSpec("Pusher")}, (0,), 32, 2, SMALL)
     first = compare(study, tmp_path, report=lambda _: None)
     held = (tmp_path / "source/seed0" / CONFIG).read_bytes()
     edited("nas_data.envs.pusher", "REACHED = 0.17", "REACHED = 0.18")
     with pytest.raises(OutputExists, match="other code of nas_data"):
         compare(study, tmp_path, report=lambda _: None)
     assert (tmp_path / "source/seed0" / CONFIG).read_bytes() == held
-    code_hash.studied.cache_clear()
+    code_hash.analyse_module.cache_clear()
     assert first.records["source", 0]["question"]["code"]
 
 
 def test_other_code_that_judges_judges_a_kept_policy_again(tmp_path, edited):
-    study = Study(Plant("Pusher"), {"source": Plant("Pusher")}, (0,), 32, 2, SMALL)
+    study = Study(DynamicsSpec("Pusher"), {"source": DynamicsSpec("Pusher")}, (0,), 32, 2, SMALL)
     compare(study, tmp_path, report=lambda _: None)
     weights = (tmp_path / "source/seed0/policy.safetensors").stat().st_mtime_ns
     result = tmp_path / "source/seed0/result.json"
@@ -190,11 +197,11 @@ def test_other_code_that_judges_judges_a_kept_policy_again(tmp_path, edited):
 
 
 def test_the_commit_is_that_of_a_checkout_and_of_nothing_else(monkeypatch, tmp_path):
-    circumstances.commit.cache_clear()
-    said = circumstances.commit()
-    assert said is None or len(said.removesuffix(circumstances.CHANGED)) == 40
-    monkeypatch.setattr(circumstances, "ROOT", tmp_path)
-    circumstances.commit.cache_clear()
-    assert circumstances.commit() is None
-    circumstances.commit.cache_clear()
-    assert {"python", "onnxruntime", "torch", "nas_data"} <= set(circumstances.versions())
+    environment_info.commit.cache_clear()
+    said = environment_info.commit()
+    assert said is None or len(said.removesuffix(environment_info.CHANGED)) == 40
+    monkeypatch.setattr(environment_info, "ROOT", tmp_path)
+    environment_info.commit.cache_clear()
+    assert environment_info.commit() is None
+    environment_info.commit.cache_clear()
+    assert {"python", "onnxruntime", "torch", "nas_data"} <= set(environment_info.versions())

@@ -21,7 +21,7 @@ from nas_data.dataset.read import read
 from nas_data.dataset.write import write
 from nas_data.models import checkpoint
 from nas_data.models.evaluation import evaluate
-from nas_data.models.phases import TeacherForcing
+from nas_data.models.losses import TeacherForcing
 from nas_data.robots.base import find_robot
 
 RECORDINGS = Path(__file__).parents[2] / "shared/realdata/sage_so101"

@@ -11,7 +11,7 @@ from nas_data.dataset.read import read
 from nas_data.effects.base import add_effects, parse
 from nas_data.errors import JointMismatch, ModelFileError, OptionError
 from nas_data.pairing import pair
-from nas_data.simulators.controls import commanded
+from nas_data.simulators.controls import find_command
 from nas_data.simulators.limits import command_limits, excitable_limits
 from nas_data.simulators.mujoco import MujocoSimulator
 
@@ -79,8 +79,8 @@ def test_a_written_model_takes_the_controls_of_the_model_that_was_handed_over(lo
     spec.compile()
     (tmp_path / "written.xml").write_text(spec.to_xml())
     written = MujocoSimulator.load(tmp_path / "written.xml", PERIOD, ("a", "b"), threads=1)
-    given, own = load(way), commanded(written.model, 0, "written")[1]
-    assert own == commanded(given.model, 0, "given")[1]
+    given, own = load(way), find_command(written.model, 0, "written")[1]
+    assert own == find_command(given.model, 0, "given")[1]
     assert played(written)[:, 0] == pytest.approx(played(load(way, *effects))[:, 0], abs=1e-4)
 
 

@@ -9,8 +9,8 @@ from dataset_samples import any_dataset, recorded
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nas_data.dataset import thrift
-from nas_data.dataset.footer import mend, walk
+from nas_data.dataset import parquet_thrift
+from nas_data.dataset.parquet_footer import mend, walk
 
 
 def without_footer(table, groups, **options):
@@ -86,14 +86,14 @@ def test_thrift_structures_are_written_as_they_were_read():
     pq.write_table(table, stream, write_page_index=True, sorting_columns=[pq.SortingColumn(0)])
     content = stream.getvalue()
     start = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
-    fields, end = thrift.parse(content, start)
+    fields, end = parquet_thrift.parse(content, start)
     assert end == len(content) - 8
-    assert thrift.serialize(thrift.Struct(fields)) == content[start:end]
+    assert parquet_thrift.serialize(parquet_thrift.Struct(fields)) == content[start:end]
 
 
 @given(st.binary(max_size=100), st.integers(0, 100))
 def test_noise_is_a_structure_or_a_value_error(noise, place):
     try:
-        thrift.parse(noise, place)
+        parquet_thrift.parse(noise, place)
     except ValueError:
         return

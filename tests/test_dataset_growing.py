@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from dataset_samples import recorded, same
 
-from nas_data.dataset.growing import Growing
+from nas_data.dataset.incremental_writer import Growing
 from nas_data.dataset.provenance import Provenance
 from nas_data.dataset.read import read
 from nas_data.errors import DatasetInvalid, OutputExists

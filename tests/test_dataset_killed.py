@@ -220,7 +220,7 @@ def test_two_leftovers_have_to_be_told_apart(folder):
 
 
 def test_what_is_being_written_is_left_alone(folder):
-    from nas_data.dataset.staging import staged
+    from nas_data.dataset.staging import staging_folder
 
-    with staged(folder / "d") as hidden, pytest.raises(DatasetInvalid, match="being written"):
+    with staging_folder(folder / "d") as hidden, pytest.raises(DatasetInvalid, match="being written"):
         find_damaged(hidden)

@@ -205,7 +205,7 @@ def test_images_strings_and_matrices_are_left_out(lerobot, tmp_path):
     dataset = read(tmp_path / "d")
     assert list(dataset.features) == [STATE]
     assert dataset.states.tolist() == [[0, 0], [1, -1], [2, -2], [3, -3]]
-    left_out = layout.left_out(layout.read_info(tmp_path / "d"))
+    left_out = layout.other_features(layout.read_info(tmp_path / "d"))
     assert set(left_out) == {"note", "observation.images.front", "grid"}
 
 

@@ -16,13 +16,13 @@ from version_samples import FEW, SIMULATED, original
 from nas_data.cli import main
 from nas_data.dataset import layout
 from nas_data.dataset.content import content_hash
+from nas_data.dataset.derive_provenance import Original
 from nas_data.dataset.features import ACTION, SIM_STATE, STATE, Feature
-from nas_data.dataset.inheritance import Original
 from nas_data.dataset.merge import merge
 from nas_data.dataset.pack import pack
 from nas_data.dataset.provenance import Parent, read_provenance
 from nas_data.dataset.read import read
-from nas_data.dataset.split import draw, listed, parse_episodes, split
+from nas_data.dataset.split import draw, format_episodes, parse_episodes, split
 from nas_data.dataset.verify import verify
 from nas_data.dataset.versions import list_versions
 from nas_data.dataset.write import write
@@ -195,7 +195,7 @@ def test_a_share_is_drawn_by_seed(share, size):
 
 @given(st.sets(st.integers(0, 200), min_size=1).map(sorted))
 def test_episodes_are_written_as_they_are_read(episodes):
-    assert parse_episodes(listed(episodes)) == episodes
+    assert parse_episodes(format_episodes(episodes)) == episodes
 
 
 def test_splitting_makes_two_datasets_beside_the_first(folder, capsys):

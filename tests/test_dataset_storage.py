@@ -128,7 +128,7 @@ def test_a_killed_writer_leaves_only_a_hidden_folder(tmp_path):
 
 
 def test_a_folder_being_written_is_no_leftover(tmp_path):
-    with staging.staged(tmp_path / "d"):
+    with staging.staging_folder(tmp_path / "d"):
         assert staging.leftovers(tmp_path) == []
 
 

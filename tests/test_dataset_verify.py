@@ -14,8 +14,8 @@ from dataset_samples import recorded
 from nas_data.cli import main
 from nas_data.dataset import layout
 from nas_data.dataset.features import ACTION, SIM_STATE, STATE, TIME, Feature
-from nas_data.dataset.lateness import late_readings
 from nas_data.dataset.provenance import Parent, Provenance
+from nas_data.dataset.timing import late_readings
 from nas_data.dataset.verify import examine, verify
 from nas_data.dataset.versions import new_version, parent_of, save
 from nas_data.dataset.write import write

@@ -23,9 +23,9 @@ from nas_data.demo.plan import FULL, NAMED, QUICK, Demo
 from nas_data.demo.recording import DATASETS, HELDOUT, TRAIN, newest
 from nas_data.effects.base import parse
 from nas_data.errors import OutputExists
-from nas_data.gap.add import write_effects
 from nas_data.gap.report import GapReport
-from nas_data.stages import Found, Stage, claim, read_done, run_stages
+from nas_data.gap.write_model import write_effects
+from nas_data.stages import Stage, StageResult, claim, read_done, run_stages
 
 NAMES = [stage.name for stage in STAGES]
 ROW = r"<tr><th>([\w ]+ in [\w ]+)</th>(.*?)</tr>"  # of the table of what hides and what was named
@@ -247,10 +247,10 @@ def staged(log: list[str], *names: str) -> tuple[Stage, ...]:
     """Stages that write a file and a line into a log."""
 
     def work(name):
-        def do(demo: Demo) -> Found:
+        def do(demo: Demo) -> StageResult:
             log.append(name)
             (demo.folder / name).write_text(name)
-            return Found([f"{name} said"], {"name": name}, [f"{name} in short"])
+            return StageResult([f"{name} said"], {"name": name}, [f"{name} in short"])
 
         return do
 
@@ -298,7 +298,7 @@ def test_an_interrupted_stage_counts_as_not_done(empty):
     log: list[str] = []
     a, b = staged(log, "a", "b")
 
-    def cut(demo: Demo) -> Found:
+    def cut(demo: Demo) -> StageResult:
         (demo.folder / "b").write_text("half")
         raise KeyboardInterrupt
 

@@ -7,16 +7,16 @@ import pytest
 from first_order_arm import FirstOrderArm
 
 from nas_data.envs.ergo_reacher import TASK
-from nas_data.envs.loop.arena import Arena
 from nas_data.envs.loop.arm_env import ArmEnv
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
-from nas_data.envs.loop.plant import Plant
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
+from nas_data.envs.loop.task_batch import TaskBatch
 from nas_data.errors import JobsFailed, SimulationDiverged, UnknownName
 from nas_data.parallel import run_jobs
 from nas_data.policies import compare as comparing
 from nas_data.policies import evaluate
 from nas_data.policies.compare import Study, compare
-from nas_data.policies.learner import Hyperparameters, Training
+from nas_data.policies.learner import Hyperparameters, PolicyTraining
 from nas_data.policies.policy import read_progress
 from nas_data.policies.ppo import train
 
@@ -57,7 +57,7 @@ def test_an_episode_that_leaves_all_bounds_ends_and_the_others_go_on():
 
 @pytest.mark.parametrize("after", [1, 5, 60, TASK.horizon - 1])
 def test_leaving_all_bounds_is_worse_than_any_episode_that_goes_on(after):
-    arena = Arena(TASK, Fragile(6))
+    arena = TaskBatch(TASK, Fragile(6))
     arena.start([np.random.default_rng(row) for row in range(6)])
     totals, running = np.zeros(6), np.ones(6, dtype=bool)
     rng = np.random.default_rng(0)
@@ -74,7 +74,7 @@ def test_leaving_all_bounds_is_worse_than_any_episode_that_goes_on(after):
 
 
 def test_the_steps_that_were_due_count_with_the_least_reward_seen_by_anyone():
-    arena = Arena(TASK, Fragile(2))
+    arena = TaskBatch(TASK, Fragile(2))
     arena.start([np.random.default_rng(row) for row in range(2)])
     least = min(arena.step(actions(2))[0].reward.min() for _ in range(10))
     verdict, truncated = arena.step(actions(2, bad=[0]))
@@ -93,14 +93,14 @@ class Paid(type(TASK)):
 
 def test_where_every_step_is_paid_for_nothing_more_is_paid():
     task = Paid(**{name: getattr(TASK, name) for name in TASK.__dataclass_fields__})
-    arena = Arena(task, Fragile(2))
+    arena = TaskBatch(task, Fragile(2))
     arena.start([np.random.default_rng(row) for row in range(2)])
     arena.step(actions(2))
     assert arena.step(actions(2, bad=[0]))[0].reward.tolist() == [0.0, 1.0]
 
 
 def test_where_nothing_but_divergence_is_known_it_is_an_error():
-    arena = Arena(TASK, Fragile(2))
+    arena = TaskBatch(TASK, Fragile(2))
     arena.start([np.random.default_rng(row) for row in range(2)])
     with pytest.raises(SimulationDiverged, match="in its first step"):
         arena.step(actions(2, bad=[0, 1]))
@@ -138,7 +138,7 @@ def note():
 def test_training_goes_on_counts_what_diverged_and_learns_to_avoid_it(tmp_path):
     told = []
     keen = Hyperparameters(arms=8, rollout=1024, minibatches=8, learning_rate=1e-3)
-    train(Training(Plant("ErgoReacher"), 0, 12 * 1024, keen), tmp_path, told.append, Fragile(keen.arms))
+    train(PolicyTraining(DynamicsSpec("ErgoReacher"), 0, 12 * 1024, keen), tmp_path, told.append, Fragile(keen.arms))
     diverged = read_progress(tmp_path)["diverged"]
     assert diverged[-1] < diverged[0] / 3
     assert any("diverged" in line for line in told)
@@ -194,8 +194,8 @@ def test_a_study_does_its_other_runs_where_one_cannot_be_done(tmp_path, monkeypa
 
     monkeypatch.setattr(comparing, "train", failing)
     tiny = Hyperparameters(arms=2, rollout=32, minibatches=2, epochs=1)
-    target = Plant("Pusher", "backlash")
-    study = Study(target, {"source": Plant("Pusher"), "expert": target}, (0, 1), 32, 2, tiny)
+    target = DynamicsSpec("Pusher", "backlash")
+    study = Study(target, {"source": DynamicsSpec("Pusher"), "expert": target}, (0, 1), 32, 2, tiny)
     with pytest.raises(SimulationDiverged, match="source, seed 0: it left all bounds"):
         compare(study, tmp_path, report=lambda _: None)
     assert sorted(str(path.parent.relative_to(tmp_path)) for path in tmp_path.rglob("result.json")) == [

@@ -14,8 +14,8 @@ from nas_data.effects.edits.servo import scale_damping, scale_stiffness
 from nas_data.envs.loop.randomised import RandomisedStepper, delay_line, largest_torque
 from nas_data.envs.loop.ranges import NOMINAL
 from nas_data.errors import ModelFileError
+from nas_data.simulators.initial_states import InitialLoad
 from nas_data.simulators.mujoco import MujocoSimulator
-from nas_data.simulators.settled import Hold
 
 BAND = effect("deadband", half_width=0.03)
 
@@ -167,14 +167,14 @@ def test_an_arm_that_leans_on_the_edge_of_a_dead_band_stays_there():
     sim = MujocoSimulator.load("ergojr", 0.01, effects=[band])
     pose = np.array([0.2, 0.6, -0.4, 0.1, 0.5, -0.3])
     state = np.concatenate([pose, np.zeros(6)])[None]
-    sim.settled(state, np.full((1, 6), Hold.WEIGHT))
+    sim.settled(state, np.full((1, 6), InitialLoad.WEIGHT))
     data = mujoco.MjData(sim.model)
     data.qpos[sim.layout.qpos] = pose
     mujoco.mj_forward(sim.model, data)
     load = data.qfrc_bias[sim.layout.dof]
     held = pose + load / 0.336
     held[2] += np.sign(load[2]) * 0.05
-    moved = sim.rollout(state, np.tile(held, (1, 50, 1)), np.full((1, 6), Hold.WEIGHT))[0, :, :6]
+    moved = sim.rollout(state, np.tile(held, (1, 50, 1)), np.full((1, 6), InitialLoad.WEIGHT))[0, :, :6]
     assert np.abs(moved - pose).max() < 2e-3
 
 

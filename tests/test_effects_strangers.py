@@ -8,10 +8,10 @@ import pytest
 from effect_samples import PERIOD
 from test_effects import NAMES, OF_OBJECTS, typical
 
+from nas_data.bake_inertia import explicit
 from nas_data.effects.base import Effect, add_effects, find_effect
 from nas_data.errors import ModelFileError
-from nas_data.explicit import explicit
-from nas_data.gap.evidence import Evidence
+from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.nominal_parameters import base_parameters
 from nas_data.gap.search.scales import scales
@@ -166,7 +166,9 @@ def test_a_payload_is_at_the_outermost_joint_in_whatever_order_actuators_are_lis
     add_effects(spec, [typical("payload")])
     assert spec.body("payload").parent.name == "wrist_link"
     spec.delete(spec.body("payload"))
-    evidence = Evidence(order, 0.01, np.zeros((1, 3)), *np.zeros((2, 1, 20, 3)), np.ones((1, 20), bool), np.zeros(1))
+    evidence = EpisodeBatch(
+        order, 0.01, np.zeros((1, 3)), *np.zeros((2, 1, 20, 3)), np.ones((1, 20), bool), np.zeros(1)
+    )
     spec.body("wrist_link").geoms[0].mass = 0.7
     full = explicit(spec)
     nominal = Nominal(find_robot("ergojr"), full, full, order, 0.01, base_parameters(full, order))

@@ -17,10 +17,10 @@ from nas_data import registry
 from nas_data.environment_ids import environment_id
 from nas_data.envs.base import find_task, find_task_file
 from nas_data.envs.ergo_reacher import ACTIVE, CENTRE, REACHED, RING, TASK
-from nas_data.envs.loop.arena import Arena
 from nas_data.envs.loop.arm_env import ArmEnv
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
-from nas_data.envs.loop.plant import Plant
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
+from nas_data.envs.loop.task_batch import TaskBatch
 from nas_data.errors import CheckpointError, JointMismatch, SimulationDiverged, UnknownName
 from nas_data.models.checkpoint import save
 from nas_data.models.lstm import DynamicsModel
@@ -88,7 +88,7 @@ def test_a_rows_episodes_depend_neither_on_the_number_of_rows_nor_on_the_others(
 
 
 def test_the_reward_is_minus_the_distance_and_one_more_where_the_goal_is_reached():
-    arena = Arena(TASK, FirstOrderArm(2))
+    arena = TaskBatch(TASK, FirstOrderArm(2))
     arena.start([np.random.default_rng(0), np.random.default_rng(1)])
     tip = arena.stepper.site_positions("tip")
     goals = np.stack([tip[0] + [0, 0.5 * REACHED, 0], tip[1] + [0, 0, 3 * REACHED]])
@@ -135,7 +135,7 @@ def test_the_test_double_has_the_robots_geometry():
 
 
 def test_holding_stays_near_the_start():
-    arena = Arena(TASK, FirstOrderArm(4))
+    arena = TaskBatch(TASK, FirstOrderArm(4))
     arena.start([np.random.default_rng(i) for i in range(4)])
     before = arena.stepper.states
     actions = TASK.hold(arena.stepper)
@@ -177,7 +177,7 @@ def test_an_environment_is_found_by_each_of_its_names(name):
 
 def test_a_simulation_with_other_joints_is_refused():
     with pytest.raises(JointMismatch, match=r"m1, m2.*left, right"):
-        Arena(TASK, FirstOrderArm(1, joints=("left", "right")))
+        TaskBatch(TASK, FirstOrderArm(1, joints=("left", "right")))
 
 
 def test_a_simulation_that_diverges_says_so():
@@ -243,21 +243,27 @@ def test_the_reward_of_a_learned_environment_comes_from_the_corrected_state(tmp_
 
 def test_a_checkpoint_of_another_rate_or_robot_is_refused(tmp_path):
     with pytest.raises(CheckpointError, match=r"50 Hz.*100 Hz"):
-        Plant("ErgoReacher", checkpoint=small_model(tmp_path / "slow", fps=50.0)).stepper(1)
+        DynamicsSpec("ErgoReacher", checkpoint=small_model(tmp_path / "slow", fps=50.0)).stepper(1)
     with pytest.raises(JointMismatch, match="left, right"):
-        Plant("ErgoReacher", checkpoint=small_model(tmp_path / "other", joints=("left", "right"))).check()
+        DynamicsSpec("ErgoReacher", checkpoint=small_model(tmp_path / "other", joints=("left", "right"))).check()
 
 
 def test_a_correction_of_another_source_is_refused(tmp_path):
     phi = Path(small_model(tmp_path / "phi"))
     (phi / "source.xml").write_text(TASK.simulator().robot.spec().to_xml())
-    Plant("ErgoReacher", checkpoint=str(phi)).check()
+    DynamicsSpec("ErgoReacher", checkpoint=str(phi)).check()
     with pytest.raises(CheckpointError, match="another source than this environment's"):
-        Plant("ErgoReacher", "backlash", checkpoint=str(phi)).check()
+        DynamicsSpec("ErgoReacher", "backlash", checkpoint=str(phi)).check()
 
 
 def test_a_plants_description_follows_the_checkpoint_and_not_its_folder(tmp_path):
     one, other = (small_model(tmp_path / name, gain=gain) for name, gain in (("a", 1.0), ("b", 0.5)))
     moved = small_model(tmp_path / "moved", gain=1.0)
-    assert Plant("ErgoReacher", checkpoint=one).describe() == Plant("ErgoReacher", checkpoint=moved).describe()
-    assert Plant("ErgoReacher", checkpoint=one).describe() != Plant("ErgoReacher", checkpoint=other).describe()
+    assert (
+        DynamicsSpec("ErgoReacher", checkpoint=one).describe()
+        == DynamicsSpec("ErgoReacher", checkpoint=moved).describe()
+    )
+    assert (
+        DynamicsSpec("ErgoReacher", checkpoint=one).describe()
+        != DynamicsSpec("ErgoReacher", checkpoint=other).describe()
+    )

@@ -27,7 +27,7 @@ from nas_data.dataset.verify import verify
 from nas_data.virtual_bus import ports
 from nas_data.virtual_bus.options import Options
 from nas_data.virtual_bus.process import VirtualBus
-from nas_data.xl320.arm import Arm
+from nas_data.xl320.arm import Xl320Arm
 from nas_data.xl320.ergojr import ergojr_joints
 
 JOINTS = ergojr_joints()
@@ -57,7 +57,7 @@ LARGEST_STEP = 0.1  # [rad] of an arm in a period; its speed limit is 1.745 rad/
 def test_thousands_of_disturbed_packets_yield_no_wrong_value_and_no_hang():
     options = Options(faults=DISTURBED, honest=False, lockstep=True)
     with VirtualBus(options) as bus:
-        arm = Arm(bus.port, JOINTS)
+        arm = Xl320Arm(bus.port, JOINTS)
         still, longest, sentences = None, 0.0, 0
         while arm.bus.failures < FAULTS:
             began = time.monotonic()
@@ -80,7 +80,7 @@ class Stopwatch:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.longest = 0.0
         for name in ("read", "health", "command"):
-            monkeypatch.setattr(Arm, name, self._timed(getattr(Arm, name)))
+            monkeypatch.setattr(Xl320Arm, name, self._timed(getattr(Xl320Arm, name)))
 
     def _timed(self, exchange):
         def timed(*arguments):
@@ -198,7 +198,7 @@ def test_a_hundred_kills_lose_nothing_that_was_called_saved(tmp_path, monkeypatc
 @pytest.mark.slow
 def test_a_cycle_of_command_and_reading_leaves_room_for_300_hz():
     """At the bus's own speed: 1 Mbps, and the servos' return delay."""
-    with ports.port_of("virtual") as port, Arm(port, JOINTS) as arm:
+    with ports.port_of("virtual") as port, Xl320Arm(port, JOINTS) as arm:
         arm.check()
         arm.configure()
         arm.torque_on()

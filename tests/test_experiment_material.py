@@ -6,15 +6,15 @@ import pytest
 from experiment_samples import NETWORK, TINY, times, tiny
 
 from nas_data.errors import OutputExists
+from nas_data.experiments.pipeline.artifacts import PHI, Artifacts
 from nas_data.experiments.pipeline.learning import ModelJob, train_model
-from nas_data.experiments.pipeline.material import PHI, Material
 from nas_data.models.run import STATE
 from nas_data.simulators import mujoco
 from nas_data.stages import read_stage
 
 
 @pytest.fixture(scope="module")
-def material(tmp_path_factory) -> Material:
+def material(tmp_path_factory) -> Artifacts:
     """Recordings of Pusher and a φ, tiny."""
     return tiny(tmp_path_factory.mktemp("material"), "Pusher").material("Pusher", (PHI,))
 
@@ -38,7 +38,7 @@ def again(material):
     [
         ("nas_data.envs.pusher", "START_ANGLE = 0.1", "START_ANGLE = 0.2", "Record and pair"),
         ("nas_data.recorders.recipe", "seed: int = 0", "seed: int = 1", "Record and pair"),
-        ("nas_data.models.descent", "class Descent", "later = 1\nclass Descent", "Learn φ"),
+        ("nas_data.models.optimiser", "class Descent", "later = 1\nclass Descent", "Learn φ"),
     ],
 )
 def test_what_other_code_made_is_refused_and_left_alone(material, edited, module, old, new, stage):

@@ -9,24 +9,24 @@ import pytest
 from experiment_samples import tiny
 
 from nas_data.envs.base import find_task
-from nas_data.envs.loop.plant import Plant
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.envs.pusher import TORQUE
 from nas_data.errors import JobsFailed, OptionError, UnknownName
 from nas_data.experiments import figure6
-from nas_data.experiments.pipeline import comparing, conducting, stages
+from nas_data.experiments.pipeline import compare_methods, run, stages
+from nas_data.experiments.pipeline.artifacts import Artifacts, MaterialPlan
 from nas_data.experiments.pipeline.authors import RETURNS, remarks
-from nas_data.experiments.pipeline.comparing import hyperparameters
-from nas_data.experiments.pipeline.conducting import conduct
+from nas_data.experiments.pipeline.compare_methods import hyperparameters
 from nas_data.experiments.pipeline.dynamics import describe_dynamics
-from nas_data.experiments.pipeline.material import Material, MaterialPlan
 from nas_data.experiments.pipeline.methods import METHODS
 from nas_data.experiments.pipeline.naming import stem_of
+from nas_data.experiments.pipeline.run import conduct
 from nas_data.experiments.pipeline.sizes import FULL, PPO
-from nas_data.experiments.pipeline.telling import describe_paired, on_intervals, paired_text
+from nas_data.experiments.pipeline.table_notes import describe_paired, describe_return_differences, on_intervals
 from nas_data.policies.compare import Comparison, Study
 from nas_data.policies.intervals import median_interval
 from nas_data.policies.share import stake
-from nas_data.recorders.recipe import Kind, Recipe
+from nas_data.recorders.recipe import CommandKind, Recipe
 from nas_data.reports.prediction_figures import growth, quartiles
 
 ENDS = ("expert", "source")
@@ -43,7 +43,9 @@ def comparison(**returns):
         for method, values in returns.items()
         for seed in seeds
     }
-    return Comparison(Study(Plant("Pusher"), dict.fromkeys(returns, Plant("Pusher")), tuple(seeds)), None, records)
+    return Comparison(
+        Study(DynamicsSpec("Pusher"), dict.fromkeys(returns, DynamicsSpec("Pusher")), tuple(seeds)), None, records
+    )
 
 
 # --- files
@@ -51,7 +53,7 @@ def comparison(**returns):
 
 def test_each_environment_is_written_when_it_is_done_and_a_failure_leaves_the_others_alone(tmp_path, monkeypatch):
     request = tiny(tmp_path, "Pusher", "ErgoReacher", methods=ENDS, seeds=(0,))
-    original = conducting.make
+    original = run.make
 
     def failing(name, experiment, asked):
         if asked.environments[-1] == "ErgoReacher":
@@ -59,10 +61,10 @@ def test_each_environment_is_written_when_it_is_done_and_a_failure_leaves_the_ot
             raise OptionError("no reacher today")
         return original(name, experiment, asked)
 
-    monkeypatch.setattr(conducting, "make", failing)
+    monkeypatch.setattr(run, "make", failing)
     with pytest.raises(OptionError, match="no reacher today"):
         conduct("figure5", request)
-    monkeypatch.setattr(conducting, "make", original)
+    monkeypatch.setattr(run, "make", original)
     found = conduct("figure5", request)
     assert set(found.data["environments"]) == {"Pusher", "ErgoReacher"}
     written = {path.name for path in tmp_path.glob("*.json")}
@@ -156,7 +158,7 @@ def test_workers_of_figure6_simulate_on_one_thread(tmp_path, monkeypatch):
 def test_actions_are_brief_long_weak_or_smooth_but_for_the_paper_s_protocol():
     recipe = replace(FULL.recipe("Pusher", "backlash"), episodes=400)
     kinds, actions = recipe.kinds(), np.array(recipe.session().commands) / TORQUE
-    assert set(kinds[::4]) == {Kind(1)}
+    assert set(kinds[::4]) == {CommandKind(1)}
     others = [kind for number, kind in enumerate(kinds) if number % 4]
     assert {kind.smooth for kind in others} == {True, False}
     for drawn, low, high in (("every", 2, 50), ("strength", 0.2, 1.0)):
@@ -170,7 +172,7 @@ def test_actions_are_brief_long_weak_or_smooth_but_for_the_paper_s_protocol():
         assert (np.count_nonzero(changes) == (100 - 1) // kind.every) or kind.smooth
         assert not kind.smooth or changes.max() <= 2 * kind.strength / kind.every + 1e-6
     plan = MaterialPlan(recipe, 100, FULL.delta, FULL.forward)
-    assert Material(plan, Path()).paper_protocol() == list(range(0, 100, 4))
+    assert Artifacts(plan, Path()).paper_protocol() == list(range(0, 100, 4))
 
 
 def test_more_episodes_of_a_recipe_begin_with_the_fewer():
@@ -181,7 +183,7 @@ def test_more_episodes_of_a_recipe_begin_with_the_fewer():
 
 def test_a_recipe_that_is_not_varied_holds_its_actions_in_turn():
     recipe = Recipe(environment="Pusher", dynamics="source", episodes=5, steps=20, holds=(1, 5))
-    assert recipe.kinds() == [Kind(1), Kind(5), Kind(1), Kind(5), Kind(1)]
+    assert recipe.kinds() == [CommandKind(1), CommandKind(5), CommandKind(1), CommandKind(5), CommandKind(1)]
 
 
 # --- PPO as the authors ran it
@@ -276,7 +278,9 @@ def test_the_interval_of_more_seeds_is_a_bootstrap_within_their_range():
 def test_named_and_phi_is_compared_with_phi_alone_seed_by_seed():
     found = comparison(nas=[-70.0, -60.0, -80.0], named_nas=[-69.0, -58.0, -83.0])
     assert describe_paired(found) == {"differences": [1.0, 2.0, -3.0], "median": 1.0, "min": -3.0, "max": 2.0}
-    assert paired_text(found) == ("named_nas − nas, seed by seed: median +1.00, -3.00 … +2.00 over 3 seeds.",)
+    assert describe_return_differences(found) == (
+        "named_nas − nas, seed by seed: median +1.00, -3.00 … +2.00 over 3 seeds.",
+    )
     assert describe_paired(comparison(nas=[1.0])) is None
 
 
@@ -303,7 +307,7 @@ def test_where_source_and_expert_overlap_nothing_is_at_stake():
 
 def test_the_authors_medians_and_means_stand_beside_ours_of_the_same_kind():
     found = comparison(expert=[-70.0, -60.0, -50.0])
-    cells = dict(zip(comparing.headers(3), comparing.row(found, "Pusher", "expert"), strict=True))
+    cells = dict(zip(compare_methods.headers(3), compare_methods.row(found, "Pusher", "expert"), strict=True))
     assert (cells["authors: median"], cells["authors: mean"]) == ("-67.84", "-67.85")
     assert cells["mean"] == "-60.00"
     described = RETURNS["ergo_reacher"]["source"].describe()
@@ -331,6 +335,6 @@ def test_the_failures_of_several_environments_are_one_sentence(tmp_path, monkeyp
     def failing(name, experiment, asked):
         raise OptionError(f"no {asked.environments[0]} today")
 
-    monkeypatch.setattr(conducting, "make", failing)
+    monkeypatch.setattr(run, "make", failing)
     with pytest.raises(JobsFailed, match=r"2 of 2 jobs failed.*no Pusher today no ErgoReacher today"):
         conduct("figure5", tiny(tmp_path, "Pusher", "ErgoReacher"))

@@ -15,20 +15,20 @@ from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
 from nas_data.effects.base import parse
-from nas_data.envs.loop.plant import Plant
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import OptionError, OutputExists, UnknownName
 from nas_data.experiments import figure6
 from nas_data.experiments.base import Experiment, experiments, find_experiment
 from nas_data.experiments.figure6 import smallest
-from nas_data.experiments.pipeline import authors, counting, stages
-from nas_data.experiments.pipeline.conducting import conduct
-from nas_data.experiments.pipeline.material import Material, MaterialPlan
+from nas_data.experiments.pipeline import authors, sample_size, stages
+from nas_data.experiments.pipeline.artifacts import Artifacts, MaterialPlan
 from nas_data.experiments.pipeline.methods import METHODS, needs_of
 from nas_data.experiments.pipeline.naming import stem_of
+from nas_data.experiments.pipeline.run import conduct
 from nas_data.experiments.pipeline.sizes import FULL, QUICK, RECORDINGS
 from nas_data.experiments.table1 import PREDICTORS, differences, statistics
-from nas_data.gap.add import write_effects
 from nas_data.gap.side_by_side import shares_cores
+from nas_data.gap.write_model import write_effects
 
 CHEAP = ("expert", "source", "nas", "randomised")  # without `nas gap`, which takes minutes
 PART = "figure5-Pusher-backlash-tiny-methods-expert-source-nas-randomised"
@@ -83,7 +83,7 @@ def test_figure5_compares_the_methods_in_json_table_and_picture(folder):
 
 def test_every_run_of_figure5_records_what_it_depends_on(folder):
     found = json_of(folder, PART)["environments"]["Pusher"]
-    material = Material(plan_of(folder), folder / "tiny/Pusher-backlash/material")
+    material = Artifacts(plan_of(folder), folder / "tiny/Pusher-backlash/material")
     for run in found["runs"]:
         record = json.loads((folder / "tiny/Pusher-backlash/policies/256" / run["result"]).read_text())
         assert record["question"]["training"]["seed"] == run["seed"]
@@ -115,7 +115,7 @@ def test_less_than_the_experiment_says_so_wherever_it_is_shown(folder):
 
 
 def test_the_recordings_are_whole_and_hold_the_objects(folder):
-    material = Material(plan_of(folder), folder / "tiny/Pusher-backlash/material")
+    material = Artifacts(plan_of(folder), folder / "tiny/Pusher-backlash/material")
     for path, episodes in ((material.train, TINY.trajectories), (material.heldout, TINY.heldout)):
         assert verify(path) == []
         dataset = read(path)
@@ -226,7 +226,7 @@ def test_nas_gap_itself_names_in_the_pipeline(tmp_path):
 
 def test_figure4_tells_the_errors_of_one_sequence_it_did_not_learn_from(folder):
     found = json_of(folder, "figure4-Pusher-backlash-tiny")["environments"]["Pusher"]
-    dataset = read(Material(plan_of(folder), folder / "tiny/Pusher-backlash/material").heldout)
+    dataset = read(Artifacts(plan_of(folder), folder / "tiny/Pusher-backlash/material").heldout)
     rows = dataset.episode(found["episode"])
     assert set(found["stages"]) == {"record", "phi", "psi"}
     assert found["episode"] % 4 == 0  # the paper's protocol
@@ -302,8 +302,8 @@ def test_figure6_names_from_each_subset_and_learns_on_the_names(tmp_path, monkey
         alone.append(not shares_cores())
         return named_by("backlash:joint=j1,half_width=0.1", episodes=TINY.counts)(dataset, *arguments)
 
-    monkeypatch.setattr(counting.workflow, "investigate", investigate)
-    monkeypatch.setattr(figure6, "do_count", lambda job: jobs.append(job) or counting.do_count(job))
+    monkeypatch.setattr(sample_size.workflow, "investigate", investigate)
+    monkeypatch.setattr(figure6, "do_count", lambda job: jobs.append(job) or sample_size.do_count(job))
     request = tiny(tmp_path, "Pusher", seeds=(0,), methods=("named_nas", "forward", "named", "nas"))
     found = conduct("figure6", request)
     assert asked == list(TINY.counts)  # once a count, for both methods
@@ -330,7 +330,7 @@ def test_figure6_names_from_each_subset_and_learns_on_the_names(tmp_path, monkey
     assert conduct("figure6", replace(request, methods=("named",))).data["methods"]["named"] == methods["named"]
     assert asked == [*TINY.counts, 2]
     (sweep / "names.json").write_text("{}")
-    counting.name_subset(replace(jobs[0], threads=1))  # as beside another worker
+    sample_size.name_subset(replace(jobs[0], threads=1))  # as beside another worker
     assert alone == [True, True, True, False]
 
 
@@ -355,7 +355,7 @@ def test_figure6_trains_phi_for_few_trajectories_beside_that_for_many(tmp_path):
 
 @pytest.mark.slow
 def test_figure6_where_nothing_is_named_has_the_source(tmp_path, monkeypatch):
-    monkeypatch.setattr(counting.workflow, "investigate", named_by(episodes=TINY.counts))
+    monkeypatch.setattr(sample_size.workflow, "investigate", named_by(episodes=TINY.counts))
     found = conduct("figure6", tiny(tmp_path, "Pusher", seeds=(0,), counts=(2,), methods=("named", "named_nas", "nas")))
     methods = found.data["methods"]
     assert methods["named"]["returns"][0] == found.data["ends"]["methods"]["source"]["returns"]
@@ -425,7 +425,7 @@ def test_an_experiment_goes_on_where_it_was_cut(tmp_path, monkeypatch):
         raise Cut
 
     with monkeypatch.context() as patch:
-        patch.setattr(stages, "learned", cut)
+        patch.setattr(stages, "run_training", cut)
         with pytest.raises(Cut):
             conduct("figure4", tiny(tmp_path, "Pusher"))
     place = tmp_path / "tiny/Pusher-backlash/material"
@@ -461,7 +461,7 @@ def test_every_file_of_the_folder_is_an_experiment_with_a_command(name):
     assert isinstance(experiment, Experiment)
     assert experiment.title
     for environment in experiment.environments:
-        assert "backlash" in Plant(environment).task.dynamics
+        assert "backlash" in DynamicsSpec(environment).task.dynamics
     assert f"experiment_{name}" in registry.names("commands")
 
 

@@ -9,45 +9,45 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from nas_data.bake_inertia import explicit
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.noise import median, quantum, spread
+from nas_data.dataset.noise import median, noise_of_differences, quantum
 from nas_data.dataset.read import read
 from nas_data.dataset.versions import resolve
 from nas_data.effects.base import parse
 from nas_data.envs.base import find_task
 from nas_data.errors import DatasetInvalid
-from nas_data.explicit import explicit
-from nas_data.gap.add import write_model
-from nas_data.gap.evidence import Evidence, divide, windows
+from nas_data.gap.episode_batch import EpisodeBatch, divide, windows
 from nas_data.gap.floor import noise_floor, step_errors
 from nas_data.gap.nominal import Nominal, fine_timestep, with_timestep
 from nas_data.gap.nominal_parameters import base_parameters
-from nas_data.gap.search.fit import constrained, fit
-from nas_data.gap.search.objective import Task
+from nas_data.gap.search.fit import fit, solve_bounded
+from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters
 from nas_data.gap.verdict import verdict
+from nas_data.gap.write_model import write_model
 from nas_data.recorders.recipe import Recipe
 from nas_data.robots.base import find_robot
+from nas_data.simulators.initial_states import InitialLoad
 from nas_data.simulators.mujoco import MujocoSimulator
-from nas_data.simulators.settled import Hold
 
 JOINTS = ("m1", "m2", "m3", "m4", "m5", "m6")
 SAMPLE = Path(__file__).parent.parent / "datasets" / "ergojr_sample"
 QUANTUM = np.radians(0.29)
 
 
-def commanded(episodes: int = 4, seconds: float = 1.5, seed: int = 0) -> Evidence:
+def commanded(episodes: int = 4, seconds: float = 1.5, seed: int = 0) -> EpisodeBatch:
     """Episodes of random targets held half a second, nothing measured yet."""
     rng = np.random.default_rng(seed)
     commands = rng.uniform(-0.7, 0.7, (episodes, round(2 * seconds), 6)).repeat(50, axis=1)
     empty = np.zeros_like(commands)
     counts = np.ones(commands.shape[:2], bool)
-    return Evidence(JOINTS, 0.01, np.zeros((episodes, 6)), commands, empty, counts, np.arange(episodes))
+    return EpisodeBatch(JOINTS, 0.01, np.zeros((episodes, 6)), commands, empty, counts, np.arange(episodes))
 
 
 def measured(
     effects: str = "", factors: dict[str, float] | None = None, seed: int = 0, timestep: float | None = None
-) -> tuple[Nominal, Evidence]:
+) -> tuple[Nominal, EpisodeBatch]:
     """The ErgoJr and what a target with an effect measures, with noise and quantisation of an XL-320.
 
     The target takes the model's own physics steps unless a timestep is given [s].
@@ -60,7 +60,7 @@ def measured(
     noisy = truth + np.random.default_rng(seed + 1).normal(0, np.radians(0.05), truth.shape)
     rounded = np.round(noisy / QUANTUM) * QUANTUM
     parts = (evidence.starts, evidence.commands, rounded, evidence.counts, evidence.numbers)
-    return nominal, Evidence(JOINTS, 0.01, *parts)
+    return nominal, EpisodeBatch(JOINTS, 0.01, *parts)
 
 
 @given(step=st.floats(1e-3, 2e-2), seed=st.integers(0, 100))
@@ -98,7 +98,7 @@ def test_floor_of_a_moving_joint_is_that_of_quantum_and_noise(noise: float, peri
     positions = sum(waves)
     readings = np.round((positions + noise * QUANTUM * rng.standard_normal(positions.shape)) / QUANTUM) * QUANTUM
     counts = np.ones(positions.shape[:2], bool)
-    evidence = Evidence(JOINTS, period, readings[:, 0], positions, readings, counts, np.arange(8))
+    evidence = EpisodeBatch(JOINTS, period, readings[:, 0], positions, readings, counts, np.arange(8))
     expected = QUANTUM * np.hypot(1 / np.sqrt(12), noise)
     ratio = noise_floor(evidence) / expected
     assert np.all((ratio > 0.75) & (ratio < 1.3)), ratio
@@ -113,7 +113,7 @@ def test_a_floor_grows_smoothly_with_the_noise(noise: float, seed: int):
     slow = np.sin(np.linspace(0, 20, 3000)) * 0.3
     white = rng.standard_normal(3000)
     sizes = [
-        spread([np.round((slow + share * noise * QUANTUM * white) / QUANTUM) * QUANTUM], 3, QUANTUM)
+        noise_of_differences([np.round((slow + share * noise * QUANTUM * white) / QUANTUM) * QUANTUM], 3, QUANTUM)
         for share in (1, 1.02)
     ]
     assert abs(sizes[1] / sizes[0] - 1) < 0.1
@@ -125,11 +125,15 @@ def test_noise_of_a_joint_that_stands_still_is_not_taken_for_more(noise: float):
     rng = np.random.default_rng(0)
     poses = rng.uniform(-1, 1, (20, 1)) + noise * rng.standard_normal((20, 300))
     readings = list(np.round(poses) * QUANTUM)
-    assert 0 <= spread(readings, 3, QUANTUM) < 1.1 * QUANTUM * np.hypot(1 / np.sqrt(12), noise)
+    assert 0 <= noise_of_differences(readings, 3, QUANTUM) < 1.1 * QUANTUM * np.hypot(1 / np.sqrt(12), noise)
 
 
 def test_episodes_too_short_for_differences_say_nothing_of_noise():
-    assert spread([np.arange(4) * QUANTUM] * 3, 5, QUANTUM) == spread([np.arange(4) * 0.1] * 3, 5) == np.inf
+    assert (
+        noise_of_differences([np.arange(4) * QUANTUM] * 3, 5, QUANTUM)
+        == noise_of_differences([np.arange(4) * 0.1] * 3, 5)
+        == np.inf
+    )
 
 
 @pytest.mark.parametrize(
@@ -165,7 +169,7 @@ def with_noise(dataset: Dataset, deviation: float) -> Dataset:
 def test_fast_motion_without_noise_is_not_taken_for_noise(thrown):
     """Its differences look like noise of any order; the source's errors after one step tell."""
     dataset, source = thrown
-    evidence, fast = Evidence.of(dataset), [2, 4, 6]  # light ones that have no play
+    evidence, fast = EpisodeBatch.of(dataset), [2, 4, 6]  # light ones that have no play
     assert noise_floor(evidence)[fast].min() > np.radians(0.2)
     assert noise_floor(evidence, step_errors(dataset, source))[fast].max() < np.radians(0.1)
 
@@ -176,7 +180,7 @@ def test_noise_is_not_taken_for_errors_of_the_model(thrown, degrees: float):
     noise = np.radians(degrees)
     noisy = with_noise(dataset, noise)
     assert step_errors(noisy, source).min() > 0.95 * noise
-    assert noise_floor(Evidence.of(noisy), step_errors(noisy, source)).min() > 0.85 * noise
+    assert noise_floor(EpisodeBatch.of(noisy), step_errors(noisy, source)).min() > 0.85 * noise
 
 
 @pytest.mark.parametrize("count", [2, 3, 10, 20])
@@ -188,7 +192,7 @@ def test_every_episode_is_fitted_or_held_out(count: int):
 
 def test_windows_are_stretches_of_the_recording():
     evidence = commanded(2, seconds=20)
-    evidence = Evidence(
+    evidence = EpisodeBatch(
         JOINTS, 0.01, evidence.starts, evidence.commands, evidence.commands, evidence.counts, np.arange(2)
     )
     cut = windows(evidence, 2400)
@@ -202,7 +206,7 @@ def test_short_episodes_are_no_evidence():
     short = read(resolve(SAMPLE)).select([0])
     rows = {key: column[:5] for key, column in short.columns.items()}
     with pytest.raises(DatasetInvalid, match="record episodes"):
-        Evidence.of(replace(short, columns=rows, lengths=np.array([5])))
+        EpisodeBatch.of(replace(short, columns=rows, lengths=np.array([5])))
 
 
 def test_writing_out_inertias_changes_nothing():
@@ -237,13 +241,13 @@ def test_a_settled_arm_stays_where_it_is(effects: tuple[str, ...]):
     simulator = MujocoSimulator.load("ergojr", 0.01, effects=[parse(text) for text in effects])
     pose = np.array([0.2, 0.6, -0.4, 0.1, 0.5, -0.3])
     state = np.concatenate([pose, np.zeros(6)])[None]
-    full = simulator.settled(state, np.full((1, 6), Hold.WEIGHT))
+    full = simulator.settled(state, np.full((1, 6), InitialLoad.WEIGHT))
     data = mujoco.MjData(simulator.model)
     mujoco.mj_setState(simulator.model, data, full[0], int(mujoco.mjtState.mjSTATE_FULLPHYSICS))
     assert np.allclose(simulator.layout.measure(data.qpos, data.qvel)[:6], pose, atol=1e-9)
     mujoco.mj_forward(simulator.model, data)
     held = pose + data.qfrc_bias[simulator.layout.dof] / 0.336
-    moved = simulator.rollout(state, np.tile(held, (1, 50, 1)), np.full((1, 6), Hold.WEIGHT))[0, :, :6]
+    moved = simulator.rollout(state, np.tile(held, (1, 50, 1)), np.full((1, 6), InitialLoad.WEIGHT))[0, :, :6]
     assert np.abs(moved - pose).max() < 2e-3
 
 
@@ -252,7 +256,7 @@ def test_the_minimum_within_bounds_is_the_minimum():
     for _ in range(50):
         rows = rng.normal(size=(8, 4))
         square, pull = rows.T @ rows, rng.normal(size=4)
-        change = constrained(square, pull, 0.0, np.full(4, -0.3), np.full(4, 0.3))
+        change = solve_bounded(square, pull, 0.0, np.full(4, -0.3), np.full(4, 0.3))
         slope = square @ change + pull
         inside = np.abs(change) < 0.3 - 1e-9
         assert np.abs(slope[inside]).max(initial=0) < 1e-6
@@ -275,7 +279,7 @@ def test_the_minimum_within_bounds_is_the_minimum():
 )
 def test_a_fit_recovers_effect_and_base(truth: str, start: str, name: str):
     nominal, evidence = measured(truth, {"m2.mass": 1.08, "m3.damping": 0.93})
-    task = Task(nominal, evidence, noise_floor(evidence))
+    task = FitTask(nominal, evidence, noise_floor(evidence))
     parameters = FreeParameters((parse(start),), nominal.base)
     found = fit(task, parameters, parameters.start(), steps=8)
     assert found is not None

@@ -11,10 +11,10 @@ import pytest
 
 from nas_data.effects.base import Effect, make_effect
 from nas_data.errors import ModelFileError
-from nas_data.gap.add import write_model
-from nas_data.gap.evidence import Evidence
+from nas_data.gap.episode_batch import EpisodeBatch
+from nas_data.gap.export import check_portable, write_portable
 from nas_data.gap.nominal import Nominal
-from nas_data.gap.portable import check_portable, write_portable
+from nas_data.gap.write_model import write_model
 from nas_data.robots.base import find_robot
 
 ARM = """
@@ -93,7 +93,7 @@ def arm(folder: Path, kind: str = "mesh", **parts: str) -> Path:
 def nominal(path: Path, joints: Sequence[str] = ("j1", "j2")) -> Nominal:
     n = len(joints)
     moving, counts = np.zeros((1, 20, n)), np.ones((1, 20), bool)
-    return Nominal.load(path, Evidence(tuple(joints), 0.01, np.zeros((1, n)), moving, moving, counts, np.zeros(1)))
+    return Nominal.load(path, EpisodeBatch(tuple(joints), 0.01, np.zeros((1, n)), moving, moving, counts, np.zeros(1)))
 
 
 def delivered(folder: Path, given: Nominal, *effects: Effect) -> mujoco.MjModel:
@@ -146,7 +146,7 @@ def test_a_model_that_cannot_be_written_is_refused_before_the_search(tmp_path: P
     with pytest.raises(ModelFileError, match=r"arm\.xml cannot be written as a model of its own"):
         check_portable(nominal(path).spec, tmp_path / "elsewhere/arm.xml")
     data = recorded(path, tmp_path / "data", "--episodes", "2")
-    monkeypatch.setattr("nas_data.gap.portable.find_file", lambda *given: None)
+    monkeypatch.setattr("nas_data.gap.export.find_file", lambda *given: None)
     capsys.readouterr()
     assert main(["gap", str(data), "--model", str(path), "--out", str(tmp_path / "out")]) == 2
     told = capsys.readouterr().err

@@ -13,12 +13,12 @@ from nas_data.effects.backlash import Backlash
 from nas_data.effects.coulomb_friction import CoulombFriction
 from nas_data.effects.payload import Payload
 from nas_data.errors import OptionError
-from nas_data.gap.evidence import Evidence
+from nas_data.gap.episode_batch import EpisodeBatch
+from nas_data.gap.experiments.command_limits import SPEED, Room, moves
 from nas_data.gap.experiments.contact import touches
+from nas_data.gap.experiments.discrimination import as_evidence, concerned_joints, separations
 from nas_data.gap.experiments.experiment import Rival, next_experiment, sentence, write
 from nas_data.gap.experiments.library import KINDS
-from nas_data.gap.experiments.rivalry import as_evidence, concerned_joints, separations
-from nas_data.gap.experiments.room import SPEED, Room, moves
 from nas_data.gap.nominal import Nominal
 
 JOINTS = ("shoulder", "elbow")
@@ -45,7 +45,7 @@ def nominal_of(model, joints, period=0.01):
 def nothing(joints, period):
     rows = np.zeros((1, 10, len(joints)))
     counts = np.ones((1, 10), bool)
-    return Evidence(joints, period, np.zeros((1, len(joints))), rows, rows, counts, np.arange(1))
+    return EpisodeBatch(joints, period, np.zeros((1, len(joints))), rows, rows, counts, np.arange(1))
 
 
 @pytest.fixture(scope="module")

@@ -14,14 +14,14 @@ from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, TIME, Feature, 
 from nas_data.dataset.transitions import estimate_velocities
 from nas_data.effects.base import parse
 from nas_data.errors import DatasetInvalid
-from nas_data.gap.add import write_model
-from nas_data.gap.evidence import Evidence
-from nas_data.gap.finding.driven import TORQUE, while_driven
-from nas_data.gap.finding.find import Found, find
+from nas_data.gap.episode_batch import EpisodeBatch
+from nas_data.gap.finding.find import GapFindings, find
 from nas_data.gap.finding.repeatability import repeatability
 from nas_data.gap.finding.significance import episodes_needed, grouped_chance, holm, paired_chance
+from nas_data.gap.finding.torque_off import TORQUE, while_driven
 from nas_data.gap.floor import noise_floor
 from nas_data.gap.nominal import Nominal
+from nas_data.gap.write_model import write_model
 from nas_data.models.evaluation import evaluate
 from nas_data.simulators.mujoco import MujocoSimulator
 
@@ -70,17 +70,17 @@ def with_commands(dataset: Dataset, commands: np.ndarray) -> Dataset:
     return replace(dataset, columns={**dataset.columns, ACTION: commands.astype(np.float32)})
 
 
-def search(dataset: Dataset) -> Found:
-    evidence = Evidence.of(dataset)
+def search(dataset: Dataset) -> GapFindings:
+    evidence = EpisodeBatch.of(dataset)
     return find(dataset, evidence, Nominal.load("ergojr", evidence), noise_floor(evidence))
 
 
-def said(found: Found, check: str) -> tuple[str, bool]:
+def said(found: GapFindings, check: str) -> tuple[str, bool]:
     """Return what an audit says, and whether it lets the recording pass."""
     return next((entry.finding, entry.ok) for entry in found.audit if entry.check == check)
 
 
-def significant(found: Found, joint: str) -> set[tuple[str, str]]:
+def significant(found: GapFindings, joint: str) -> set[tuple[str, str]]:
     """Return the regimes in which a joint's error is surely larger."""
     return {(b.regime, b.bin) for b in found.regimes if b.joint == joint and b.significant and b.rmse > b.rest}
 
@@ -106,7 +106,7 @@ def test_the_open_loop_gap_is_the_one_that_evaluate_reports(effects: tuple[str, 
     """Both start episodes at the same velocity, play and delays settled alike."""
     whole = recording(("viscous_friction:joint=m2,coefficient=0.1",))
     dataset = replace(whole, lengths=np.full(whole.n_frames // rows, rows))
-    evidence = Evidence.of(dataset)
+    evidence = EpisodeBatch.of(dataset)
     assert (evidence.speeds != 0).any() == (rows < STEPS)
     plain = Nominal.load("ergojr", evidence)
     model, _ = write_model(tmp_path, plain, [parse(text) for text in effects], {})
@@ -268,14 +268,14 @@ def test_the_longest_driven_stretch_is_kept_wherever_it_is():
     driven = while_driven(dataset)
     assert driven.lengths.tolist() == [100, 0, 30] + [0] * (EPISODES - 3)
     assert np.array_equal(driven.states[:100], dataset.states[50:150])
-    assert Evidence.of(driven).numbers.tolist() == [0, 2]
+    assert EpisodeBatch.of(driven).numbers.tolist() == [0, 2]
 
 
 def test_repeats_tell_the_noise_whatever_the_motion():
     dataset = recording(quantised=False)
     rng = np.random.default_rng(1)
     chosen = dataset.select([0, 1, 0, 1, 2])
-    evidence = Evidence.of(chosen)
+    evidence = EpisodeBatch.of(chosen)
     noisy = replace(evidence, measured=evidence.measured + rng.normal(0, 0.004, evidence.measured.shape))
     found = repeatability(noisy, np.full(6, 0.004))
     assert found == pytest.approx(np.full(6, 0.004), rel=0.15)

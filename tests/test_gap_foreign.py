@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nas_data.effects.base import add_effects, parse
-from nas_data.gap.add import write_model
-from nas_data.gap.evidence import Evidence, windows
+from nas_data.gap.episode_batch import EpisodeBatch, windows
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.search.scales import scales
-from nas_data.gap.search.screen import STRETCHES, stretched
+from nas_data.gap.search.screen import STRETCHES, stretch_effect
+from nas_data.gap.write_model import write_model
 
 ARM = """<mujoco><option timestep="{timestep}" integrator="implicitfast" gravity="0 0 0"/><worldbody>
 <body><joint name="a" axis="0 1 0" damping="0.1" armature="0.02" {joint}/>
@@ -36,12 +36,12 @@ def arm(actuators: str = SERVOS.format('kv="1"'), joint: str = "", timestep: flo
     return ARM.format(actuators=actuators, joint=joint, timestep=timestep)
 
 
-def episodes(lengths: list[int], period: float = 0.01) -> Evidence:
+def episodes(lengths: list[int], period: float = 0.01) -> EpisodeBatch:
     """Episodes of some lengths whose measured rows are numbered."""
     longest = max(lengths)
     rows = np.repeat(np.arange(longest)[None, :, None], len(lengths), axis=0).repeat(2, axis=2) * 1e-4
     counts = np.arange(longest) < np.array(lengths)[:, None]
-    return Evidence(("a", "b"), period, np.zeros((len(lengths), 2)), rows, rows, counts, np.arange(len(lengths)))
+    return EpisodeBatch(("a", "b"), period, np.zeros((len(lengths), 2)), rows, rows, counts, np.arange(len(lengths)))
 
 
 @given(lengths=st.lists(st.integers(20, 4000), min_size=2, max_size=12), rows=st.integers(500, 30_000))
@@ -143,10 +143,10 @@ def test_commands_go_to_the_servo_and_not_to_a_damper_before_it(tmp_path: Path):
 def test_a_torque_limit_is_never_sought_above_what_the_model_gives(share: float, stretch: float, tmp_path: Path):
     (tmp_path / "arm.xml").write_text(arm(SERVOS.format('kv="1" forcerange="-2 2"')))
     evidence = episodes([200, 200])
-    evidence = Evidence(**{**vars(evidence), "commands": np.where(evidence.measured < 1e-2, 0.0, 1.5)})
+    evidence = EpisodeBatch(**{**vars(evidence), "commands": np.where(evidence.measured < 1e-2, 0.0, 1.5)})
     nominal = Nominal.load(tmp_path / "arm.xml", evidence)
     size = scales(nominal, evidence, nominal.predict(evidence))[0]
     guess = parse(f"torque_limit:joint=a,torque={share * size.torque}")
-    found = stretched(guess, stretch, guess.idle(size))
+    found = stretch_effect(guess, stretch, guess.idle(size))
     assert 0 < found.torque < size.torque <= 2.0
-    assert stretched(guess, 1.0, guess.idle(size)).torque == pytest.approx(guess.torque)
+    assert stretch_effect(guess, 1.0, guess.idle(size)).torque == pytest.approx(guess.torque)

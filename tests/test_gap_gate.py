@@ -10,7 +10,7 @@ import pytest
 
 from nas_data.blind.benchmark import run_cases, tell
 from nas_data.blind.case import Identity
-from nas_data.blind.judge import Judge
+from nas_data.blind.run_case import Judge
 from nas_data.blind.tables import median, rest, share
 from nas_data.commands.benchmark_gap import investigate
 from nas_data.gap import workflow
@@ -91,7 +91,7 @@ def small(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(workflow, "show", lambda *_: None, raising=False)
         nothing = {"next_experiment": None, "experiments": []}
-        patch.setattr(workflow, "proposed", lambda *_: nothing, raising=False)
+        patch.setattr(workflow, "propose_experiment", lambda *_: nothing, raising=False)
         return run_cases(identities(SMALL), Judge(investigate), out, print)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from test_gap_delivery import nominal
 
-from nas_data.gap.add import write_model
+from nas_data.gap.write_model import write_model
 
 ARM = """
 <mujoco>

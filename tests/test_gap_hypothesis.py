@@ -21,7 +21,7 @@ from nas_data.gap.search.hypothesis import (
     joints_beyond_prior,
     reuse_jacobian,
 )
-from nas_data.gap.search.objective import Task
+from nas_data.gap.search.objective import FitTask
 
 FLOOR = np.full(6, QUANTUM / np.sqrt(12))
 VISCOUS = [f"viscous_friction:joint=j{number},coefficient=0.02" for number in (1, 2, 3)]
@@ -29,11 +29,11 @@ DRY = [f"coulomb_friction:joint=j{number},torque=0.02" for number in (1, 2, 3)]
 
 
 @pytest.fixture(scope="module")
-def task() -> Task:
+def task() -> FitTask:
     return tasks(*played(arm(joints=3), DRY[:1], episodes=3, seconds=0.9))[0]
 
 
-def at_start(task: Task, description: Description) -> Fit:
+def at_start(task: FitTask, description: Description) -> Fit:
     """Return a description at its guesses with a Jacobian that was measured there."""
     parameters = description.parameters(task.nominal.base)
     theta = parameters.start()
@@ -43,7 +43,7 @@ def at_start(task: Task, description: Description) -> Fit:
     return Fit(parameters, theta, predicted, task.misfit(predicted), jacobian, task.objective)
 
 
-def test_a_column_is_reused_by_what_its_number_stands_for(task: Task):
+def test_a_column_is_reused_by_what_its_number_stands_for(task: FitTask):
     near = at_start(task, described(*VISCOUS, DRY[0]))
     wanted = described("backlash:joint=j2,half_width=0.02", DRY[0], VISCOUS[2]).parameters(task.nominal.base)
     known = reuse_jacobian(near, wanted)
@@ -56,7 +56,7 @@ def test_a_column_is_reused_by_what_its_number_stands_for(task: Task):
     assert reuse_jacobian(None, wanted) == {}
 
 
-def test_a_reused_column_is_the_one_that_would_be_measured(task: Task):
+def test_a_reused_column_is_the_one_that_would_be_measured(task: FitTask):
     """Of a shared value it is the sum of the columns of the joints that share it."""
     single, shared = described(*VISCOUS), described(*VISCOUS, shared=["viscous_friction"])
     known = reuse_jacobian(at_start(task, single), shared.parameters(task.nominal.base))
@@ -68,13 +68,13 @@ def test_a_reused_column_is_the_one_that_would_be_measured(task: Task):
     assert np.array_equal(known[0], at_start(task, single).jacobian[:3].sum(axis=0))
 
 
-def with_reach(task: Task) -> Task:
+def with_reach(task: FitTask) -> FitTask:
     """Return a task that knows which joints the model's parameters move."""
     near = at_start(task, Description())
     return replace(task, reach=measure_reach(task, near.parameters, near.predicted, near.jacobian))
 
 
-def test_numbers_that_move_different_joints_are_measured_in_one_rollout(task: Task):
+def test_numbers_that_move_different_joints_are_measured_in_one_rollout(task: FitTask):
     knowing = with_reach(task)
     parameters = Description().parameters(task.nominal.base)
     groups = group_columns(knowing, parameters, range(parameters.size))
@@ -86,14 +86,14 @@ def test_numbers_that_move_different_joints_are_measured_in_one_rollout(task: Ta
     assert group_columns(task, parameters, [2, 0]) == [[2], [0]]
 
 
-def test_a_column_measured_with_others_is_nearly_the_one_measured_alone(task: Task):
+def test_a_column_measured_with_others_is_nearly_the_one_measured_alone(task: FitTask):
     alone, together = at_start(task, Description()), at_start(with_reach(task), Description())
     off = np.linalg.norm(together.jacobian - alone.jacobian, axis=(1, 2)).max(1)
     whole = np.linalg.norm(alone.jacobian.reshape(len(alone.jacobian), -1), axis=1)
     assert 0 < (off / whole).max() < 2 * BESIDES
 
 
-def test_what_may_be_anything_is_measured_alone(task: Task):
+def test_what_may_be_anything_is_measured_alone(task: FitTask):
     description = described(VISCOUS[0], freed=["j1.gain"])
     parameters = description.parameters(task.nominal.base)
     loose = [column for column in range(parameters.size) if is_loose(parameters, column)]
@@ -102,7 +102,7 @@ def test_what_may_be_anything_is_measured_alone(task: Task):
     assert all([column] in groups for column in loose)
 
 
-def test_joints_that_share_a_value_have_one_number(task: Task):
+def test_joints_that_share_a_value_have_one_number(task: FitTask):
     shared = described(*VISCOUS, DRY[1], shared=["viscous_friction"]).parameters(task.nominal.base)
     assert shared.labels[:2] == [("viscous_friction", "*", "coefficient"), ("coulomb_friction", "j2", "torque")]
     theta = shared.start() + np.linspace(0.1, 0.5, shared.size)
@@ -133,7 +133,7 @@ def test_more_parameters_cost_more_and_so_does_what_no_model_file_expresses():
     assert costs == [PRICE] * 3
 
 
-def test_what_an_effect_replaces_is_not_fitted_beside_it(task: Task):
+def test_what_an_effect_replaces_is_not_fitted_beside_it(task: FitTask):
     freed = described(freed=["j1.gain", "j2.gain"])
     added = freed.adding(parse("servo_stiffness:joint=j1,factor=0.5"))
     assert added.freed == {"j2.gain"}
@@ -154,7 +154,7 @@ def test_every_move_has_a_name_and_a_sentence():
 def retuned(factors: dict[str, float]) -> Hypothesis:
     """Return the model alone fitted to what it does with other parameters."""
     nominal, evidence = measured(factors=factors)
-    task = Task(nominal, evidence, FLOOR).select([0, 1])
+    task = FitTask(nominal, evidence, FLOOR).select([0, 1])
     parameters = Description().parameters(nominal.base)
     found = fit(task, parameters, parameters.start(), steps=4)
     assert found is not None
@@ -177,7 +177,7 @@ def test_friction_may_be_less_than_the_models_own_and_hardly_more():
         assert near == (factor < 1)
 
 
-def test_a_joint_that_stood_still_tells_no_cause(task: Task):
+def test_a_joint_that_stood_still_tells_no_cause(task: FitTask):
     assert excited_joints(task) == {"j1", "j2", "j3"}
     still = task.evidence.measured.copy()
     still[..., 1] = 0.0

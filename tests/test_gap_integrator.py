@@ -11,7 +11,7 @@ from test_gap_workflow import ARM, recorded
 
 from nas_data.cli import main
 from nas_data.effects.base import make_effect
-from nas_data.gap.evidence import Evidence
+from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.summary import summary
 from nas_data.simulators.mujoco import MujocoSimulator
 
@@ -33,10 +33,10 @@ def arm(tmp_path: Path, integrator: str, timestep: float = 0.002) -> Path:
     return path
 
 
-def commanded() -> Evidence:
+def commanded() -> EpisodeBatch:
     commands = np.repeat(np.random.default_rng(0).uniform(-0.8, 0.8, (2, 4, 2)), 50, axis=1)
     empty = np.zeros_like(commands)
-    return Evidence(JOINTS, 0.01, np.zeros((2, 2)), commands, empty, np.ones((2, 200), bool), np.arange(2))
+    return EpisodeBatch(JOINTS, 0.01, np.zeros((2, 2)), commands, empty, np.ones((2, 200), bool), np.arange(2))
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)

@@ -11,10 +11,10 @@ from test_gap_workflow import ARM, recorded
 
 from nas_data.cli import main
 from nas_data.effects.base import parse
-from nas_data.gap.add import write_model
 from nas_data.gap.problem import Problem
 from nas_data.gap.summary import summary
-from nas_data.gap.workflow import learned
+from nas_data.gap.workflow import train_on_top
+from nas_data.gap.write_model import write_model
 from nas_data.models.checkpoint import find, load_frozen
 from nas_data.models.presets import preset
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -35,7 +35,7 @@ def taught(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Mapping[str,
     with pytest.MonkeyPatch.context() as patch:
         small = partial(preset, hidden=8, layers=1, horizon=20)
         patch.setattr("nas_data.gap.learned.preset", small)
-        return out, learned(problem, model, 10, lambda _: None)
+        return out, train_on_top(problem, model, 10, lambda _: None)
 
 
 def check_parts(shares: Mapping[str, float]) -> None:

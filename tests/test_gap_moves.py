@@ -10,7 +10,7 @@ from test_gap_core import QUANTUM, measured
 from nas_data import registry
 from nas_data.effects.base import parse
 from nas_data.errors import UnknownName
-from nas_data.gap.evidence import Evidence
+from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.search.fit import fit
 from nas_data.gap.search.hypothesis import Hypothesis, key
@@ -29,7 +29,7 @@ from nas_data.gap.search.moves import (
     swap,
 )
 from nas_data.gap.search.moves.base import find_move
-from nas_data.gap.search.objective import Task
+from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters, free_base
 from nas_data.gap.search.search import Search
 from nas_data.recorders.recipe import Recipe
@@ -129,7 +129,7 @@ def test_what_a_hook_expresses_and_what_a_file_does_meet_where_they_are_confused
     """Neither was a rival of the other when the wrong one was added."""
     effects = {"load_friction": "load_friction:joint=m2,ratio=0.2", "torque_limit": "torque_limit:joint=m2,torque=0.1"}
     nominal, evidence = measured(effects[hidden])
-    task = Task(nominal, evidence, FLOOR)
+    task = FitTask(nominal, evidence, FLOOR)
     search = Search.begin(task.select([0, 1]), task.select([2]))
     kept = search.fitted(described(wrong), {})
     assert kept is not None and not search.rivals
@@ -184,7 +184,7 @@ def test_a_delay_of_every_joint_is_the_arms():
 )
 def test_the_place_of_a_payload_is_sought_where_the_data_tell_it(hidden: str, apart: bool):
     nominal, evidence = measured(hidden)
-    task = Task(nominal, evidence, FLOOR)
+    task = FitTask(nominal, evidence, FLOOR)
     search = Search.begin(task.select([0, 1, 2]), task.select([3]))
     plain = fitted(search, "payload:mass=0.03")
     assert set(plain.effects[0].to_json()["parameters"]) == {"mass"}
@@ -233,11 +233,13 @@ def stuck() -> tuple[Search, Hypothesis]:
     """A search for a speed limit and a delay of 10 ms, and the fit in which it stays with half the delay."""
     commands = np.random.default_rng(0).uniform(-0.7, 0.7, (4, 6, 1)).repeat(50, axis=1)
     counts = np.ones(commands.shape[:2], bool)
-    evidence = Evidence(("pendulum",), 0.01, np.zeros((4, 1)), commands, np.zeros_like(commands), counts, np.arange(4))
+    evidence = EpisodeBatch(
+        ("pendulum",), 0.01, np.zeros((4, 1)), commands, np.zeros_like(commands), counts, np.arange(4)
+    )
     nominal = Nominal.load("pendulum", evidence)
     limit, delay = parse("speed_limit:joint=pendulum,speed=1.7"), parse("command_delay:delay=0.0045")
     truth = nominal.predict(evidence, [limit, parse("command_delay:delay=0.01")])
-    task = Task(nominal, replace(evidence, measured=truth.round(4)), np.full(1, NOISE))
+    task = FitTask(nominal, replace(evidence, measured=truth.round(4)), np.full(1, NOISE))
     search = Search.begin(task, task)
     found = search.fitted(described().with_effects([limit, delay]), {}, steps=12, jacobian_refreshes=4)
     assert found is not None
@@ -273,14 +275,14 @@ WIDE_PLAY = tuple(
 )
 
 
-def recorded(name: str, steps: int) -> Task:
+def recorded(name: str, steps: int) -> FitTask:
     """Return what an environment's arm does whose play is 0.15 rad wide, its own physics steps known."""
     recipe = Recipe(environment=f"nas/{name.capitalize()}-v0", dynamics="backlash", episodes=6, steps=steps, holds=(1,))
     dataset, _ = recipe.record()
-    evidence = Evidence.of(dataset)
+    evidence = EpisodeBatch.of(dataset)
     nominal = Nominal.load(name, evidence)
     floor = np.full(len(nominal.joints), 1e-3)
-    return Task(nominal, evidence.with_objects(dataset, nominal.simulator()), floor, fine=False)
+    return FitTask(nominal, evidence.with_objects(dataset, nominal.simulator()), floor, fine=False)
 
 
 @pytest.mark.slow

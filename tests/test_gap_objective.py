@@ -11,7 +11,7 @@ from test_gap_core import QUANTUM, measured
 
 from nas_data.effects.base import parse
 from nas_data.gap.search.fit import fit, loss
-from nas_data.gap.search.objective import FURTHEST, ObjectiveMismatch, Score, Task
+from nas_data.gap.search.objective import FURTHEST, FitTask, ObjectiveMismatch, Score
 from nas_data.gap.search.parameters import FreeParameters, free_base
 from nas_data.gap.search.timestep import choose_timestep
 
@@ -52,7 +52,7 @@ def test_episodes_and_starts_make_another_objective_and_a_misfit_that_is_added_t
 def test_small_errors_do_not_matter_while_large_ones_are_left():
     nominal, evidence = measured("viscous_friction:joint=m2,coefficient=0.2")
     parameters = FreeParameters((), nominal.base)
-    task = Task(nominal, evidence, FLOOR)
+    task = FitTask(nominal, evidence, FLOOR)
     coarse = task.relinearise(parameters, parameters.start())
     left = np.sqrt(evidence.mean_squares(nominal.predict(evidence)).mean(0))
     assert np.sqrt(coarse.tolerated)[1] == pytest.approx(np.hypot(FLOOR[1], 0.1 * left[1]), rel=0.05)
@@ -66,7 +66,7 @@ def test_the_physics_steps_of_a_recording_are_told_after_both_were_fitted(fine: 
     """Parameters of the model that were fitted to the wrong steps speak for them."""
     nominal, evidence = measured(factors={"m2.gain": 1.05, "m3.damping": 0.95}, timestep=2.5e-4 if fine else None)
     parameters = FreeParameters((), free_base(nominal.base, ()))
-    wrong = Task(nominal, evidence, FLOOR, fine=not fine).relinearise(parameters, parameters.start())
+    wrong = FitTask(nominal, evidence, FLOOR, fine=not fine).relinearise(parameters, parameters.start())
     found = fit(wrong, parameters, parameters.start(), steps=5)
     assert found is not None
     task, better = choose_timestep(wrong.relinearise(parameters, found.theta), found)
@@ -82,7 +82,7 @@ def test_starts_move_within_their_doubt_towards_what_explains_the_motion(off: fl
     true, doubts = np.full(evidence.starts.shape, 0.4), np.full(evidence.starts.shape, 0.1)
     truth = nominal.predict(replace(evidence, speeds=true))
     told = true + off * doubts
-    task = Task(nominal, replace(evidence, measured=truth, speeds=told, told=told, doubts=doubts), np.full(2, 1e-4))
+    task = FitTask(nominal, replace(evidence, measured=truth, speeds=told, told=told, doubts=doubts), np.full(2, 1e-4))
     begun = task.with_initial_velocity((), {}).evidence
     assert np.all(np.abs(begun.speeds - told) <= FURTHEST * doubts + 1e-12)
     apart = np.abs(begun.speeds - true).max()
@@ -96,5 +96,5 @@ def test_starts_move_within_their_doubt_towards_what_explains_the_motion(off: fl
 def test_what_begins_at_rest_stays_at_rest():
     nominal, evidence = played(arm(), ["viscous_friction:joint=j2,coefficient=0.03"])
     effects = (parse("backlash:joint=j1,half_width=0.02"),)
-    begun = Task(nominal, evidence, np.full(2, 1e-4)).with_initial_velocity(effects, {}).evidence
+    begun = FitTask(nominal, evidence, np.full(2, 1e-4)).with_initial_velocity(effects, {}).evidence
     assert np.array_equal(begun.speeds, np.zeros_like(begun.speeds))

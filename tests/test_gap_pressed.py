@@ -9,9 +9,9 @@ import pytest
 
 from nas_data.cli import main
 from nas_data.effects.base import parse
-from nas_data.gap import added as added_file
-from nas_data.gap.added import Outcome, added
+from nas_data.gap import score_model as added_file
 from nas_data.gap.problem import Problem
+from nas_data.gap.score_model import HeldOutResult, score_model
 from nas_data.gap.search.final import Final
 
 LOAD, PLAY = "load_friction:joint=m2,ratio=0.3", "backlash:joint=m2,half_width=0.03"
@@ -25,10 +25,10 @@ def problem(tmp_path: Path, *effects: str) -> Problem:
     return Problem.load(out, "ergojr")
 
 
-def outcome(given: Problem, folder: Path, *effects: str) -> Outcome:
+def outcome(given: Problem, folder: Path, *effects: str) -> HeldOutResult:
     folder.mkdir()
     known = Final(tuple(parse(text) for text in effects), {}, ())
-    return added(given, known, Final((), {}, ()), Final((), {}, ()), folder)
+    return score_model(given, known, Final((), {}, ()), Final((), {}, ()), folder)
 
 
 def error(given: Problem, predicted: np.ndarray) -> float:

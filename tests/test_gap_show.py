@@ -15,7 +15,7 @@ from nas_data.errors import OptionError
 from nas_data.gap.report import GapReport
 from nas_data.gap.showing.figures import AFTER, BEFORE, RETUNED, per_joint
 from nas_data.gap.showing.page_pictures import ABOVE, models
-from nas_data.gap.showing.page_words import beside, figures, friendly, listed
+from nas_data.gap.showing.page_words import beside, figures, friendly, join_items
 from nas_data.gap.showing.series import Series
 from nas_data.gap.showing.show import show
 
@@ -289,8 +289,8 @@ def test_numbers_are_said_with_three_digits():
     assert friendly(0.0017, "kg") == "1.70 g"
     assert friendly(0.012, "N·m") == "0.0120 N·m"
     assert beside(0.8, "") == "0.800"
-    assert listed(["a", "b", "c"]) == "a, b and c"
-    assert listed(["a"]) == "a"
+    assert join_items(["a", "b", "c"]) == "a, b and c"
+    assert join_items(["a"]) == "a"
 
 
 def test_what_is_missing_is_named(tmp_path):

@@ -9,7 +9,7 @@ import pytest
 from test_gap_core import measured
 
 from nas_data.cli import main
-from nas_data.gap.goes_with import goes_with
+from nas_data.gap.residual_correlates import goes_with
 from nas_data.gap.workflow import investigate
 
 ARM = """

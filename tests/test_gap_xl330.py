@@ -16,8 +16,8 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import Feature
 from nas_data.effects.base import add_effects, parse, read_effects
 from nas_data.errors import DatasetInvalid, ModelFileError
-from nas_data.gap.evidence import Evidence, window
-from nas_data.gap.finding.driven import TORQUE, run_and_fall, until_driven_again
+from nas_data.gap.episode_batch import EpisodeBatch, window
+from nas_data.gap.finding.torque_off import TORQUE, run_and_fall, until_driven_again
 from nas_data.gap.gains import REGISTER, with_relative_gains
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.problem import Problem
@@ -37,12 +37,12 @@ EFFECTS = {
 }
 
 
-def evidence(count: int = 3) -> Evidence:
+def evidence(count: int = 3) -> EpisodeBatch:
     """Episodes that lift the pendulum, nothing measured yet."""
     lift = np.minimum(np.arange(STEPS) / 40, 1.0)
     commands = (np.linspace(0.4, 1.2, count)[:, None] * lift)[..., None]
     counts = np.ones(commands.shape[:2], bool)
-    return Evidence(
+    return EpisodeBatch(
         ("pendulum",), PERIOD, np.zeros((count, 1)), commands, np.zeros_like(commands), counts, np.arange(count)
     )
 
@@ -166,7 +166,7 @@ def test_every_row_is_stepped_at_its_episode_s_gain():
 
 
 def test_gains_are_those_of_the_recording_over_the_model_s():
-    told = Evidence.of(with_relative_gains(recorded([100, 400, 800]), MODEL, "data"))
+    told = EpisodeBatch.of(with_relative_gains(recorded([100, 400, 800]), MODEL, "data"))
     assert told.gains.tolist() == [[0.25], [1.0], [2.0]]
     assert told.select([2, 0]).gains.tolist() == [[2.0], [0.25]]
 
@@ -178,7 +178,7 @@ def test_gains_that_differ_need_a_model_that_says_where_its_own_holds(tmp_path: 
         with_relative_gains(recorded([100, 400]), silent, "data")
     alike = recorded([100, 100])
     assert with_relative_gains(alike, silent, "data") is alike
-    assert (Evidence.of(alike).gains == 1).all()
+    assert (EpisodeBatch.of(alike).gains == 1).all()
 
 
 @pytest.mark.parametrize("value", [0, -3, np.nan, np.inf])
@@ -201,12 +201,12 @@ def test_a_gain_that_changes_within_an_episode_is_refused():
 
 
 def test_evidence_goes_on_where_the_torque_is_off():
-    found = Evidence.of(recorded([400, 400], on=60))
+    found = EpisodeBatch.of(recorded([400, 400], on=60))
     assert found.driven.tolist() == [60, 60]
     assert found.commands.shape[1] == STEPS
     assert window(found, 0, 50, 40).driven.tolist() == [10]
     assert window(found, 1, 70, 40).driven.tolist() == [0]
-    assert Evidence.of(recorded([400, 400])).driven.tolist() == [STEPS, STEPS]
+    assert EpisodeBatch.of(recorded([400, 400])).driven.tolist() == [STEPS, STEPS]
 
 
 @given(on=st.lists(st.booleans(), min_size=1, max_size=30))

@@ -15,7 +15,7 @@ from nas_data.dataset.verify import verify
 from nas_data.dataset.write import write
 from nas_data.policies.policy import CONFIG, find_policies
 from nas_data.recorders.logs import find_logs, import_logs
-from nas_data.visible import visible
+from nas_data.visible_files import visible
 
 GHOST = b"\0\5\026\7\0\2\0\0Mac OS X        "  # how a file that macOS keeps for another begins
 

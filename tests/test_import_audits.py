@@ -11,7 +11,7 @@ from import_samples import RATE, Motion, columns_of, map_text, motion, write_log
 
 from nas_data import registry
 from nas_data.dataset.audits import find_audit
-from nas_data.dataset.audits.base import Finding
+from nas_data.dataset.audits.base import AuditFinding
 from nas_data.errors import LogError
 from nas_data.importing.auditing import audit
 from nas_data.importing.map_file import ALLOWABLE, load_map
@@ -22,13 +22,13 @@ LIMITS = "[limits]\nshoulder = [-1.5, 1.5]\nelbow = [-1.5, 1.5]\n"
 RELEASED = '[signals.torque_enable]\ncolumn = "on"\nunit = "1"'
 
 
-def findings(folder: Path, recording: Motion, extra: str = "", **changes: str) -> list[Finding]:
+def findings(folder: Path, recording: Motion, extra: str = "", **changes: str) -> list[AuditFinding]:
     log = write_log(folder / "log.npz", columns_of(recording))
     mapping = load_map(write_map(folder, map_text(extra=extra, **changes)))
     return [finding for part in read_log(log, mapping) for finding in audit(part, mapping)]
 
 
-def only(found: list[Finding], check: str) -> list[Finding]:
+def only(found: list[AuditFinding], check: str) -> list[AuditFinding]:
     """The findings of one check; no other check may have fired."""
     assert {finding.check for finding in found} == {check}, found
     return found
@@ -165,7 +165,7 @@ def test_values_beyond_the_limits_are_reported_by_joint_and_row(tmp_path, what):
     assert len(finding.rows) == 2 and "shoulder" in finding.message and not finding.error
 
 
-def refused(found: list[Finding], check: str) -> list[Finding]:
+def refused(found: list[AuditFinding], check: str) -> list[AuditFinding]:
     """The errors; all must be of one check."""
     errors = [finding for finding in found if finding.error]
     assert {finding.check for finding in errors} == {check}, found

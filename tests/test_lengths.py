@@ -16,7 +16,7 @@ from nas_data.effects.base import parse
 from nas_data.errors import DatasetInvalid, JointMismatch
 from nas_data.gap.workflow import rms
 from nas_data.importing.against_model import check
-from nas_data.joint_units import mean_of_kind, table_unit, unit_at, unit_named
+from nas_data.joint_units import display_unit, mean_of_kind, table_unit, unit_at
 from nas_data.metrics import Errors, table
 from nas_data.pairing import pair
 from nas_data.recorders.logs import import_logs
@@ -133,7 +133,7 @@ def test_a_choice_among_models_is_not_the_hinges_alone():
 
 @pytest.mark.parametrize(("si", "cell"), [("rad", "5.730°"), ("m", "100.000 mm"), ("1", "10.000 %"), (None, "0.100")])
 def test_a_trainings_error_is_shown_in_its_unit(si, cell):
-    unit = None if si is None else unit_named(si)
+    unit = None if si is None else display_unit(si)
     rows = [{"update": 0.0, "validation": 0.1, "seconds": 1.0}]
     section = models_section([ModelRun(Path("phi"), "delta", "arm", "0" * 64, unit, rows)])
     assert section.blocks[1].rows[0][1] == cell

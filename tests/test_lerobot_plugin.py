@@ -16,7 +16,7 @@ from nas_data.dataset.features import ACTION, NEXT_STATE, STATE
 from nas_data.dataset.read import read
 from nas_data.dataset.transitions import as_transitions
 from nas_data.errors import NobodyAnswers, OptionError
-from nas_data.xl320.arm import Arm
+from nas_data.xl320.arm import Xl320Arm
 from nas_data.xl320.calibration import read_calibration
 from nas_data.xl320.ergojr import ergojr_joints
 from nas_data.xl320.units import TICK
@@ -145,7 +145,7 @@ def test_an_arm_that_is_not_there_is_refused_and_nothing_stays_open(robot_on, tm
         with pytest.raises(NobodyAnswers):
             robot.connect()
         assert not robot.is_connected
-        Arm(bus.port, JOINTS).close()
+        Xl320Arm(bus.port, JOINTS).close()
 
 
 def test_the_excitation_plays_whole_ticks_that_repeat_with_its_seed(plugin, monkeypatch):

@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from linear_samples import LinearSimulator, draw, network, silent
 
-from nas_data.models.episodes import Episode, cut, join, pad
+from nas_data.models.episodes import Episode, cut_episodes, join, pad
 from nas_data.models.fitting import prepare
+from nas_data.models.losses import one_step_loss
 from nas_data.models.lstm import DynamicsModel
-from nas_data.models.phases import one_step_loss
 
 KINDS = ("delta", "forward")
 
@@ -117,7 +117,7 @@ def test_padding_and_masking_changes_no_loss(episodes, kind):
 @settings(max_examples=30, deadline=None)
 @given(episodes=some_episodes(), longest=st.integers(0, 6))
 def test_cutting_loses_no_frame(episodes, longest):
-    pieces = cut(episodes, longest)
+    pieces = cut_episodes(episodes, longest)
     whole, again = join(episodes), join(pieces)
     assert torch.equal(whole.states, again.states)
     assert torch.equal(whole.targets, again.targets)

@@ -20,11 +20,11 @@ from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.versions import new_version
 from nas_data.dataset.write import write
 from nas_data.errors import JointMismatch, ModelFileError
-from nas_data.gap.add import write_effects
+from nas_data.gap.write_model import write_effects
 from nas_data.pairing import check_fits, check_source, pair
 from nas_data.robots.base import find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
-from nas_data.sources import find_source, kept_files, left_out, source_files
+from nas_data.sources import describe_left_out, find_source, kept_files, source_files
 
 SIMULATED = Provenance(how="simulated", robot="pendulum")
 
@@ -286,7 +286,7 @@ def test_a_source_with_meshes_is_kept_without_them_and_moves_the_same(tmp_path):
     rng = np.random.default_rng(0)
     states, commands = rng.uniform(-1, 1, (50, 2)), rng.uniform(-1, 1, (50, 1))
     np.testing.assert_allclose(other.predict(states, commands), one.predict(states, commands), rtol=0, atol=1e-9)
-    assert left_out(find_robot(model)) is None
+    assert describe_left_out(find_robot(model)) is None
 
 
 @needs_so101

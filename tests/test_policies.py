@@ -14,24 +14,24 @@ from hypothesis.extra.numpy import arrays
 
 from nas_data import cli
 from nas_data.envs.ergo_reacher import TASK
-from nas_data.envs.loop.plant import Plant
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import CheckpointError, OutputExists, SimulationDiverged, WorkerLost
 from nas_data.parallel import run_jobs
 from nas_data.policies import evaluate, learner
 from nas_data.policies.compare import Study, compare, read_result
 from nas_data.policies.folder import STATE, save_policy
-from nas_data.policies.learner import Hyperparameters, Learner, Training
+from nas_data.policies.learner import Hyperparameters, Learner, PolicyTraining
 from nas_data.policies.policy import CONFIG, WEIGHTS, find_policies, load_policy, read_progress
 from nas_data.policies.ppo import train
 from nas_data.policies.share import share
 
 SMALL = Hyperparameters(arms=4, rollout=512, minibatches=4, epochs=2)
 BRIEF = replace(SMALL, rollout=128, minibatches=2, epochs=1)
-REACHER = Plant("ErgoReacher")
+REACHER = DynamicsSpec("ErgoReacher")
 
 
 def training(frames, seed=0, hyperparameters=SMALL):
-    return Training(REACHER, seed, frames, hyperparameters)
+    return PolicyTraining(REACHER, seed, frames, hyperparameters)
 
 
 def learn(folder, frames, seed=0, hyperparameters=SMALL, report=None):
@@ -292,8 +292,8 @@ def test_the_interval_shrinks_with_the_number_of_seeds_and_holds_the_truth():
 
 def test_a_comparison_does_each_run_once_and_goes_on(tmp_path, monkeypatch):
     study = Study(
-        target=Plant("ErgoReacher", "backlash"),
-        methods={"source": REACHER, "expert": Plant("ErgoReacher", "backlash")},
+        target=DynamicsSpec("ErgoReacher", "backlash"),
+        methods={"source": REACHER, "expert": DynamicsSpec("ErgoReacher", "backlash")},
         seeds=(0, 1),
         frames=512,
         episodes=5,

@@ -13,10 +13,10 @@ from test_envs import play, small_model
 from nas_data import cli
 from nas_data.effects.base import parse
 from nas_data.envs.ergo_reacher import TASK
-from nas_data.envs.loop.plant import Plant
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import CheckpointError, JointMismatch, OptionError
-from nas_data.gap.add import write_effects
 from nas_data.gap.named import Named
+from nas_data.gap.write_model import write_effects
 from nas_data.policies.policy import load_policy
 from nas_data.reports.runs import find_runs
 from nas_data.sources import source_files
@@ -81,14 +81,14 @@ def test_factors_of_another_form_are_refused(tmp_path, retuned):
 
 
 def test_an_effect_that_mjcf_cannot_express_acts_in_the_loop(tmp_path):
-    plain, dragged = Plant("ErgoReacher"), Plant("ErgoReacher", effects=report(tmp_path, [DRAG]))
+    plain, dragged = DynamicsSpec("ErgoReacher"), DynamicsSpec("ErgoReacher", effects=report(tmp_path, [DRAG]))
     assert np.abs(swing(plain.simulator()) - swing(dragged.simulator()))[..., :6].max() > 0.01
 
 
 @pytest.mark.parametrize("parameter", ["m3.gain", "m2.mass", "m5.damping"])
 def test_the_retuned_base_acts_in_the_loop_beside_the_effects(tmp_path, parameter):
     plants = [
-        Plant("ErgoReacher", effects=report(tmp_path / str(n), TRUE[:1], factors))
+        DynamicsSpec("ErgoReacher", effects=report(tmp_path / str(n), TRUE[:1], factors))
         for n, factors in enumerate(({}, {parameter: 1.2}))
     ]
     untuned, tuned = (plant.simulator() for plant in plants)
@@ -98,7 +98,7 @@ def test_the_retuned_base_acts_in_the_loop_beside_the_effects(tmp_path, paramete
 
 def test_a_retuned_gain_is_the_models_own_times_the_factor(tmp_path):
     plain, tuned = (
-        Plant("ErgoReacher", effects=effects).simulator().model
+        DynamicsSpec("ErgoReacher", effects=effects).simulator().model
         for effects in (None, report(tmp_path, (), {"m3.gain": 1.1}))
     )
     servo = mujoco.mj_name2id(plain, mujoco.mjtObj.mjOBJ_ACTUATOR, plain.actuator("m3").name)
@@ -108,11 +108,13 @@ def test_a_retuned_gain_is_the_models_own_times_the_factor(tmp_path):
 
 
 def test_a_plants_description_follows_the_effects_and_not_their_folder(tmp_path):
-    here, moved = (Plant("ErgoReacher", effects=report(tmp_path / name)) for name in ("a", "b"))
-    other = Plant("ErgoReacher", effects=report(tmp_path / "c", TRUE[:-1]))
+    here, moved = (DynamicsSpec("ErgoReacher", effects=report(tmp_path / name)) for name in ("a", "b"))
+    other = DynamicsSpec("ErgoReacher", effects=report(tmp_path / "c", TRUE[:-1]))
     assert here.describe() == moved.describe() != other.describe()
     assert json.loads(json.dumps(here.describe())) == here.describe(), "or a comparison would never go on"
-    assert "retuned" not in Plant("ErgoReacher").describe(), "finished runs without effects are known by what they held"
+    assert "retuned" not in DynamicsSpec("ErgoReacher").describe(), (
+        "finished runs without effects are known by what they held"
+    )
 
 
 SOURCES = {"plain": (), "play": TRUE[:1], "true": TRUE, "limit": (LIMIT,), "friction": (DRAG,), "gain": ()}
@@ -123,11 +125,11 @@ SOURCES = {"plain": (), "play": TRUE[:1], "true": TRUE, "limit": (LIMIT,), "fric
     [pytest.param(name, marks=pytest.mark.slow if name in {"play", "true", "limit"} else ()) for name in SOURCES],
 )
 def test_a_correction_is_used_on_its_own_source_only(tmp_path, own):
-    plants = {"plain": Plant("ErgoReacher")}
+    plants = {"plain": DynamicsSpec("ErgoReacher")}
     for name, effects in SOURCES.items():
         if name != "plain":
             retuned = {"m3.gain": 1.05} if name == "gain" else {}
-            plants[name] = Plant("ErgoReacher", effects=report(tmp_path / name, effects, retuned))
+            plants[name] = DynamicsSpec("ErgoReacher", effects=report(tmp_path / name, effects, retuned))
     phi = phi_of(tmp_path / "phi", plants[own])
     for name, plant in plants.items():
         if name == own:
@@ -140,17 +142,17 @@ def test_a_correction_is_used_on_its_own_source_only(tmp_path, own):
 def test_a_correction_that_keeps_no_source_is_known_by_its_record(tmp_path):
     phi, effects = small_model(tmp_path / "phi"), report(tmp_path / "gap")
     with pytest.raises(CheckpointError, match="other effects"):
-        Plant("ErgoReacher", checkpoint=phi, effects=effects).check()
+        DynamicsSpec("ErgoReacher", checkpoint=phi, effects=effects).check()
     config = tmp_path / "phi" / "config.json"
     content = json.loads(config.read_text())
-    source = Plant("ErgoReacher", effects=effects).simulator().describe()
+    source = DynamicsSpec("ErgoReacher", effects=effects).simulator().describe()
     config.write_text(json.dumps({**content, "provenance": {"source": source}}))
-    Plant("ErgoReacher", checkpoint=phi, effects=effects).check()
+    DynamicsSpec("ErgoReacher", checkpoint=phi, effects=effects).check()
     with pytest.raises(CheckpointError, match="other effects"):
-        Plant("ErgoReacher", checkpoint=phi).check()
+        DynamicsSpec("ErgoReacher", checkpoint=phi).check()
     config.write_text(json.dumps({**content, "provenance": {"source": {**source, "sha256": "0"}}}))
     with pytest.raises(CheckpointError, match="another model"):
-        Plant("ErgoReacher", checkpoint=phi, effects=effects).check()
+        DynamicsSpec("ErgoReacher", checkpoint=phi, effects=effects).check()
 
 
 @pytest.mark.parametrize(
@@ -165,7 +167,7 @@ def test_a_correction_that_keeps_no_source_is_known_by_its_record(tmp_path):
 def test_effects_of_another_robot_or_of_nothing_are_refused(tmp_path, content, error, sentence):
     (tmp_path / "effects.json").write_text(json.dumps(content))
     with pytest.raises(error, match=sentence):
-        Plant("ErgoReacher", effects=str(tmp_path)).check()
+        DynamicsSpec("ErgoReacher", effects=str(tmp_path)).check()
 
 
 @pytest.mark.usefixtures("small_ppo")
@@ -180,7 +182,7 @@ def test_the_commands_learn_in_the_named_source_and_compare_it(tmp_path, capsys)
     (tmp_path / "gap" / "effects.json").write_text(json.dumps([parse(TRUE[0]).to_json()]))
     assert cli.main(words) == 2
     assert "holds another training (it differs in: plant)" in capsys.readouterr().err
-    phi = phi_of(tmp_path / "phi", Plant("ErgoReacher", effects=gap))
+    phi = phi_of(tmp_path / "phi", DynamicsSpec("ErgoReacher", effects=gap))
     options = ["--effects", gap, "--delta-named", phi, "--frames", "1", "--seed", "0", "--episodes", "2"]
     assert cli.main(["policy", "compare", *options, "--out", str(tmp_path / "compare")]) == 0
     methods = json.loads((tmp_path / "compare" / "comparison.json").read_text())["methods"]
@@ -206,7 +208,7 @@ def test_the_commands_learn_in_the_named_source_and_compare_it(tmp_path, capsys)
 def test_bad_input_is_one_sentence_and_writes_nothing(tmp_path, monkeypatch, capsys, words, sentence):
     monkeypatch.chdir(tmp_path)
     report(tmp_path / "gap")
-    phi_of(tmp_path / "phi", Plant("ErgoReacher"))
+    phi_of(tmp_path / "phi", DynamicsSpec("ErgoReacher"))
     before = sorted(tmp_path.rglob("*"))
     assert cli.main(["policy", *words]) == 2
     error = capsys.readouterr().err

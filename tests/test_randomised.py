@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nas_data import registry
-from nas_data.envs.loop.arena import Arena
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
-from nas_data.envs.loop.plant import Plant
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.envs.loop.randomised import RandomisedStepper, delay_line
 from nas_data.envs.loop.ranges import NOMINAL, RANGES
+from nas_data.envs.loop.task_batch import TaskBatch
 from nas_data.errors import OptionError
-from nas_data.policies.learner import Hyperparameters, Training
+from nas_data.policies.learner import Hyperparameters, PolicyTraining
 from nas_data.policies.policy import load_policy
 from nas_data.policies.ppo import train
 from nas_data.simulators.base import Redrawn
@@ -25,19 +25,19 @@ STEPS = 30
 
 
 def randomised(task, size=3):
-    return Plant(task, randomised=True).stepper(size)
+    return DynamicsSpec(task, randomised=True).stepper(size)
 
 
 def nominal(task, size=3):
     """Simulations that are drawn anew, always the source itself."""
-    plant = Plant(task).task
+    plant = DynamicsSpec(task).task
     robot, _ = plant.body()
     return RandomisedStepper(MujocoSimulator(robot, plant.period, plant.joints, (delay_line(),)).stepper(size), NOMINAL)
 
 
 def lived(task, stepper, seed=0, steps=STEPS, starts=1):
     """States of an environment under random actions, shape (T, B, 2n)."""
-    arena = Arena(Plant(task).task, stepper)
+    arena = TaskBatch(DynamicsSpec(task).task, stepper)
     rngs = [np.random.default_rng(seed + row) for row in range(arena.size)]
     for _ in range(starts):
         arena.start(rngs)
@@ -53,7 +53,7 @@ def lived(task, stepper, seed=0, steps=STEPS, starts=1):
 
 @pytest.mark.parametrize("task", TASKS)
 def test_with_nothing_to_draw_it_is_the_source_to_the_last_bit(task):
-    np.testing.assert_array_equal(lived(task, nominal(task)), lived(task, Plant(task).stepper(3)))
+    np.testing.assert_array_equal(lived(task, nominal(task)), lived(task, DynamicsSpec(task).stepper(3)))
 
 
 @pytest.mark.parametrize("task", TASKS)
@@ -86,8 +86,8 @@ def test_episodes_of_a_row_depend_neither_on_the_batch_nor_on_other_rows():
 
 def test_starts_and_goals_are_those_of_the_source_with_the_same_seed():
     goals = []
-    for stepper in (randomised("pusher"), Plant("pusher").stepper(3)):
-        arena = Arena(Plant("pusher").task, stepper)
+    for stepper in (randomised("pusher"), DynamicsSpec("pusher").stepper(3)):
+        arena = TaskBatch(DynamicsSpec("pusher").task, stepper)
         rngs = [np.random.default_rng(row) for row in range(3)]
         arena.start(rngs)
         arena.start(rngs)
@@ -122,28 +122,28 @@ def test_every_draw_lies_within_its_range(seed):
         assert (values <= high * (1 + 1e-12)).all()
 
 
-MODELS = {"ergo_reacher": Plant("ergo_reacher").simulator().model}
+MODELS = {"ergo_reacher": DynamicsSpec("ergo_reacher").simulator().model}
 
 
 def test_a_plant_says_that_it_is_randomised_and_how():
-    described = Plant("pusher", randomised=True).describe()
+    described = DynamicsSpec("pusher", randomised=True).describe()
     assert described["randomised"]["mass"] == [0.5, 1.5]
-    assert "randomised" not in Plant("pusher").describe()
+    assert "randomised" not in DynamicsSpec("pusher").describe()
 
 
 def test_only_the_plain_physics_is_randomised():
     with pytest.raises(OptionError, match="plain physics in MuJoCo"):
-        Plant("ergo_shield", engine="bullet", randomised=True).stepper(1)
+        DynamicsSpec("ergo_shield", engine="bullet", randomised=True).stepper(1)
 
 
 def test_only_a_randomised_batch_is_drawn_anew():
     assert isinstance(randomised("pusher", 1), Redrawn)
-    assert not isinstance(Plant("pusher").stepper(1), Redrawn)
+    assert not isinstance(DynamicsSpec("pusher").stepper(1), Redrawn)
 
 
 def test_a_finished_episode_is_followed_by_one_on_another_model():
     stepper = randomised("ergo_reacher", 1)
-    env = ArmVecEnv(Plant("ergo_reacher").task, stepper)
+    env = ArmVecEnv(DynamicsSpec("ergo_reacher").task, stepper)
     env.seed(0)
     env.reset()
     masses = {stepper.fields["body_mass"][0].tobytes()}
@@ -155,10 +155,10 @@ def test_a_finished_episode_is_followed_by_one_on_another_model():
 
 def test_a_training_goes_on_to_the_same_bits_after_an_interruption(tmp_path):
     small = Hyperparameters(arms=4, rollout=256, minibatches=4, epochs=1)
-    plant = Plant("pusher", randomised=True)
+    plant = DynamicsSpec("pusher", randomised=True)
     for name, lengths in (("whole", (14,)), ("stopped", (3, 14))):
         for rollouts in lengths:
-            train(Training(plant, 0, rollouts * 256, small), tmp_path / name, lambda _: None)
+            train(PolicyTraining(plant, 0, rollouts * 256, small), tmp_path / name, lambda _: None)
     one, other = (load_policy(tmp_path / name).tensors for name in ("whole", "stopped"))
     for name in one:
         np.testing.assert_array_equal(one[name], other[name], err_msg=name)

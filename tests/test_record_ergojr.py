@@ -18,26 +18,26 @@ from xl320_samples import be_patient, torques, virtual
 from nas_data.arms.base import Reading
 from nas_data.cli import main
 from nas_data.command_file import write_commands
-from nas_data.dataset.alone import alone
 from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, TIME
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
+from nas_data.dataset.write_lock import alone
 from nas_data.effects.base import make_effect
 from nas_data.errors import BeingWritten, GuardLost, ServoSilent
 from nas_data.excitations.base import parse
 from nas_data.recorders.arm_dataset import LATE, LOAD, REPEATED, TEMPERATURE, VOLTAGE
-from nas_data.recorders.arm_motion import Episode
-from nas_data.recorders.arm_plan import Plan, draw_plan, free_of_contact
+from nas_data.recorders.arm_motion import ArmEpisode
+from nas_data.recorders.arm_plan import MotionPlan, draw_plan, free_of_contact
 from nas_data.recorders.arm_ways import Ways
-from nas_data.recorders.session import Protocol
+from nas_data.recorders.session import PlaybackProtocol
 from nas_data.recorders.watchdog import DIED, HUNG, Watchdog, Words, rescue, watch
 from nas_data.robots.base import find_robot
 from nas_data.simulators.contact import contact_counts
 from nas_data.simulators.mujoco import MujocoSimulator
 from nas_data.virtual_bus.options import Options
 from nas_data.virtual_bus.process import VirtualBus
-from nas_data.xl320.arm import Arm, Xl320
+from nas_data.xl320.arm import Xl320, Xl320Arm
 from nas_data.xl320.ergojr import ergojr_joints
 from nas_data.xl320.port import LENIENCE
 from nas_data.xl320.units import SPEED_UNIT, TICK
@@ -141,12 +141,12 @@ def test_a_step_is_no_larger_than_allowed():
 
 
 def test_planned_episodes_touch_nothing():
-    protocol = Protocol(excitation=parse("steps"), episodes=12, seconds=2.0)
+    protocol = PlaybackProtocol(excitation=parse("steps"), episodes=12, seconds=2.0)
     plan = draw_plan(ROBOT, protocol, 100.0, 1.745)
     assert plan.commands.shape == (12, 200, 6)
     assert plan.replaced > 0
     assert contact_counts(MujocoSimulator(ROBOT, 0.01, threads=1), plan.commands[:, 99]).tolist() == [0] * 12
-    for again in (Plan.from_bytes(plan.to_bytes()), draw_plan(ROBOT, protocol, 100.0, 1.745)):
+    for again in (MotionPlan.from_bytes(plan.to_bytes()), draw_plan(ROBOT, protocol, 100.0, 1.745)):
         assert (again.key, again.task, again.replaced) == (plan.key, plan.task, plan.replaced)
         assert np.array_equal(again.commands, plan.commands)
         assert np.array_equal(again.poses, plan.poses)
@@ -181,7 +181,7 @@ def reading(when: float, raw: bytes = b"", moving: bool = True) -> Reading:
 def test_late_missed_and_repeated_readings_are_told_apart():
     readings = [reading(0.001, b"a"), reading(0.014, b"b"), reading(0.021, b"b"), reading(0.045, b"c")]
     readings += [reading(0.041, b"d", moving=False), reading(0.051, b"d", moving=False)]
-    episode = Episode(due=[0.0, 0.01, 0.02, 0.03, 0.04, 0.05], readings=readings)
+    episode = ArmEpisode(due=[0.0, 0.01, 0.02, 0.03, 0.04, 0.05], readings=readings)
     assert episode.late(0.01).tolist() == [False, True, False, True, False, False]
     assert episode.missed(0.01).tolist() == [False, False, False, True, False, False]
     assert episode.repeated().tolist() == [False, False, True, False, False, False]
@@ -235,8 +235,8 @@ def test_a_recording_goes_on_after_a_fault_as_if_nothing_had_happened():
     assert whole.commands == pytest.approx(plan.commands.reshape(-1, 6), abs=TICK / 2)
 
 
-def protocol_of_short(episodes: int) -> Protocol:
-    return Protocol(excitation=parse("steps:share=0.2,seconds=0.1"), episodes=episodes, seconds=0.3)
+def protocol_of_short(episodes: int) -> PlaybackProtocol:
+    return PlaybackProtocol(excitation=parse("steps:share=0.2,seconds=0.1"), episodes=episodes, seconds=0.3)
 
 
 def test_a_bad_line_costs_attempts_but_no_wrong_value(monkeypatch):
@@ -253,7 +253,7 @@ def test_a_bad_line_costs_attempts_but_no_wrong_value(monkeypatch):
 
 @pytest.mark.parametrize(("times", "outcome"), [(2, 0), (3, 2)])
 def test_an_arm_that_goes_unheard_while_it_is_taken_is_taken_again(monkeypatch, times, outcome):
-    configure, failed = Arm.configure, []
+    configure, failed = Xl320Arm.configure, []
 
     def sometimes(arm):
         if len(failed) < times:
@@ -261,7 +261,7 @@ def test_an_arm_that_goes_unheard_while_it_is_taken_is_taken_again(monkeypatch, 
             raise ServoSilent("Servo 3 does not answer.")
         configure(arm)
 
-    monkeypatch.setattr(Arm, "configure", sometimes)
+    monkeypatch.setattr(Xl320Arm, "configure", sometimes)
     assert record(*LOCKSTEP, "--episodes", "2") == outcome
     assert len(failed) == times
 
@@ -334,7 +334,7 @@ def test_a_lock_that_a_dead_program_left_holds_nobody_up():
 
 
 def test_a_port_is_used_by_one_program_at_a_time(capsys):
-    with virtual() as bus, Arm(bus.port, JOINTS):
+    with virtual() as bus, Xl320Arm(bus.port, JOINTS):
         assert record("--port", bus.port, "--episodes", "1") == 2
         assert f"{bus.port} is used by another program" in capsys.readouterr().err
     assert not Path("datasets").exists()
@@ -365,7 +365,7 @@ def wait_for(condition, seconds: float = 200.0) -> None:
 
 def free(port: str) -> bool:
     try:
-        Arm(port, JOINTS).close()
+        Xl320Arm(port, JOINTS).close()
     except Exception:
         return False
     return True
@@ -446,7 +446,7 @@ def test_an_arm_is_not_moved_without_its_guard():
 
 def test_a_guard_that_is_released_does_nothing():
     with virtual() as bus:
-        arm = Arm(bus.port, JOINTS)
+        arm = Xl320Arm(bus.port, JOINTS)
         arm.configure()
         arm.torque_on()
         with Watchdog(Xl320(port=bus.port, joints=JOINTS)):
@@ -457,7 +457,7 @@ def test_a_guard_that_is_released_does_nothing():
 
 def test_a_rescue_says_what_it_did():
     with virtual() as bus:
-        arm = Arm(bus.port, JOINTS)
+        arm = Xl320Arm(bus.port, JOINTS)
         arm.configure()
         arm.torque_on()
         arm.close()

@@ -11,8 +11,8 @@ from training_samples import TINY
 from nas_data.effects.backlash import Backlash
 from nas_data.effects.speed_limit import SpeedLimit
 from nas_data.models.episodes import read_episodes
-from nas_data.models.remembering import begun, follow, with_memory
-from nas_data.models.training import Training
+from nas_data.models.stateful_source import follow, start_windows, with_memory
+from nas_data.models.training import ModelTraining
 from nas_data.pairing import pair
 
 PLAY, SLOW = Backlash(joint="pendulum", half_width=0.1), SpeedLimit(joint="pendulum", speed=2.0)
@@ -36,7 +36,7 @@ def test_the_true_source_predicts_what_was_measured_once_its_memory_is_kept(swin
 def test_windows_begin_where_the_source_stands_after_what_was_measured_before(swings):
     source = pendulum(PLAY, SLOW)
     episodes, starts = read_episodes(with_memory(swings, source)), np.array([50, 0, 7])
-    stepper = begun(source, episodes, starts, longest=50)
+    stepper = start_windows(source, episodes, starts, longest=50)
     columns = [
         np.stack([getattr(episode, name)[start].numpy() for episode, start in zip(episodes, starts, strict=True)])
         for name in ("states", "commands", "predicted")
@@ -46,7 +46,7 @@ def test_windows_begin_where_the_source_stands_after_what_was_measured_before(sw
 
 def test_nothing_is_left_to_learn_where_the_source_is_the_target(swings):
     source = pendulum(PLAY, SLOW)
-    training = Training("delta", pair(swings, source), replace(TINY, updates=40), source, device="cpu")
+    training = ModelTraining("delta", pair(swings, source), replace(TINY, updates=40), source, device="cpu")
     silent(training.model)
     for update in (0, 7, 39):
         assert float(training.phase.loss(update).detach()) < 1e-3

@@ -17,14 +17,14 @@ from matplotlib.colors import to_hex, to_rgb
 from recording_samples import paired_pendulum
 from training_samples import TINY, train
 
-from nas_data.envs.loop.plant import Plant
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import CheckpointError
 from nas_data.joint_units import HINGE
 from nas_data.policies import learner, ppo
 from nas_data.policies.compare import RESULT
 from nas_data.reports.file import write_whole
-from nas_data.reports.learning_figures import Curve, learning, model_training, returns_on_target
-from nas_data.reports.page import Facts, Page, Picture, Section, Table, Text, is_ours
+from nas_data.reports.learning_figures import LearningCurve, learning, model_training, returns_on_target
+from nas_data.reports.page import Facts, HtmlPage, HtmlTable, PageSection, Picture, Text, is_ours
 from nas_data.reports.prediction_figures import growth, joint_errors, quartiles, trajectory
 from nas_data.reports.run_sections import models_section, policies_section
 from nas_data.reports.runs import find_runs
@@ -41,7 +41,7 @@ BLINDNESS = {
 
 def curve(*returns):
     values = np.array(returns, dtype=float)
-    return Curve(100.0 * np.arange(1, len(values) + 1), values, np.clip(-1 / values, 0, 1))
+    return LearningCurve(100.0 * np.arange(1, len(values) + 1), values, np.clip(-1 / values, 0, 1))
 
 
 # --- figures
@@ -180,11 +180,11 @@ class Links(HTMLParser):
 
 
 def page_of(*blocks):
-    return Page("A < B", [Section("Where & what", blocks)])
+    return HtmlPage("A < B", [PageSection("Where & what", blocks)])
 
 
 def test_a_page_needs_nothing_but_itself_and_holds_its_pictures():
-    page = page_of(Text("one", lead=True), Picture("a", PIXEL, "shows"), Table(("", "x"), [("row", "1")], "note"))
+    page = page_of(Text("one", lead=True), Picture("a", PIXEL, "shows"), HtmlTable(("", "x"), [("row", "1")], "note"))
     html = page.to_html()
     links = Links(html)
     assert not links.open
@@ -198,7 +198,7 @@ def test_a_page_needs_nothing_but_itself_and_holds_its_pictures():
 @settings(max_examples=50)
 @given(st.text(alphabet=st.characters(codec="utf-8", exclude_categories=("Cc", "Cs")), min_size=1))
 def test_text_appears_as_it_is_given_whatever_it_holds(text):
-    page = page_of(Text(text), Table((text,), [(text, text)], text), Facts({text: text}), Picture("a", PIXEL, text))
+    page = page_of(Text(text), HtmlTable((text,), [(text, text)], text), Facts({text: text}), Picture("a", PIXEL, text))
     links = Links(page.to_html())
     assert not links.open
     assert links.text.count(text) >= 8
@@ -218,7 +218,7 @@ def test_a_file_appears_whole_and_replaces_the_one_before(tmp_path):
 
 def a_policy(folder: Path, seed: int, plant="ErgoReacher", dynamics="source", score=None):
     """Train a policy on two rollouts, and write the result that a comparison would have written."""
-    training = learner.Training(Plant(plant, dynamics), seed, 512, SMALL)
+    training = learner.PolicyTraining(DynamicsSpec(plant, dynamics), seed, 512, SMALL)
     ppo.train(training, folder, lambda _: None, FirstOrderArm(SMALL.arms))
     if score is not None:
         record = {"score": {"return": score, "success_rate": 0.5, "episodes": 10}}
@@ -269,7 +269,7 @@ def test_policies_of_one_method_in_two_folders_are_not_mixed(runs, tmp_path):
 
 def test_the_table_says_what_the_records_say_and_how_much_of_the_distance_is_closed(runs):
     found = find_runs([runs])
-    table = next(block for block in policies_section(found.groups()).blocks if isinstance(block, Table))
+    table = next(block for block in policies_section(found.groups()).blocks if isinstance(block, HtmlTable))
     cells = {row[0].partition(":")[0]: row for row in table.rows}
     assert cells["source"][1:5] == ("-2.50", "50%", "-3.00 … -2.00", "2")
     assert cells["expert"][1:5] == ("-0.50", "50%", "-1.00 … 0.00", "2")
@@ -280,7 +280,7 @@ def test_policies_that_were_not_judged_are_shown_as_they_ended_training(tmp_path
     section = policies_section(find_runs([tmp_path]).groups())
     names = [block.name for block in section.blocks if isinstance(block, Picture)]
     assert names == ["learning_curves"]
-    table = next(block for block in section.blocks if isinstance(block, Table))
+    table = next(block for block in section.blocks if isinstance(block, HtmlTable))
     assert "no policy was judged" in table.note
     assert len(table.headers) == len(table.rows[0])
 

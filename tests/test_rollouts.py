@@ -19,7 +19,7 @@ from xl320_samples import be_patient, torques, virtual
 
 from nas_data.cli import main
 from nas_data.dataset.features import DONE, ENVIRONMENT, NEXT_ENVIRONMENT, NEXT_STATE, REWARD, STATE, SUCCESS
-from nas_data.dataset.growing import Growing
+from nas_data.dataset.incremental_writer import Growing
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
@@ -444,7 +444,7 @@ def test_a_rollout_is_saved_with_all_its_bouts_or_not_at_all(capsys, monkeypatch
             raise KeyboardInterrupt
         return np.array([(len(calls) - 1) % 60 in (0, 20, 40)])  # the first is as if in touch already
 
-    monkeypatch.setattr("nas_data.rollouts.bench.touches", touched)
+    monkeypatch.setattr("nas_data.rollouts.arm_setup.touches", touched)
     options = (policy("ErgoShield", (0.0,) * 6), "--episodes", "2", *DUEL, "--record", "rolled")
     assert main(["policy", "evaluate", *options]) == 130
     assert read(UNDER_WAY).lengths.tolist() == [21, 20, 19], "the second has touched once, and is not over"

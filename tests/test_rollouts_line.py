@@ -18,7 +18,7 @@ from nas_data.recorders.arm_dataset import LATE
 from nas_data.recorders.schedule import SteppedClock
 from nas_data.recorders.tolerance import TRIES, Tolerance
 from nas_data.rollouts.robot_stepper import RobotStepper
-from nas_data.xl320.arm import Arm, Reading
+from nas_data.xl320.arm import Reading, Xl320Arm
 from nas_data.xl320.ergojr import ergojr_joints
 
 JOINTS = ergojr_joints()
@@ -52,9 +52,9 @@ def test_what_passes_is_got_over_and_what_lasts_or_is_no_matter_of_the_line_is_n
 
 
 @pytest.fixture
-def in_steps(monkeypatch) -> Callable[[Callable[[Arm, int], None]], None]:
+def in_steps(monkeypatch) -> Callable[[Callable[[Xl320Arm, int], None]], None]:
     """Let something happen before each reading within an episode's steps; it is told which attempt that is."""
-    read, stepping, count = Arm.read, RobotStepper.step, iter(range(10**6))
+    read, stepping, count = Xl320Arm.read, RobotStepper.step, iter(range(10**6))
     under_way = []
 
     def step(stepper: RobotStepper, commands: np.ndarray) -> np.ndarray:
@@ -64,13 +64,13 @@ def in_steps(monkeypatch) -> Callable[[Callable[[Arm, int], None]], None]:
         finally:
             under_way.clear()
 
-    def happen(what: Callable[[Arm, int], None]) -> None:
-        def reading(arm: Arm) -> Reading:
+    def happen(what: Callable[[Xl320Arm, int], None]) -> None:
+        def reading(arm: Xl320Arm) -> Reading:
             if under_way:
                 what(arm, next(count))
             return read(arm)
 
-        monkeypatch.setattr(Arm, "read", reading)
+        monkeypatch.setattr(Xl320Arm, "read", reading)
 
     monkeypatch.setattr(RobotStepper, "step", step)
     return happen
@@ -80,7 +80,7 @@ def test_a_passing_error_ends_no_episode_and_is_counted_told_and_flagged(capsys,
     be_patient(monkeypatch)
     errors = cycle(ERRORS)
 
-    def fail(_: Arm, attempt: int) -> None:
+    def fail(_: Xl320Arm, attempt: int) -> None:
         if attempt in (5, 10, 11):
             raise next(errors)("The line failed.")
 
@@ -96,15 +96,15 @@ def test_a_passing_error_ends_no_episode_and_is_counted_told_and_flagged(capsys,
 
 
 def test_a_health_that_is_not_heard_at_once_is_asked_for_again(capsys, monkeypatch):
-    health, asked = Arm.health, []
+    health, asked = Xl320Arm.health, []
 
-    def unwell(arm: Arm, identity: int) -> object:
+    def unwell(arm: Xl320Arm, identity: int) -> object:
         asked.append(identity)
         if len(asked) % 20 == 0:
             raise ServoSilent(f"Servo {identity} does not answer.")
         return health(arm, identity)
 
-    monkeypatch.setattr(Arm, "health", unwell)
+    monkeypatch.setattr(Xl320Arm, "health", unwell)
     answer = evaluate(capsys, policy("ErgoReacher", REACHER), "--episodes", "2", *LOCKSTEP)
     assert answer["unheard"] >= 1
 
@@ -114,7 +114,7 @@ def test_a_late_reading_is_flagged_and_those_after_it_come_in_time(capsys, in_st
     clocks, wait = [], SteppedClock.wait_until
     monkeypatch.setattr(SteppedClock, "wait_until", lambda clock, when: (clocks.append(clock), wait(clock, when)))
 
-    def dawdle(_: Arm, attempt: int) -> None:
+    def dawdle(_: Xl320Arm, attempt: int) -> None:
         if attempt == 5:
             clocks[-1].wait_until(clocks[-1].now() + 0.035)
 
@@ -132,6 +132,6 @@ def test_a_servo_that_stays_silent_ends_the_rollout_with_the_others_without_torq
         said = refused(capsys, policy("ErgoReacher", REACHER), "--episodes", "9", *ports, "--record", "rolled")
         assert "Servo 3 does not answer" in said
         assert "the same command goes on from there" in said or "Nothing was recorded yet" in said
-        arm = Arm(bus.port, JOINTS)
+        arm = Xl320Arm(bus.port, JOINTS)
         assert [arm.bus.get(identity, "torque_enable") for identity in JOINTS.ids if identity != 3] == [0] * 5
         arm.close()

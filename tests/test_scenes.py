@@ -20,9 +20,9 @@ from nas_data.dataset.verify import verify
 from nas_data.envs.base import Task, find_task
 from nas_data.errors import JointMismatch
 from nas_data.models.augmented import LearnedStepper
+from nas_data.models.losses import FreeRunning, jacobians
 from nas_data.models.lstm import DynamicsModel
-from nas_data.models.phases import FreeRunning, jacobians
-from nas_data.models.training import Training
+from nas_data.models.training import ModelTraining
 from nas_data.pairing import object_warnings, pair, scene_states
 from nas_data.recorders.recipe import Recipe
 from nas_data.robots.base import find_robot
@@ -215,7 +215,7 @@ def test_while_phi_runs_freely_objects_are_where_they_were_measured(name, dynami
     simulator = find_task(name).simulator(dynamics)
     recorded, _ = Recipe(environment=name, dynamics=dynamics, episodes=8, steps=60, holds=(20,)).record()
     paired = pair(recorded, simulator)
-    training = Training("delta", paired, replace(TINY, updates=40), simulator, device="cpu")
+    training = ModelTraining("delta", paired, replace(TINY, updates=40), simulator, device="cpu")
     silent(training.model)
     for update in (0, 20, 39):
         assert float(training.phase.loss(update).detach()) < most

@@ -10,9 +10,9 @@ from experiment_samples import tiny
 from safetensors.numpy import load_file
 
 from nas_data.errors import SimulationDiverged
-from nas_data.experiments.pipeline.material import PHI, PSI
+from nas_data.experiments.pipeline.artifacts import PHI, PSI
 from nas_data.stages import STAGES as NOTES
-from nas_data.stages import Found, Stage, Work, read_stage
+from nas_data.stages import Stage, StageResult, Work, read_stage
 from nas_data.stages_side_by_side import Part, do_part, prerequisites, run_side_by_side
 
 PATIENCE = 60.0  # [s] to wait for another process
@@ -30,7 +30,7 @@ class Plan:
 
 
 def working(name: str):
-    def work(job: Work[Plan]) -> Found:
+    def work(job: Work[Plan]) -> StageResult:
         began = time.time()
         if name == job.plan.fails:
             raise SimulationDiverged(f"{name} cannot be done.")
@@ -41,7 +41,7 @@ def working(name: str):
                 time.sleep(0.01)
         (job.folder / name).write_text(str(job.threads))
         job.report(f"{name} works")
-        return Found([f"{name} is done"], {"began": began, "ended": time.time()})
+        return StageResult([f"{name} is done"], {"began": began, "ended": time.time()})
 
     return work
 

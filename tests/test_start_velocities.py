@@ -13,7 +13,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, effort_feature, position_feature, state_feature
 from nas_data.dataset.start_velocities import CLEAR, StartVelocities, find_start_velocities, fit_velocity
 from nas_data.dataset.transitions import estimate_velocities
-from nas_data.gap.evidence import Evidence, window
+from nas_data.gap.episode_batch import EpisodeBatch, window
 from nas_data.pairing import initial_states
 
 QUANTUM = np.radians(0.29)  # [rad] XL-320
@@ -128,7 +128,7 @@ def test_a_recording_that_begins_at_rest_starts_at_zero(formula, rate, noise, qu
     assert found.derived.all()
     assert np.array_equal(found.values, np.zeros((EPISODES, 1)))
     assert np.array_equal(found.deviations, np.zeros((EPISODES, 1)))
-    evidence = Evidence.of(dataset)
+    evidence = EpisodeBatch.of(dataset)
     assert np.array_equal(evidence.initial[:, 1], np.zeros(EPISODES))
     assert np.isnan(evidence.rates).all(), "derived velocities are no measurement"
 
@@ -197,7 +197,7 @@ def test_few_odd_episodes_do_not_set_the_others_in_motion():
 
 def test_windows_cut_out_of_an_episode_start_at_its_speed_there():
     positions, velocities = swings(100.0)
-    evidence = Evidence.of(seen(positions, velocities, 100.0))
+    evidence = EpisodeBatch.of(seen(positions, velocities, 100.0))
     for row in (20, 60, 130):
         part = window(evidence, 3, row, 50)
         assert part.speeds[0, 0] == pytest.approx(velocities[3, row], abs=0.05)
@@ -212,7 +212,7 @@ def test_rollouts_start_where_evidence_does():
     """For the same dataset, `nas evaluate`, the training of φ and ψ, and `nas gap` begin alike."""
     for rested, moving in ((True, False), (False, True)):
         dataset = seen(*(swings(100.0, 0.5 * moving)), 100.0)
-        evidence = Evidence.of(dataset)
+        evidence = EpisodeBatch.of(dataset)
         assert (evidence.speeds == 0).all() == rested
         simulator = LinearSimulator(dataset.joints, np.eye(2), np.zeros((2, 1)))
         assert np.array_equal(initial_states(dataset, None), evidence.initial)

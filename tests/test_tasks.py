@@ -13,10 +13,10 @@ from nas_data import registry
 from nas_data.effects.base import add_effects
 from nas_data.envs import ergo_shield, pusher, striker
 from nas_data.envs.base import find_task, in_turn
-from nas_data.envs.loop.arena import Arena
 from nas_data.envs.loop.arm_env import ArmEnv
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
-from nas_data.envs.loop.plant import Plant
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
+from nas_data.envs.loop.task_batch import TaskBatch
 from nas_data.errors import ModelFileError, OptionError
 from nas_data.experiments.pipeline.authors import DIFFERENCES
 from nas_data.models.checkpoint import save
@@ -39,7 +39,7 @@ def model_of(task: str, dynamics: str) -> mujoco.MjModel:
 
 def random_states(task: str, dynamics: str, arms: int, steps: int) -> np.ndarray:
     """Return states under random actions, from the task's own starts, shape (steps, arms, 2n)."""
-    arms_env = ArmVecEnv(find_task(task), Plant(task, dynamics).stepper(arms))
+    arms_env = ArmVecEnv(find_task(task), DynamicsSpec(task, dynamics).stepper(arms))
     arms_env.seed(0)
     arms_env.reset()
     rng = np.random.default_rng(0)
@@ -95,7 +95,7 @@ def test_many_arms_and_one_live_through_the_same_episode_under_phi(task, tmp_pat
             layer.weight.mul_(0.001)
             layer.bias.mul_(0.001)
     phi = str(save(model, tmp_path / "phi"))
-    batch = ArmVecEnv(this, Plant(task, checkpoint=phi).stepper(4))
+    batch = ArmVecEnv(this, DynamicsSpec(task, checkpoint=phi).stepper(4))
     alone = ArmEnv(task, checkpoint=phi)
     batch.seed(3)
     batch.reset()
@@ -185,7 +185,7 @@ def test_the_pusher_s_reward_is_the_authors_sum():
 
 
 def test_the_arm_pushes_the_puck():
-    arena = Arena(pusher.TASK, Plant("pusher").stepper(1))
+    arena = TaskBatch(pusher.TASK, DynamicsSpec("pusher").stepper(1))
     arena.start([np.random.default_rng(0)])
     puck = np.array([[*np.zeros(6), -0.45, 0.65, 0.0, 0.0]])  # in front of the fork
     arena.stepper.reset(puck)
@@ -307,7 +307,7 @@ def test_the_opponent_is_the_same_whatever_the_authors_arm_is(dynamics):
 @pytest.mark.bullet
 def test_a_constraint_is_refused_where_the_engine_cannot_keep_it():
     with pytest.raises(ModelFileError, match="equality constraints"):
-        Plant("Pusher", "paper", engine="bullet").simulator()
+        DynamicsSpec("Pusher", "paper", engine="bullet").simulator()
 
 
 # ErgoShield
@@ -385,17 +385,17 @@ def test_missed_touches_are_an_option_of_the_environment():
 
     assert hits() == hits(missed=0.0) > 0
     assert hits(missed=1.0) == 0
-    assert Plant("ErgoShield", missed=0.125).describe()["missed"] == 0.125
-    assert "missed" not in Plant("ErgoShield").describe()
+    assert DynamicsSpec("ErgoShield", missed=0.125).describe()["missed"] == 0.125
+    assert "missed" not in DynamicsSpec("ErgoShield").describe()
     with pytest.raises(OptionError, match=r"Missed touches are 1.5; they are a share"):
-        Plant("ErgoShield", missed=1.5).task  # noqa: B018
+        DynamicsSpec("ErgoShield", missed=1.5).task  # noqa: B018
     with pytest.raises(OptionError, match="ErgoReacher has no touches that could be missed"):
-        Plant("ErgoReacher", missed=0.1).task  # noqa: B018
+        DynamicsSpec("ErgoReacher", missed=0.1).task  # noqa: B018
 
 
 def test_random_actions_hit_now_and_then():
     """The authors: two hits in 1000 steps."""
-    arms = ArmVecEnv(ergo_shield.TASK, Plant("ErgoShield").stepper(8))
+    arms = ArmVecEnv(ergo_shield.TASK, DynamicsSpec("ErgoShield").stepper(8))
     arms.seed(0)
     arms.reset()
     rng = np.random.default_rng(0)

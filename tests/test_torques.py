@@ -20,12 +20,12 @@ from nas_data.models.evaluation import evaluate, one_step_model, open_loop_model
 from nas_data.models.frozen.freeze import freeze
 from nas_data.models.frozen.onnx_torques import OnnxTorques
 from nas_data.models.frozen.torch_network import TorchNetwork
+from nas_data.models.jacobians import command_slopes
 from nas_data.models.lstm import DynamicsModel
 from nas_data.models.presets import preset
 from nas_data.models.run import TrainingRun
-from nas_data.models.slopes import command_slopes
 from nas_data.models.symmetry import Symmetry, asymmetry, symmetry_of
-from nas_data.models.training import Training
+from nas_data.models.training import ModelTraining
 from nas_data.pairing import pair
 from nas_data.robots.base import Robot
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -221,12 +221,12 @@ def test_one_that_says_nothing_leaves_the_source_as_it_is():
 # training
 
 
-def torque_training(**options) -> tuple[Training, np.ndarray]:
+def torque_training(**options) -> tuple[ModelTraining, np.ndarray]:
     """Return a training on arms of which one is driven by further torques."""
     source, target, torques = two_arms()
     dataset = pair(recorded_on(target, wander((60, 45, 70), 2)), source)
     options = replace(TINY, updates=40, corrects="command", **options)
-    return Training("delta", dataset, options, source, device="cpu"), torques
+    return ModelTraining("delta", dataset, options, source, device="cpu"), torques
 
 
 def test_the_shortcut_begins_as_the_torques_that_are_missing():
@@ -256,12 +256,12 @@ def test_slopes_by_command_are_those_of_a_linear_arm():
     np.testing.assert_allclose(slopes, np.broadcast_to(source.b, slopes.shape), atol=1e-9)
 
 
-def pushers_torques(episodes: int, **options) -> Training:
+def pushers_torques(episodes: int, **options) -> ModelTraining:
     """Return a training of the preset on what Pusher's target does."""
     source = find_task("Pusher").simulator("source")
     commands = [1.5 * episode for episode in wander((50,) * episodes, 3)]
     dataset = pair(recorded_on(find_task("Pusher").simulator("backlash"), commands), source)
-    return Training("delta", dataset, preset("symmetric", **options), source, device="cpu")
+    return ModelTraining("delta", dataset, preset("symmetric", **options), source, device="cpu")
 
 
 @pytest.mark.slow
@@ -295,6 +295,6 @@ def test_what_has_no_torques_to_correct_is_refused(kind, effort, updates, said):
     dataset = pair(recorded_on(source, wander((60, 45), 2)), source)
     options = preset("symmetric", updates=updates)
     with pytest.raises(OptionError, match=f"^The preset symmetric .*{said}.*take the preset few"):
-        Training(kind, dataset, options, source, device="cpu")
+        ModelTraining(kind, dataset, options, source, device="cpu")
     with pytest.raises(OptionError, match="Only φ that corrects commands"):
         preset("fast", symmetric=True)

@@ -18,14 +18,14 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION, NEXT_STATE, POSITION, SIM_STATE, STATE, action_feature, state_feature
 from nas_data.effects.command_delay import CommandDelay
 from nas_data.errors import DatasetInvalid, JointMismatch, OptionError, UnknownName
-from nas_data.models import phases
+from nas_data.models import losses
 from nas_data.models.episodes import pad
 from nas_data.models.evaluation import evaluate
-from nas_data.models.holding_out import MANY, hold_out
-from nas_data.models.phases import TeacherForcing
+from nas_data.models.losses import TeacherForcing
 from nas_data.models.presets import TrainingOptions, preset
 from nas_data.models.run import TrainingRun
-from nas_data.models.training import Training, find_device, validation_rollouts
+from nas_data.models.split import MANY, hold_out
+from nas_data.models.training import ModelTraining, find_device, validation_rollouts
 from nas_data.pairing import check_source, pair
 from nas_data.simulators.mujoco import MujocoSimulator
 
@@ -75,7 +75,7 @@ def test_the_memory_learns_what_no_linear_map_of_the_present_can(tmp_path):
 
 
 def test_free_running_lowers_its_loss(swings):
-    training = Training("forward", swings, replace(TINY, updates=60, shortcut=False), device="cpu")
+    training = ModelTraining("forward", swings, replace(TINY, updates=60, shortcut=False), device="cpu")
     optimiser = torch.optim.Adam(training.model.parameters(), lr=5e-3)
     before = float(training.phase.loss(0).detach())
     for update in range(30):
@@ -93,7 +93,7 @@ def test_free_running_lowers_its_loss(swings):
 def test_what_is_held_out_shapes_no_statistic_and_no_first_weight(count, kind):
     dataset = paired_pendulum((40,) * count)
     options = replace(TINY, validation=0.2)
-    before = Training(kind, dataset, options, device="cpu")
+    before = ModelTraining(kind, dataset, options, device="cpu")
     if count >= MANY:
         held = [int(number) for number in re.findall(r"\d+", before.split.what)]
         rows = np.concatenate([np.arange(dataset.n_frames)[dataset.episode(index)] for index in held])
@@ -105,10 +105,10 @@ def test_what_is_held_out_shapes_no_statistic_and_no_first_weight(count, kind):
     for column in columns.values():
         column[rows] = 100 * column[rows] + 7
     spoilt = replace(dataset, columns=columns)
-    assert same(Training(kind, spoilt, options, device="cpu").model, before.model)
+    assert same(ModelTraining(kind, spoilt, options, device="cpu").model, before.model)
     for column in columns.values():  # and what trains does shape them
         column[0] += 1
-    assert not same(Training(kind, replace(dataset, columns=columns), options, device="cpu").model, before.model)
+    assert not same(ModelTraining(kind, replace(dataset, columns=columns), options, device="cpu").model, before.model)
 
 
 @settings(max_examples=50, deadline=None)
@@ -145,11 +145,11 @@ def test_long_validation_episodes_are_cut_and_few_are_kept_whole():
 # free running is what a policy will live in
 
 
-def linear_training(kind: str, **options) -> Training:
+def linear_training(kind: str, **options) -> ModelTraining:
     """Return a training on a linear arm whose target is another linear arm, its network knowing the difference."""
     source, target = LinearSimulator.draw(0), LinearSimulator.draw(1)
     dataset = pair(recorded_on(target, wander((60, 45, 70), 2)), source)
-    training = Training(kind, dataset, replace(TINY, updates=40, **options), source, device="cpu")
+    training = ModelTraining(kind, dataset, replace(TINY, updates=40, **options), source, device="cpu")
     knows(training.model, source, target)
     return training
 
@@ -198,7 +198,7 @@ def test_the_paper_preset_is_the_published_recipe(swings, tmp_path):
     assert options.hidden in (100, 128, 256)
     assert not (options.shortcut or options.relative or options.cosine or options.bf16)
     assert (options.segment, options.updates, options.clip, options.weight_decay) == (0, 0, 0.0, 0.0)
-    training = Training("delta", swings, replace(options, hidden=8), pendulum(), device="cpu")
+    training = ModelTraining("delta", swings, replace(options, hidden=8), pendulum(), device="cpu")
     assert isinstance(training.phase, TeacherForcing)
     assert training.phase.updates == 250 * 22
     assert {len(segment) for segment in training.phase.segments} == {60}, "whole trajectories"
@@ -211,8 +211,8 @@ def test_the_paper_preset_is_the_published_recipe(swings, tmp_path):
 
 def test_the_paper_preset_takes_plain_adam_steps_of_constant_rate(swings, tmp_path):
     options = replace(preset("paper", hidden=8, epochs=1), layers=1)
-    training = Training("delta", swings, options, device="cpu")
-    twin = Training("delta", swings, options, device="cpu")
+    training = ModelTraining("delta", swings, options, device="cpu")
+    twin = ModelTraining("delta", swings, options, device="cpu")
     TrainingRun(training, tmp_path / "run", silent).run()
     adam = torch.optim.Adam(twin.model.parameters(), lr=0.01)
     for update in range(22):
@@ -224,7 +224,7 @@ def test_the_paper_preset_takes_plain_adam_steps_of_constant_rate(swings, tmp_pa
 
 
 def test_every_epoch_sees_every_segment_once_in_an_order_of_its_own(swings, monkeypatch):
-    phase = Training("delta", swings, replace(TINY, batch=5), device="cpu").phase
+    phase = ModelTraining("delta", swings, replace(TINY, batch=5), device="cpu").phase
     number = {id(segment): index for index, segment in enumerate(phase.segments)}
     seen: list[int] = []
 
@@ -232,7 +232,7 @@ def test_every_epoch_sees_every_segment_once_in_an_order_of_its_own(swings, monk
         seen.extend(number[id(segment)] for segment in segments)
         return pad(segments)
 
-    monkeypatch.setattr(phases, "pad", watched_pad)
+    monkeypatch.setattr(losses, "pad", watched_pad)
     for update in range(2 * phase.per_validation):
         phase.loss(update)
     first, second = seen[: len(seen) // 2], seen[len(seen) // 2 :]
@@ -243,7 +243,7 @@ def test_every_epoch_sees_every_segment_once_in_an_order_of_its_own(swings, monk
 def test_the_preset_for_few_data_learns_in_short_windows(swings, tmp_path):
     options = preset("few", hidden=8, updates=12)
     assert (options.preset, options.layers, options.horizon) == ("few", 1, 30)
-    training = Training("forward", swings, replace(options, frames=200))
+    training = ModelTraining("forward", swings, replace(options, frames=200))
     assert max(place.length for place in training.phase._draw(11)) == 30  # the longest of a training come last
 
 
@@ -273,13 +273,13 @@ def test_options_out_of_range_are_refused():
 
 def test_phi_needs_a_paired_dataset(swings):
     with pytest.raises(DatasetInvalid, match="nas pair"):
-        Training("delta", without(swings), TINY)
-    assert Training("forward", without(swings), TINY, device="cpu").model.kind == "forward"
+        ModelTraining("delta", without(swings), TINY)
+    assert ModelTraining("forward", without(swings), TINY, device="cpu").model.kind == "forward"
 
 
 def test_a_source_of_another_arm_is_refused(swings):
     with pytest.raises(JointMismatch):
-        Training("delta", swings, TINY, MujocoSimulator.load("ergojr", 0.02, threads=1))
+        ModelTraining("delta", swings, TINY, MujocoSimulator.load("ergojr", 0.02, threads=1))
 
 
 def test_a_source_other_than_the_one_paired_with_is_refused(swings):
@@ -299,12 +299,12 @@ def test_a_device_that_torch_cannot_use_is_refused(device):
 def test_episodes_of_one_transition_are_refused(lengths, updates):
     dataset = paired_pendulum(lengths)
     with pytest.raises(DatasetInvalid, match="two transitions"):
-        Training("forward", dataset, replace(TINY, updates=updates))
+        ModelTraining("forward", dataset, replace(TINY, updates=updates))
 
 
 def test_a_model_that_runs_away_costs_no_training(tmp_path, swings):
     """Validation of weights that diverge counts as infinitely bad."""
-    training = Training("forward", swings, replace(TINY, updates=4, shortcut=False), device="cpu")
+    training = ModelTraining("forward", swings, replace(TINY, updates=4, shortcut=False), device="cpu")
     torch.nn.init.constant_(training.model.outer.weight, 1e20)
     training.model.get_buffer("output_std").fill_(1e20)
     assert training.validation_error() == float("inf")
@@ -331,7 +331,7 @@ def hinge_and_slide(metre: float) -> Dataset:
 
 
 def test_losses_and_validation_errors_do_not_depend_on_the_unit_of_lengths():
-    one, other = (Training("forward", hinge_and_slide(metre), replace(TINY, updates=2)) for metre in (1.0, 1000.0))
+    one, other = (ModelTraining("forward", hinge_and_slide(metre), replace(TINY, updates=2)) for metre in (1.0, 1000.0))
     assert one.criterion.endswith("over the spread of hinges, and of slides")
     assert one.validation_error() == pytest.approx(other.validation_error(), rel=1e-3)
     assert float(one.phase.loss(0).detach()) == pytest.approx(float(other.phase.loss(0).detach()), rel=1e-3)
@@ -345,7 +345,7 @@ def test_an_arm_of_one_kind_is_validated_in_its_own_unit():
             key: replace(f, units=tuple(u.replace("m", "rad") for u in f.units)) for key, f in dataset.features.items()
         },
     )
-    training = Training("forward", hinges, replace(TINY, updates=2))
+    training = ModelTraining("forward", hinges, replace(TINY, updates=2))
     assert training.criterion == "open-loop position RMSE [rad]"
     assert training.model.provenance["validation_unit"] == "rad"
     np.testing.assert_array_equal(training.scales, 1.0)

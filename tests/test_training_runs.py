@@ -9,12 +9,12 @@ from recording_samples import pendulum
 from training_samples import TINY, history, same, train
 
 from nas_data.errors import OutputExists
-from nas_data.models.bounds import predict_bounded
 from nas_data.models.checkpoint import load_frozen
-from nas_data.models.descent import Descent
-from nas_data.models.phases import FreeRunning, TeacherForcing
+from nas_data.models.divergence import predict_bounded
+from nas_data.models.losses import FreeRunning, TeacherForcing
+from nas_data.models.optimiser import Descent
 from nas_data.models.run import TrainingRun
-from nas_data.models.training import Training
+from nas_data.models.training import ModelTraining
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -95,7 +95,7 @@ def test_a_training_interrupted_before_its_first_validation_goes_on(tmp_path, sw
         raise Interrupted
 
     with monkeypatch.context() as patch:
-        patch.setattr(Training, "validation_error", stop)
+        patch.setattr(ModelTraining, "validation_error", stop)
         with pytest.raises(Interrupted):
             train(swings, tmp_path / "broken")
     assert same(train(swings, tmp_path / "broken"), train(swings, tmp_path / "whole"))
@@ -110,7 +110,7 @@ def test_early_stopping_keeps_the_best(tmp_path, swings):
     rows = history(tmp_path / "run")
     errors = [row["validation"] for row in rows]
     assert errors[-1] > min(errors), "the training never got worse: the test shows nothing"
-    training = Training("delta", swings, options, device="cpu")
+    training = ModelTraining("delta", swings, options, device="cpu")
     training.model.load_state_dict(model.state_dict())
     assert training.validation_error() == pytest.approx(min(errors), rel=1e-6)
 
@@ -119,7 +119,7 @@ def test_the_mean_of_the_weights_is_judged_and_kept(tmp_path, swings):
     options = replace(TINY, average=0.5)
     kept, last = (train(swings, tmp_path / name, options=o) for name, o in (("mean", options), ("last", TINY)))
     assert not same(kept, last)
-    training = Training("delta", swings, options, device="cpu")
+    training = ModelTraining("delta", swings, options, device="cpu")
     descent, means, judged = Descent(training), [], [training.validation_error()]
     for update in range(training.phase.updates):
         descent.update(update)
@@ -156,7 +156,7 @@ def test_a_training_that_has_learned_goes_on_through_what_gets_no_better(tmp_pat
 
 @pytest.mark.parametrize("error", [float("inf"), float("nan")])
 def test_a_training_that_never_gets_a_finite_error_ends_with_its_patience(tmp_path, swings, monkeypatch, error):
-    monkeypatch.setattr(Training, "validation_error", lambda *_: error)
+    monkeypatch.setattr(ModelTraining, "validation_error", lambda *_: error)
     train(swings, tmp_path / "run", options=replace(TINY, epochs=20, patience=2))
     assert len(history(tmp_path / "run")) == 4, "the start, two that are borne, and one more"
 
@@ -242,8 +242,8 @@ def test_a_finished_training_says_that_it_is_and_where_its_checkpoint_lies(tmp_p
 
 def test_a_shortcut_that_diverges_is_softened_until_its_rollouts_are_bounded(tmp_path, swings):
     options = replace(TINY, updates=12)
-    training = Training("delta", swings, options, pendulum(), device="cpu")
-    without_shortcut = Training("delta", swings, options, pendulum(), device="cpu")
+    training = ModelTraining("delta", swings, options, pendulum(), device="cpu")
+    without_shortcut = ModelTraining("delta", swings, options, pendulum(), device="cpu")
     with torch.no_grad():
         without_shortcut.model.shortcut.weight.zero_()
         training.model.shortcut.weight.mul_(100)
@@ -258,7 +258,7 @@ def test_a_shortcut_that_diverges_is_softened_until_its_rollouts_are_bounded(tmp
 
 @pytest.mark.parametrize("kind", ["delta", "forward"])
 def test_windows_that_diverge_cost_no_training(swings, kind):
-    training = Training(kind, swings, replace(TINY, updates=12), pendulum(), device="cpu")
+    training = ModelTraining(kind, swings, replace(TINY, updates=12), pendulum(), device="cpu")
     with torch.no_grad():
         training.model.shortcut.weight.mul_(1e4)
     loss = training.phase.loss(11)  # a long window

@@ -14,9 +14,9 @@ from nas_data.errors import WayBlocked
 from nas_data.recorders.guarded import Setup
 from nas_data.recorders.schedule import SteppedClock
 from nas_data.rollouts.approach import Approach
-from nas_data.rollouts.bench import CLEARANCE, Bench, ways
-from nas_data.rollouts.making_room import WaysOfTwo
+from nas_data.rollouts.arm_setup import CLEARANCE, ArmSetup, ways
 from nas_data.rollouts.robot_stepper import RobotStepper, RolloutTally
+from nas_data.rollouts.two_arm_planner import WaysOfTwo
 from nas_data.rollouts.two_arms import ways_of_two
 from nas_data.xl320.arm import Xl320
 from nas_data.xl320.configuration import Configuration
@@ -115,7 +115,7 @@ def duel(*ports: str) -> Iterator[RobotStepper]:
     """Yield what moves two virtual arms."""
     drivers = [Xl320(port=port, joints=JOINTS, configuration=Configuration(speed=1.745)) for port in ports]
     setups = [Setup(driver=driver, ways=ways()) for driver in drivers]
-    bench = Bench(attacker=setups[0], defender=setups[1], clock=SteppedClock())
+    bench = ArmSetup(attacker=setups[0], defender=setups[1], clock=SteppedClock())
     with bench.open(find_task("ErgoShield"), RolloutTally()) as (_, stepper):
         yield stepper
 

@@ -7,12 +7,12 @@ from hypothesis import strategies as st
 
 from nas_data.robots.base import find_robot
 from nas_data.virtual_bus.arm import Mounted, VirtualArm
-from nas_data.virtual_bus.chain import Chain
-from nas_data.virtual_bus.feetech_packet import FeetechPacket, Reader, decode, status
+from nas_data.virtual_bus.chain import ServoChain
+from nas_data.virtual_bus.feetech_packet import FeetechPacket, FeetechReader, decode, status
 from nas_data.virtual_bus.kinds.base import Reason, find_kind
-from nas_data.virtual_bus.kinds.sts3215 import ACCELERATION_UNIT, TICK, magnitude, signed
+from nas_data.virtual_bus.kinds.sts3215 import ACCELERATION_UNIT, TICK, decode_sign_magnitude, magnitude
 from nas_data.virtual_bus.packet import Packet
-from nas_data.virtual_bus.servo import Servo
+from nas_data.virtual_bus.servo import VirtualServo
 from nas_data.virtual_bus.wire import transmit
 
 # Example packets of Feetech's protocol manual: identity, instruction or error, parameters, bytes on the wire.
@@ -37,7 +37,7 @@ def test_the_manuals_examples_are_written_and_read_byte_for_byte(name):
 @given(st.integers(0, 253), st.integers(0, 255), st.binary(max_size=60), st.binary(max_size=8))
 def test_a_packet_is_found_in_whatever_surrounds_it(identity, instruction, parameters, noise):
     packet, noise = FeetechPacket(identity, instruction, parameters), noise.replace(b"\xff", b"")
-    assert Reader().feed(noise + packet.encode() + noise + packet.encode()) == [packet, packet]
+    assert FeetechReader().feed(noise + packet.encode() + noise + packet.encode()) == [packet, packet]
 
 
 @given(st.binary(min_size=1, max_size=30), st.data())
@@ -50,15 +50,15 @@ def test_a_bit_that_flips_is_noticed(parameters, data):
 
 @given(st.integers(-2047, 2047))
 def test_sign_and_magnitude_come_back(value):
-    assert signed(magnitude(value, 11), 11) == value
+    assert decode_sign_magnitude(magnitude(value, 11), 11) == value
 
 
 @pytest.fixture
-def chain() -> Chain:
-    return Chain([Servo(identity, kind=find_kind("sts3215")) for identity in (1, 2, 3)])
+def chain() -> ServoChain:
+    return ServoChain([VirtualServo(identity, kind=find_kind("sts3215")) for identity in (1, 2, 3)])
 
 
-def ask(chain: Chain, identity: int, instruction: int, parameters: str = "", sound: bool = True) -> list[bytes]:
+def ask(chain: ServoChain, identity: int, instruction: int, parameters: str = "", sound: bool = True) -> list[bytes]:
     packet = Packet(identity, instruction, bytes.fromhex(parameters), sound)
     return [reply.content for reply in chain.respond(packet)]
 
@@ -98,7 +98,7 @@ def test_an_answer_carries_the_status_and_takes_its_time(chain):
     ],
 )
 def test_registers_mean_what_the_table_says(registers, expected):
-    servo = Servo(1, kind=find_kind("sts3215"))
+    servo = VirtualServo(1, kind=find_kind("sts3215"))
     for name, value in registers.items():
         servo.put(name, value)
     assert {name: getattr(servo.drive, name) for name in expected} == pytest.approx(expected)
@@ -106,7 +106,7 @@ def test_registers_mean_what_the_table_says(registers, expected):
 
 @pytest.mark.parametrize("name", ["xl430_w250", "xl330_m288"])
 def test_a_dynamixel_of_the_x_series_adds_its_offset_and_lets_go_where_it_fails(name):
-    servo = Servo(1, kind=find_kind(name))
+    servo = VirtualServo(1, kind=find_kind(name))
     servo.put("homing_offset", 256**4 - 30)
     assert servo.drive.goal == 30
     servo.put("torque_enable", 1)

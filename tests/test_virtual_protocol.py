@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nas_data.virtual_bus.chain import Chain
+from nas_data.virtual_bus.chain import ServoChain
 from nas_data.virtual_bus.crc import crc16
-from nas_data.virtual_bus.packet import Instruction, Packet, Reader, decode, status, stuff, unstuff
-from nas_data.virtual_bus.servo import Servo
+from nas_data.virtual_bus.packet import Instruction, Packet, Protocol2Reader, decode, status, stuff, unstuff
+from nas_data.virtual_bus.servo import VirtualServo
 from nas_data.virtual_bus.wire import collide, transmit
 
 # Example packets of the e-manual's page on Protocol 2.0: identity, instruction, parameters, bytes on the wire.
@@ -75,7 +75,7 @@ def test_stuffed_content_holds_no_header_and_comes_back(content):
 def test_a_packet_is_found_in_whatever_surrounds_it(identity, instruction, parameters, noise):
     packet = Packet(identity, instruction, parameters)
     noise = noise.replace(b"\xff", b"")
-    found = Reader().feed(noise + packet.encode() + noise + packet.encode())
+    found = Protocol2Reader().feed(noise + packet.encode() + noise + packet.encode())
     assert found == [packet, packet]
 
 
@@ -83,7 +83,7 @@ def test_a_packet_is_found_in_whatever_surrounds_it(identity, instruction, param
 def test_a_packet_may_come_in_pieces(identity, parameters, data):
     whole = Packet(identity, Instruction.WRITE, parameters).encode()
     cut = data.draw(st.integers(0, len(whole)))
-    reader = Reader()
+    reader = Protocol2Reader()
     assert reader.feed(whole[:cut]) + reader.feed(whole[cut:]) == [Packet(identity, Instruction.WRITE, parameters)]
     assert not reader.waiting
 
@@ -93,7 +93,7 @@ def test_a_flipped_bit_is_noticed(identity, parameters, data):
     whole = bytearray(Packet(identity, Instruction.WRITE, parameters).encode())
     place = data.draw(st.integers(7, len(whole) - 1))
     whole[place] ^= 1 << data.draw(st.integers(0, 7))
-    assert not any(packet.sound for packet in Reader().feed(bytes(whole)))
+    assert not any(packet.sound for packet in Protocol2Reader().feed(bytes(whole)))
 
 
 class Line:
@@ -119,12 +119,12 @@ def test_the_sdk_understands_our_answers(identity, error, data):
     assert bytes(found[9 : 9 + len(data)]) == data
 
 
-def ask(chain: Chain, identity: int, instruction: int, parameters: str = "") -> list[bytes]:
+def ask(chain: ServoChain, identity: int, instruction: int, parameters: str = "") -> list[bytes]:
     replies = chain.respond(Packet(identity, instruction, bytes.fromhex(parameters)))
     return [reply.content for reply in replies]
 
 
-def answer(chain: Chain, identity: int, instruction: int, parameters: str = "") -> tuple[int, bytes]:
+def answer(chain: ServoChain, identity: int, instruction: int, parameters: str = "") -> tuple[int, bytes]:
     (content,) = ask(chain, identity, instruction, parameters)
     packet = decode(content)
     assert packet.sound
@@ -133,8 +133,8 @@ def answer(chain: Chain, identity: int, instruction: int, parameters: str = "") 
 
 
 @pytest.fixture
-def chain() -> Chain:
-    return Chain([Servo(identity) for identity in (1, 2, 3)])
+def chain() -> ServoChain:
+    return ServoChain([VirtualServo(identity) for identity in (1, 2, 3)])
 
 
 def test_a_ping_tells_model_and_firmware(chain):
@@ -254,7 +254,9 @@ def test_two_servos_of_one_identity_disturb_each_other(chain):
     replies = chain.respond(Packet(1, Instruction.READ, bytes([37, 0, 2, 0])))
     ((_, heard),) = transmit(replies, 1_000_000)
     assert heard == collide(replies[0].content, replies[1].content)
-    assert not any(packet.sound for packet in Reader().feed(heard))
+    assert not any(packet.sound for packet in Protocol2Reader().feed(heard))
     chain.servos[1].put("return_delay", 0)
     replies = chain.respond(Packet(1, Instruction.READ, bytes([37, 0, 2, 0])))
-    assert [packet.sound for _, heard in transmit(replies, 1_000_000) for packet in Reader().feed(heard)] == [True] * 2
+    assert [packet.sound for _, heard in transmit(replies, 1_000_000) for packet in Protocol2Reader().feed(heard)] == [
+        True
+    ] * 2

@@ -17,12 +17,12 @@ from nas_data.cli import main
 from nas_data.virtual_bus.faults.base import find_fault, parse
 from nas_data.virtual_bus.options import Options
 from nas_data.virtual_bus.process import VirtualBus
-from nas_data.xl320.arm import Arm, Reading
+from nas_data.xl320.arm import Reading, Xl320Arm
 from nas_data.xl320.calibration import default_path, read_calibration, write_calibration
 from nas_data.xl320.configuration import Configuration
 from nas_data.xl320.control_table import REGISTERS
 from nas_data.xl320.ergojr import ergojr_joints
-from nas_data.xl320.units import CENTRE, SPEED_UNIT, TICK, sign_magnitude, signed
+from nas_data.xl320.units import CENTRE, SPEED_UNIT, TICK, decode_sign_magnitude, sign_magnitude
 
 JOINTS = ergojr_joints()
 BOUND = 3.0  # [s] within which every refusal has come, on a machine that does other things
@@ -34,13 +34,13 @@ FAST = Configuration(speed=0.0)
 
 @given(st.integers(-1023, 1023))
 def test_sign_magnitude_goes_there_and_back(value):
-    assert signed(np.array(sign_magnitude(value))) == value
+    assert decode_sign_magnitude(np.array(sign_magnitude(value))) == value
 
 
 def test_units_are_the_manuals():
     assert pytest.approx(0.293, abs=5e-4) == np.degrees(TICK)
     assert pytest.approx(0.666, abs=5e-4) == np.degrees(SPEED_UNIT)
-    assert signed(np.array([0, 1023, 1024, 1025, 2047])).tolist() == [0, 1023, 0, -1, -1023]
+    assert decode_sign_magnitude(np.array([0, 1023, 1024, 1025, 2047])).tolist() == [0, 1023, 0, -1, -1023]
 
 
 @given(st.lists(st.integers(220, 800), min_size=6, max_size=6), st.lists(st.integers(-60, 60), min_size=6, max_size=6))
@@ -66,7 +66,7 @@ def test_goals_stay_within_the_limits(positions):
 # A sound arm
 
 
-def drive(arm: Arm, target: np.ndarray, periods: int) -> Reading:
+def drive(arm: Xl320Arm, target: np.ndarray, periods: int) -> Reading:
     """Command a pose for some periods; each is over when the arm has answered."""
     for _ in range(periods):
         arm.command(target)
@@ -160,11 +160,11 @@ def test_an_effect_of_the_virtual_arm_is_felt():
 
 def test_leaving_the_arm_switches_the_torque_off():
     with virtual() as bus:
-        with Arm(bus.port, JOINTS) as arm:
+        with Xl320Arm(bus.port, JOINTS) as arm:
             arm.configure(FAST)
             arm.torque_on()
             arm.command(np.zeros(6))
-        again = Arm(bus.port, JOINTS)
+        again = Xl320Arm(bus.port, JOINTS)
         assert [again.bus.get(identity, "torque_enable") for identity in JOINTS.ids] == [0] * 6
         again.close()
 
@@ -174,7 +174,7 @@ def test_an_honest_line_takes_its_time_and_less_of_it_once_the_arm_is_set_up(mon
     be_patient(monkeypatch)
     wire = 6 * 17 * 10e-6  # [s] of six replies
     factory = wire + 6 * 500e-6  # [s] with the pause that a servo makes before its reply
-    with VirtualBus(Options(honest=True)) as bus, Arm(bus.port, JOINTS) as arm:
+    with VirtualBus(Options(honest=True)) as bus, Xl320Arm(bus.port, JOINTS) as arm:
 
         def reading() -> float:
             began = time.monotonic()
@@ -214,7 +214,7 @@ def test_servos_without_sync_read_are_read_one_by_one():
 )
 def test_an_arm_that_cannot_be_used_is_refused_in_one_sentence(fault, error, words):
     with virtual(fault) as bus:
-        arm = Arm(bus.port, JOINTS)
+        arm = Xl320Arm(bus.port, JOINTS)
         began = time.monotonic()
         with pytest.raises(error, match=words):
             arm.check()
@@ -233,7 +233,7 @@ def test_an_arm_that_cannot_be_used_is_refused_in_one_sentence(fault, error, wor
 )
 def test_a_fault_in_motion_is_told_at_once(fault, error):
     with virtual() as bus:
-        arm = Arm(bus.port, JOINTS)
+        arm = Xl320Arm(bus.port, JOINTS)
         arm.configure(FAST)
         arm.torque_on()
         arm.command(np.zeros(6))
@@ -259,7 +259,7 @@ def test_a_fault_in_motion_is_told_at_once(fault, error):
 )
 def test_a_servo_that_shuts_down_raises_an_alert(fault, error):
     with virtual() as bus:
-        arm = Arm(bus.port, JOINTS)
+        arm = Xl320Arm(bus.port, JOINTS)
         arm.configure(FAST)
         arm.torque_on()
         bus.inject(fault)
@@ -275,7 +275,7 @@ def test_a_servo_that_shuts_down_raises_an_alert(fault, error):
 @pytest.mark.parametrize("fault", ["lost_packet:share=0.1", "corrupted_packet:share=0.1", "latency:share=0.1"])
 def test_no_reading_is_wrong_or_old_on_a_bad_line(fault):
     with virtual(fault) as bus:
-        arm = Arm(bus.port, JOINTS)
+        arm = Xl320Arm(bus.port, JOINTS)
         truth, position, still = {}, 0, None
         for step in range(60):
             identity = step % 6 + 1
@@ -315,18 +315,18 @@ def test_an_old_reply_is_not_taken_for_a_new_one(arm):
 
 def test_a_port_that_does_not_exist_is_named():
     with pytest.raises(errors.NoSuchPort, match="There is no port /dev/nowhere; plug the adapter in"):
-        Arm("/dev/nowhere", JOINTS)
+        Xl320Arm("/dev/nowhere", JOINTS)
 
 
 def test_a_file_is_no_port(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(errors.ArmError, match="cannot be used as a serial port"):
-        Arm(str(tmp_path / "file"), JOINTS)
+        Xl320Arm(str(tmp_path / "file"), JOINTS)
 
 
 def test_a_port_in_use_is_busy(arm):
     with pytest.raises(errors.PortBusy, match="is used by another program; close"):
-        Arm(arm.port, JOINTS)
+        Xl320Arm(arm.port, JOINTS)
 
 
 @pytest.mark.parametrize(("code", "error"), [(13, errors.PortDenied), (16, errors.PortBusy), (6, errors.NoSuchPort)])
@@ -336,12 +336,12 @@ def test_what_the_system_refuses_has_a_name(monkeypatch, code, error):
 
     monkeypatch.setattr("nas_data.xl320.port.serial.Serial", refuse)
     with pytest.raises(error):
-        Arm("/dev/null", JOINTS)
+        Xl320Arm("/dev/null", JOINTS)
 
 
 def test_a_silent_port_is_told_from_a_silent_servo():
     master, slave = os.openpty()
-    arm = Arm(os.ttyname(slave), JOINTS)
+    arm = Xl320Arm(os.ttyname(slave), JOINTS)
     with pytest.raises(errors.NobodyAnswers):
         arm.check()
     arm.close()
@@ -431,7 +431,7 @@ def test_zeros_are_stored_and_used(folder, capsys):
         path = folder / "calibration" / "robots" / "ergojr" / "mine.json"
         joints = read_calibration(path, JOINTS)
         assert joints.offsets == (-10, 7, 0, -4, -25, 3)
-        with Arm(bus.port, joints) as arm:
+        with Xl320Arm(bus.port, joints) as arm:
             assert np.abs(arm.read().positions).max() < TICK
 
 

@@ -8,11 +8,11 @@ import pytest
 import torch
 from recording_samples import pendulum
 
+from nas_data.models.losses import Phase
 from nas_data.models.lstm import DynamicsModel
-from nas_data.models.phases import Phase
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.run import TrainingRun
-from nas_data.models.training import Training
+from nas_data.models.training import ModelTraining
 
 TINY = TrainingOptions(
     hidden=16, layers=1, epochs=3, batch=8, updates=0, frames=160, horizon=25, bf16=False, validation=0.1
@@ -26,7 +26,7 @@ def silent(_line: str) -> None:
 def train(dataset, folder: Path, kind="delta", options=TINY, report=silent, **more) -> DynamicsModel:
     """Train in a folder; with the pendulum as source where rollouts are asked for."""
     source = pendulum() if options.updates else None
-    return TrainingRun(Training(kind, dataset, options, source, device="cpu", **more), folder, report).run()
+    return TrainingRun(ModelTraining(kind, dataset, options, source, device="cpu", **more), folder, report).run()
 
 
 def same(a: DynamicsModel, b: DynamicsModel) -> bool:

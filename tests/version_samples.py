@@ -5,7 +5,7 @@ from pathlib import Path
 from hypothesis import settings
 
 from nas_data.dataset.content import content_hash
-from nas_data.dataset.inheritance import Original
+from nas_data.dataset.derive_provenance import Original
 from nas_data.dataset.provenance import Provenance
 from nas_data.dataset.versions import new_version
 

@@ -7,7 +7,7 @@ import pytest
 
 from nas_data.virtual_bus.options import Options
 from nas_data.virtual_bus.process import VirtualBus
-from nas_data.xl320.arm import Arm
+from nas_data.xl320.arm import Xl320Arm
 from nas_data.xl320.ergojr import ergojr_joints
 
 
@@ -20,9 +20,9 @@ def virtual(*faults: str, effects: tuple[str, ...] = (), offsets: tuple[int, ...
 
 
 @contextmanager
-def connected(*faults: str, effects: tuple[str, ...] = (), offsets: tuple[int, ...] = ()) -> Iterator[Arm]:
+def connected(*faults: str, effects: tuple[str, ...] = (), offsets: tuple[int, ...] = ()) -> Iterator[Xl320Arm]:
     """Yield a driver on a virtual arm."""
-    with virtual(*faults, effects=effects, offsets=offsets) as bus, Arm(bus.port, ergojr_joints()) as arm:
+    with virtual(*faults, effects=effects, offsets=offsets) as bus, Xl320Arm(bus.port, ergojr_joints()) as arm:
         yield arm
 
 
@@ -34,7 +34,7 @@ def be_patient(monkeypatch: pytest.MonkeyPatch, seconds: float = 1.0) -> None:
 def torques(port: str) -> list[int]:
     """Read the torque of every servo; the port may still be someone else's for a moment."""
     joints = ergojr_joints()
-    arm = Arm(port, joints)
+    arm = Xl320Arm(port, joints)
     found = [arm.bus.get(identity, "torque_enable") for identity in joints.ids]
     arm.close()
     return found

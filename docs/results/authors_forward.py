@@ -21,15 +21,15 @@ import torch
 import tyro
 from torch import nn
 
-from nas_data.circumstances import commit, versions
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ENVIRONMENT, NEXT_ENVIRONMENT
+from nas_data.environment_info import commit, versions
 from nas_data.envs import pusher
 from nas_data.envs.base import Task, find_task, in_turn
-from nas_data.envs.loop.plant import Plant
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.envs.pusher import GRIPPER, Pusher, pucks
-from nas_data.policies.evaluate import score_policy, spread
-from nas_data.policies.learner import Training
+from nas_data.policies.evaluate import score_policy, summarise_spread
+from nas_data.policies.learner import PolicyTraining
 from nas_data.policies.policy import load_policy
 from nas_data.policies.ppo import train
 from nas_data.recorders.recipe import Recipe
@@ -196,7 +196,7 @@ class Predicted(Pusher):
 
 
 @dataclass(frozen=True)
-class AuthorsPlant(Plant):
+class AuthorsPlant(DynamicsSpec):
     """The plain physics with that task, beside the simulations that are handed to the training."""
 
     @property
@@ -248,13 +248,18 @@ def main(
     found: dict[str, object] = {"density": density, "psi": open_loop(psi, *seen["heldout"], actions["heldout"])}
     plant, policies = AuthorsPlant("Pusher"), []
     for seed in seeds:
-        folder = train(Training(plant, seed), out / f"seed{seed}", stepper=AuthorsForward(source.stepper(16), psi))
+        folder = train(
+            PolicyTraining(plant, seed), out / f"seed{seed}", stepper=AuthorsForward(source.stepper(16), psi)
+        )
         policy = load_policy(folder)
         own = score_policy(policy, plant, 100, AuthorsForward(source.stepper(100), psi))
-        on_target = score_policy(policy, Plant("Pusher", "paper"), 100)
+        on_target = score_policy(policy, DynamicsSpec("Pusher", "paper"), 100)
         policies.append({"seed": seed, "target": on_target.describe(), "own_world": own.describe()})
         print(f"seed {seed}: {on_target.mean_return:.2f} on the target, {own.mean_return:.2f} in its own world")
-    found |= {"policies": policies, "return": spread(np.array([each["target"]["return"] for each in policies]))}
+    found |= {
+        "policies": policies,
+        "return": summarise_spread(np.array([each["target"]["return"] for each in policies])),
+    }
     found |= {"trajectories": RECORDED, "updates": UPDATES, "commit": commit(), "versions": versions()}
     (out / "result.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     print(json.dumps({"psi": found["psi"], "return": found["return"]}, indent=1))

@@ -10,7 +10,7 @@ import numpy as np
 from pages import HERE, Row, markdown_table, number, numbers, read_table, render, write_page
 
 from nas_data.experiments.pipeline.authors import DIFFERENCES, RETURN_BY_COUNT, RETURNS
-from nas_data.policies.intervals import ENDS, median_interval, resampled_medians
+from nas_data.policies.intervals import ENDS, median_interval, resample_medians
 from nas_data.policies.share import share
 from nas_data.reports.experiment_figures import Panel, return_over_count, returns_by_method
 from nas_data.reports.prediction_figures import trajectory
@@ -174,7 +174,7 @@ class Experiments:
         few = self.values("Pusher", "nas_symmetric", count=100, seeds=sides[seeds])
         many = self.values("Pusher", "nas", count=2000, seeds=sides[seeds])
         rng = np.random.default_rng(0)
-        low, high = np.quantile(resampled_medians(few, rng) / resampled_medians(many, rng) - 1, ENDS)
+        low, high = np.quantile(resample_medians(few, rng) / resample_medians(many, rng) - 1, ENDS)
         return f"{100 * (np.median(few) / np.median(many) - 1):.1f} % [{100 * low:.1f}, {100 * high:.1f}]".replace(
             "-", "−"
         )

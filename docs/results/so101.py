@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from pages import HERE, Row, markdown_table, number, read_table, render, write_page
 
-from nas_data.reports.ablation_figure import Curve, error_over_amount
+from nas_data.reports.ablation_figure import AblationCurve, error_over_amount
 from nas_data.reports.style import to_png
 
 GIVEN = {"40.1", "0.0349", "0.55"}  # the changes that were made, and what was to be reached
@@ -119,10 +119,10 @@ class So101:
         values = np.degrees([float(row[loop]) for row in rows])
         return float(values.min()), float(np.median(values)), float(values.max())
 
-    def _curve(self, method: str, loop: str) -> Curve:
+    def _curve(self, method: str, loop: str) -> AblationCurve:
         amounts = np.array([minutes for name, minutes in self._amounts("small") if name == method])
         low, median, high = np.radians([self._spread("small", method, minutes, loop) for minutes in amounts]).T
-        return Curve(amounts, low, median, high)
+        return AblationCurve(amounts, low, median, high)
 
     def _baselines(self, loop: str) -> dict[str, float]:
         return {row["method"]: float(row[loop]) for row in self._ablation("")}

@@ -12,30 +12,30 @@ from nas_data.dataset.read import read
 from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.versions import resolve
 from nas_data.effects.base import Effect, read_effects
-from nas_data.gap.add import read_factors
-from nas_data.gap.evidence import Evidence
-from nas_data.gap.finding.driven import until_driven_again
+from nas_data.gap.episode_batch import EpisodeBatch
+from nas_data.gap.finding.torque_off import until_driven_again
 from nas_data.gap.floor import noise_floor
 from nas_data.gap.gains import with_relative_gains
 from nas_data.gap.nominal import Nominal, fine_timestep, with_timestep
 from nas_data.gap.search.final import finish
-from nas_data.gap.search.fit import Task
+from nas_data.gap.search.fit import FitTask
+from nas_data.gap.write_model import read_factors
 
 HERE = Path(__file__).parent
 MODEL, AUTHORS = HERE / "xl330.xml", HERE / "xl330_authors.json"
 TRAJECTORIES = ("lift_and_drop", "sin_sin", "up_and_down")
 
 
-def recorded(dataset: Path) -> tuple[tuple[str, ...], Evidence]:
+def recorded(dataset: Path) -> tuple[tuple[str, ...], EpisodeBatch]:
     """Return the names of a dataset's logs, and what they measured."""
     root = resolve(dataset)
     transitions, _ = as_transitions(read(root))
     told = with_relative_gains(transitions, MODEL, root)
-    return told.tasks, Evidence.of(until_driven_again(told))
+    return told.tasks, EpisodeBatch.of(until_driven_again(told))
 
 
 def errors(
-    evidence: Evidence, effects: Sequence[Effect] = (), factors: Mapping[str, float] | None = None
+    evidence: EpisodeBatch, effects: Sequence[Effect] = (), factors: Mapping[str, float] | None = None
 ) -> np.ndarray:
     """Return the open-loop RMSE of each log [°] for the frictionless model with effects, shape (E,)."""
     nominal = Nominal.load(MODEL, evidence)
@@ -43,9 +43,9 @@ def errors(
     return np.degrees(np.sqrt(evidence.mean_squares(nominal.predict(evidence, effects, factors))[:, 0]))
 
 
-def refitted(evidence: Evidence) -> tuple[Sequence[Effect], Mapping[str, float]]:
+def refitted(evidence: EpisodeBatch) -> tuple[Sequence[Effect], Mapping[str, float]]:
     """Fit the authors' effects and the model's own numbers to other logs: what their form of friction can foresee."""
-    final = finish(Task(Nominal.load(MODEL, evidence), evidence, noise_floor(evidence)), read_effects(AUTHORS), {})
+    final = finish(FitTask(Nominal.load(MODEL, evidence), evidence, noise_floor(evidence)), read_effects(AUTHORS), {})
     return final.effects, final.factors
 
 

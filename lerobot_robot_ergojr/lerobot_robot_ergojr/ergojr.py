@@ -10,13 +10,13 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 
 from lerobot_robot_ergojr.config_ergojr import ErgoJrConfig
 from nas_data.dataset.features import position_feature, state_feature
-from nas_data.recorders.arm_motion import Motion
+from nas_data.recorders.arm_motion import ArmMotion
 from nas_data.recorders.arm_ways import Ways
 from nas_data.recorders.guarded import GuardedArm, Setup
 from nas_data.recorders.schedule import MonotonicClock
 from nas_data.robots.ergojr import JOINTS, ROBOT
 from nas_data.virtual_bus.ports import VIRTUAL, port_of
-from nas_data.xl320.arm import Arm, Xl320
+from nas_data.xl320.arm import Xl320, Xl320Arm
 from nas_data.xl320.calibration import offsets_at_zero, read_calibration, write_calibration
 from nas_data.xl320.configuration import Configuration
 from nas_data.xl320.ergojr import ergojr_joints
@@ -37,7 +37,7 @@ class ErgoJr(Robot):
         self.cameras: dict[str, object] = {}
         self._open, self._port = ExitStack(), ""
         self._guarded: GuardedArm | None = None
-        self._motion: Motion | None = None
+        self._motion: ArmMotion | None = None
 
     @cached_property
     def observation_features(self) -> dict[str, type]:
@@ -87,7 +87,7 @@ class ErgoJr(Robot):
         self._let_go()
         input("Put the arm upright by hand, all horns on their marks, hold it and press Enter.")
         joints = ergojr_joints()
-        arm = Arm(self._port, joints)
+        arm = Xl320Arm(self._port, joints)
         try:
             raw = np.array([arm.bus.get(identity, "present_position") for identity in joints.ids])
         finally:

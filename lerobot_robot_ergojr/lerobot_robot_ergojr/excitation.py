@@ -10,8 +10,8 @@ from lerobot.utils.errors import DeviceNotConnectedError
 from lerobot_robot_ergojr.config_ergojr import ErgoJrExcitationConfig
 from nas_data.dataset.features import position_feature
 from nas_data.excitations.base import parse
-from nas_data.recorders.arm_plan import RETURN, Plan, draw_plan
-from nas_data.recorders.session import Protocol
+from nas_data.recorders.arm_plan import RETURN, MotionPlan, draw_plan
+from nas_data.recorders.session import PlaybackProtocol
 from nas_data.robots.ergojr import JOINTS, RATE, ROBOT
 from nas_data.xl320.ergojr import ergojr_joints
 
@@ -57,7 +57,7 @@ class ErgoJrExcitation(Teleoperator):
             OptionError: there is no such signal, or nothing that touches nothing can be drawn.
         """
         config = self.config
-        protocol = Protocol(
+        protocol = PlaybackProtocol(
             excitation=parse(config.excitation), episodes=config.motions, seconds=config.seconds, seed=config.seed
         )
         self._commands = in_a_row(draw_plan(ROBOT, protocol, RATE, config.speed))
@@ -85,7 +85,7 @@ class ErgoJrExcitation(Teleoperator):
         self._commands = self._began = None
 
 
-def in_a_row(plan: Plan) -> np.ndarray:
+def in_a_row(plan: MotionPlan) -> np.ndarray:
     """Return a plan's episodes one after the other, each followed by its first pose, in whole ticks [rad], (T, n)."""
     rest = np.repeat(plan.poses[:, None], round(RETURN * RATE), axis=1)
     rows = np.concatenate([plan.commands, rest], axis=1).reshape(-1, plan.commands.shape[2])

@@ -1,10 +1,10 @@
 """What must hold before a sweep begins, so that hours are not spent on what cannot be."""
 
-from nas_data.ablation.kinds.base import Kind, find_kind
+from nas_data.ablation.kinds.base import ModelKind, find_kind
 from nas_data.ablation.kinds.base import kinds as all_kinds
 from nas_data.ablation.naming import read_named
 from nas_data.ablation.subsets import check_enough
-from nas_data.ablation.sweep import Plan
+from nas_data.ablation.sweep import SweepPlan
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.episode_hash import episode_hashes
 from nas_data.dataset.features import ACTION, STATE
@@ -12,10 +12,10 @@ from nas_data.dataset.versions import check_paired
 from nas_data.errors import DatasetInvalid, JointMismatch, ModelFileError, OptionError
 from nas_data.pairing import check_fits, check_source
 from nas_data.simulators.engines import ENGINES
-from nas_data.sources import Source
+from nas_data.sources import SourceModel
 
 
-def check(plan: Plan) -> None:
+def check(plan: SweepPlan) -> None:
     """Refuse a plan that cannot be carried out.
 
     Raises:
@@ -36,13 +36,13 @@ def check(plan: Plan) -> None:
             check_test(plan, dataset, held)
 
 
-def check_seeds(plan: Plan) -> None:
+def check_seeds(plan: SweepPlan) -> None:
     """Refuse seeds that are negative or named twice."""
     if not plan.seeds or min(plan.seeds) < 0 or len(set(plan.seeds)) < len(plan.seeds):
         raise OptionError(f"--seeds are {', '.join(map(str, plan.seeds))}; give different numbers, 0 or more.")
 
 
-def check_held_out(plan: Plan, dataset: Dataset) -> None:
+def check_held_out(plan: SweepPlan, dataset: Dataset) -> None:
     """Refuse a share that is none, and a single episode that would both train and judge."""
     if plan.held_out is None:
         return
@@ -55,7 +55,7 @@ def check_held_out(plan: Plan, dataset: Dataset) -> None:
         )
 
 
-def check_sources(plan: Plan, dataset: Dataset, kinds: dict[str, Kind]) -> None:
+def check_sources(plan: SweepPlan, dataset: Dataset, kinds: dict[str, ModelKind]) -> None:
     """Refuse kinds whose source or pairs are missing."""
     material, source = plan.material, plan.material.source()
     for name, kind in kinds.items():
@@ -73,7 +73,7 @@ def check_sources(plan: Plan, dataset: Dataset, kinds: dict[str, Kind]) -> None:
         (check_source if pairs else check_fits)(dataset, simulator)
 
 
-def check_naming(plan: Plan, dataset: Dataset, source: Source, kind: str) -> None:
+def check_naming(plan: SweepPlan, dataset: Dataset, source: SourceModel, kind: str) -> None:
     """Refuse a source in which nothing can be named, or given effects that are another robot's."""
     if plan.material.effects is not None:
         read_named(plan.material.effects, source, dataset)
@@ -85,7 +85,7 @@ def check_naming(plan: Plan, dataset: Dataset, source: Source, kind: str) -> Non
         )
 
 
-def check_test(plan: Plan, dataset: Dataset, test: Dataset) -> None:
+def check_test(plan: SweepPlan, dataset: Dataset, test: Dataset) -> None:
     """Refuse a test dataset of another robot, or with episodes that train."""
     name = plan.material.test
     mine, other = ((d.joints, d.kinds, round(d.fps, 1)) for d in (dataset, test))

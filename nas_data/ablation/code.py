@@ -3,10 +3,10 @@
 from nas_data.ablation.kinds.base import FOLDER, find_kind
 from nas_data.code_hash import code_hash
 from nas_data.gap_code import effect_modules
-from nas_data.sources import Source
+from nas_data.sources import SourceModel
 
 
-def trial_code(kind: str, source: Source | None) -> str:
+def trial_code(kind: str, source: SourceModel | None) -> str:
     """Return the hash of what draws the subset, learns from it and judges.
 
     Args:

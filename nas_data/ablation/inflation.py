@@ -108,7 +108,7 @@ def probes(trials: Sequence[Trial], workers: int, folder: Path) -> list[Probe]:
     training = [trial for trial in trials if find_kind(trial.config.kind).trains and not must_name(trial)]
     if workers < 2 or not training or read(folder) is not None:
         return []
-    return [Probe(shortened(min(training, key=lambda trial: trial.config.amount)))] * (workers + 1)
+    return [Probe(make_short_trial(min(training, key=lambda trial: trial.config.amount)))] * (workers + 1)
 
 
 def order(probes: int, jobs: int) -> dict[int, list[int]]:
@@ -136,7 +136,7 @@ def must_name(trial: Trial) -> bool:
     return find_kind(trial.config.kind).names and trial.material.effects is None
 
 
-def shortened(trial: Trial) -> Trial:
+def make_short_trial(trial: Trial) -> Trial:
     """Return a trial that takes seconds."""
     options = trial.config.options
     short = replace(options, updates=min(options.updates, PROBE_UPDATES), epochs=min(options.epochs, PROBE_EPOCHS))

@@ -5,13 +5,13 @@ from nas_data.cli import finite
 from nas_data.dataset.dataset import Dataset
 from nas_data.metrics import Errors
 from nas_data.models.evaluation import MODEL, Evaluation, evaluate
-from nas_data.sources import Source
+from nas_data.sources import SourceModel
 
 SOURCE = "source"
 BASELINES = (SOURCE, "hold", "command")
 
 
-def judge(kind: str, learned: Learned, plain: Source | None, held: Dataset) -> dict[str, object]:
+def judge(kind: str, learned: Learned, plain: SourceModel | None, held: Dataset) -> dict[str, object]:
     """Compare a predictor and the baselines with what was measured.
 
     Args:
@@ -34,7 +34,7 @@ def judge(kind: str, learned: Learned, plain: Source | None, held: Dataset) -> d
     }
 
 
-def evaluation(source: Source | None, learned: Learned, held: Dataset) -> Evaluation:
+def evaluation(source: SourceModel | None, learned: Learned, held: Dataset) -> Evaluation:
     """Evaluate a model on a source, either of which may be missing."""
     simulator = None if source is None else source.simulator(held, threads=1)
     return evaluate(held, simulator, learned.model)

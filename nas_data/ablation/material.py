@@ -10,8 +10,8 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
 from nas_data.dataset.transitions import as_transitions
 from nas_data.errors import DatasetInvalid, ModelFileError
-from nas_data.gap.add import EFFECTS
-from nas_data.sources import Source, locate_source
+from nas_data.gap.write_model import EFFECTS
+from nas_data.sources import SourceModel, locate_source
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Content:
 
 
 @dataclass(frozen=True)
-class Material:
+class SweepData:
     """Where the data of a sweep lie.
 
     Attributes:
@@ -58,7 +58,7 @@ class Material:
         """Read the dataset as transitions."""
         return as_transitions(read(self.root))[0]
 
-    def source(self) -> Source | None:
+    def source(self) -> SourceModel | None:
         """Return the source; None where none was given and none is kept."""
         try:
             return locate_source(self.model, (), [self.root], self.engine)

@@ -11,7 +11,7 @@ from nas_data.gap.named import Named
 from nas_data.gap.problem import Problem
 from nas_data.gap.side_by_side import on_one_core
 from nas_data.robots.base import Robot, find_robot
-from nas_data.sources import Source
+from nas_data.sources import SourceModel
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class NamedSource:
         retuned: Factors of base parameters by name.
     """
 
-    source: Source
+    source: SourceModel
     effects: tuple[Effect, ...]
     retuned: Mapping[str, float]
 
@@ -33,7 +33,7 @@ class NamedSource:
         return {"effects": [effect.to_json() for effect in self.effects], "retuned": dict(self.retuned)}
 
 
-def name_effects(data: Dataset, source: Source, root: Path) -> NamedSource:
+def name_effects(data: Dataset, source: SourceModel, root: Path) -> NamedSource:
     """Name the effects that a source lacks.
 
     Args:
@@ -52,12 +52,12 @@ def name_effects(data: Dataset, source: Source, root: Path) -> NamedSource:
     return add(Named(root, tuple(final.effects), factors), source, data)
 
 
-def read_named(path: Path, source: Source, data: Dataset) -> NamedSource:
+def read_named(path: Path, source: SourceModel, data: Dataset) -> NamedSource:
     """Take what an earlier gap report named; raises OptionError or JointMismatch where it does not fit."""
     return add(Named.read(path), source, data)
 
 
-def add(named: Named, source: Source, data: Dataset) -> NamedSource:
+def add(named: Named, source: SourceModel, data: Dataset) -> NamedSource:
     """Return a source with named effects and a retuned base."""
     robot = source.model if isinstance(source.model, Robot) else find_robot(source.model)
     retuned = named.robot(robot, data.joints)

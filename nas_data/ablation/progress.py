@@ -10,7 +10,7 @@ from nas_data.ablation.trial import Config, Record
 from nas_data.policies.watching import spoken
 
 
-class Clock:
+class SweepProgress:
     """Tells of results as they come, with the time left."""
 
     def __init__(self, waiting: Sequence[Config], workers: int, total: int) -> None:
@@ -38,7 +38,7 @@ class Clock:
         self.waiting.remove(config)
         seconds = float(str(record["wall_seconds"]))
         self.took[config.kind].append(seconds)
-        found = f"failed: {record['failed']}" if "failed" in record else shown(record)
+        found = f"failed: {record['failed']}" if "failed" in record else format_error(record)
         left = f", about {spoken(self.left())} left" if self.waiting else ""
         head = f"{self.total - len(self.waiting)} of {self.total}: {config.kind}, {config.amount}, seed {config.seed}"
         return f"{head}: {found} ({seconds:.0f} s{left})"
@@ -49,7 +49,7 @@ class Clock:
         return sum(float(np.mean(self.took.get(c.kind) or every)) for c in self.waiting) / self.workers
 
 
-def shown(record: Record) -> str:
+def format_error(record: Record) -> str:
     """Return the errors of a trial's own predictor as text."""
     unit, (loop, step) = unit_of(record), (error(record, way) for way in ("open_loop", "one_step"))
     return f"open loop {unit.text(loop, 3) if np.isfinite(loop) else 'diverged'}, one step {unit.text(step, 4)}"

@@ -4,7 +4,7 @@ import math
 
 from nas_data.ablation.amount import ALL, Amount
 from nas_data.ablation.trial import Record
-from nas_data.joint_units import JointUnit, unit_named
+from nas_data.joint_units import JointUnit, display_unit
 
 METRIC = "mean_of_episodes"  # every held-out episode counts alike, however long
 
@@ -46,7 +46,7 @@ def error(record: Record, loop: str, name: str | None = None) -> float:
 
 def unit_of(record: Record) -> JointUnit:
     """Return how the errors of a trial are shown: those of hinges, or of slides on an arm without hinges."""
-    return unit_named(str(record.get("unit")))
+    return display_unit(str(record.get("unit")))
 
 
 def failure(record: Record) -> str:

@@ -53,7 +53,7 @@ def draw(dataset: Dataset, train: Sequence[int], amount: Amount, seed: int) -> l
         chosen = sorted(int(train[place]) for place in rng.permutation(len(train))[:count])
         return [(rows.start, rows.stop) for rows in map(dataset.episode, chosen)]
     frames = available(dataset, train) if amount.is_all else round(amount.value * 60 * dataset.fps)
-    return joined(take(stretches(dataset, train), rng, frames), dataset)
+    return merge_adjacent_runs(take(stretches(dataset, train), rng, frames), dataset)
 
 
 def check_enough(dataset: Dataset, train: Sequence[int], amount: Amount) -> None:
@@ -96,7 +96,7 @@ def take(runs: Sequence[Run], rng: np.random.Generator, frames: int) -> list[Run
     return taken
 
 
-def joined(runs: Sequence[Run], dataset: Dataset) -> list[Run]:
+def merge_adjacent_runs(runs: Sequence[Run], dataset: Dataset) -> list[Run]:
     """Sort runs and join those that follow each other within an episode: nothing parts them."""
     starts = set(dataset.starts.tolist())
     result: list[Run] = []

@@ -68,7 +68,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Summary:
+class SweepSummary:
     """A sweep's results.
 
     Attributes:
@@ -86,7 +86,7 @@ class Summary:
     shown: JointUnit = HINGE
 
     @classmethod
-    def of(cls, records: Sequence[Record]) -> "Summary":
+    def of(cls, records: Sequence[Record]) -> "SweepSummary":
         """Gather the results of trials."""
         good = [record for record in records if "failed" not in record]
         configs = [config(record) for record in records]

@@ -13,19 +13,19 @@ from nas_data.ablation.amount import Amount
 from nas_data.ablation.code import trial_code
 from nas_data.ablation.executors.base import Executor
 from nas_data.ablation.inflation import Cost, Probe, cost, inflation_of, keep, order, probes
-from nas_data.ablation.material import Content, Material
-from nas_data.ablation.progress import Clock
+from nas_data.ablation.material import Content, SweepData
+from nas_data.ablation.progress import SweepProgress
 from nas_data.ablation.trial import TRIALS, UNFINISHED, Config, Record, Trial, do_trial
 from nas_data.errors import OutputExists
 from nas_data.models.presets import TrainingOptions
 from nas_data.reports.file import write_whole
-from nas_data.visible import visible
+from nas_data.visible_files import visible
 
 SWEEP, LOCK = "sweep.json", ".lock"
 
 
 @dataclass(frozen=True)
-class Plan:
+class SweepPlan:
     """What is swept.
 
     Attributes:
@@ -42,7 +42,7 @@ class Plan:
     seeds: Sequence[int]
     options: TrainingOptions
     held_out: float | None
-    material: Material
+    material: SweepData
 
     def trials(self, content: Content, folder: Path) -> list[Trial]:
         """Return every trial: one seed after the other, so that the shape is seen early; long trials first in each.
@@ -78,7 +78,7 @@ def run_sweep(
     With several workers it is measured first what another costs, once a sweep, by the same workers.
 
     Args:
-        trials: See `Plan.trials`.
+        trials: See `SweepPlan.trials`.
         executor: Where they run.
         workers: How many run at a time.
         retry: Do those again that failed.
@@ -89,7 +89,7 @@ def run_sweep(
     measuring = probes([trials[number] for number in waiting], workers, trials[0].folder) if waiting else []
     jobs: list[Trial | Probe] = [*measuring, *(trials[number] for number in waiting)]
     costs: dict[int, Cost | None] = {}
-    clock = Clock([trials[number].config for number in waiting], workers, len(trials))
+    clock = SweepProgress([trials[number].config for number in waiting], workers, len(trials))
     if others := count_other_code(trials):
         say(f"{others} of these trials have results by other code of nas_data, which are kept and not used")
     say(clock.begin(sum("failed" in record for record in records.values())))
@@ -145,7 +145,7 @@ def spell(question: Record) -> str:
 
 
 @contextmanager
-def opened(folder: Path, identity: dict[str, object]) -> Iterator[None]:
+def open_sweep(folder: Path, identity: dict[str, object]) -> Iterator[None]:
     """Take hold of a sweep's folder: a new one, or that of the same sweep.
 
     Raises:

@@ -4,14 +4,14 @@ import math
 from collections.abc import Sequence
 
 from nas_data.ablation.kinds.base import find_kind
-from nas_data.ablation.summary import Spread, Summary
+from nas_data.ablation.summary import Spread, SweepSummary
 from nas_data.joint_units import HINGE, JointUnit
-from nas_data.policies.tables import aligned
+from nas_data.policies.tables import align_columns
 
 HEADERS = ("learned", "from", "seeds", "open loop: median", "min … max", "one step: median", "min … max")
 
 
-def rows(summary: Summary) -> list[tuple[str, ...]]:
+def rows(summary: SweepSummary) -> list[tuple[str, ...]]:
     """Return the rows of the table, errors in the unit in which they are shown."""
     learned = [
         (find_kind(kind).label, cell.text, *cells(cell.errors["open_loop"], cell.errors["one_step"], summary.shown))
@@ -27,10 +27,10 @@ def rows(summary: Summary) -> list[tuple[str, ...]]:
 
 def cells(open_loop: Spread, one_step: Spread, unit: JointUnit) -> tuple[str, ...]:
     """Return seeds, then median and ends of both errors."""
-    return (str(len(open_loop.values)), *told(open_loop, 3, unit), *told(one_step, 4, unit))
+    return (str(len(open_loop.values)), *format_median(open_loop, 3, unit), *format_median(one_step, 4, unit))
 
 
-def told(spread: Spread, digits: int, unit: JointUnit) -> tuple[str, str]:
+def format_median(spread: Spread, digits: int, unit: JointUnit) -> tuple[str, str]:
     """Return the median, and the ends where they differ, in a unit."""
     low, high = (number(value, digits, unit) for value in spread.ends)
     return number(spread.median, digits, unit), "" if low == high else f"{low} … {high}"
@@ -41,13 +41,13 @@ def number(value: float, digits: int, unit: JointUnit) -> str:
     return f"{unit.factor * value:.{digits}f}" if math.isfinite(value) else "diverged"
 
 
-def text(summary: Summary) -> str:
+def text(summary: SweepSummary) -> str:
     """Return the table for a terminal."""
     title = f"Position RMSE on held-out episodes, mean of the episodes [{summary.shown.shown}]"
-    return f"{title}\n{aligned(HEADERS, rows(summary))}"
+    return f"{title}\n{align_columns(HEADERS, rows(summary))}"
 
 
-def markdown(summary: Summary, notes: Sequence[str]) -> str:
+def markdown(summary: SweepSummary, notes: Sequence[str]) -> str:
     """Return the table and some sentences as Markdown."""
     lines = ["| " + " | ".join(row) + " |" for row in (HEADERS, ["---"] * len(HEADERS), *rows(summary))]
     what = "degrees" if summary.shown is HINGE else "millimetres"

@@ -6,7 +6,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.models.lstm import DynamicsModel, Kind
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.run import TrainingRun
-from nas_data.models.training import Training
+from nas_data.models.training import ModelTraining
 from nas_data.simulators.base import Simulator
 
 
@@ -25,7 +25,7 @@ def train(
     Raises:
         DatasetInvalid: there is too little to train on.
     """
-    training = Training(kind, data, options, simulator, device="cpu")
+    training = ModelTraining(kind, data, options, simulator, device="cpu")
     return TrainingRun(training, folder / "training", silent).run()
 
 

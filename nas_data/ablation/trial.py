@@ -16,14 +16,14 @@ from nas_data.ablation.amount import Amount
 from nas_data.ablation.code import trial_code
 from nas_data.ablation.judging import judge
 from nas_data.ablation.kinds.base import Lesson, find_kind
-from nas_data.ablation.material import Content, Material
+from nas_data.ablation.material import Content, SweepData
 from nas_data.ablation.subsets import Run, draw
-from nas_data.circumstances import commit
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.provenance import package_versions
+from nas_data.environment_info import commit
 from nas_data.errors import NasError, WorkerLost
-from nas_data.models.holding_out import rows_of
 from nas_data.models.presets import TrainingOptions
+from nas_data.models.split import rows_of
 from nas_data.models.threads import one_thread
 from nas_data.reports.file import write_whole
 
@@ -78,7 +78,7 @@ class Trial:
 
     config: Config
     content: Content
-    material: Material
+    material: SweepData
     folder: Path
     code: str
 

@@ -7,17 +7,17 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.ablation.kinds.base import find_kind
-from nas_data.ablation.summary import LOOPS, Cell, Summary
+from nas_data.ablation.summary import LOOPS, Cell, SweepSummary
 from nas_data.ablation.table import markdown
 from nas_data.cli import finite
-from nas_data.reports.ablation_figure import Curve, error_over_amount
+from nas_data.reports.ablation_figure import AblationCurve, error_over_amount
 from nas_data.reports.file import write_whole
 from nas_data.reports.style import to_png
 
 JSON, TABLE, FIGURE = "ablation.json", "ablation.md", "ablation.png"
 
 
-def write(folder: Path, summary: Summary, more: Mapping[str, object], notes: Sequence[str]) -> dict[str, Path]:
+def write(folder: Path, summary: SweepSummary, more: Mapping[str, object], notes: Sequence[str]) -> dict[str, Path]:
     """Write all three; the figure only where a trial succeeded.
 
     Args:
@@ -39,7 +39,7 @@ def write(folder: Path, summary: Summary, more: Mapping[str, object], notes: Seq
     return files
 
 
-def picture(summary: Summary) -> bytes:
+def picture(summary: SweepSummary) -> bytes:
     """Return the figure as a PNG."""
     curves = {
         loop: {find_kind(kind).label: curve(cells, loop) for kind, cells in summary.cells.items()} for loop in LOOPS
@@ -48,9 +48,9 @@ def picture(summary: Summary) -> bytes:
     return to_png(error_over_amount(curves, lines, summary.unit, summary.shown))
 
 
-def curve(cells: Sequence[Cell], loop: str) -> Curve:
+def curve(cells: Sequence[Cell], loop: str) -> AblationCurve:
     """Return a kind's errors over its amounts."""
     spreads = [cell.errors[loop] for cell in cells]
     low, high = (np.array([spread.ends[end] for spread in spreads]) for end in (0, 1))
     median = np.array([spread.median for spread in spreads])
-    return Curve(np.array([cell.size for cell in cells]), low, median, high)
+    return AblationCurve(np.array([cell.size for cell in cells]), low, median, high)

@@ -8,9 +8,9 @@ from typing import Literal
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import load, with_origin
 from nas_data.errors import OptionError
-from nas_data.gap.add import EFFECTS
 from nas_data.gap.named import Named
 from nas_data.gap.report import GapReport
+from nas_data.gap.write_model import EFFECTS
 from nas_data.robots.base import TORQUES
 
 Progress = Callable[[str], None]

@@ -20,11 +20,11 @@ from nas_data.models.lstm import DynamicsModel, Kind
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.presets import preset as find_preset
 from nas_data.models.run import CHECKPOINT, HISTORY, TrainingRun
-from nas_data.models.training import Training
+from nas_data.models.training import ModelTraining
 from nas_data.pairing import check_source, warn_of_ranges
 from nas_data.robots.base import find_robot
 from nas_data.simulators.base import Simulator
-from nas_data.sources import Source, find_source, kept_files, locate_source, source_files
+from nas_data.sources import SourceModel, find_source, kept_files, locate_source, source_files
 
 Count = Callable[[int, int], None]
 MUJOCO = "mujoco"
@@ -203,7 +203,7 @@ def train(
         if simulator is not None:
             recorded = origin.provenance.source if origin and given is None else None
             provenance["source"] = recorded or simulator.describe()
-        training = Training(kind, dataset, options, simulator, provenance, device)
+        training = ModelTraining(kind, dataset, options, simulator, provenance, device)
         run = TrainingRun(training, folder, progress, kept)
         notes.append(f"{dataset.n_episodes} episodes, {dataset.n_frames} transitions; held out: {training.split.what}")
         notes.append(f"{training.phase.name}, {training.phase.updates} updates; validation is {training.criterion}")
@@ -332,7 +332,7 @@ def checkpoint_folder(learned: LearnedModel | None) -> Iterator[list[Path]]:
 
 def find_judging_source(
     learned: LearnedModel | None, model: str | None, engine: str | None, kept_in: Sequence[Path]
-) -> Source | None:
+) -> SourceModel | None:
     """Return the source that is compared with; None where ψ is judged and none is known.
 
     Raises:
@@ -349,7 +349,7 @@ def find_judging_source(
 
 
 def fit_plain(
-    learned: LearnedModel | None, dataset: Dataset, source: Source, say: Progress
+    learned: LearnedModel | None, dataset: Dataset, source: SourceModel, say: Progress
 ) -> tuple[Mapping[str, Simulator], tuple[str, ...]]:
     """Return the plain fit of a source by its name, with what it was fitted to; nothing where it cannot be made."""
     from nas_data.gap.plain import fit_plain_source

@@ -17,7 +17,7 @@ from nas_data.pairing import object_warnings, warn_of_ranges
 from nas_data.pairing import pair as pair_with
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.engines import load_simulator
-from nas_data.sources import check_kept, left_out, source_files
+from nas_data.sources import check_kept, describe_left_out, source_files
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def keep_source(
     robot: Robot, effects: Sequence[Effect], paired: Dataset, engine: str, model: str
 ) -> tuple[Mapping[str, bytes], str | None]:
     """Return the files that keep the source with the dataset, and what they lack; none that predict otherwise."""
-    files, remark = source_files(robot, effects), left_out(robot)
+    files, remark = source_files(robot, effects), describe_left_out(robot)
     if remark is None:
         return files, None
     try:

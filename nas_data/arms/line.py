@@ -16,7 +16,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from nas_data.arms.port_errors import busy, lost, refusal
+from nas_data.arms.port_errors import busy, lost_port_error, refusal
 from nas_data.arms.safety import OPENER
 from nas_data.errors import ArmError, BadReply, ServoRefused, ServoSilent
 
@@ -70,7 +70,7 @@ class Register:
 
 
 @dataclass(frozen=True)
-class Table:
+class StopRegisters:
     """The registers by which an arm is stopped.
 
     Attributes:
@@ -111,7 +111,7 @@ class Line:
         failures: Exchanges that failed.
     """
 
-    def __init__(self, table: Table, ids: Sequence[int], port: Any, packets: Any) -> None:
+    def __init__(self, table: StopRegisters, ids: Sequence[int], port: Any, packets: Any) -> None:
         """Take a port over that is open.
 
         Args:
@@ -275,7 +275,7 @@ class Line:
     @contextmanager
     def _using(self) -> Iterator[None]:
         """Begin an exchange on a line from which nothing waits; say it where the port is gone."""
-        with said_where_lost(self.port.port_name):
+        with report_lost_port(self.port.port_name):
             self.port.is_using = False
             self.port.ser.reset_input_buffer()
             yield
@@ -293,7 +293,7 @@ def _be_lenient(port: Any) -> None:
 
 
 @contextmanager
-def said_where_lost(path: str) -> Iterator[None]:
+def report_lost_port(path: str) -> Iterator[None]:
     """Say in a sentence that the port is gone.
 
     Raises:
@@ -306,10 +306,10 @@ def said_where_lost(path: str) -> Iterator[None]:
     except (OSError, termios.error, TypeError) as error:  # a port that was closed meanwhile has no descriptor
         if isinstance(error, ConnectionError) and error.errno not in {errno.EIO, errno.ENODEV}:
             raise  # LeRobot's word for a servo that does not answer
-        raise lost(path) from error
+        raise lost_port_error(path) from error
 
 
-def charge(table: Table, ids: Sequence[int], port: str) -> dict[str, object]:
+def charge(table: StopRegisters, ids: Sequence[int], port: str) -> dict[str, object]:
     """Return what a guard needs in order to stop the servos on a port."""
     return {OPENER: f"{__name__}:{open_line.__name__}", "table": asdict(table), "ids": list(ids), "port": port}
 
@@ -320,7 +320,7 @@ def open_line(table: Mapping[str, Any], ids: Sequence[int], port: str) -> Line:
     Raises:
         ArmError: it cannot be opened.
     """
-    known = Table.from_json(table)
+    known = StopRegisters.from_json(table)
     sdk = importlib.import_module(known.sdk)
     handler = sdk.PortHandler(port)
     try:

@@ -34,6 +34,6 @@ def busy(path: str) -> PortBusy:
     return PortBusy(f"{path} is used by another program; close that program (a recorder, a monitor) and try again.")
 
 
-def lost(path: str) -> AdapterLost:
+def lost_port_error(path: str) -> AdapterLost:
     """Return what to raise where a port that was open is gone."""
     return AdapterLost(f"{path} vanished while it was used; plug the adapter in again and check its cable.")

@@ -8,7 +8,7 @@ import torch
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from nas_data.benchmarks.gym_reacher import GymReacher, NaiveReacher, dummy
-from nas_data.benchmarks.result import Result
+from nas_data.benchmarks.result import BenchmarkResult
 from nas_data.benchmarks.rounds import Ratio, Work, take_turns
 from nas_data.envs.ergo_reacher import TASK
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
@@ -24,7 +24,7 @@ CORRECTION = 1e-5  # [rad, rad/s] so small that the arm moves as without φ: lar
 WANTED = {"plain_16": 0.9, "plain_64": 1.0, "naive_16": 5.0, "batched_16": 0.8}
 
 
-def benchmark(scratch: Path, frames: int, rounds: int) -> Result:
+def benchmark(scratch: Path, frames: int, rounds: int) -> BenchmarkResult:
     """Time rollouts of PPO with the update after each, in environments that differ only in how they are stepped.
 
     Args:
@@ -55,7 +55,7 @@ def benchmark(scratch: Path, frames: int, rounds: int) -> Result:
         Ratio(f"augmented_vs_{name}", f"augmented_{name.rpartition('_')[2]}", name, wanted, "cpu")
         for name, wanted in WANTED.items()
     ]
-    return Result(
+    return BenchmarkResult(
         title=f"PPO on ErgoReacher, rollouts of {frames} frames with their updates; the number is that of environments",
         times=take_turns(sides, rounds),
         ratios=tuple(ratios),

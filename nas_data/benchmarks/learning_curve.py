@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.models.descent import Descent
+from nas_data.models.optimiser import Descent
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.threads import one_thread
-from nas_data.models.training import Training
+from nas_data.models.training import ModelTraining
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,8 @@ def learn(dataset: Dataset, options: TrainingOptions, enough: Callable[[Point], 
         One point an epoch, at least one: what a training knows before its first epoch (normalisation, a shortcut
         fitted in closed form) costs time as well, and is not told apart from that.
     """
-    clock = Clock()
-    training = Training("delta", dataset, options, device="cpu")
+    clock = Stopwatch()
+    training = ModelTraining("delta", dataset, options, device="cpu")
     descent, curve = Descent(training), list[Point]()
     for epoch in range(options.epochs):
         first = epoch * training.phase.per_validation
@@ -64,7 +64,7 @@ def when(curve: Curve, loss: float) -> tuple[float, float]:
     return next(((point.cpu, point.wall) for point in curve if point.loss <= loss), (math.inf, math.inf))
 
 
-class Clock:
+class Stopwatch:
     """Processor and elapsed time [s] while it goes."""
 
     def __init__(self) -> None:

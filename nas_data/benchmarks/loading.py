@@ -7,7 +7,7 @@ from pathlib import Path
 from torch.utils.data import DataLoader
 
 from nas_data.benchmarks.lerobot import lerobot, open_dataset
-from nas_data.benchmarks.result import Result
+from nas_data.benchmarks.result import BenchmarkResult
 from nas_data.benchmarks.rounds import Ratio, take_turns
 from nas_data.commands.pair import Pair
 from nas_data.commands.record_sim import RecordSim
@@ -22,7 +22,7 @@ WANTED = 30.0
 OURS, OTHER = "nas, all frames", "DataLoader"
 
 
-def benchmark(scratch: Path, episodes: int, frames: int, batches: int, rounds: int) -> Result:
+def benchmark(scratch: Path, episodes: int, frames: int, batches: int, rounds: int) -> BenchmarkResult:
     """Time our reader, from the files to one tensor a feature and episode, and LeRobot's.
 
     Args:
@@ -50,7 +50,7 @@ def benchmark(scratch: Path, episodes: int, frames: int, batches: int, rounds: i
 
         times = take_turns({OURS: ours, OTHER: other}, rounds)
     part = min(batches * BATCH, len(dataset))
-    return Result(
+    return BenchmarkResult(
         title=f"Loading {len(dataset)} paired frames of {ROBOT} into torch tensors",
         times=times,
         ratios=(Ratio("loading_vs_dataloader", OURS, OTHER, WANTED),),

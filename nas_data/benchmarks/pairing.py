@@ -10,7 +10,7 @@ import mujoco
 import mujoco.rollout
 import numpy as np
 
-from nas_data.benchmarks.result import Result
+from nas_data.benchmarks.result import BenchmarkResult
 from nas_data.benchmarks.rounds import Ratio, take_turns
 from nas_data.commands.pair import Pair
 from nas_data.commands.record_sim import RecordSim
@@ -67,7 +67,7 @@ class BareRollouts:
         return run
 
 
-def benchmark(scratch: Path, episodes: int, frames: int, rounds: int) -> Result:
+def benchmark(scratch: Path, episodes: int, frames: int, rounds: int) -> BenchmarkResult:
     """Time `nas pair` from dataset to dataset, `pair()` alone, and the bare rollouts.
 
     Args:
@@ -93,7 +93,7 @@ def benchmark(scratch: Path, episodes: int, frames: int, rounds: int) -> Result:
     bare = BareRollouts.of(simulator, dataset)
     times = take_turns({OURS: command, MEMORY: in_memory, BARE: bare.runner()}, rounds)
     calls = f"{len(bare.chunks)} calls on {simulator.threads} threads"
-    return Result(
+    return BenchmarkResult(
         title=f"Pairing {dataset.n_frames} transitions of {ROBOT}, {simulator.substeps} physics steps each",
         times=times,
         ratios=(Ratio("pairing_vs_rollout", OURS, BARE, WANTED), Ratio("pairing_in_memory_vs_rollout", MEMORY, BARE)),

@@ -9,7 +9,7 @@ import numpy as np
 
 from nas_data.benchmarks.gym_arm import GymArm
 from nas_data.benchmarks.lerobot import create, lerobot
-from nas_data.benchmarks.result import Result
+from nas_data.benchmarks.result import BenchmarkResult
 from nas_data.benchmarks.rounds import Ratio, take_turns
 from nas_data.commands.pair import Pair
 from nas_data.commands.record_sim import RecordSim
@@ -117,7 +117,7 @@ class Stepwise:
         writer.save_episode()
 
 
-def benchmark(scratch: Path, episodes: int, frames: int, rounds: int) -> Result:
+def benchmark(scratch: Path, episodes: int, frames: int, rounds: int) -> BenchmarkResult:
     """Time both ways of recording the same paired episodes into a LeRobot dataset.
 
     Args:
@@ -142,7 +142,7 @@ def benchmark(scratch: Path, episodes: int, frames: int, rounds: int) -> Result:
         stepwise = Stepwise.of(scratch, kind, reference)
         times = take_turns({OURS: lambda: work(OURS, bulk), OTHER: lambda: work(OTHER, stepwise)}, rounds)
     check_equal(read(latest[OURS]), read(latest[OTHER]))
-    return Result(
+    return BenchmarkResult(
         title=f"Recording {episodes} paired episodes of {frames} frames of {ROBOT} at {RATE:g} Hz into a valid dataset",
         times=times,
         ratios=(Ratio("recording_vs_lerobot", OURS, OTHER, WANTED),),

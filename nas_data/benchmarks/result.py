@@ -7,7 +7,7 @@ from pathlib import Path
 
 from nas_data.benchmarks.hardware import hardware
 from nas_data.benchmarks.rounds import Ratio, Times
-from nas_data.commands.base import Outcome
+from nas_data.commands.base import CommandResult
 from nas_data.errors import OptionError
 
 
@@ -31,7 +31,7 @@ SECONDS = Unit("seconds", "seconds", 1.0)
 
 
 @dataclass(frozen=True)
-class Result:
+class BenchmarkResult:
     """What a benchmark found.
 
     Attributes:
@@ -89,7 +89,7 @@ class Result:
         }
 
 
-def measured(benchmark: Callable[..., Result], **sizes: int) -> Outcome:
+def run_in_temporary_folder(benchmark: Callable[..., BenchmarkResult], **sizes: int) -> CommandResult:
     """Run a benchmark in a folder that is removed afterwards.
 
     Args:
@@ -104,4 +104,4 @@ def measured(benchmark: Callable[..., Result], **sizes: int) -> Outcome:
             raise OptionError(f"--{name} is {size}; at least 1 is needed.")
     with tempfile.TemporaryDirectory(prefix="nas-benchmark-") as folder:
         result = benchmark(Path(folder), **sizes)
-    return Outcome(result.to_text(), result.to_json())
+    return CommandResult(result.to_text(), result.to_json())

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from nas_data.benchmarks.learning_curve import Curve, Point, learn, when
-from nas_data.benchmarks.result import SECONDS, Result
+from nas_data.benchmarks.result import SECONDS, BenchmarkResult
 from nas_data.benchmarks.rounds import Ratio, Times
 from nas_data.commands.pair import Pair
 from nas_data.commands.record_sim import RecordSim
@@ -62,20 +62,20 @@ class Race:
     def seconds(self) -> Mapping[str, tuple[float, float]]:
         """Return the processor and elapsed time [s] of each side."""
         return {
-            "paper": spent(self.paper[-1]),
-            "tuned": spent(self.tuned[-1]),
+            "paper": measure_training_time(self.paper[-1]),
+            "tuned": measure_training_time(self.tuned[-1]),
             "nas, to paper's loss": when(self.fast, self.paper[-1].loss),
             "nas, to tuned's loss": when(self.fast, self.tuned[-1].loss),
             "recipe, to paper's loss": when(self.recipe, self.paper[-1].loss),
         }
 
 
-def spent(point: Point) -> tuple[float, float]:
+def measure_training_time(point: Point) -> tuple[float, float]:
     """Return the processor and elapsed time [s] of a whole training."""
     return point.cpu, point.wall
 
 
-def benchmark(scratch: Path, episodes: int, budget: int, seeds: int) -> Result:
+def benchmark(scratch: Path, episodes: int, budget: int, seeds: int) -> BenchmarkResult:
     """Give the paper's recipe a budget, then train ours until its held-out loss is as low.
 
     The paper's recipe (batch 1, Adam, learning rate 0.01; appendix A.1) trains φ for `budget` seconds of processor
@@ -101,7 +101,7 @@ def benchmark(scratch: Path, episodes: int, budget: int, seeds: int) -> Result:
     for seed in range(seeds):
         races.append(Race.run(dataset, seed, budget))
         print(f"seed {seed}: {sentence(races[-1])}", file=sys.stderr)
-    return Result(
+    return BenchmarkResult(
         title=f"Training φ on {episodes} episodes of {ENVIRONMENT} with backlash; one column a seed",
         times=as_times(races),
         ratios=(

@@ -19,7 +19,7 @@ WIDTH = 0.024  # [m] of a link's box, that of an XL-320
 
 
 @dataclass(frozen=True)
-class Arm:
+class NominalArm:
     """A nominal arm.
 
     Attributes:
@@ -41,12 +41,12 @@ class Arm:
         return self.spec().compile()
 
 
-def draw_arm(rng: np.random.Generator) -> Arm:
+def draw_arm(rng: np.random.Generator) -> NominalArm:
     """Return the Ergo Jr in half of all draws, else a random arm."""
     return ergojr() if rng.random() < 0.5 else random_arm(rng)
 
 
-def ergojr() -> Arm:
+def ergojr() -> NominalArm:
     """Return the Ergo Jr without floor, contacts and joint limits, which no plant has."""
     robot = find_robot("ergojr")
     spec = robot.spec()
@@ -59,10 +59,10 @@ def ergojr() -> Arm:
         joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
     spec.modelname = "arm"
     spec.compile()
-    return Arm("ergojr", spec.to_xml(), robot.joints)
+    return NominalArm("ergojr", spec.to_xml(), robot.joints)
 
 
-def random_arm(rng: np.random.Generator, count: int = JOINTS) -> Arm:
+def random_arm(rng: np.random.Generator, count: int = JOINTS) -> NominalArm:
     """Return joints with random axes, lengths, masses and servos, each servo strong enough for its place."""
     axes = draw_axes(rng, count)
     lengths = np.exp(rng.uniform(np.log(0.03), np.log(0.12), count))
@@ -70,7 +70,7 @@ def random_arm(rng: np.random.Generator, count: int = JOINTS) -> Arm:
     beyond = [gravity_and_inertia(lengths[link:], masses[link:]) for link in range(count)]
     servos = [servo(rng, torque, inertia) for torque, inertia in beyond]
     joints = tuple(f"j{number}" for number in range(1, count + 1))
-    return Arm("random_arm", mjcf(joints, axes, lengths, masses, servos), joints)
+    return NominalArm("random_arm", mjcf(joints, axes, lengths, masses, servos), joints)
 
 
 def draw_axes(rng: np.random.Generator, count: int) -> list[int]:

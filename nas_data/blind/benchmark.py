@@ -8,8 +8,8 @@ from pathlib import Path
 from nas_data.blind.baselines.base import find_baseline
 from nas_data.blind.case import DEFAULT, FAMILIES, Identity
 from nas_data.blind.code import check_code
-from nas_data.blind.judge import Investigate, Judge, Record, read_record, store_record
 from nas_data.blind.plants.base import find_plant
+from nas_data.blind.run_case import Investigate, Judge, Record, read_record, store_record
 from nas_data.blind.settings.base import find_setting
 from nas_data.errors import OptionError, UnknownName
 
@@ -17,7 +17,7 @@ RESULTS, FOLDERS = "results", "cases"
 
 
 @dataclass(frozen=True)
-class Plan:
+class BlindPlan:
     """What is run.
 
     Attributes:
@@ -66,7 +66,7 @@ class Plan:
                     yield Identity(family, plant, number, self.seed, self.faint, self.setting)
 
 
-def run(plan: Plan, out: Path, investigate: Investigate, report: Callable[[str], None]) -> list[Record]:
+def run(plan: BlindPlan, out: Path, investigate: Investigate, report: Callable[[str], None]) -> list[Record]:
     """Run every case that is not finished yet and return the records of all.
 
     Args:

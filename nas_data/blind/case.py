@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nas_data.blind.arms import Arm
+from nas_data.blind.arms import NominalArm
 from nas_data.blind.conditions import Conditions
 from nas_data.blind.indistinct import equals_of
 from nas_data.blind.plants.constants import Constants
@@ -102,7 +102,7 @@ class Case:
     """
 
     identity: Identity
-    arm: Arm
+    arm: NominalArm
     conditions: Conditions
     truth: Truth
     marks: tuple[float, ...]

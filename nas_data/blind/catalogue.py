@@ -33,7 +33,7 @@ class Span:
 
 
 @dataclass(frozen=True)
-class Kind:
+class EffectDraw:
     """How one effect is drawn.
 
     Attributes:
@@ -134,29 +134,29 @@ def gain(constants: Constants) -> np.ndarray:
     return constants.gain
 
 
-INSIDE: Mapping[str, Kind] = {
-    "backlash": Kind(one("half_width", Span(0.006, 0.06, 0.0008)), apart="transmission"),
-    "joint_compliance": Kind(share("stiffness", gain, Span(0.6, 20.0, 100.0)), apart="transmission"),
-    "coulomb_friction": Kind(share("torque", limit, Span(0.05, 0.35, 0.005)), apart="dry friction"),
-    "stribeck_friction": Kind(stribeck, apart="dry friction"),
-    "viscous_friction": Kind(share("coefficient", losses, Span(0.5, 4.0, 0.5))),
-    "load_friction": Kind(one("ratio", Span(0.1, 0.6, 0.01)), apart="dry friction"),
-    "rotor_inertia": Kind(share("inertia", armature, Span(0.5, 6.0, 0.5))),
-    "servo_stiffness": Kind(stiffness),
-    "torque_limit": Kind(share("torque", limit, Span(0.5, 0.9, 0.98))),
-    "speed_limit": Kind(one("speed", Span(0.5, 6.0, 12.0))),
-    "command_delay": Kind(one("delay", Span(0.008, 0.12, 0.001)), whole_arm=True, apart="delay"),
-    "joint_offset": Kind(offset),
-    "deadband": Kind(one("half_width", Span(0.008, 0.07, 0.001))),
-    "payload": Kind(load, per_joint=False, whole_arm=True),
-    "base_tilt": Kind(tilt, per_joint=False, whole_arm=True),
+INSIDE: Mapping[str, EffectDraw] = {
+    "backlash": EffectDraw(one("half_width", Span(0.006, 0.06, 0.0008)), apart="transmission"),
+    "joint_compliance": EffectDraw(share("stiffness", gain, Span(0.6, 20.0, 100.0)), apart="transmission"),
+    "coulomb_friction": EffectDraw(share("torque", limit, Span(0.05, 0.35, 0.005)), apart="dry friction"),
+    "stribeck_friction": EffectDraw(stribeck, apart="dry friction"),
+    "viscous_friction": EffectDraw(share("coefficient", losses, Span(0.5, 4.0, 0.5))),
+    "load_friction": EffectDraw(one("ratio", Span(0.1, 0.6, 0.01)), apart="dry friction"),
+    "rotor_inertia": EffectDraw(share("inertia", armature, Span(0.5, 6.0, 0.5))),
+    "servo_stiffness": EffectDraw(stiffness),
+    "torque_limit": EffectDraw(share("torque", limit, Span(0.5, 0.9, 0.98))),
+    "speed_limit": EffectDraw(one("speed", Span(0.5, 6.0, 12.0))),
+    "command_delay": EffectDraw(one("delay", Span(0.008, 0.12, 0.001)), whole_arm=True, apart="delay"),
+    "joint_offset": EffectDraw(offset),
+    "deadband": EffectDraw(one("half_width", Span(0.008, 0.07, 0.001))),
+    "payload": EffectDraw(load, per_joint=False, whole_arm=True),
+    "base_tilt": EffectDraw(tilt, per_joint=False, whole_arm=True),
 }
 # what all joints may lack alike: a model without friction, or servos of another make
 EVERYWHERE = (
     "backlash", "coulomb_friction", "deadband", "load_friction", "rotor_inertia", "servo_stiffness", "viscous_friction"
 )  # fmt: skip
-OUTSIDE: Mapping[str, Kind] = {
-    "cogging": Kind(cogs),
-    "cable": Kind(cable),
-    "swinging_load": Kind(swing, per_joint=False, whole_arm=True),
+OUTSIDE: Mapping[str, EffectDraw] = {
+    "cogging": EffectDraw(cogs),
+    "cable": EffectDraw(cable),
+    "swinging_load": EffectDraw(swing, per_joint=False, whole_arm=True),
 }

@@ -6,8 +6,8 @@ from typing import TypeAlias
 
 from nas_data.blind.case import Identity
 from nas_data.blind.findings import mapping
-from nas_data.blind.hiding_places import SCREEN
 from nas_data.blind.plants.base import SUFFIX
+from nas_data.blind.sampling import SCREEN
 from nas_data.blind.settings.base import find_setting
 from nas_data.code_hash import code_hash
 from nas_data.errors import OutputExists
@@ -21,7 +21,7 @@ def case_code(identity: Identity) -> str:
     played_on = {identity.plant, SCREEN, find_setting(identity.setting).screen}
     plants = (f"nas_data.blind.plants.{plant}{SUFFIX}" for plant in played_on)
     setting = f"nas_data.blind.settings.{identity.setting}"
-    return code_hash(*gap_modules(), *plants, setting, "nas_data.blind.judge")
+    return code_hash(*gap_modules(), *plants, setting, "nas_data.blind.run_case")
 
 
 def baseline_code(name: str) -> str:

@@ -5,8 +5,8 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from nas_data.blind.arms import RANGE, Arm
-from nas_data.blind.mjcf import Link, Servo, Style, to_mjcf
+from nas_data.blind.arms import RANGE, NominalArm
+from nas_data.blind.mjcf import JointDrive, Link, Style, to_mjcf
 
 JOINTS = (2, 7)
 LENGTH = (0.05, 0.6)  # [m] of the links
@@ -28,7 +28,7 @@ SHAPES["cylinder"] = SHAPES["capsule"]
 PREFIXES = ("j", "joint", "axis_")
 
 
-def draw_design(rng: np.random.Generator, period: float, excess: float = 1.0) -> Arm:
+def draw_design(rng: np.random.Generator, period: float, excess: float = 1.0) -> NominalArm:
     """Draw an arm whose timestep divides the control period [s]; its servos' gains are multiplied by the excess."""
     count = int(rng.integers(JOINTS[0], JOINTS[1] + 1))
     prefix = str(rng.choice(PREFIXES))
@@ -37,7 +37,7 @@ def draw_design(rng: np.random.Generator, period: float, excess: float = 1.0) ->
     carried = loads(to_mjcf(joints, links, [], style), rng)
     drawn = [draw_servo(rng, *load) for load in zip(*carried, strict=True)]
     servos = [replace(servo, gain=servo.gain * excess) for servo in drawn]
-    return Arm("arm", to_mjcf(joints, links, servos, style), joints)
+    return NominalArm("arm", to_mjcf(joints, links, servos, style), joints)
 
 
 def draw_style(rng: np.random.Generator, period: float) -> Style:
@@ -94,7 +94,7 @@ def loads(bare: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     return np.mean(inertias, axis=0), np.max(torques, axis=0)
 
 
-def draw_servo(rng: np.random.Generator, inertia: float, gravity: float) -> Servo:
+def draw_servo(rng: np.random.Generator, inertia: float, gravity: float) -> JointDrive:
     """Draw a servo by its closed loop: bandwidth, damping ratio, droop under the weight it carries."""
     frequency = 2 * np.pi * logarithmic(rng, *BANDWIDTH)
     held = gravity / logarithmic(rng, *DROOP) / frequency**2  # inertia at which such a loop droops no further
@@ -103,7 +103,7 @@ def draw_servo(rng: np.random.Generator, inertia: float, gravity: float) -> Serv
     loss = 2 * rng.uniform(*RATIO) * frequency * (inertia + armature)
     own = float(rng.choice([0.0, 0.5, 0.9]))  # part of the damping that is the servo's
     limit = max(rng.uniform(*SPARE) * gravity, logarithmic(rng, *SPEED) * loss)
-    return Servo(gain, own * loss, limit, armature, (1 - own) * loss, rng.uniform(*FRICTION) * limit)
+    return JointDrive(gain, own * loss, limit, armature, (1 - own) * loss, rng.uniform(*FRICTION) * limit)
 
 
 def logarithmic(rng: np.random.Generator, low: float, high: float) -> float:

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from nas_data.blind.arms import Arm
+from nas_data.blind.arms import NominalArm
 from nas_data.blind.case import DEFAULT, Case, Episodes, Identity
 from nas_data.blind.conditions import Conditions, Sensor
-from nas_data.blind.following import Session, reach_of
-from nas_data.blind.hiding_places import Hider
+from nas_data.blind.following import FollowingSession, reach_of
 from nas_data.blind.plants.constants import Constants
+from nas_data.blind.sampling import Hider
 from nas_data.blind.settings.base import Episodes as EpisodesOf
 from nas_data.blind.settings.base import find_setting
 from nas_data.blind.tape import Script, Tape
@@ -45,23 +45,25 @@ def draw_case(family: str, plant: str, number: int, seed: int, faint: bool = Fal
         truth=truth,
         marks=marks.values,
         marked_joints=marks.joints,
-        recorded=measured(tape, marks.states, conditions.sensor, streams),
-        fresh=measured(later, hider.show(plant, [truth], later)[0], conditions.sensor, streams),
+        recorded=simulate_measurements(tape, marks.states, conditions.sensor, streams),
+        fresh=simulate_measurements(later, hider.show(plant, [truth], later)[0], conditions.sensor, streams),
     )
 
 
-def scripts(arm: Arm, conditions: Conditions, episodes: EpisodesOf, rng: np.random.Generator) -> tuple[Script, Script]:
+def scripts(
+    arm: NominalArm, conditions: Conditions, episodes: EpisodesOf, rng: np.random.Generator
+) -> tuple[Script, Script]:
     """Return what is handed over and what is kept back: commands as drawn, or what a controller makes of references."""
     constants, counts = Constants.of(arm.model()), (conditions.episodes, conditions.fresh)
     if conditions.pieces:
         references, _ = episodes(conditions, sum(counts), reach_of(constants.sliding), rng)
-        session = Session(arm, conditions, references)
+        session = FollowingSession(arm, conditions, references)
         return session.part(slice(0, counts[0])), session.part(slice(counts[0], None))
     handed, fresh = (Tape(*episodes(conditions, count, constants.control, rng)) for count in counts)
     return lambda plant, truth: handed, lambda plant, truth: fresh
 
 
-def measured(
+def simulate_measurements(
     tape: Tape, states: np.ndarray, sensor: Sensor, streams: tuple[np.random.Generator, np.random.Generator]
 ) -> Episodes:
     """Return episodes as they were recorded.

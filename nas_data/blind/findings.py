@@ -10,7 +10,7 @@ Name = tuple[str, str | None]  # effect, joint; None for the whole arm
 
 
 @dataclass(frozen=True)
-class Finding:
+class ReportedEffect:
     """One claimed effect.
 
     Attributes:
@@ -28,19 +28,19 @@ class Finding:
     alternatives: tuple[Name, ...]
 
 
-def read_findings(report: Mapping[str, object]) -> list[Finding]:
+def read_findings(report: Mapping[str, object]) -> list[ReportedEffect]:
     """Read the effects of a report.
 
     Raises:
         DatasetInvalid: it has not the contract's form.
     """
     try:
-        return [finding_of(entry) for entry in listed(report["effects"])]
+        return [finding_of(entry) for entry in read_list(report["effects"])]
     except (KeyError, TypeError, ValueError) as error:
         raise DatasetInvalid(f"The report has not the contract's form: {error!r}.") from None
 
 
-def finding_of(entry: Mapping[str, object]) -> Finding:
+def finding_of(entry: Mapping[str, object]) -> ReportedEffect:
     """Read one effect."""
     joint = entry["joint"]
     values, intervals = {}, {}
@@ -50,9 +50,11 @@ def finding_of(entry: Mapping[str, object]) -> Finding:
             low, high = (number(end, math.inf) for end in sequence(interval))
             intervals[key] = (low, high)
     beside = [
-        (str(other["effect"]), text(other.get("joint", joint))) for other in listed(entry.get("alternatives") or [])
+        (str(other["effect"]), text(other.get("joint", joint))) for other in read_list(entry.get("alternatives") or [])
     ]
-    return Finding((str(entry["effect"]), text(joint)), values, intervals, number(entry["confidence"]), tuple(beside))
+    return ReportedEffect(
+        (str(entry["effect"]), text(joint)), values, intervals, number(entry["confidence"]), tuple(beside)
+    )
 
 
 def text(value: object) -> str | None:
@@ -79,6 +81,6 @@ def sequence(value: object) -> Sequence[object]:
     return value
 
 
-def listed(value: object) -> list[Mapping[str, object]]:
+def read_list(value: object) -> list[Mapping[str, object]]:
     """Return a JSON list of objects."""
     return [mapping(item) for item in sequence(value)]

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from nas_data.blind.arms import Arm
+from nas_data.blind.arms import NominalArm
 from nas_data.blind.conditions import Conditions
 from nas_data.blind.excitation import as_stored
 from nas_data.blind.motions import FARTHEST, sines
 from nas_data.blind.plants.base import Play, chain_of, find_plant
-from nas_data.blind.plants.body import Body, stacked
+from nas_data.blind.plants.body import PlantBody, stack_arms
 from nas_data.blind.plants.constants import Constants
 from nas_data.blind.tape import Script, Tape
 from nas_data.blind.truth import Base, Truth
@@ -53,11 +53,11 @@ class Follower:
         commands: Torques [N m] that were told, shape (E, T, n).
     """
 
-    def __init__(self, arm: Arm, references: np.ndarray, period: float) -> None:
+    def __init__(self, arm: NominalArm, references: np.ndarray, period: float) -> None:
         """Prepare to follow references [rad], shape (E, T, n), at a control period [s]."""
         self.constants = Constants.of(arm.model())
-        nominal = Body.of(self.constants, Base.nominal(len(arm.joints)))
-        self.chain = chain_of(stacked([nominal], len(references)))
+        nominal = PlantBody.of(self.constants, Base.nominal(len(arm.joints)))
+        self.chain = chain_of(stack_arms([nominal], len(references)))
         self.references = references
         self.speeds = np.gradient(references, period, axis=1)
         self.accelerations = np.gradient(self.speeds, period, axis=1)
@@ -77,10 +77,10 @@ class Follower:
         return np.asarray(self.commands[:, step])
 
 
-class Session:
+class FollowingSession:
     """What a controller does with an arm that follows references, cut into episodes; remembers it for one truth."""
 
-    def __init__(self, arm: Arm, conditions: Conditions, references: np.ndarray) -> None:
+    def __init__(self, arm: NominalArm, conditions: Conditions, references: np.ndarray) -> None:
         """Prepare to follow long references [rad], shape (K, pieces T, n)."""
         self.arm = arm
         self.conditions = conditions
@@ -97,7 +97,7 @@ class Session:
         return self._known[2]
 
 
-def follow(play: Play, arm: Arm, truth: Truth, references: np.ndarray, conditions: Conditions) -> Tape:
+def follow(play: Play, arm: NominalArm, truth: Truth, references: np.ndarray, conditions: Conditions) -> Tape:
     """Let an arm follow long references (K, pieces T, n) [rad] and cut what happens into K pieces episodes."""
     follower, length = Follower(arm, references, conditions.period), conditions.steps
     at, speeds = references[:, 0], follower.speeds[:, 0]

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from nas_data.blind.catalogue import OUTSIDE
-from nas_data.blind.findings import Finding, Name, listed, mapping, number, read_findings, sequence, text
+from nas_data.blind.findings import Name, ReportedEffect, mapping, number, read_findings, read_list, sequence, text
 
 CONFIDENT = 0.8  # from here on a wrong name is the worst outcome
 ABOVE_FLOOR = frozenset({"unexplained", "partly_explained"})
@@ -26,7 +26,7 @@ def grade_names(answer: Mapping[str, object], report: Mapping[str, object]) -> d
     Raises:
         DatasetInvalid: the report has not the contract's form.
     """
-    hidden = listed(answer["effects"])
+    hidden = read_list(answer["effects"])
     beyond = [entry for entry in hidden if entry["effect"] in OUTSIDE]
     inside = [entry for entry in hidden if entry not in beyond]
     true = [name_of(entry) for entry in inside]
@@ -40,7 +40,7 @@ def grade_names(answer: Mapping[str, object], report: Mapping[str, object]) -> d
         "marks": [number(entry["mark"]) for entry in hidden],
         "verdict": report.get("verdict"),
         "verdict_right": is_verdict_right("outside" if beyond else "one" if inside else "none", report.get("verdict")),
-        **compared(true, all_meant),
+        **compare_names(true, all_meant),
         "confidences": [
             {"confidence": finding.confidence, "right": all(part.name in true for part in parts)}
             for finding, parts in zip(findings, meant, strict=True)
@@ -51,8 +51,8 @@ def grade_names(answer: Mapping[str, object], report: Mapping[str, object]) -> d
 
 
 def in_words_of(
-    hidden: Sequence[Mapping[str, object]], answer: Mapping[str, object], finding: Finding
-) -> list[Finding]:
+    hidden: Sequence[Mapping[str, object]], answer: Mapping[str, object], finding: ReportedEffect
+) -> list[ReportedEffect]:
     """Return a finding by the names of what hides, where it says the same in others.
 
     One of the whole arm says it of each joint, where the effect hides in every one; and some effects have two names.
@@ -78,7 +78,7 @@ def name_of(entry: Mapping[str, object]) -> Name:
     return str(entry["effect"]), text(entry["joint"])
 
 
-def compared(true: Sequence[Name], findings: Sequence[Finding]) -> dict[str, object]:
+def compare_names(true: Sequence[Name], findings: Sequence[ReportedEffect]) -> dict[str, object]:
     """Return where the names agree and where not."""
     named = [finding.name for finding in findings]
     missing = [name for name in true if name not in named]
@@ -104,7 +104,9 @@ def is_verdict_right(family: str, verdict: object) -> bool:
     return verdict in RIGHT_VERDICTS.get(family, frozenset({"explained"}))
 
 
-def parameter_errors(hidden: Sequence[Mapping[str, object]], findings: Sequence[Finding]) -> list[dict[str, object]]:
+def parameter_errors(
+    hidden: Sequence[Mapping[str, object]], findings: Sequence[ReportedEffect]
+) -> list[dict[str, object]]:
     """Return the error of each parameter of each effect that was named rightly, relative to its true size."""
     by_name = {finding.name: finding for finding in findings}
     rows: list[dict[str, object]] = []
@@ -147,5 +149,5 @@ def size(effect: str, true: Mapping[str, float], key: str) -> float:
 
 def joint_named(hidden: Sequence[Mapping[str, object]], report: Mapping[str, object]) -> bool:
     """Whether the joint that shows what cannot be named stands under `unexplained`."""
-    joints = {text(entry.get("joint")) for entry in listed(report.get("unexplained") or [])}
+    joints = {text(entry.get("joint")) for entry in read_list(report.get("unexplained") or [])}
     return any(entry["marked_joint"] in joints for entry in hidden)

@@ -14,12 +14,12 @@ def equals_of(constants: Constants, hidden: Hidden) -> list[Name]:
 
     On a single axis that gravity does not load, what is carried and what the rotor adds are one inertia.
     """
-    if len(constants.joints) > 1 or hidden.effect not in ("payload", "rotor_inertia") or loaded(constants):
+    if len(constants.joints) > 1 or hidden.effect not in ("payload", "rotor_inertia") or gravity_acts(constants):
         return []
     return [("rotor_inertia", constants.joints[0])] if hidden.effect == "payload" else [("payload", None)]
 
 
-def loaded(constants: Constants) -> bool:
+def gravity_acts(constants: Constants) -> bool:
     """Whether gravity acts along a slide's axis, or turns a hinge, of an arm of one joint."""
     axis = constants.turns[0] @ constants.axes[0]
     weight = constants.masses[0] * constants.gravity

@@ -3,10 +3,10 @@
 import mujoco
 import numpy as np
 
-from nas_data.blind.arms import Arm
+from nas_data.blind.arms import NominalArm
 from nas_data.blind.designs import logarithmic, words
 from nas_data.blind.following import reach_of
-from nas_data.blind.mjcf import Link, Servo, Style, to_mjcf
+from nas_data.blind.mjcf import JointDrive, Link, Style, to_mjcf
 from nas_data.blind.motions import FARTHEST, sines
 
 JOINTS = (1, 3)
@@ -20,7 +20,7 @@ TIMESTEPS = (0.00025, 0.0005)  # [s] a model runs ahead by half of one: at 1 m/s
 TRIAL = np.arange(0, 8, 0.01)  # [s] motion by which the motors are chosen
 
 
-def draw_machine(rng: np.random.Generator) -> Arm:
+def draw_machine(rng: np.random.Generator) -> NominalArm:
     """Draw a machine: hinges that hang under gravity, or stand upright, and slides along any axis."""
     count = int(rng.integers(JOINTS[0], JOINTS[1] + 1))
     sliding = rng.random(count) < 0.5
@@ -28,7 +28,7 @@ def draw_machine(rng: np.random.Generator) -> Arm:
     links = draw_axes(rng, sliding)
     style = Style(float(rng.choice(TIMESTEPS)), str(rng.choice(["Euler", "implicitfast"])), "motor", None)
     motors = draw_motors(rng, to_mjcf(joints, links, [], style), sliding)
-    return Arm("machine", to_mjcf(joints, links, motors, style), joints)
+    return NominalArm("machine", to_mjcf(joints, links, motors, style), joints)
 
 
 def draw_axes(rng: np.random.Generator, sliding: np.ndarray) -> list[Link]:
@@ -49,7 +49,7 @@ def draw_axes(rng: np.random.Generator, sliding: np.ndarray) -> list[Link]:
     return links
 
 
-def draw_motors(rng: np.random.Generator, bare: str, sliding: np.ndarray) -> list[Servo]:
+def draw_motors(rng: np.random.Generator, bare: str, sliding: np.ndarray) -> list[JointDrive]:
     """Draw motors that are strong enough for motions of the usual speed; half the machines have no friction."""
     model = mujoco.MjModel.from_xml_string(bare)
     inertias, motion = needs(model, rng, reach_of(sliding)[:, 1])
@@ -59,7 +59,7 @@ def draw_motors(rng: np.random.Generator, bare: str, sliding: np.ndarray) -> lis
         torque = motion[0][:, row] + armature * motion[1][:, row]
         limit = float(np.abs(torque).max() * rng.uniform(*SPARE))
         dry, viscous = frictional * rng.uniform(*LOST, 2) * limit
-        motors.append(Servo(0.0, 0.0, limit, armature, viscous / USUAL[slides], dry))
+        motors.append(JointDrive(0.0, 0.0, limit, armature, viscous / USUAL[slides], dry))
     return motors
 
 

@@ -24,7 +24,7 @@ class Link:
 
 
 @dataclass(frozen=True)
-class Servo:
+class JointDrive:
     """A joint's drive.
 
     Attributes:
@@ -61,7 +61,7 @@ class Style:
     control: float | None
 
 
-def to_mjcf(joints: Sequence[str], links: Sequence[Link], servos: Sequence[Servo], style: Style) -> str:
+def to_mjcf(joints: Sequence[str], links: Sequence[Link], servos: Sequence[JointDrive], style: Style) -> str:
     """Write an arm; without servos where none are given."""
     bodies = ""
     for row in reversed(range(len(joints))):
@@ -85,7 +85,7 @@ def kind(link: Link) -> str:
     return ' type="slide"' if link.sliding else ""
 
 
-def passive(servo: Servo, style: Style) -> str:
+def passive(servo: JointDrive, style: Style) -> str:
     """Return a joint's attributes; its friction is as hard as the timestep allows, for gears do not creep."""
     return (
         f' damping="{servo.damping:.6g}" armature="{servo.armature:.6g}" frictionloss="{servo.friction:.6g}" '
@@ -93,7 +93,7 @@ def passive(servo: Servo, style: Style) -> str:
     )
 
 
-def actuator(joint: str, servo: Servo, style: Style) -> str:
+def actuator(joint: str, servo: JointDrive, style: Style) -> str:
     """Return a servo or motor, named otherwise than its joint."""
     law = {
         "position": f'kp="{servo.gain:.6g}" kv="{servo.own:.6g}"',

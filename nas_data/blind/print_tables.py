@@ -23,10 +23,10 @@ SHORT = {
 
 def print_tables(found: Mapping[str, Sequence[Row]]) -> str:
     """Return all tables that have rows, with their titles."""
-    return "\n\n".join(f"{TITLES[name]}\n{aligned(rows)}" for name, rows in found.items() if rows)
+    return "\n\n".join(f"{TITLES[name]}\n{align_columns(rows)}" for name, rows in found.items() if rows)
 
 
-def aligned(rows: Sequence[Row]) -> str:
+def align_columns(rows: Sequence[Row]) -> str:
     """Return rows of the same keys as columns; the words left, the numbers right."""
     keys = list(rows[0])
     cells = [[SHORT.get(key, key) for key in keys], *([cell(key, row[key]) for key in keys] for row in rows)]

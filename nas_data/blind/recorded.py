@@ -9,7 +9,7 @@ from nas_data.dataset.read import read
 
 
 @dataclass(frozen=True)
-class Recorded:
+class RecordedCase:
     """Episodes of a dataset.
 
     Attributes:
@@ -25,7 +25,7 @@ class Recorded:
     states: np.ndarray
 
     @classmethod
-    def load(cls, folder: Path) -> "Recorded":
+    def load(cls, folder: Path) -> "RecordedCase":
         """Read a dataset whose episodes are equally long, as blind cases are."""
         dataset = read(folder)
         rows = list(dataset.episodes())

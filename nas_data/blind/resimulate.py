@@ -64,7 +64,7 @@ class Delivered:
         sensors = [find(model, mujoco.mjtObj.mjOBJ_SENSOR, joint + SENSOR, file) for joint in joints]
         hinges = [find(model, mujoco.mjtObj.mjOBJ_JOINT, joint, file) for joint in joints]
         places = [int(model.jnt_qposadr[hinge]) for hinge in hinges]
-        driven = [driven_place(model, servo) for servo in servos]
+        driven = [qpos_index(model, servo) for servo in servos]
         rests = tuple(tuple({own, *other}) for own, other in zip(places, driven, strict=True))
         moving = tuple(int(model.jnt_dofadr[hinge]) for hinge in hinges)
         return cls(model, rate, servos, tuple(int(model.sensor_adr[sensor]) for sensor in sensors), rests, moving)
@@ -117,7 +117,7 @@ def find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, file: Path) -> i
     return index
 
 
-def driven_place(model: mujoco.MjModel, actuator: int) -> tuple[int, ...]:
+def qpos_index(model: mujoco.MjModel, actuator: int) -> tuple[int, ...]:
     """Return the place in `qpos` of the joint that an actuator drives, which may be a goal beside the arm."""
     if int(model.actuator_trntype[actuator]) != int(mujoco.mjtTrn.mjTRN_JOINT):
         return ()

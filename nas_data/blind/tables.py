@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from nas_data.blind.findings import listed, mapping, number, sequence, text
-from nas_data.blind.judge import Record
+from nas_data.blind.findings import mapping, number, read_list, sequence, text
+from nas_data.blind.run_case import Record
 
 CONFIDENCES = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
 MARKS = (0.3, 1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0)
@@ -24,7 +24,7 @@ def tables(records: Sequence[Record]) -> dict[str, list[Row]]:
     """
     named = [record for record in records if "fault" not in record]
     result = {
-        "families": [family_row(*group) for group in grouped(records)],
+        "families": [family_row(*group) for group in group_by_family(records)],
         "confusions": confusions(named),
         "reliability": reliability(named),
         "power": power(named),
@@ -32,7 +32,7 @@ def tables(records: Sequence[Record]) -> dict[str, list[Row]]:
     return result | {"baselines": baseline_rows(records)}
 
 
-def grouped(records: Sequence[Record]) -> Iterable[tuple[str, str, list[Record]]]:
+def group_by_family(records: Sequence[Record]) -> Iterable[tuple[str, str, list[Record]]]:
     """Group by family and plant, in the order in which they first appear."""
     groups: dict[tuple[str, str], list[Record]] = {}
     for record in records:
@@ -43,7 +43,7 @@ def grouped(records: Sequence[Record]) -> Iterable[tuple[str, str, list[Record]]
 def family_row(family: str, plant: str, records: Sequence[Record]) -> Row:
     """Summarise one family on one plant; what failed is wrong, but not confidently so."""
     done = [record for record in records if "fault" not in record]
-    errors = [entry for record in done for entry in listed(record["parameters"])]
+    errors = [entry for record in done for entry in read_list(record["parameters"])]
     return {
         "family": family,
         "plant": plant,
@@ -103,7 +103,7 @@ def effect_of(name: object) -> str:
 
 def reliability(records: Sequence[Record]) -> list[Row]:
     """Compare the confidence of findings with how often they were right."""
-    findings = [entry for record in records for entry in listed(record["confidences"])]
+    findings = [entry for record in records for entry in read_list(record["confidences"])]
     known = [(number(entry["confidence"]), bool(entry["right"])) for entry in findings]
     rows: list[Row] = []
     for low, high in pairwise(CONFIDENCES):

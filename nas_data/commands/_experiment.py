@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Command, CommandResult
 
 if TYPE_CHECKING:
     from nas_data.experiments.pipeline.sizes import Sizes
@@ -30,10 +30,10 @@ class ExperimentCommand(Command):
     out: Path = Path("runs/experiments")
     """Folder of results, and of the recordings, models and policies that the experiments share."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Make the experiment, or go on with it."""
         from nas_data.experiments.base import Request, find_experiment
-        from nas_data.experiments.pipeline.conducting import conduct
+        from nas_data.experiments.pipeline.run import conduct
         from nas_data.experiments.pipeline.sizes import FULL, QUICK
 
         known = find_experiment(self.experiment).environments
@@ -49,7 +49,7 @@ class ExperimentCommand(Command):
             engine=self.engine,
         )
         made = conduct(self.experiment, request)
-        return Outcome(made.text, made.data)
+        return CommandResult(made.text, made.data)
 
     def sizes(self) -> "Sizes":
         """Return how large everything is."""

@@ -9,19 +9,19 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.commands.base import Outcome
+from nas_data.commands.base import CommandResult
 from nas_data.dataset.provenance import Provenance
 from nas_data.envs.base import Task, find_task
 from nas_data.errors import ArmError, OptionError
-from nas_data.policies.evaluate import SEED, Score
+from nas_data.policies.evaluate import SEED, Returns
 from nas_data.policies.policy import find_policies, load_policy
 from nas_data.policies.tables import policy_table
 from nas_data.recorders.guarded import Setup
 from nas_data.recorders.schedule import MonotonicClock, SteppedClock
 from nas_data.recorders.stopping import stoppable
 from nas_data.recorders.under_way import SAVING
-from nas_data.rollouts.bench import Bench, ways
-from nas_data.rollouts.programme import Programme
+from nas_data.rollouts.arm_setup import ArmSetup, ways
+from nas_data.rollouts.evaluation_plan import EvaluationPlan
 from nas_data.rollouts.recorded import Recorder, Saved, saved_as
 from nas_data.rollouts.robot_stepper import RobotStepper, RolloutTally
 from nas_data.rollouts.rollout import roll_out_on_arm
@@ -55,12 +55,12 @@ class OnArm:
     lockstep: bool
     finish: bool
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Roll out every policy, as far as that is not yet saved; or make a dataset of what is."""
         if self.finish:
             return self._finish()
         environment = load_policy(find_policies(self.policies[0])[0]).environment
-        programme = Programme.of(self.policies, environment, self.episodes)
+        programme = EvaluationPlan.of(self.policies, environment, self.episodes)
         with ExitStack() as stack:
             stack.enter_context(stoppable())
             saved = stack.enter_context(saved_as(self.record)) if self.record else None
@@ -76,11 +76,11 @@ class OnArm:
             path = saved.finish(_counted(tally)) if saved else None
         return self._outcome(programme, environment, scores, tally, path)
 
-    def _roll_out(self, programme: Programme, on: tuple[Task, RobotStepper], saved: Saved | None) -> list[Score]:
+    def _roll_out(self, programme: EvaluationPlan, on: tuple[Task, RobotStepper], saved: Saved | None) -> list[Returns]:
         """Roll out what is not yet saved; return how all episodes went."""
         task, stepper = on
         scores, turns = list(saved.scores) if saved else [], programme.turns()
-        progress = Progress(len(scores), len(turns))
+        progress = EvaluationProgress(len(scores), len(turns))
         for policy, seed in turns[len(scores) :]:
             bouts, judgement = roll_out_on_arm(task, stepper, policy, seed)
             if saved:
@@ -91,7 +91,7 @@ class OnArm:
         return scores
 
     @contextmanager
-    def _saying_what_is_saved(self, saved: Saved | None, programme: Programme) -> Iterator[None]:
+    def _saying_what_is_saved(self, saved: Saved | None, programme: EvaluationPlan) -> Iterator[None]:
         """Say where it goes on, and where it will go on if this context ends early."""
         if saved is None:
             yield
@@ -107,16 +107,16 @@ class OnArm:
             say(saved.told(wanted))
             raise
 
-    def _finish(self) -> Outcome:
+    def _finish(self) -> CommandResult:
         """Make a dataset of what is saved."""
         assert self.record is not None
         with saved_as(self.record) as saved:
             path = saved.finish(_counted(saved.tally))
         returns = [float(score.returns[0]) for score in saved.scores]
         text = f"{len(returns)} episodes, mean return {np.mean(returns):.2f}.\n{_counted(saved.tally)}\n{path}"
-        return Outcome(text, {"dataset": path, "returns": returns, **_numbers(saved.tally)})
+        return CommandResult(text, {"dataset": path, "returns": returns, **_numbers(saved.tally)})
 
-    def _bench(self, task: Task, stack: ExitStack) -> Bench:
+    def _bench(self, task: Task, stack: ExitStack) -> ArmSetup:
         """Open the ports; a virtual arm lives as long as the stack."""
         ports = [name for name in (self.port, self.defender_port) if name]
         if self.port == self.defender_port != VIRTUAL:
@@ -124,7 +124,7 @@ class OnArm:
         setups = [self._setup(name, own, task, stack) for name, own in zip(ports, self.ids, strict=False)]
         clock = SteppedClock() if self.lockstep else MonotonicClock()
         defender = setups[1] if len(setups) > 1 else None
-        return Bench(
+        return ArmSetup(
             attacker=setups[0],
             defender=defender,
             clock=clock,
@@ -152,7 +152,7 @@ class OnArm:
     def _joints(self, port: str, own: str) -> Joints:
         return ergojr_joints() if port == VIRTUAL else joints_of(ergojr_joints(), "ergojr", own)
 
-    def _recorder(self, programme: Programme, environment: str, bench: Bench) -> Recorder:
+    def _recorder(self, programme: EvaluationPlan, environment: str, bench: ArmSetup) -> Recorder:
         """Return how rollouts are kept; what its provenance says decides whether a recording may be gone on with."""
         virtual = self.port == VIRTUAL
         provenance = Provenance(
@@ -185,8 +185,8 @@ class OnArm:
         )
 
     def _outcome(
-        self, programme: Programme, environment: str, scores: list[Score], tally: RolloutTally, path: Path | None
-    ) -> Outcome:
+        self, programme: EvaluationPlan, environment: str, scores: list[Returns], tally: RolloutTally, path: Path | None
+    ) -> CommandResult:
         groups = programme.groups(scores)
         lines = [f"{environment} on {self.port}, {self.episodes} episodes a policy, mean actions:"]
         lines += [policy_table(groups, {}), self._told_by(), _counted(tally)]
@@ -203,7 +203,7 @@ class OnArm:
             **_numbers(tally),
             "dataset": path,
         }
-        return Outcome("\n".join(lines), data)
+        return CommandResult("\n".join(lines), data)
 
     def _told_by(self) -> str:
         """Say what the rewards come from."""
@@ -239,7 +239,7 @@ def _numbers(tally: RolloutTally) -> dict[str, int]:
     }
 
 
-class Progress:
+class EvaluationProgress:
     """Says on stderr how many episodes are over, at most every two seconds."""
 
     def __init__(self, first: int, wanted: int) -> None:

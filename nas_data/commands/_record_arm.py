@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import tyro
 
 from nas_data.commands._patience import Counting
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Command, CommandResult
 from nas_data.errors import OptionError
 
 if TYPE_CHECKING:
     from nas_data.arms.base import Driver
-    from nas_data.dataset.growing import Growing
+    from nas_data.dataset.incremental_writer import Growing
     from nas_data.dataset.provenance import Provenance
-    from nas_data.recorders.arm_plan import Plan
-    from nas_data.recorders.session import Protocol
+    from nas_data.recorders.arm_plan import MotionPlan
+    from nas_data.recorders.session import PlaybackProtocol
     from nas_data.robots.base import Robot
 
 COOLEST = 35.0  # [°C] a servo cools little further in a warm room, and the arm would rest for ever
@@ -94,11 +94,11 @@ class RecordArm(Command):
     def simulated(self) -> str:
         """Say in a few words what a virtual arm is made of."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Record what is not yet saved, and make the dataset."""
-        from nas_data.dataset.alone import alone
-        from nas_data.dataset.growing import Growing
+        from nas_data.dataset.incremental_writer import Growing
         from nas_data.dataset.versions import check_place
+        from nas_data.dataset.write_lock import alone
         from nas_data.recorders.under_way import place
 
         protocol, step = self._protocol(), self.step
@@ -113,8 +113,8 @@ class RecordArm(Command):
                 raise OptionError(f"Nothing is saved in {growing.root} that could be finished; record first.")
             return self._finish(growing, name)
 
-    def _record(self, growing: "Growing", protocol: "Protocol", step: float) -> None:
-        from nas_data.recorders.arm import Job, Recording, look
+    def _record(self, growing: "Growing", protocol: "PlaybackProtocol", step: float) -> None:
+        from nas_data.recorders.arm import Job, RecordingJob, look
         from nas_data.recorders.arm_ways import Ways
         from nas_data.recorders.guarded import Setup
         from nas_data.recorders.schedule import MonotonicClock, SteppedClock
@@ -132,50 +132,50 @@ class RecordArm(Command):
             plan, provenance = self._plan(growing, protocol, robot_of(robot, driver)), self._provenance(protocol)
             job = Job(setup=setup, plan=plan, hot=self.hot, provenance=provenance)
             clock = SteppedClock() if self.lockstep else MonotonicClock()
-            Recording(job, growing, clock, say).run(Progress(growing.episodes, len(job.plan.commands)))
+            RecordingJob(job, growing, clock, say).run(RecordingProgress(growing.episodes, len(job.plan.commands)))
 
-    def _plan(self, growing: "Growing", protocol: "Protocol", robot: "Robot") -> "Plan":
+    def _plan(self, growing: "Growing", protocol: "PlaybackProtocol", robot: "Robot") -> "MotionPlan":
         """Draw what is to be played; where a recording is gone on with, it must be the same.
 
         Raises:
             OptionError: the recording under way has another plan.
         """
         from nas_data.recorders.arm import PLAN
-        from nas_data.recorders.arm_plan import Plan, draw_plan, plan_key
-        from nas_data.recorders.under_way import begun_with
+        from nas_data.recorders.arm_plan import MotionPlan, draw_plan, plan_key
+        from nas_data.recorders.under_way import other_recording_error
 
         if not growing.episodes:
             return draw_plan(robot, protocol, self.rate, self.speed, Counting("planned"))
         if not (growing.root / PLAN).is_file():  # rollouts of policies have none
-            raise begun_with(growing.root, "another command")
-        plan = Plan.from_bytes((growing.root / PLAN).read_bytes())
+            raise other_recording_error(growing.root, "another command")
+        plan = MotionPlan.from_bytes((growing.root / PLAN).read_bytes())
         if plan.key != plan_key(robot, protocol, self.rate, self.speed):
-            raise begun_with(growing.root, "other options")
+            raise other_recording_error(growing.root, "other options")
         return plan
 
-    def _finish(self, growing: "Growing", name: str) -> Outcome:
+    def _finish(self, growing: "Growing", name: str) -> CommandResult:
         """Make a dataset of what is saved, and remove the recording."""
         from nas_data.dataset.content import content_hash
         from nas_data.dataset.provenance import read_provenance
         from nas_data.dataset.read import read
-        from nas_data.recorders.arm_tally import Tally, summary, told
+        from nas_data.recorders.arm_tally import RecordingStats, describe_stats, summary
         from nas_data.recorders.under_way import complete
 
         dataset, provenance = read(growing.root), read_provenance(growing.root)
         assert provenance is not None
-        numbers = summary(dataset, Tally.of(provenance.target))
-        path = complete(growing, dataset, "\n".join(told(numbers)), name=name, out=self.out)
+        numbers = summary(dataset, RecordingStats.of(provenance.target))
+        path = complete(growing, dataset, "\n".join(describe_stats(numbers)), name=name, out=self.out)
         text = (
             f"Recorded {dataset.n_episodes} episodes, {dataset.n_frames} frames at {dataset.fps:g} Hz.\n"
-            + "\n".join(told(numbers))
+            + "\n".join(describe_stats(numbers))
             + f"\n{path}"
         )
         data = {"dataset": str(path), "episodes": dataset.n_episodes, "frames": dataset.n_frames, "fps": dataset.fps}
-        return Outcome(text, {**data, **numbers, "content_hash": content_hash(dataset)})
+        return CommandResult(text, {**data, **numbers, "content_hash": content_hash(dataset)})
 
-    def _protocol(self) -> "Protocol":
+    def _protocol(self) -> "PlaybackProtocol":
         from nas_data.excitations.base import parse
-        from nas_data.recorders.session import Protocol, check_amount
+        from nas_data.recorders.session import PlaybackProtocol, check_amount
 
         check_amount(self.episodes, self.seconds, LONGEST)
         if not 0 < self.rate <= self.FASTEST:
@@ -185,7 +185,7 @@ class RecordArm(Command):
                 f"--hot is {self.hot:g}; it must lie in {COOLEST:g} … {SHUTDOWN - 1:g} °C, "
                 f"for servos shut down at {SHUTDOWN:g}."
             )
-        return Protocol(
+        return PlaybackProtocol(
             excitation=parse(self.excitation),
             file=self.commands,
             episodes=self.episodes,
@@ -195,7 +195,7 @@ class RecordArm(Command):
             joints=self.joints,
         )
 
-    def _provenance(self, protocol: "Protocol") -> "Provenance":
+    def _provenance(self, protocol: "PlaybackProtocol") -> "Provenance":
         """Say where the episodes come from; a virtual arm with its effects, unless they are to be found."""
         import hashlib
 
@@ -227,7 +227,7 @@ def robot_of(robot: "Robot", driver: "Driver") -> "Robot":
     return replace(robot, joints=driver.names, rest=tuple(rest.get(name, 0.0) for name in driver.names))
 
 
-class Progress:
+class RecordingProgress:
     """Says on stderr how many episodes are saved, and how long the rest will take."""
 
     def __init__(self, saved: int, wanted: int) -> None:

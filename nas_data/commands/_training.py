@@ -9,7 +9,7 @@ import tyro
 
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands._patience import Counting
-from nas_data.commands.base import Outcome
+from nas_data.commands.base import CommandResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +47,7 @@ class Train(TakesModel):
     device: str | None = None
     """torch device; a GPU where there is one by default."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Train, evaluate on the held-out episodes beside the baselines, and say where the checkpoint lies."""
         from nas_data.api.learning import train
         from nas_data.dataset import versions
@@ -83,7 +83,7 @@ class Train(TakesModel):
         evaluation = learned.held_out
         text = f"{evaluation.text()}\n\n" if evaluation else ""
         title = f"Held out ({learned.split}):\n\n" if evaluation else ""
-        return Outcome(
+        return CommandResult(
             f"{title}{text}checkpoint → {folder / CHECKPOINT}",
             {
                 "checkpoint": folder / CHECKPOINT,

@@ -9,12 +9,12 @@ import tyro
 
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands._patience import saying
-from nas_data.commands.base import Outcome
+from nas_data.commands.base import CommandResult
 from nas_data.errors import OptionError
 
 if TYPE_CHECKING:
     from nas_data.ablation.amount import Amount
-    from nas_data.ablation.sweep import Plan
+    from nas_data.ablation.sweep import SweepPlan
     from nas_data.models.presets import TrainingOptions
 
 HEARTBEAT = 30.0  # [s] between two signs of life while trials run
@@ -74,13 +74,13 @@ class Ablate(TakesModel):
     out: Path = Path("runs/ablation")
     """Folder of the trials' results, ablation.json, ablation.md and ablation.png."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Check, sweep and summarise."""
         from nas_data.ablation import inflation, summary, table, write
         from nas_data.ablation.checks import check
         from nas_data.ablation.executors.base import find_executor
-        from nas_data.ablation.sweep import opened, run_sweep
-        from nas_data.circumstances import commit
+        from nas_data.ablation.sweep import open_sweep, run_sweep
+        from nas_data.environment_info import commit
 
         if self.workers < 1:
             raise OptionError(f"--workers is {self.workers}; at least one is needed.")
@@ -88,10 +88,10 @@ class Ablate(TakesModel):
         check(plan)
         content = plan.material.content()
         trials = plan.trials(content, self.out)
-        with opened(self.out, plan.identity(content)), saying("trials are running", HEARTBEAT):
+        with open_sweep(self.out, plan.identity(content)), saying("trials are running", HEARTBEAT):
             records = run_sweep(trials, executor, self.workers, self.retry, report)
         cost = inflation.read(self.out)
-        found = summary.Summary.of(records)
+        found = summary.SweepSummary.of(records)
         notes = [cost.sentence()] if cost else []
         more: dict[str, object] = {
             "sweep": {**plan.identity(content), "effects": content.effects},
@@ -106,21 +106,21 @@ class Ablate(TakesModel):
         files = write.write(self.out, found, more, notes)
         failed = [f"failed: {sentence}" for sentence in found.failed]
         text = [table.text(found), "", found.sentence(), *notes, *failed, *(f"→ {path}" for path in files.values())]
-        return Outcome("\n".join(text), {**files, **found.to_json(), **more}, ok=not failed)
+        return CommandResult("\n".join(text), {**files, **found.to_json(), **more}, ok=not failed)
 
-    def _plan(self) -> "Plan":
+    def _plan(self) -> "SweepPlan":
         """Read the options."""
         from nas_data.ablation.amount import words
-        from nas_data.ablation.material import Material
-        from nas_data.ablation.sweep import Plan
+        from nas_data.ablation.material import SweepData
+        from nas_data.ablation.sweep import SweepPlan
         from nas_data.dataset import versions
 
         test = versions.resolve(self.test) if self.test else None
-        material = Material(versions.resolve(self.dataset), test, self.actuated(self.model), self.engine, self.effects)
+        material = SweepData(versions.resolve(self.dataset), test, self.actuated(self.model), self.engine, self.effects)
         seeds = words(self.seeds)
         if not all(word.isdecimal() for word in seeds):
             raise OptionError(f"--seeds are {', '.join(seeds)}; give different whole numbers, 0 or more.")
-        return Plan(
+        return SweepPlan(
             kinds=tuple(dict.fromkeys(words(self.kinds))),
             amounts=self._amounts(material.read().n_episodes),
             seeds=tuple(map(int, seeds)),

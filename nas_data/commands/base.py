@@ -10,7 +10,7 @@ JsonValue = None | bool | int | float | str | list["JsonValue"] | dict[str, "Jso
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CommandResult:
     """What a command did.
 
     Attributes:
@@ -35,6 +35,6 @@ class Command:
         """Return the words of the command line as the options below are spelt."""
         return arguments
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Do the work and say what was done."""
         raise NotImplementedError(f"{type(self).__name__} has no run()")

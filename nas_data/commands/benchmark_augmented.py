@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Command, CommandResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,9 +17,9 @@ class BenchmarkAugmented(Command):
     rounds: int = 15
     """How often each side is timed; the median counts."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Measure; nothing is written."""
         from nas_data.benchmarks.augmented import benchmark
-        from nas_data.benchmarks.result import measured
+        from nas_data.benchmarks.result import run_in_temporary_folder
 
-        return measured(benchmark, frames=self.frames, rounds=self.rounds)
+        return run_in_temporary_folder(benchmark, frames=self.frames, rounds=self.rounds)

@@ -4,7 +4,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Command, CommandResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,20 +39,20 @@ class BenchmarkGap(Command):
     keep: bool = False
     """Keep the datasets of finished cases."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Run what is not finished, then tabulate everything."""
-        from nas_data.blind.benchmark import Plan, run
+        from nas_data.blind.benchmark import BlindPlan, run
         from nas_data.blind.print_tables import print_tables
         from nas_data.blind.tables import tables
-        from nas_data.circumstances import commit
+        from nas_data.environment_info import commit
 
         families, plants, baselines = (words(text) for text in (self.families, self.plants, self.baselines))
-        plan = Plan(families, plants, self.cases, self.seed, self.power, baselines, self.keep, self.setting)
+        plan = BlindPlan(families, plants, self.cases, self.seed, self.power, baselines, self.keep, self.setting)
         records = run(plan, self.out, investigate, lambda line: print(line, file=sys.stderr, flush=True))
         found = tables(records)
         text = f"{len(records)} blind cases ({self.setting}), seed {self.seed}\n\n{print_tables(found)}\n→ {self.out}"
         told = {"out": self.out, "cases": len(records), "setting": self.setting, "seed": self.seed, "commit": commit()}
-        return Outcome(text, {**told, "tables": found})
+        return CommandResult(text, {**told, "tables": found})
 
 
 def investigate(dataset: Path, model: Path, out: Path) -> None:

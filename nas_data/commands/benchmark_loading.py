@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Command, CommandResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,9 +21,11 @@ class BenchmarkLoading(Command):
     rounds: int = 5
     """How often each side is timed; the median counts."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Measure in a folder that is removed afterwards."""
         from nas_data.benchmarks.loading import benchmark
-        from nas_data.benchmarks.result import measured
+        from nas_data.benchmarks.result import run_in_temporary_folder
 
-        return measured(benchmark, episodes=self.episodes, frames=self.frames, batches=self.batches, rounds=self.rounds)
+        return run_in_temporary_folder(
+            benchmark, episodes=self.episodes, frames=self.frames, batches=self.batches, rounds=self.rounds
+        )

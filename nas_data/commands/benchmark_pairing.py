@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Command, CommandResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,9 +19,9 @@ class BenchmarkPairing(Command):
     rounds: int = 9
     """How often each side is timed; the median counts."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Measure in a folder that is removed afterwards."""
         from nas_data.benchmarks.pairing import benchmark
-        from nas_data.benchmarks.result import measured
+        from nas_data.benchmarks.result import run_in_temporary_folder
 
-        return measured(benchmark, episodes=self.episodes, frames=self.frames, rounds=self.rounds)
+        return run_in_temporary_folder(benchmark, episodes=self.episodes, frames=self.frames, rounds=self.rounds)

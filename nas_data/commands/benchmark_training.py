@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Command, CommandResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,9 +19,9 @@ class BenchmarkTraining(Command):
     seeds: int = 3
     """Repetitions with other weights, split and order; the median counts."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Measure in a folder that is removed afterwards."""
-        from nas_data.benchmarks.result import measured
+        from nas_data.benchmarks.result import run_in_temporary_folder
         from nas_data.benchmarks.training import benchmark
 
-        return measured(benchmark, episodes=self.episodes, budget=self.budget, seeds=self.seeds)
+        return run_in_temporary_folder(benchmark, episodes=self.episodes, budget=self.budget, seeds=self.seeds)

@@ -4,7 +4,7 @@ import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Command, CommandResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,7 +24,7 @@ class Demo(Command):
     names: bool = False
     """Let `nas gap` name what the source lacks, and learn policies on the names; the search takes many minutes more."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Run every stage that is not done yet."""
         from nas_data.demo.pipeline import run_demo
         from nas_data.demo.plan import FULL, NAMED, QUICK
@@ -35,7 +35,7 @@ class Demo(Command):
             name: {"seconds": done.seconds, "when": done.when, "load": done.load, **done.data}
             for name, done in results.items()
         }
-        return Outcome("\n".join(line for done in results.values() for line in done.summary), data)
+        return CommandResult("\n".join(line for done in results.values() for line in done.summary), data)
 
 
 def report(line: str) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from nas_data.commands._patience import saying
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Command, CommandResult
 
 if TYPE_CHECKING:
     from nas_data.dataset.diff import Difference
@@ -31,17 +31,17 @@ class Diff(Command):
     b: tyro.conf.Positional[Path]
     """The other."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Read both and compare them."""
+        from nas_data.dataset.derive_provenance import Original
         from nas_data.dataset.diff import diff
-        from nas_data.dataset.inheritance import Original
 
         with saying(f"comparing {self.a} and {self.b}"):
             a, b = Original.read(self.a), Original.read(self.b)
             found = diff(a.dataset, b.dataset, (a.provenance, b.provenance))
         verdict = "have equal content" if found.equal_content else "differ"
         lines = [f"A {a.root} and", f"B {b.root} {verdict}.", *content_lines(found), *provenance_lines(found)]
-        return Outcome("\n".join(lines), {"a": a.root, "b": b.root, **found.to_json()}, found.equal_content)
+        return CommandResult("\n".join(lines), {"a": a.root, "b": b.root, **found.to_json()}, found.equal_content)
 
 
 def content_lines(found: "Difference") -> Iterator[str]:
@@ -55,7 +55,8 @@ def content_lines(found: "Difference") -> Iterator[str]:
         yield f"  rate: {found.rates[0]:g} Hz in A, {found.rates[1]:g} Hz in B"
     if found.robots:
         yield f"  robot: {found.robots[0]} in A, {found.robots[1]} in B"
-    yield f"  episodes: {found.counts[0]} in A, {found.counts[1]} in B; {found.equal_episodes} equal{moved(found)}"
+    equal = f"{found.equal_episodes} equal{describe_moved(found)}"
+    yield f"  episodes: {found.counts[0]} in A, {found.counts[1]} in B; {equal}"
     for side, episodes in zip("AB", found.unmatched, strict=True):
         if episodes:
             yield f"  episodes only in {side}: {some(episodes)}"
@@ -71,7 +72,7 @@ def content_lines(found: "Difference") -> Iterator[str]:
         yield f"  … and {len(found.tasks) - SHOWN} more tasks (--json lists all)"
 
 
-def moved(found: "Difference") -> str:
+def describe_moved(found: "Difference") -> str:
     """Say how many equal episodes stand at another place."""
     return f", {found.moved} of them at another place" if found.moved else ""
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Command, CommandResult
 
 if TYPE_CHECKING:
     from nas_data.effects.base import Effect, Parameter
@@ -27,7 +27,7 @@ class Effects(Command):
     names: tyro.conf.Positional[tuple[str, ...]] = ()
     """Effects to show in full; all in short where left out."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Collect and print them."""
         from nas_data import registry
         from nas_data.effects.base import find_effect
@@ -37,7 +37,7 @@ class Effects(Command):
             text = "\n\n".join("\n".join(in_full(kind)) for kind in chosen)
         else:
             text = "\n".join([*(in_short(kind) for kind in chosen), "In full: nas effects NAME"])
-        return Outcome(text, {"effects": [described(kind) for kind in chosen]})
+        return CommandResult(text, {"effects": [described(kind) for kind in chosen]})
 
 
 def in_short(kind: "type[Effect]") -> str:

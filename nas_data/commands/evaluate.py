@@ -7,7 +7,7 @@ import tyro
 
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands._patience import Counting
-from nas_data.commands.base import Outcome
+from nas_data.commands.base import CommandResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +28,7 @@ class Evaluate(TakesModel):
     episodes: tuple[int, ...] = ()
     """Use only these episodes; all by default."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Evaluate and return the tables."""
         from nas_data.api.learning import LearnedModel, evaluate
         from nas_data.dataset import versions
@@ -55,4 +55,4 @@ class Evaluate(TakesModel):
         head = [f"{folder} ({origin}) on {root}: {dataset.n_episodes} episodes, {dataset.n_frames} frames"]
         head += [f"derived {key}: {how}" for key, how in derived.items()]
         data = {"checkpoint": folder, "dataset": root, "trained_on": seen, "derived": derived, **evaluation.to_json()}
-        return Outcome("\n".join([*head, "", evaluation.text(), "", evaluation.episodes_text()]), data)
+        return CommandResult("\n".join([*head, "", evaluation.text(), "", evaluation.episodes_text()]), data)

@@ -7,7 +7,7 @@ from pathlib import Path
 import tyro
 
 from nas_data.commands._actuators import TakesModel
-from nas_data.commands.base import Outcome
+from nas_data.commands.base import CommandResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +26,7 @@ class Gap(TakesModel):
     learn: int = 0
     """Updates in which φ learns what the names leave, minutes of work; its share goes into the report."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Work through all stages."""
         from nas_data.api.gap import identify
         from nas_data.gap.summary import summary
@@ -34,7 +34,7 @@ class Gap(TakesModel):
         report = identify(
             self.dataset, self.model, out=self.out, learn=self.learn, actuators=self.actuators, progress=say
         )
-        return Outcome(summary(report, self.out), report.to_json())
+        return CommandResult(summary(report, self.out), report.to_json())
 
 
 def say(text: str) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import tyro
 
 from nas_data.commands._actuators import TakesModel
-from nas_data.commands.base import Outcome
+from nas_data.commands.base import CommandResult
 
 if TYPE_CHECKING:
     from nas_data.gap.named import Named
@@ -34,27 +34,27 @@ class GapAdd(TakesModel):
     """Also write what was identified as parameters: bam/JOINT.json as Rhoban's BAM reads them, or parameters.csv with
     gain, damping, armature, friction, delay and limits of every joint, and ranges to randomise them in."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Write and score."""
-        from nas_data.gap.added import added
         from nas_data.gap.compose import gap
         from nas_data.gap.named import Named
-        from nas_data.gap.place import check_model
+        from nas_data.gap.output_folder import check_model
         from nas_data.gap.problem import Problem
+        from nas_data.gap.score_model import score_model
         from nas_data.gap.search.final import Final
-        from nas_data.joint_units import unit_named
+        from nas_data.joint_units import display_unit
 
         check_model(self.out, self.model)
         problem = Problem.load(self.dataset, self.actuated(self.model))
         named = Named.read(self.effects)
         final = Final(named.effects, named.retuned, ())
         self.out.mkdir(parents=True, exist_ok=True)
-        outcome = added(problem, final, Final((), {}, ()), Final((), {}, ()), self.out)
+        outcome = score_model(problem, final, Final((), {}, ()), Final((), {}, ()), self.out)
         found = gap(problem.held, outcome)
         told = " and ".join(
             f"{unit.text(errors.before, 3)} before, {unit.text(errors.after, 3)} after"
             for errors in (found, found.slides)
-            if errors is not None and (unit := unit_named(errors.unit))
+            if errors is not None and (unit := display_unit(errors.unit))
         )
         text = (
             f"Open-loop position error on {len(problem.held.evidence)} held-out episodes: {told}, "
@@ -64,7 +64,7 @@ class GapAdd(TakesModel):
         if self.export is not None:
             data["exported"] = self._export(problem.train.nominal, named)
             text += f"\n{data['exported']}"
-        return Outcome(text, data)
+        return CommandResult(text, data)
 
     def _export(self, nominal: "Nominal", named: "Named") -> Path:
         """Write the parameters, and say on stderr what the format does not hold."""

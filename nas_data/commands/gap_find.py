@@ -7,7 +7,7 @@ from pathlib import Path
 import tyro
 
 from nas_data.commands._actuators import TakesModel
-from nas_data.commands.base import Outcome
+from nas_data.commands.base import CommandResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,7 +24,7 @@ class GapFind(TakesModel):
     out: Path | None = None
     """Folder for find.json; nothing is written where not given."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Find and print."""
         from nas_data.cli import finite
         from nas_data.gap.finding.find import find
@@ -38,4 +38,4 @@ class GapFind(TakesModel):
             path = self.out / "find.json"
             path.write_text(json.dumps(finite(found.to_json()), indent=1), encoding="utf-8")
             text += f"\n{path}"
-        return Outcome(text, found.to_json())
+        return CommandResult(text, found.to_json())

@@ -6,7 +6,7 @@ from pathlib import Path
 import tyro
 
 from nas_data.commands._actuators import TakesModel
-from nas_data.commands.base import Outcome
+from nas_data.commands.base import CommandResult
 from nas_data.commands.gap import say
 
 
@@ -24,13 +24,13 @@ class GapName(TakesModel):
     out: Path
     """Folder for effects.json."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Search and write."""
-        from nas_data.gap.add import write_effects
         from nas_data.gap.compose import described
         from nas_data.gap.name import name
         from nas_data.gap.problem import Problem
         from nas_data.gap.summary import finding_text
+        from nas_data.gap.write_model import write_effects
         from nas_data.typed_json import to_json
 
         problem = Problem.load(self.dataset, self.actuated(self.model))
@@ -40,4 +40,4 @@ class GapName(TakesModel):
         path = write_effects(self.out, naming.final.effects, naming.final.factors, slides=nominal.slides)
         effects = [described(finding, nominal) for finding in naming.findings]
         lines = [finding_text(effect) for effect in effects] or ["No effect is named."]
-        return Outcome("\n".join([*lines, str(path)]), {"effects": to_json(effects), "file": path})
+        return CommandResult("\n".join([*lines, str(path)]), {"effects": to_json(effects), "file": path})

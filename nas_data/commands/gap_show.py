@@ -5,7 +5,7 @@ from pathlib import Path
 
 import tyro
 
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Command, CommandResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,7 +18,7 @@ class GapShow(Command):
     report: tyro.conf.Positional[Path]
     """Folder of a gap report."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Draw and write."""
         from nas_data.errors import OptionError
         from nas_data.gap.showing.show import show
@@ -28,4 +28,4 @@ class GapShow(Command):
                 f"There is no gap report in {self.report}; make one with: nas gap DATASET --model MODEL.xml"
             )
         page = show(self.report)
-        return Outcome(f"{page}", {"page": page})
+        return CommandResult(f"{page}", {"page": page})

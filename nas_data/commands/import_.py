@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Command, CommandResult
 from nas_data.errors import LogError, OptionError
 
 if TYPE_CHECKING:
-    from nas_data.dataset.audits.base import Finding
+    from nas_data.dataset.audits.base import AuditFinding
     from nas_data.importing.lerobot import Said
     from nas_data.importing.map import Map
     from nas_data.recorders.logs import Import
@@ -62,7 +62,7 @@ class ImportLogs(Command):
     out: Path | None = None
     """Exactly this folder instead; must not exist."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Read, audit, convert and write."""
         from dataclasses import replace
 
@@ -84,13 +84,15 @@ class ImportLogs(Command):
         result = replace(result, dataset=dataset, findings=findings)
         root = versions.save(dataset, result.provenance, out=self.out, name=name, attachments=result.attachments)
         text = [*notes, *(f"derived {key}: {how}" for key, how in result.provenance.derived.items() if not mapping)]
-        return Outcome("\n".join([_text(result, root), *(f"  {line}" for line in text)]), _data(result, root, notes))
+        return CommandResult(
+            "\n".join([_text(result, root), *(f"  {line}" for line in text)]), _data(result, root, notes)
+        )
 
     def _mapping(self) -> "tuple[Map | None, tuple[str, ...]]":
         """Return the map with what the options say, and what was decided; None where numbers stay as they are."""
         from nas_data.importing.lerobot import is_dataset, map_text, settle
         from nas_data.importing.map_file import load_map, parse_map
-        from nas_data.importing.section import Section
+        from nas_data.importing.section import MapSection
 
         if self.map is None and not self._said.needs_map:
             return None, ()
@@ -99,7 +101,7 @@ class ImportLogs(Command):
             if not is_dataset(path):
                 raise OptionError(f"{path} is no LeRobot dataset; give --map, which says what a log's columns mean.")
             text = map_text(path, self.unit, self.model)
-            mapping = parse_map(Section(tomllib.loads(text), f"the map of {path}"), "generated", text)
+            mapping = parse_map(MapSection(tomllib.loads(text), f"the map of {path}"), "generated", text)
         else:
             mapping = load_map(self.map)
         if mapping.layout.format == "lerobot":
@@ -180,9 +182,9 @@ def _text(result: "Import", root: Path) -> str:
     return "\n".join(lines)
 
 
-def _findings_text(findings: "Iterable[Finding]") -> list[str]:
+def _findings_text(findings: "Iterable[AuditFinding]") -> list[str]:
     """List findings by their kind, a few of each."""
-    kinds: dict[str, list[Finding]] = {}
+    kinds: dict[str, list[AuditFinding]] = {}
     for finding in findings:
         kinds.setdefault(finding.check, []).append(finding)
     lines = []

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Command, CommandResult
 from nas_data.errors import DatasetNotFound
 
 if TYPE_CHECKING:
-    from nas_data.dataset.summary import Summary
+    from nas_data.dataset.summary import DatasetSummary
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,7 +24,7 @@ class Info(Command):
     dataset: tyro.conf.Positional[Path]
     """The dataset's folder, or datasets/NAME for its newest version; any LeRobot v3 dataset will do."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Read the dataset and describe it."""
         from nas_data.dataset.summary import summarize
 
@@ -32,10 +32,10 @@ class Info(Command):
             raise DatasetNotFound(f"{self.dataset} is a file, no dataset; give a dataset's folder or datasets/NAME.")
         summary = summarize(self.dataset)
         lines = [*overview(summary), *feature_lines(summary), *provenance_lines(summary)]
-        return Outcome("\n".join(lines), summary.to_json())
+        return CommandResult("\n".join(lines), summary.to_json())
 
 
-def overview(summary: "Summary") -> Iterator[str]:
+def overview(summary: "DatasetSummary") -> Iterator[str]:
     """Say what was recorded."""
     frames = sum(summary.lengths)
     tasks = [f"{task or 'unnamed'} ({count})" for task, count in summary.tasks.items()]
@@ -51,7 +51,7 @@ def overview(summary: "Summary") -> Iterator[str]:
     yield f"  content hash  {summary.content_hash}"
 
 
-def feature_lines(summary: "Summary") -> Iterator[str]:
+def feature_lines(summary: "DatasetSummary") -> Iterator[str]:
     """Name the features and the range of each component of state and command."""
     yield "features"
     for key, feature in summary.features.items():
@@ -65,7 +65,7 @@ def feature_lines(summary: "Summary") -> Iterator[str]:
             yield f"  {key} {name}: {low:.4g} … {high:.4g} {summary.units.get(name, '')}".rstrip()
 
 
-def provenance_lines(summary: "Summary") -> Iterator[str]:
+def provenance_lines(summary: "DatasetSummary") -> Iterator[str]:
     """Say what has to be derived and where the dataset comes from."""
     if summary.unusable:
         yield f"not usable as it is: {summary.unusable}"
@@ -80,7 +80,7 @@ def provenance_lines(summary: "Summary") -> Iterator[str]:
         yield f"provenance: {name}: {provenance.how}, {provenance.when}" + (f", from {parents}" if parents else "")
 
 
-def pairing(summary: "Summary") -> str:
+def pairing(summary: "DatasetSummary") -> str:
     """Say whether a source's predictions are present, and which source's."""
     if not summary.paired:
         return "no (nas pair adds what a source model predicts)"

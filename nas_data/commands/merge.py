@@ -7,7 +7,7 @@ from typing import Annotated
 import tyro
 
 from nas_data.commands._patience import saying
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Command, CommandResult
 from nas_data.errors import OptionError
 
 
@@ -27,10 +27,10 @@ class Merge(Command):
     out: Path | None = None
     """Exactly this folder instead; must not exist."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Read, compare, join and write."""
         from nas_data.dataset.content import content_hash
-        from nas_data.dataset.inheritance import Original
+        from nas_data.dataset.derive_provenance import Original
         from nas_data.dataset.merge import merge, remarks
         from nas_data.dataset.staging import refuse_existing
         from nas_data.dataset.versions import check_name, save
@@ -55,7 +55,7 @@ class Merge(Command):
             notes = list(remarks(originals))
         dataset = merged.dataset
         text = f"{dataset.n_episodes} episodes, {dataset.n_frames} frames of {len(originals)} dataset(s) → {folder}"
-        return Outcome(
+        return CommandResult(
             "\n".join([text, *(f"  note: {note}" for note in notes)]),
             {
                 "dataset": folder,

@@ -6,7 +6,7 @@ from pathlib import Path
 import tyro
 
 from nas_data.commands._patience import saying
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Command, CommandResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,14 +23,14 @@ class Pack(Command):
     out: Path | None = None
     """The file; NAME-VERSION.nas.tar in the current folder where left out."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Check and pack."""
         from nas_data.dataset.pack import pack
 
         with saying(f"packing {self.dataset}"):
             file, manifest = pack(self.dataset, self.out)
         size = file.stat().st_size
-        return Outcome(
+        return CommandResult(
             f"{len(manifest.files)} files, {size / 1e6:.2f} MB → {file}",
             {"file": file, "bytes": size, "files": len(manifest.files), "content_hash": manifest.content_hash},
         )

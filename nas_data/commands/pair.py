@@ -7,7 +7,7 @@ from typing import Annotated
 import tyro
 
 from nas_data.commands._actuators import TakesModel
-from nas_data.commands.base import Outcome
+from nas_data.commands.base import CommandResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +30,7 @@ class Pair(TakesModel):
     out: Path | None = None
     """Exact folder of the new version; beside the dataset where it lies in datasets/NAME/ otherwise."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Pair the dataset and write the new version."""
         from nas_data.api.pairing import make_pairs
         from nas_data.dataset import versions
@@ -56,7 +56,7 @@ class Pair(TakesModel):
         remarks = [pairing.remark] if pairing.remark else []
         lines = [*(f"derived {key}: {how}" for key, how in derived.items()), *remarks]
         done = f"{paired.n_frames} transitions of {paired.n_episodes} episodes paired in {pairing.seconds:.1f} s"
-        return Outcome(
+        return CommandResult(
             "\n".join([f"{done} → {folder}", *(f"  {line}" for line in lines)]),
             {
                 "dataset": folder,

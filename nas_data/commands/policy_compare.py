@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Command, CommandResult
 from nas_data.errors import OptionError
 
 
@@ -44,12 +44,12 @@ class PolicyCompare(Command):
     out: Path = Path("runs/compare")
     """Folder of the runs and of comparison.json."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Train, judge and compare."""
         import json
 
         from nas_data.cli import finite
-        from nas_data.envs.loop.plant import Plant
+        from nas_data.envs.loop.dynamics_spec import DynamicsSpec
         from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compare
 
         for option, value in (("--frames", self.frames), ("--episodes", self.episodes), ("--workers", self.workers)):
@@ -59,13 +59,13 @@ class PolicyCompare(Command):
             raise OptionError(f"--seed {' '.join(map(str, self.seed))}: give different numbers, 0 or more.")
         if self.delta_named and not self.effects:
             raise OptionError("--delta-named corrects a source with named effects; say which: --effects DIR.")
-        target = Plant(self.env, self.dynamics, engine=self.engine)
-        methods = {EXPERT_METHOD: target, SOURCE_METHOD: Plant(self.env)}
+        target = DynamicsSpec(self.env, self.dynamics, engine=self.engine)
+        methods = {EXPERT_METHOD: target, SOURCE_METHOD: DynamicsSpec(self.env)}
         for name, checkpoint in (("nas", self.delta), ("forward", self.forward)):
             if checkpoint is not None:
-                methods[name] = Plant(self.env, checkpoint=str(checkpoint))
+                methods[name] = DynamicsSpec(self.env, checkpoint=str(checkpoint))
         if self.effects is not None:
-            methods["named"] = Plant(self.env, effects=str(self.effects))
+            methods["named"] = DynamicsSpec(self.env, effects=str(self.effects))
         if self.delta_named is not None:
             methods["named_nas"] = replace(methods["named"], checkpoint=str(self.delta_named))
         study = Study(target, methods, self.seed, self.frames, self.episodes)
@@ -73,4 +73,4 @@ class PolicyCompare(Command):
         result = self.out / "comparison.json"
         result.write_text(json.dumps(finite(found.describe()), indent=1, allow_nan=False), encoding="utf-8")
         head = f"{self.env} with dynamics '{self.dynamics}', {self.frames:,} frames, {self.episodes} episodes a policy:"
-        return Outcome(f"{head}\n{found.table()}\n→ {result}", {"result": result, **found.describe()})
+        return CommandResult(f"{head}\n{found.table()}\n→ {result}", {"result": result, **found.describe()})

@@ -6,7 +6,7 @@ from typing import Literal
 
 import tyro
 
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Command, CommandResult
 from nas_data.errors import OptionError
 
 
@@ -64,7 +64,7 @@ class PolicyEvaluate(Command):
     lockstep: bool = False
     """Let virtual arms move as fast as the machine can, instead of in real time."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Score every policy."""
         if not self.policies:
             raise OptionError("Name at least one policy's folder; see: nas policy evaluate --help.")
@@ -94,9 +94,9 @@ class PolicyEvaluate(Command):
         if unused:
             raise OptionError(f"Judging on '{self.on}' takes no {unused[0]}; see: nas policy evaluate --help.")
 
-    def _in_simulation(self) -> Outcome:
+    def _in_simulation(self) -> CommandResult:
         from nas_data.envs.base import SOURCE
-        from nas_data.envs.loop.plant import Plant
+        from nas_data.envs.loop.dynamics_spec import DynamicsSpec
         from nas_data.policies.evaluate import score_baselines, score_group
         from nas_data.policies.policy import find_policies, load_policy
         from nas_data.policies.tables import policy_table
@@ -104,7 +104,7 @@ class PolicyEvaluate(Command):
         first = load_policy(find_policies(self.policies[0])[0])
         effects = None if self.effects is None else str(self.effects)
         dynamics = self.dynamics if self.on == "target" else SOURCE
-        plant = Plant(first.environment, dynamics, effects=effects, engine=self.engine, missed=self.missed)
+        plant = DynamicsSpec(first.environment, dynamics, effects=effects, engine=self.engine, missed=self.missed)
         stepper = plant.stepper(self.episodes)
         groups = [score_group(path, plant, self.episodes, stepper) for path in self.policies]
         baselines = score_baselines(plant, self.episodes, stepper)
@@ -121,9 +121,9 @@ class PolicyEvaluate(Command):
             "groups": [group.describe() for group in groups],
             "baselines": {name: score.describe() for name, score in baselines.items()},
         }
-        return Outcome(f"{what}\n{policy_table(groups, baselines)}", data)
+        return CommandResult(f"{what}\n{policy_table(groups, baselines)}", data)
 
-    def _on_arm(self, port: str) -> Outcome:
+    def _on_arm(self, port: str) -> CommandResult:
         from nas_data.commands._on_arm import OnArm
 
         if self.finish and not self.record:

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Command, CommandResult
 from nas_data.errors import OptionError
 
 if TYPE_CHECKING:
-    from nas_data.policies.learner import Training
+    from nas_data.policies.learner import PolicyTraining
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,13 +42,13 @@ class PolicyTrain(Command):
     workers: int = 1
     """Seeds trained side by side, each in a process of one thread."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Train every seed."""
         trainings = self._trainings()
         from nas_data.parallel import run_jobs
         from nas_data.policies.policy import load_policy, read_progress
         from nas_data.policies.ppo import train_job
-        from nas_data.policies.tables import aligned
+        from nas_data.policies.tables import align_columns
 
         what = "named-augmented" if self.on == "augmented" and self.effects else self.on
         folder = self.out or Path("runs/policy") / f"{self.env.removeprefix('nas/')}-{what}"
@@ -70,12 +70,14 @@ class PolicyTrain(Command):
         headers = ("seed", "frames", "return", "success", "frames/s", "policy")
         text = [
             f"Trained in {self.env}, {what}; return and success while exploring, in the last rollout:",
-            aligned(headers, [rows[number] for number in sorted(rows)]),
+            align_columns(headers, [rows[number] for number in sorted(rows)]),
             f"Next: nas policy evaluate {folder}",
         ]
-        return Outcome("\n".join(text), {"out": folder, "policies": [results[number] for number in sorted(results)]})
+        return CommandResult(
+            "\n".join(text), {"out": folder, "policies": [results[number] for number in sorted(results)]}
+        )
 
-    def _trainings(self) -> "list[Training]":
+    def _trainings(self) -> "list[PolicyTraining]":
         """Check the options and return what to train."""
         learned = self.on in {"augmented", "forward"}
         if learned != (self.checkpoint is not None):
@@ -90,10 +92,10 @@ class PolicyTrain(Command):
         if not self.seed or len(set(self.seed)) < len(self.seed) or min(self.seed) < 0:
             raise OptionError(f"--seed {' '.join(map(str, self.seed))}: give different numbers, 0 or more.")
         from nas_data.envs.base import SOURCE
-        from nas_data.envs.loop.plant import Plant
-        from nas_data.policies.learner import Training
+        from nas_data.envs.loop.dynamics_spec import DynamicsSpec
+        from nas_data.policies.learner import PolicyTraining
 
-        plant = Plant(
+        plant = DynamicsSpec(
             environment=self.env,
             dynamics=self.dynamics if self.on == "target" else SOURCE,
             checkpoint=None if self.checkpoint is None else str(self.checkpoint),
@@ -106,4 +108,4 @@ class PolicyTrain(Command):
             from nas_data.models.checkpoint import find, load_frozen
 
             require_kind(load_frozen(find(self.checkpoint)), "delta" if self.on == "augmented" else "forward")
-        return [Training(plant=plant, seed=seed, frames=self.frames) for seed in self.seed]
+        return [PolicyTraining(plant=plant, seed=seed, frames=self.frames) for seed in self.seed]

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from nas_data.commands._actuators import TakesModel
-from nas_data.commands.base import Outcome
+from nas_data.commands.base import CommandResult
 from nas_data.errors import OptionError
 
 if TYPE_CHECKING:
     from nas_data.recorders.readings import Readings
-    from nas_data.recorders.session import Protocol, Target
+    from nas_data.recorders.session import PlaybackProtocol, Target
     from nas_data.robots.base import Robot
 
 FASTEST = 100_000.0  # [Hz] beyond any robot's control rate
@@ -72,18 +72,18 @@ class RecordSim(TakesModel):
     out: Path | None = None
     """Write to exactly this folder instead."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Record and write the dataset."""
         from nas_data.dataset.content import content_hash
         from nas_data.dataset.versions import check_place, save
-        from nas_data.recorders.session import Session
+        from nas_data.recorders.session import RecordingSession
         from nas_data.recorders.simulated import record, to_dataset
 
         began = time.monotonic()
-        session = Session.draw(self._target(), self._protocol())
+        session = RecordingSession.draw(self._target(), self._protocol())
         name = self.name or f"{session.target.robot.name}_{session.task}"
         check_place(out=self.out, name=name)
-        dataset = to_dataset(session, record(session, Progress(len(session.commands))))
+        dataset = to_dataset(session, record(session, SimulationProgress(len(session.commands))))
         path = save(dataset, session.provenance(self.blind), out=self.out, name=name)
         took = time.monotonic() - began
         text = (
@@ -98,7 +98,7 @@ class RecordSim(TakesModel):
             "seconds": took,
             "content_hash": content_hash(dataset),
         }
-        return Outcome(text, data)
+        return CommandResult(text, data)
 
     def _target(self) -> "Target":
         """Build the target and its sensors."""
@@ -148,16 +148,16 @@ class RecordSim(TakesModel):
             velocity_quantum=0.0 if self.quantum == 0 else robot.velocity_quantum,
         )
 
-    def _protocol(self) -> "Protocol":
+    def _protocol(self) -> "PlaybackProtocol":
         """Say what is to be played."""
         from nas_data.environment_ids import environment_id
         from nas_data.envs.base import find_task_file
         from nas_data.excitations.base import parse
-        from nas_data.recorders.session import Protocol, check_amount
+        from nas_data.recorders.session import PlaybackProtocol, check_amount
 
         seconds = self._seconds()
         check_amount(self.episodes, seconds, LONGEST)
-        return Protocol(
+        return PlaybackProtocol(
             excitation=parse(self.excitation),
             file=self.commands,
             episodes=self.episodes,
@@ -178,7 +178,7 @@ class RecordSim(TakesModel):
         return task.horizon * task.period
 
 
-class Progress:
+class SimulationProgress:
     """Says on stderr how many episodes are recorded, once recording takes long."""
 
     def __init__(self, episodes: int) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from nas_data.commands._patience import saying
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Command, CommandResult
 
 if TYPE_CHECKING:
     from nas_data.dataset.recover import Rescue
@@ -34,7 +34,7 @@ class Recover(Command):
     out: Path | None = None
     """Exactly this folder instead; must not exist."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Find, judge and write what is whole."""
         from nas_data.dataset.recover import find_damaged, recover
         from nas_data.dataset.staging import refuse_existing
@@ -49,7 +49,7 @@ class Recover(Command):
         with saying(f"rescuing {root}"):
             rescue = recover(root, self.beyond, like)
             folder = self._write(rescue)
-        return Outcome("\n".join(lines(rescue, folder)), data(rescue, folder))
+        return CommandResult("\n".join(lines(rescue, folder)), data(rescue, folder))
 
     def _write(self, rescue: "Rescue") -> Path | None:
         """Write what was rescued; nothing where nothing was damaged."""

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from nas_data.commands._ghosts import ShowsEpisode
 from nas_data.commands._patience import Counting
-from nas_data.commands.base import Outcome
+from nas_data.commands.base import CommandResult
 from nas_data.errors import OptionError, OutputExists
 
 
@@ -37,7 +37,7 @@ class Render(ShowsEpisode):
     elevation: float = -15.0
     """Direction in which the camera looks, above the horizon [deg]; negative looks down."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Simulate, draw and write."""
         if self.out.suffix not in (".mp4", ".png"):
             raise OptionError(f"--out {self.out} must end in .mp4 (a film and a picture) or .png (the picture alone).")
@@ -59,7 +59,7 @@ class Render(ShowsEpisode):
             film.close()
         arms, frames = [ghost.name for ghost in motion.ghosts], len(chosen) if film_file else 0
         text = f"{', '.join(arms)} in episode {self.episode} of {root}\n  at {motion.times[still]:.2f} s → {picture}"
-        return Outcome(
+        return CommandResult(
             text + (f"\n  {frames} pictures → {film_file}" if film_file else ""),
             {
                 "dataset": root,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import tyro
 
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Command, CommandResult
 from nas_data.errors import OptionError, OutputExists
 
 
@@ -21,12 +21,12 @@ class Report(Command):
     out: Path = Path("report.html")
     """The page; an earlier page of ours is replaced."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Read the runs and write the page."""
         if not self.runs:
             raise OptionError("Name at least one run's folder; see: nas report --help.")
         from nas_data.reports.file import write_whole
-        from nas_data.reports.page import Page, is_ours
+        from nas_data.reports.page import HtmlPage, is_ours
         from nas_data.reports.run_sections import models_section, policies_section
         from nas_data.reports.runs import find_runs
 
@@ -36,8 +36,8 @@ class Report(Command):
         sections = [models_section(found.models)] if found.models else []
         if found.policies:
             sections.append(policies_section(found.groups()))
-        page = Page("Runs of nas_data", sections)
+        page = HtmlPage("Runs of nas_data", sections)
         write_whole(self.out, page.to_html().encode())
         counts = {"models": len(found.models), "policies": len(found.policies)}
         text = f"{counts['models']} models and {counts['policies']} policies → {self.out}"
-        return Outcome(text, {"page": self.out, **counts})
+        return CommandResult(text, {"page": self.out, **counts})

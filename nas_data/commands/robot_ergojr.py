@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Command, CommandResult
 from nas_data.errors import OptionError
 
 if TYPE_CHECKING:
-    from nas_data.xl320.arm import Arm
+    from nas_data.xl320.arm import Xl320Arm
     from nas_data.xl320.inventory import Inventory
-    from nas_data.xl320.survey import Found
+    from nas_data.xl320.survey import FoundServo
 
 NAME = "ergojr"
 
@@ -45,10 +45,10 @@ class RobotErgojr(Command):
     fault: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """A fault of the virtual arm, NAME:PARAMETER=NUMBER, for example unplugged:servo=3; may be given several times."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Look, and do what is asked for."""
         from nas_data.virtual_bus.ports import VIRTUAL, port_of
-        from nas_data.xl320.arm import Arm
+        from nas_data.xl320.arm import Xl320Arm
         from nas_data.xl320.calibration import default_path, joints_of
         from nas_data.xl320.ergojr import ergojr_joints
 
@@ -61,13 +61,13 @@ class RobotErgojr(Command):
         if path and not self.calibrate:
             joints = joints_of(joints, NAME, self.id, self.calibration)
         with port_of(self.port, self.effect, self.fault) as port:
-            arm = Arm(port, joints)
+            arm = Xl320Arm(port, joints)
             try:
                 return self._look(arm, path)
             finally:
                 arm.close()
 
-    def _look(self, arm: "Arm", path: Path | None) -> Outcome:
+    def _look(self, arm: "Xl320Arm", path: Path | None) -> CommandResult:
         from nas_data.xl320.inventory import take_inventory
 
         if self.rename:
@@ -84,9 +84,9 @@ class RobotErgojr(Command):
             lines.append(
                 f"The arm is ready. Zeros: {path if path and path.is_file() else 'not calibrated (--calibrate)'}"
             )
-        return Outcome("\n".join(lines), data(inventory, arm), ready)
+        return CommandResult("\n".join(lines), data(inventory, arm), ready)
 
-    def _calibrate(self, arm: "Arm", path: Path) -> str:
+    def _calibrate(self, arm: "Xl320Arm", path: Path) -> str:
         """Store the present pose as zero."""
         import numpy as np
 
@@ -97,7 +97,7 @@ class RobotErgojr(Command):
         write_calibration(path, joints)
         return f"Zero offsets {', '.join(map(str, joints.offsets))} ticks → {path}"
 
-    def _rename(self, arm: "Arm", text: str) -> None:
+    def _rename(self, arm: "Xl320Arm", text: str) -> None:
         """Give one servo another identity."""
         from nas_data.xl320.survey import refuse_duplicates
 
@@ -110,12 +110,12 @@ class RobotErgojr(Command):
         arm.bus.rename(int(old), int(new))
 
 
-def table(servos: "Sequence[Found]", arm: "Arm") -> list[str]:
+def table(servos: "Sequence[FoundServo]", arm: "Xl320Arm") -> list[str]:
     """Return a line of what is found for each servo; where the joints stand in degrees."""
     return ["joint  id  model  firmware  supply  warmth  position  torque  errors", *(row(s, arm) for s in servos)]
 
 
-def row(servo: "Found", arm: "Arm") -> str:
+def row(servo: "FoundServo", arm: "Xl320Arm") -> str:
     """Return the line of one servo."""
     import numpy as np
 
@@ -131,7 +131,7 @@ def row(servo: "Found", arm: "Arm") -> str:
     )
 
 
-def data(inventory: "Inventory", arm: "Arm") -> dict[str, object]:
+def data(inventory: "Inventory", arm: "Xl320Arm") -> dict[str, object]:
     """Return the same for machines."""
     return {
         "port": arm.port,

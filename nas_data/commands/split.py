@@ -6,7 +6,7 @@ from pathlib import Path
 import tyro
 
 from nas_data.commands._patience import saying
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Command, CommandResult
 from nas_data.errors import OptionError
 
 
@@ -38,9 +38,9 @@ class Split(Command):
     names: tuple[str, str] | None = None
     """Names of the two; NAME_train and NAME_test where left out."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Choose, divide and write both parts."""
-        from nas_data.dataset.inheritance import Original
+        from nas_data.dataset.derive_provenance import Original
         from nas_data.dataset.split import draw, parse_episodes, split
         from nas_data.dataset.versions import check_name, home_of, new_version
 
@@ -79,12 +79,14 @@ class Split(Command):
             {"dataset": path, "episodes": episodes, "frames": part.dataset.n_frames}
             for part, path, episodes in zip(parts, written, (sorted(chosen), rest), strict=True)
         ]
-        return Outcome("\n".join([*lines, *(f"  note: {note}" for note in notes)]), {"parts": data, "notes": notes})
+        return CommandResult(
+            "\n".join([*lines, *(f"  note: {note}" for note in notes)]), {"parts": data, "notes": notes}
+        )
 
-    def _cut(self, seconds: float) -> Outcome:
+    def _cut(self, seconds: float) -> CommandResult:
         """Cut the episodes in time and write the result."""
         from nas_data.dataset.cutting import cut_every
-        from nas_data.dataset.inheritance import Original, inherit
+        from nas_data.dataset.derive_provenance import Original, inherit
         from nas_data.dataset.versions import check_name, home_of, new_version
 
         original = Original.read(self.dataset)
@@ -96,4 +98,4 @@ class Split(Command):
         with saying(f"writing {dataset.n_frames} frames"):
             path = new_version(dataset, target, provenance, folder, original.attachments)
         text = f"{dataset.n_episodes} episodes, {dataset.n_frames} frames → {path}"
-        return Outcome(text, {"dataset": path, "episodes": dataset.n_episodes, "frames": dataset.n_frames})
+        return CommandResult(text, {"dataset": path, "episodes": dataset.n_episodes, "frames": dataset.n_frames})

@@ -6,7 +6,7 @@ from pathlib import Path
 import tyro
 
 from nas_data.commands._patience import saying
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Command, CommandResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +21,7 @@ class Unpack(Command):
     folder: Path = Path("datasets")
     """Folder of your datasets; the result is FOLDER/NAME/VERSION."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Check and unpack."""
         from nas_data.dataset.content import content_hash
         from nas_data.dataset.read import read
@@ -30,7 +30,7 @@ class Unpack(Command):
         with saying(f"checking {self.file}"):
             root = unpack(self.file, self.folder)
             dataset = read(root)
-        return Outcome(
+        return CommandResult(
             f"{dataset.n_episodes} episodes, {dataset.n_frames} frames of {dataset.robot_type}, hashes right → {root}",
             {
                 "dataset": root,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import tyro
 
-from nas_data.commands.base import Command, Outcome
+from nas_data.commands.base import Command, CommandResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,7 +20,7 @@ class Verify(Command):
     dataset: tyro.conf.Positional[Path]
     """The dataset's folder, or datasets/NAME for its newest version."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Run every check."""
         from nas_data.dataset.verify import examine
         from nas_data.dataset.versions import resolve
@@ -34,6 +34,6 @@ class Verify(Command):
             *(f"  note: {note}" for note in findings.notes),
         ]
         data = {"dataset": root, "sound": not findings.problems}
-        return Outcome(
+        return CommandResult(
             "\n".join(lines), data | {"problems": findings.problems, "notes": findings.notes}, not findings.problems
         )

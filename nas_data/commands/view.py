@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from nas_data.commands._ghosts import ShowsEpisode
-from nas_data.commands.base import Outcome
+from nas_data.commands.base import CommandResult
 from nas_data.errors import OptionError, OutputExists
 
 
@@ -18,7 +18,7 @@ class View(ShowsEpisode):
     out: Path | None = None
     """Write a file instead of opening a window; `rerun FILE.rrd` opens it on any machine."""
 
-    def run(self) -> Outcome:
+    def run(self) -> CommandResult:
         """Simulate and log."""
         if self.out is not None and self.out.suffix != ".rrd":
             raise OptionError(f"--out {self.out} must end in .rrd, by which Rerun knows its recordings.")
@@ -31,7 +31,7 @@ class View(ShowsEpisode):
         recording.log(motion)
         arms = [ghost.name for ghost in motion.ghosts]
         where = f"{self.out}; open it with: rerun {self.out}" if self.out else "Rerun's window"
-        return Outcome(
+        return CommandResult(
             f"{', '.join(arms)} in episode {self.episode} of {root}, {motion.times[-1]:.2f} s → {where}",
             {"dataset": root, "episode": self.episode, "arms": arms, "recording": self.out},
         )

@@ -54,7 +54,7 @@ class Carried:
     @classmethod
     def of(cls, root: Path, frames: int) -> "Carried | None":
         """Return what a dataset has beside its vectors of numbers; None where that is nothing."""
-        return cls((root.resolve(),), np.arange(frames)) if layout.left_out(layout.read_info(root)) else None
+        return cls((root.resolve(),), np.arange(frames)) if layout.other_features(layout.read_info(root)) else None
 
     @classmethod
     def rescued(cls, root: Path, episodes: Sequence[int], lengths: np.ndarray) -> "Carried | None":
@@ -89,7 +89,7 @@ class Carried:
         """LeRobot's description of each feature."""
         info = layout.read_info(self.roots[0])
         described = layout.described(info)
-        return {key: described[key] for key in layout.left_out(info)}
+        return {key: described[key] for key in layout.other_features(info)}
 
     @property
     def frames(self) -> tuple[int, ...]:
@@ -150,10 +150,10 @@ class Carried:
         return found
 
     @cached_property
-    def _sources(self) -> tuple["Source", ...]:
-        return tuple(Source(root) for root in self.roots)
+    def _sources(self) -> tuple["CarriedSource", ...]:
+        return tuple(CarriedSource(root) for root in self.roots)
 
-    def _source_of(self, row: int) -> tuple["Source", int]:
+    def _source_of(self, row: int) -> tuple["CarriedSource", int]:
         """Return the source of a row, and its number there."""
         for source in self._sources:
             if row < source.frames:
@@ -162,7 +162,7 @@ class Carried:
         raise IndexError(row)
 
 
-class Source:
+class CarriedSource:
     """A dataset from which features are carried along."""
 
     def __init__(self, root: Path) -> None:

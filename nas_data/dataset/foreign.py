@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from nas_data.dataset.audits import audit_dataset
-from nas_data.dataset.audits.base import Finding
+from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import STATE
 from nas_data.dataset.joints import REMEDY
@@ -55,7 +55,7 @@ def is_ours(provenance: Provenance | None) -> bool:
     return provenance is not None and provenance.how in OURS
 
 
-def refuse(root: Path, findings: Sequence[Finding], dataset: Dataset) -> None:
+def refuse(root: Path, findings: Sequence[AuditFinding], dataset: Dataset) -> None:
     """Raise DatasetInvalid where the clock or the unit cannot be right, with the command that imports the dataset."""
     error = next((finding for finding in findings if finding.error and finding.check in REFUSED), None)
     if error is None:
@@ -95,9 +95,9 @@ def map_for(robot_type: str) -> str | None:
     return next((name for name in names if robot_type.startswith(name.removesuffix(LEROBOT))), None)
 
 
-def warnings_of(findings: Sequence[Finding]) -> tuple[str, ...]:
+def warnings_of(findings: Sequence[AuditFinding]) -> tuple[str, ...]:
     """Return a sentence for each kind of finding, with how many there are."""
-    kinds: dict[str, list[Finding]] = {}
+    kinds: dict[str, list[AuditFinding]] = {}
     for finding in findings:
         if not finding.minor:
             kinds.setdefault(finding.check, []).append(finding)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from nas_data.dataset.features import Feature
 from nas_data.errors import DatasetInvalid, DatasetNotFound
-from nas_data.visible import visible
+from nas_data.visible_files import visible
 
 CODEBASE_VERSION = "v3.0"
 CONVERTER = "convert_dataset_v21_to_v30"
@@ -36,7 +36,7 @@ NUMERIC = {"bool", "float16", "float32", "float64"} | {
 }
 
 
-def numbered(template: str, number: int) -> str:
+def numbered_path(template: str, number: int) -> str:
     """Return the path of the file with a running number, 1000 files a chunk."""
     return template.format(chunk_index=number // FILES_PER_CHUNK, file_index=number % FILES_PER_CHUNK)
 
@@ -117,7 +117,7 @@ def vector_features(info: Mapping[str, object]) -> dict[str, Feature]:
     }
 
 
-def left_out(info: Mapping[str, object]) -> dict[str, str]:
+def other_features(info: Mapping[str, object]) -> dict[str, str]:
     """Return the features that are not vectors of numbers (images, videos, strings, matrices) with their type."""
     kept = vector_features(info)
     return {

@@ -7,9 +7,9 @@ import numpy as np
 
 from nas_data.dataset.carried import Carried
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.derive_provenance import Derived, Original, common, inherit
 from nas_data.dataset.episode_hash import episode_hashes
 from nas_data.dataset.features import SIM_STATE, STATE, Feature
-from nas_data.dataset.inheritance import Derived, Original, common, inherit
 from nas_data.errors import DatasetInvalid, JointMismatch
 
 
@@ -47,11 +47,11 @@ def concatenate(datasets: Sequence[Dataset]) -> Dataset:
         fps=first.fps,
         robot_type=first.robot_type,
         tasks=tuple(task for dataset in datasets for task in dataset.tasks),
-        carried=joined([dataset.carried for dataset in datasets]),
+        carried=merge_carried([dataset.carried for dataset in datasets]),
     )
 
 
-def joined(carried: Sequence[Carried | None]) -> Carried | None:
+def merge_carried(carried: Sequence[Carried | None]) -> Carried | None:
     """Return what alike datasets carry along, one after the other."""
     parts = [part for part in carried if part is not None]
     if not parts:

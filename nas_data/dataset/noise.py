@@ -16,7 +16,7 @@ ENOUGH = 10  # different repeated readings from which a quantum can be told
 MULTIPLES = 1e-3  # how near readings must lie to multiples of a quantum, as a share of it
 
 
-def spread(readings: Sequence[np.ndarray], order: int, step: float = 0.0) -> float:
+def noise_of_differences(readings: Sequence[np.ndarray], order: int, step: float = 0.0) -> float:
     """Return the standard deviation of white noise that explains the differences of an order [rad].
 
     Of readings that come in steps only those count that lie within motion, where there are any: noise hides in a joint

@@ -17,6 +17,7 @@ from nas_data.dataset.audits.base import Expected
 from nas_data.dataset.checks import check_finite
 from nas_data.dataset.content import content_hash
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.derive_provenance import attachments, unknown_provenance
 from nas_data.dataset.features import (
     ACTION,
     EFFORT,
@@ -31,7 +32,6 @@ from nas_data.dataset.features import (
     time_feature,
 )
 from nas_data.dataset.foreign import take_in, warn, warnings_of
-from nas_data.dataset.inheritance import attachments, lost
 from nas_data.dataset.layout import PROVENANCE
 from nas_data.dataset.provenance import Parent, Provenance, now, package_versions, read_provenance
 from nas_data.dataset.read import read
@@ -90,7 +90,7 @@ def load(path: Path, episodes: Sequence[int] = ()) -> Dataset:
     warn(noticed)
     before = read_provenance(root)
     kept = attachments(root, before)
-    before = before or lost(recorded)
+    before = before or unknown_provenance(recorded)
     provenance = replace(before, derived={**before.derived, **derived})
     return replace(dataset, origin=Origin(dataset, provenance, derived, root, recorded, kept, noticed))
 

@@ -22,7 +22,7 @@ from nas_data.dataset.read import read
 from nas_data.dataset.staging import MARK, flush_folder, refuse_existing
 from nas_data.dataset.versions import VERSION, check_name, home_of, resolve
 from nas_data.errors import DatasetInvalid, OptionError
-from nas_data.visible import visible
+from nas_data.visible_files import visible
 
 SUFFIX = ".nas.tar"
 MANIFEST = "nas-pack.json"

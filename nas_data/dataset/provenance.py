@@ -18,10 +18,10 @@ PACKAGES = ("nas_data", "lerobot", "mujoco", "pybullet", "numpy", "pyarrow", "sc
 @cache
 def package_versions() -> dict[str, str]:
     """Return the versions of Python and of the packages that shape a dataset, as far as they are installed."""
-    return {"python": platform.python_version(), **installed(PACKAGES)}
+    return {"python": platform.python_version(), **installed_versions(PACKAGES)}
 
 
-def installed(names: Iterable[str]) -> dict[str, str]:
+def installed_versions(names: Iterable[str]) -> dict[str, str]:
     """Return the versions of those packages that are installed."""
     versions = {}
     for name in names:

@@ -8,7 +8,7 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import TIME
-from nas_data.dataset.start_velocities import differenced
+from nas_data.dataset.start_velocities import derived_velocities
 
 SIGNAL = "nas."  # how the keys of further signals begin
 
@@ -120,4 +120,6 @@ def are_derived(dataset: Dataset) -> bool:
     if not np.isfinite(dataset.states).all():
         return False
     episodes = [dataset.states[frames].astype(np.float64) for frames in dataset.episodes()]
-    return bool(differenced([rows[:, :n] for rows in episodes], [rows[:, n:] for rows in episodes], dataset.fps).all())
+    return bool(
+        derived_velocities([rows[:, :n] for rows in episodes], [rows[:, n:] for rows in episodes], dataset.fps).all()
+    )

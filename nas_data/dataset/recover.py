@@ -11,14 +11,14 @@ from nas_data.dataset import layout
 from nas_data.dataset.carried import Carried
 from nas_data.dataset.content import content_hash
 from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.derive_provenance import Derived, attachments, unknown_provenance
+from nas_data.dataset.episode_checks import Listed, judge, read_episode_table
 from nas_data.dataset.features import Feature
-from nas_data.dataset.inheritance import Derived, attachments, lost
-from nas_data.dataset.judgement import Listed, judge, listed
 from nas_data.dataset.provenance import Parent, Provenance, now, package_versions, read_provenance
 from nas_data.dataset.read import Rows, episode_tasks, read, read_tasks
-from nas_data.dataset.salvage import Salvage, salvage
+from nas_data.dataset.read_damaged import Salvage, salvage
 from nas_data.dataset.staging import MARK, leftovers
-from nas_data.dataset.verify import METADATA, Evidence
+from nas_data.dataset.verify import METADATA, VerifyInput
 from nas_data.dataset.versions import VERSION, home_of
 from nas_data.errors import DatasetInvalid, DatasetNotFound, NasError, OptionError
 
@@ -92,7 +92,7 @@ def recover(root: Path, beyond: bool = False, like: Path | None = None) -> Rescu
     provenance, reports = _provenance(root)
     found = salvage(root, info, provenance)
     features = layout.vector_features(info)
-    known = listed(root, features)
+    known = read_episode_table(root, features)
     faults = judge(found, features, known)
     whole = [episode for episode in found.episodes.tolist() if episode >= 0 and episode not in faults]
     first_gap = next((place for place, episode in enumerate(whole) if episode != place), len(whole))
@@ -178,7 +178,7 @@ def _is_whole(root: Path, provenance: Provenance | None) -> bool:
     try:
         rows = Rows.read(root, automatic)
         rows.sort(root)
-        evidence = Evidence(root, read(root), rows, provenance)
+        evidence = VerifyInput(root, read(root), rows, provenance)
         return not any(problem for check in METADATA for problem in check(evidence))
     except NasError:
         return False
@@ -203,7 +203,7 @@ def _carried(
     root: Path, info: Mapping[str, object], kept: Sequence[int], lengths: np.ndarray, described: bool
 ) -> tuple[Carried | None, list[str]]:
     """Return cameras, texts and the like of the rescued episodes, or say why they are left out and where they lie."""
-    keys = layout.left_out(info)
+    keys = layout.other_features(info)
     reason = f"{layout.INFO} is lost"
     if described:
         try:
@@ -238,7 +238,7 @@ def _new_provenance(root: Path, before: Provenance | None, dataset: Dataset, kep
     home = root.resolve()
     name = f"{home.parent.name}/{home.name}" if VERSION.fullmatch(home.name) else destination(root)[1]
     deed = f"rescued from {name}: {len(kept)} episode(s), {_some(kept)}"
-    known = before or lost(dataset)
+    known = before or unknown_provenance(dataset)
     return replace(
         known,
         how="edited",

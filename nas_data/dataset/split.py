@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from nas_data.dataset.inheritance import Derived, Original, inherit
+from nas_data.dataset.derive_provenance import Derived, Original, inherit
 from nas_data.errors import OptionError
 
 LONGEST = 10_000_000  # episodes in a range; a slip of the keyboard must not fill the memory
@@ -27,7 +27,7 @@ def split(original: Original, chosen: Sequence[int], how: str = "") -> tuple[Der
         raise OptionError(f"There is no episode {beyond[0]} in {original.root}; it has 0 to {count - 1}.")
     first = sorted(set(chosen))
     if len(first) < len(chosen):
-        raise OptionError(f"An episode is named twice in {listed(sorted(chosen))}; name each once.")
+        raise OptionError(f"An episode is named twice in {format_episodes(sorted(chosen))}; name each once.")
     if not 0 < len(first) < count:
         raise OptionError(
             f"{len(first)} of the {count} episodes of {original.root} were chosen; both parts need at least one."
@@ -75,7 +75,7 @@ def parse_episodes(text: str) -> list[int]:
     return episodes
 
 
-def listed(episodes: Sequence[int]) -> str:
+def format_episodes(episodes: Sequence[int]) -> str:
     """Return ascending episodes in the form that `parse_episodes` reads, for example `0-3,7`."""
     runs: list[list[int]] = []
     for episode in episodes:
@@ -88,6 +88,6 @@ def listed(episodes: Sequence[int]) -> str:
 
 def _part(original: Original, episodes: Sequence[int], how: str) -> Derived:
     """Return one part; its provenance names the episodes."""
-    rule = f"{len(episodes)} episodes, {how}," if how else f"episodes {listed(episodes)}"
+    rule = f"{len(episodes)} episodes, {how}," if how else f"episodes {format_episodes(episodes)}"
     deed = f"{rule} of {original.parent.name}"
     return Derived(original.dataset.select(episodes), inherit([original], deed), original.attachments)

@@ -15,7 +15,7 @@ MARK = ".partial-"
 
 
 @contextmanager
-def staged(root: Path) -> Iterator[Path]:
+def staging_folder(root: Path) -> Iterator[Path]:
     """Yield a hidden folder beside `root` to write into; it is gone afterwards unless it was published.
 
     The folder is locked while it is written, so that a leftover of a killed process can be told from it.
@@ -70,7 +70,7 @@ def _failures_named(root: Path) -> Iterator[None]:
         ) from error
 
 
-def put(path: Path, content: bytes | memoryview) -> None:
+def write_synced(path: Path, content: bytes | memoryview) -> None:
     """Write a file and wait until it is on the disk."""
     path.parent.mkdir(parents=True, exist_ok=True)
     try:

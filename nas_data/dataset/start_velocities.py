@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.noise import ODD, ORDERS, resolution, spread
+from nas_data.dataset.noise import ODD, ORDERS, noise_of_differences, resolution
 from nas_data.dataset.transitions import estimate_velocities
 
 CLEAR = 5.0  # standard deviations from which a velocity is no noise: once in two million readings
@@ -59,7 +59,7 @@ def find_start_velocities(dataset: Dataset) -> StartVelocities:
     deviations: np.ndarray = np.zeros((dataset.n_episodes, n))
     episodes = [dataset.states[rows].astype(float) for rows in dataset.episodes() if rows.stop > rows.start]
     positions, velocities = [rows[:, :n] for rows in episodes], [rows[:, n:] for rows in episodes]
-    derived = differenced(positions, velocities, dataset.fps)
+    derived = derived_velocities(positions, velocities, dataset.fps)
     noise = position_noise(positions)
     for joint in range(n):
         if derived[joint]:
@@ -90,7 +90,7 @@ def position_noise(positions: Sequence[np.ndarray]) -> np.ndarray:
     for joint in range(positions[0].shape[1] if positions else 0):
         readings = [rows[:, joint] for rows in positions]
         step, largest = resolution(readings), max(float(np.abs(row).max()) for row in readings)
-        noise = min(spread(readings, order, step) for order in (*ODD, *ORDERS))
+        noise = min(noise_of_differences(readings, order, step) for order in (*ODD, *ORDERS))
         found.append(max(step / np.sqrt(12.0), SINGLE * largest, noise if np.isfinite(noise) else 0.0))
     return np.array(found)
 
@@ -165,10 +165,14 @@ def velocity_noise(velocities: Sequence[np.ndarray], effort: bool) -> float:
     """
     step = resolution(velocities)
     rounding = step / float(np.sqrt(12.0))
-    return rounding if effort else max(rounding, min(spread(velocities, order, step) for order in (*ODD, *ORDERS)))
+    return (
+        rounding
+        if effort
+        else max(rounding, min(noise_of_differences(velocities, order, step) for order in (*ODD, *ORDERS)))
+    )
 
 
-def differenced(positions: Sequence[np.ndarray], velocities: Sequence[np.ndarray], fps: float) -> np.ndarray:
+def derived_velocities(positions: Sequence[np.ndarray], velocities: Sequence[np.ndarray], fps: float) -> np.ndarray:
     """Return of which joints the velocities were computed from the positions, by any usual formula; shape (n,).
 
     Args:

@@ -21,7 +21,7 @@ LONGEST_CHAIN = 100  # generations; a chain that names itself must end
 
 
 @dataclass(frozen=True)
-class Summary:
+class DatasetSummary:
     """What a dataset holds.
 
     Attributes:
@@ -80,7 +80,7 @@ class Summary:
         return {**vars(self), **sizes, "features": features, "provenance": chain}
 
 
-def summarize(path: Path) -> Summary:
+def summarize(path: Path) -> DatasetSummary:
     """Read a dataset and describe it.
 
     Raises:
@@ -92,7 +92,7 @@ def summarize(path: Path) -> Summary:
     chain = provenance_chain(root)
     usable, derived, reason, noticed = _transitions(root, dataset)
     shown = usable or dataset
-    return Summary(
+    return DatasetSummary(
         dataset=root,
         name=identity(root),
         robot=dataset.robot_type,
@@ -102,7 +102,7 @@ def summarize(path: Path) -> Summary:
         lengths=tuple(dataset.lengths.tolist()),
         tasks={task: dataset.tasks.count(task) for task in dict.fromkeys(dataset.tasks)},
         features=dataset.features,
-        carried=layout.left_out(layout.read_info(root)),
+        carried=layout.other_features(layout.read_info(root)),
         ranges={key: _ranges(shown, key) for key in (STATE, ACTION) if key in shown.features},
         units={name: unit for key in (ACTION, STATE) for name, unit in _units(shown, key).items()},
         derived=derived,

@@ -15,7 +15,7 @@ from nas_data.dataset.content import content_hash
 from nas_data.dataset.layout import PROVENANCE
 from nas_data.dataset.pack import MANIFEST, Manifest, check_unchanged, hashes, is_plain, write_pack
 from nas_data.dataset.read import read
-from nas_data.dataset.staging import put, staged
+from nas_data.dataset.staging import staging_folder, write_synced
 from nas_data.dataset.versions import list_versions, settle
 from nas_data.errors import DatasetInvalid, DatasetNotFound, NasError, OptionError
 
@@ -43,7 +43,7 @@ def unpack(file: Path, folder: Path) -> Path:
     if not present.is_dir():
         raise OptionError(f"{present} is a file; give the folder of your datasets with --folder.")
     try:
-        with staged(home / "version") as hidden:
+        with staging_folder(home / "version") as hidden:
             with _refusal(file):
                 _take_out(file, hidden, manifest)
                 _check_whole(file, hidden, manifest)
@@ -100,7 +100,7 @@ def _take_out(file: Path, hidden: Path, manifest: Manifest) -> None:
         if different:
             raise ValueError(f"{min(different)!r} is either in it or in its list of files, not in both")
         for name, member in members.items():
-            put(hidden / name, _content(archive, member))
+            write_synced(hidden / name, _content(archive, member))
 
 
 def _check_whole(file: Path, hidden: Path, manifest: Manifest) -> None:

@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from nas_data.dataset import layout
 from nas_data.dataset.audits import audit_dataset
-from nas_data.dataset.audits.base import Finding
+from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.content import content_hash
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import NEXT_STATE, STATE, Feature
@@ -40,7 +40,7 @@ class Findings:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class VerifyInput:
     """What the checks look at.
 
     Attributes:
@@ -56,7 +56,7 @@ class Evidence:
     provenance: Provenance | None
 
     @cached_property
-    def findings(self) -> tuple[Finding, ...]:
+    def findings(self) -> tuple[AuditFinding, ...]:
         """What the audits of recordings say; nothing where no joints are named."""
         try:
             return audit_dataset(as_transitions(self.dataset)[0])
@@ -86,7 +86,7 @@ def examine(path: Path) -> Findings:
         automatic = {key: Feature((key,), dtype=dtype) for key, dtype in layout.AUTOMATIC.items()}
         rows = Rows.read(root, automatic)
         rows.sort(root)
-        evidence = Evidence(root, read(root), rows, provenance)
+        evidence = VerifyInput(root, read(root), rows, provenance)
         for check in PROBLEMS:
             problems += check(evidence)
     except DatasetInvalid as error:
@@ -124,7 +124,7 @@ def _files(root: Path, provenance: Provenance | None) -> Iterator[str]:
             yield f"{path} was added after nas wrote the dataset (LeRobot appended episodes?)."
 
 
-def _content(evidence: Evidence) -> Iterator[str]:
+def _content(evidence: VerifyInput) -> Iterator[str]:
     """Compare the content hash with the provenance and the version's name."""
     digest = content_hash(evidence.dataset)
     recorded = evidence.provenance.content_hash if evidence.provenance else digest
@@ -138,7 +138,7 @@ def _content(evidence: Evidence) -> Iterator[str]:
         yield f"The folder is named {version.group(0)}, the content hash begins with {digest[:8]}."
 
 
-def _indices(evidence: Evidence) -> Iterator[str]:
+def _indices(evidence: VerifyInput) -> Iterator[str]:
     """Check LeRobot's automatic columns against the episodes."""
     dataset, columns = evidence.dataset, evidence.rows.columns
     frame = np.arange(dataset.n_frames) - np.repeat(dataset.starts, dataset.lengths)
@@ -154,7 +154,7 @@ def _indices(evidence: Evidence) -> Iterator[str]:
         yield f"timestamp is not frame_index / fps ({_place(dataset, late[0])}); LeRobot's loaders rely on it."
 
 
-def _episodes(evidence: Evidence) -> Iterator[str]:
+def _episodes(evidence: VerifyInput) -> Iterator[str]:
     """Check the episode table against the rows."""
     dataset = evidence.dataset
     wanted = ["episode_index", "length", "dataset_from_index", "dataset_to_index"]
@@ -179,7 +179,7 @@ def _episodes(evidence: Evidence) -> Iterator[str]:
             yield f"meta/episodes says {key} {found[wrong[0]]} for episode {wrong[0]}, the rows say {values[wrong[0]]}."
 
 
-def _statistics(evidence: Evidence) -> Iterator[str]:
+def _statistics(evidence: VerifyInput) -> Iterator[str]:
     """Compare `meta/stats.json`, by which policies normalise, with the values."""
     path = evidence.root / layout.STATS
     stats = layout.read_json(path)
@@ -193,21 +193,21 @@ def _statistics(evidence: Evidence) -> Iterator[str]:
                 yield f"{path} has another {name} of '{key}' than the data; policies would be normalised wrongly."
 
 
-def _recording(evidence: Evidence) -> Iterator[str]:
+def _recording(evidence: VerifyInput) -> Iterator[str]:
     """Report what audits call an error: a clock that denies the rate, angles in degrees; and readings stored twice."""
     return (f"In {finding.file} {finding.what}." for finding in evidence.findings if _is_problem(finding))
 
 
-def _noticed(evidence: Evidence) -> Iterator[str]:
+def _noticed(evidence: VerifyInput) -> Iterator[str]:
     """Note what else the audits of recordings found."""
     return (f"In {finding.file} {finding.what}." for finding in evidence.findings if not _is_problem(finding))
 
 
-def _is_problem(finding: Finding) -> bool:
+def _is_problem(finding: AuditFinding) -> bool:
     return finding.error or finding.check == "repeated_time"
 
 
-def _gaps(evidence: Evidence) -> np.ndarray:
+def _gaps(evidence: VerifyInput) -> np.ndarray:
     """Return the frames whose next state is not the following frame's state."""
     dataset = evidence.dataset
     if NEXT_STATE not in dataset.features or STATE not in dataset.features:
@@ -220,7 +220,7 @@ def _gaps(evidence: Evidence) -> np.ndarray:
     return rows[(dataset.next_states[rows] != dataset.states[rows + 1]).any(axis=1)]
 
 
-def _continuity(evidence: Evidence) -> Iterator[str]:
+def _continuity(evidence: VerifyInput) -> Iterator[str]:
     """Report torn transitions where the recorder promised a chain."""
     gaps = _gaps(evidence)
     if len(gaps) and evidence.provenance is not None and evidence.provenance.contiguous:
@@ -228,7 +228,7 @@ def _continuity(evidence: Evidence) -> Iterator[str]:
         yield f"In {len(gaps)} frames the next state is not the following frame's state (first: {place})."
 
 
-def _loose(evidence: Evidence) -> Iterator[str]:
+def _loose(evidence: VerifyInput) -> Iterator[str]:
     """Note torn transitions where nothing was promised."""
     gaps = _gaps(evidence)
     if len(gaps) and not (evidence.provenance is not None and evidence.provenance.contiguous):
@@ -241,11 +241,11 @@ def _place(dataset: Dataset, row: np.integer) -> str:
 
 
 # What can be made anew from the rows.
-METADATA: tuple[Callable[[Evidence], Iterator[str]], ...] = (_indices, _episodes, _statistics)
-PROBLEMS: tuple[Callable[[Evidence], Iterator[str]], ...] = (
+METADATA: tuple[Callable[[VerifyInput], Iterator[str]], ...] = (_indices, _episodes, _statistics)
+PROBLEMS: tuple[Callable[[VerifyInput], Iterator[str]], ...] = (
     _content,
     *METADATA,
     _recording,
     _continuity,
 )
-NOTES: tuple[Callable[[Evidence], Iterator[str]], ...] = (_noticed, _loose)
+NOTES: tuple[Callable[[VerifyInput], Iterator[str]], ...] = (_noticed, _loose)

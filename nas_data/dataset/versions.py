@@ -14,7 +14,7 @@ from nas_data.dataset.content import content_hash
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.layout import INFO, SOURCE, SOURCE_EFFECTS
 from nas_data.dataset.provenance import Parent, Provenance, read_provenance
-from nas_data.dataset.staging import check_creatable, publish, staged
+from nas_data.dataset.staging import check_creatable, publish, staging_folder
 from nas_data.dataset.write import fill, write
 from nas_data.errors import DatasetInvalid, DatasetNotFound, OptionError
 
@@ -117,7 +117,7 @@ def new_version(
     existing = _same_content(home, digest, _source_of(written), damaged)
     if existing:
         return existing
-    with staged(home / "version") as hidden:
+    with staging_folder(home / "version") as hidden:
         fill(hidden, dataset, replace(provenance, content_hash=digest), attachments or {})
         return settle(hidden, home, digest, damaged=damaged)
 

@@ -21,7 +21,7 @@ from nas_data.dataset.checks import check_storable
 from nas_data.dataset.content import content_hash, stored_column
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.provenance import Provenance
-from nas_data.dataset.staging import publish, put, refuse_existing, staged
+from nas_data.dataset.staging import publish, refuse_existing, staging_folder, write_synced
 from nas_data.dataset.statistics import Statistics, statistics
 
 
@@ -44,7 +44,7 @@ def write(dataset: Dataset, root: Path, provenance: Provenance, attachments: Map
     refuse_existing(root)
     check_storable(dataset, "The dataset to be written")
     complete = replace(provenance, content_hash=content_hash(dataset))
-    with staged(root) as hidden:
+    with staging_folder(root) as hidden:
         fill(hidden, dataset, complete, attachments or {})
         publish(hidden, root)
     return root
@@ -64,8 +64,8 @@ def fill(folder: Path, dataset: Dataset, provenance: Provenance, attachments: Ma
                 earlier.result()
             hashes[name] = disk.submit(_put_hashed, folder / name, content)
     complete = replace(provenance, files={name: found.result() for name, found in hashes.items()})
-    put(folder / layout.PROVENANCE, json_bytes(complete.to_json()))
-    put(folder / layout.CARD, card(dataset, complete).encode())
+    write_synced(folder / layout.PROVENANCE, json_bytes(complete.to_json()))
+    write_synced(folder / layout.CARD, card(dataset, complete).encode())
 
 
 def _hash(path: Path) -> str:
@@ -76,7 +76,7 @@ def _hash(path: Path) -> str:
 
 def _put_hashed(path: Path, content: bytes | memoryview) -> str:
     """Write a file and return its SHA-256."""
-    put(path, content)
+    write_synced(path, content)
     return hashlib.sha256(content).hexdigest()
 
 
@@ -102,7 +102,7 @@ def _files(
         statistics_later = beside.submit(statistics, columns, dataset.lengths)
         for number, episodes in enumerate(files):
             yield (
-                layout.numbered(layout.DATA_TEMPLATE, number),
+                layout.numbered_path(layout.DATA_TEMPLATE, number),
                 data_file(columns, dataset.lengths, episodes, dataset.carried),
             )
         found = statistics_later.result()
@@ -117,7 +117,7 @@ def _files(
         here["meta/episodes/file_index"] = number % layout.FILES_PER_CHUNK
         for key, value in here.items():
             part = part.append_column(key, numbers(np.full(len(part), value, np.int64)))
-        yield layout.numbered(layout.EPISODES_TEMPLATE, number), parquet(part)
+        yield layout.numbered_path(layout.EPISODES_TEMPLATE, number), parquet(part)
     overall = {key: {name: values.tolist() for name, values in entry.overall.items()} for key, entry in found.items()}
     yield layout.STATS, json_bytes({**overall, **overall_of(seen)})
     yield from attachments.items()

@@ -12,7 +12,7 @@ from safetensors.numpy import load_file, save
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
-from nas_data.demo.naming import named_plant
+from nas_data.demo.naming import named_dynamics
 from nas_data.demo.plan import Demo
 from nas_data.demo.recording import HELDOUT, TRAIN, newest
 from nas_data.experiments.pipeline.learning import ModelJob, train_model
@@ -24,7 +24,7 @@ from nas_data.models.presets import TrainingOptions
 from nas_data.parallel import run_jobs
 from nas_data.reports.file import write_whole
 from nas_data.sources import find_source
-from nas_data.stages import INDENT, Found, Report
+from nas_data.stages import INDENT, Report, StageResult
 
 FOLDERS: dict[Kind, str] = {"delta": "models/phi", "forward": "models/psi"}
 ROLLOUTS = "models/rollouts.safetensors"
@@ -47,7 +47,7 @@ def reporter(name: str) -> Report:
     return lambda line: print(f"{INDENT}{name}  {line}", file=sys.stderr, flush=True)
 
 
-def learn_models(demo: Demo) -> Found:
+def learn_models(demo: Demo) -> StageResult:
     """Train both models and compare them, and the source with the names, on the held-out episodes."""
     train, heldout = newest(demo, TRAIN), newest(demo, HELDOUT)
     options: dict[Kind, TrainingOptions] = {"delta": demo.plan.delta, "forward": demo.plan.forward}
@@ -57,7 +57,7 @@ def learn_models(demo: Demo) -> Found:
     dataset = read(heldout)
     delta, psi = (demo.folder / FOLDERS[kind] for kind in FOLDERS)
     evaluation = compare_models(dataset, find_source(None, (), dataset, [heldout]), delta, psi)
-    if (named := named_plant(demo)) is not None:
+    if (named := named_dynamics(demo)) is not None:
         evaluation = with_names(evaluation, evaluate(dataset, named.simulator(), None))
     save_rollouts(evaluation, dataset, demo.folder / ROLLOUTS)
     errors = {"one_step": table_of(evaluation.one_step), "open_loop": table_of(evaluation.open_loop)}
@@ -72,7 +72,7 @@ def learn_models(demo: Demo) -> Found:
         "Open-loop error of positions on held-out episodes: "
         + ", ".join(f"{name} {error:.2f}°" for name, error in overall.items())
     ]
-    return Found(said, {"histories": {MODEL[kind]: histories[kind] for kind in FOLDERS}, **errors}, summary)
+    return StageResult(said, {"histories": {MODEL[kind]: histories[kind] for kind in FOLDERS}, **errors}, summary)
 
 
 def with_names(evaluation: Evaluation, named: Evaluation) -> Evaluation:

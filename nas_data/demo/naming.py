@@ -10,36 +10,36 @@ from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
 from nas_data.demo.plan import Demo
 from nas_data.demo.recording import DATASETS, TRAIN, newest
-from nas_data.envs.loop.plant import Plant
-from nas_data.gap.add import EFFECTS
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.gap.named import Named
-from nas_data.gap.showing.page_words import listed, titled
+from nas_data.gap.showing.page_words import effect_title, join_items
 from nas_data.gap.summary import shrinking, summary
 from nas_data.gap.workflow import investigate
+from nas_data.gap.write_model import EFFECTS
 from nas_data.policies.ppo import Calm
-from nas_data.stages import INDENT, WIDTH, Found
+from nas_data.stages import INDENT, WIDTH, StageResult
 
 FOLDER = "gap"
 BLIND = "ergojr_demo_blind"
 PAUSE = 5.0  # [s] between two lines of the search, which says much
 
 
-def name_effects(demo: Demo) -> Found:
+def name_effects(demo: Demo) -> StageResult:
     """Run `nas gap` on episodes of the recording, and keep its report; nothing where the plan leaves the search out."""
     folder = demo.folder / FOLDER
     if not demo.plan.named:
         folder.mkdir(exist_ok=True)
-        return Found(["left out; nas demo --names runs it"], {})
+        return StageResult(["left out; nas demo --names runs it"], {})
     recording, model = record_blind(demo), newest(demo, TRAIN) / SOURCE
     say = Calm(lambda line: demo.report(INDENT + textwrap.shorten(line, WIDTH, placeholder=" …")), PAUSE)
     report = investigate(recording, model, folder, say)
-    effects = [titled(effect) for effect in report.effects]
+    effects = [effect_title(effect) for effect in report.effects]
     content = report.to_json()
-    return Found(
+    return StageResult(
         summary(report, folder).splitlines(),
         {key: content[key] for key in ("verdict", "effects", "retuned", "gap")},
         [
-            f"nas gap names: {listed(effects) if effects else 'nothing'}",
+            f"nas gap names: {join_items(effects) if effects else 'nothing'}",
             f"Open-loop error on its own held-out episodes: {shrinking(report.gap)}",
         ],
     )
@@ -55,10 +55,10 @@ def record_blind(demo: Demo) -> Path:
     return versions.new_version(recorded.select(range(demo.plan.named)), BLIND, provenance, demo.folder / DATASETS)
 
 
-def named_plant(demo: Demo) -> Plant | None:
+def named_dynamics(demo: Demo) -> DynamicsSpec | None:
     """Return the source with what was named and retuned; None where that is the plain source."""
     folder = demo.folder / FOLDER
     if not (folder / EFFECTS).is_file():
         return None
     named = Named.read(folder)
-    return Plant(demo.plan.environment, effects=str(folder)) if named.effects or named.retuned else None
+    return DynamicsSpec(demo.plan.environment, effects=str(folder)) if named.effects or named.retuned else None

@@ -8,8 +8,8 @@ from nas_data.benchmarks.hardware import hardware
 from nas_data.dataset.provenance import now, read_provenance
 from nas_data.demo.learning import ERRORS, FOLDERS, NAMES, ROLLOUTS, load_errors, load_rollouts
 from nas_data.demo.naming import FOLDER as GAP
-from nas_data.demo.naming import named_plant
-from nas_data.demo.plan import Demo, Plan
+from nas_data.demo.naming import named_dynamics
+from nas_data.demo.plan import Demo, DemoPlan
 from nas_data.demo.policies import BASELINES, load_baselines
 from nas_data.demo.policies import FOLDER as POLICIES
 from nas_data.demo.recording import HELDOUT, TRAIN, newest
@@ -17,15 +17,15 @@ from nas_data.gap.report import GapReport
 from nas_data.gap.showing.page_pictures import gap_picture
 from nas_data.gap.showing.page_tables import NONE, joints_table
 from nas_data.gap.showing.page_verdict import lead
-from nas_data.gap.showing.page_words import confidence, friendly, interval, listed, spoken
+from nas_data.gap.showing.page_words import confidence, friendly, interval, join_items, spoken
 from nas_data.gap.showing.series import Series
 from nas_data.reports.file import write_whole
-from nas_data.reports.page import Block, Facts, Page, Picture, Section, Table, Text
+from nas_data.reports.page import Block, Facts, HtmlPage, HtmlTable, PageSection, Picture, Text
 from nas_data.reports.prediction_figures import growth, joint_errors, trajectory
 from nas_data.reports.run_sections import learning_picture, models_picture, policies_table, target_picture
 from nas_data.reports.runs import Runs, find_runs
 from nas_data.reports.style import to_png
-from nas_data.stages import Found, read_stage
+from nas_data.stages import StageResult, read_stage
 
 PAGE = "report.html"
 FIGURES = "figures"
@@ -36,20 +36,20 @@ LEAD = (
 LEARNERS = ("source", "source + φ", "ψ", NAMES)  # whose trajectories are drawn; hold and command are in the tables
 
 
-def write_page(demo: Demo) -> Found:
+def write_page(demo: Demo) -> StageResult:
     """Write the page, and its pictures once more as files."""
     runs = find_runs([demo.folder / folder for folder in (*FOLDERS.values(), POLICIES)])
-    page = Page(
+    page = HtmlPage(
         "The gap between a simulator and its robot: recorded, learned, closed",
         [
-            Section("", [Text(LEAD, lead=True), *(Text(line) for line in about(demo.plan))]),
-            Section("In short", [Text(line + ".") for line in in_short(demo)]),
-            Section("What the simulator lacks, by name", names_blocks(demo)),
-            Section("One joint, as it moved and as it was predicted", [predictions(demo)]),
-            Section("Errors of prediction", errors_blocks(demo)),
-            Section("Policies", policies_blocks(demo, runs)),
-            Section("How the models learned", [models_picture(runs.models)]),
-            Section("What this rests on", [Facts(facts(demo))]),
+            PageSection("", [Text(LEAD, lead=True), *(Text(line) for line in about(demo.plan))]),
+            PageSection("In short", [Text(line + ".") for line in in_short(demo)]),
+            PageSection("What the simulator lacks, by name", names_blocks(demo)),
+            PageSection("One joint, as it moved and as it was predicted", [predictions(demo)]),
+            PageSection("Errors of prediction", errors_blocks(demo)),
+            PageSection("Policies", policies_blocks(demo, runs)),
+            PageSection("How the models learned", [models_picture(runs.models)]),
+            PageSection("What this rests on", [Facts(facts(demo))]),
         ],
     )
     for picture in page.pictures():
@@ -57,10 +57,10 @@ def write_page(demo: Demo) -> Found:
     path = demo.folder / PAGE
     write_whole(path, page.to_html().encode())
     summary = [f"page → {path}, its pictures → {demo.folder / FIGURES}"]
-    return Found([], {"page": str(path), "figures": [picture.name for picture in page.pictures()]}, summary)
+    return StageResult([], {"page": str(path), "figures": [picture.name for picture in page.pictures()]}, summary)
 
 
-def joints_with(plan: Plan, effect: str) -> list[str]:
+def joints_with(plan: DemoPlan, effect: str) -> list[str]:
     """Return the joints of the target that an effect sits in."""
     return [item.joint for item in plan.task.effects(plan.dynamics) if item.name() == effect and item.joint]
 
@@ -70,7 +70,7 @@ def in_short(demo: Demo) -> list[str]:
     return [line for name in ("names", "models", "policies") for line in read_stage(name, demo.folder).summary]
 
 
-def about(plan: Plan) -> list[str]:
+def about(plan: DemoPlan) -> list[str]:
     """Return what was done, in plain words."""
     play, slow = joints_with(plan, "backlash"), joints_with(plan, "speed_limit")
     held = ", ".join(f"{hold:g}" for hold in plan.holds)
@@ -91,7 +91,7 @@ def about(plan: Plan) -> list[str]:
 def names_blocks(demo: Demo) -> list[Block]:
     """Return what `nas gap` found, beside what hides there, and how the gap shrinks."""
     folder = demo.folder / GAP
-    if named_plant(demo) is None:
+    if named_dynamics(demo) is None:
         asked = "Nothing was named and nothing retuned." if demo.plan.named else "Not searched for: nas demo --names."
         return [Text(asked)]
     report, series = GapReport.load(folder), Series.read(folder)
@@ -111,7 +111,7 @@ def names_blocks(demo: Demo) -> list[Block]:
     ]
 
 
-def names_table(plan: Plan, report: GapReport) -> Table:
+def names_table(plan: DemoPlan, report: GapReport) -> HtmlTable:
     """Return a row for each effect that hides in the target or was named."""
     hidden = {(effect.name(), effect.joint): effect for effect in plan.task.effects(plan.dynamics)}
     named = {(effect.name, effect.joint): effect for effect in report.effects}
@@ -133,7 +133,7 @@ def names_table(plan: Plan, report: GapReport) -> Table:
         "Hidden: what the target has. Joints that the task does not act on are commanded to stay: nothing in the "
         "recording tells of their speed limits."
     )
-    return Table(("", "hidden", "named", "95 % interval", "confidence"), rows, note)
+    return HtmlTable(("", "hidden", "named", "95 % interval", "confidence"), rows, note)
 
 
 def predictions(demo: Demo) -> Picture:
@@ -190,11 +190,11 @@ def errors_blocks(demo: Demo) -> list[Block]:
     ]
 
 
-def error_table(errors: Mapping[str, Mapping[str, float]], note: str) -> Table:
+def error_table(errors: Mapping[str, Mapping[str, float]], note: str) -> HtmlTable:
     """Return RMSE in degrees: a row a predictor, a column a joint, all joints last."""
     headers = ["", *next(iter(errors.values()))]
     rows = [(name, *(f"{np.degrees(value):.2f}" for value in row.values())) for name, row in errors.items()]
-    return Table(headers, rows, note)
+    return HtmlTable(headers, rows, note)
 
 
 def policies_blocks(demo: Demo, runs: Runs) -> Sequence[Block]:
@@ -209,8 +209,8 @@ def policies_blocks(demo: Demo, runs: Runs) -> Sequence[Block]:
     )
     seeds = Text(
         f"Every method got the same {plan.frames:,} control steps and the same "
-        f"seed{'' if len(plan.seeds) == 1 else 's'} of PPO: {listed(list(map(str, plan.seeds)))}. Short trainings of "
-        "few seeds spread by more than what lies between the best methods, so that a share of the distance of over "
+        f"seed{'' if len(plan.seeds) == 1 else 's'} of PPO: {join_items(list(map(str, plan.seeds)))}. Short trainings "
+        "of few seeds spread by more than what lies between the best methods, so that a share of the distance of over "
         "100 % is chance. Five seeds are the usual measure: docs/results/README.md has them."
     )
     return [

@@ -2,39 +2,39 @@
 
 from pathlib import Path
 
-from nas_data.demo.plan import Demo, Plan
-from nas_data.stages import Done, Found, Report, Stage, run_stages
+from nas_data.demo.plan import Demo, DemoPlan
+from nas_data.stages import Done, Report, Stage, StageResult, run_stages
 
 
-def record(demo: Demo) -> Found:
+def record(demo: Demo) -> StageResult:
     """Do the first stage."""
     from nas_data.demo.recording import record_pairs
 
     return record_pairs(demo)
 
 
-def name_gap(demo: Demo) -> Found:
+def name_gap(demo: Demo) -> StageResult:
     """Do the second stage."""
     from nas_data.demo.naming import name_effects
 
     return name_effects(demo)
 
 
-def learn_gap(demo: Demo) -> Found:
+def learn_gap(demo: Demo) -> StageResult:
     """Do the third stage."""
     from nas_data.demo.learning import learn_models
 
     return learn_models(demo)
 
 
-def learn_task(demo: Demo) -> Found:
+def learn_task(demo: Demo) -> StageResult:
     """Do the fourth stage."""
     from nas_data.demo.policies import learn_policies
 
     return learn_policies(demo)
 
 
-def show(demo: Demo) -> Found:
+def show(demo: Demo) -> StageResult:
     """Do the last stage."""
     from nas_data.demo.page import write_page
 
@@ -83,7 +83,7 @@ STAGES = (
 )
 
 
-def run_demo(plan: Plan, folder: Path, report: Report) -> dict[str, Done]:
+def run_demo(plan: DemoPlan, folder: Path, report: Report) -> dict[str, Done]:
     """Run every stage that is not done yet.
 
     Args:

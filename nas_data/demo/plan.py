@@ -4,14 +4,14 @@ from dataclasses import asdict, dataclass
 
 from nas_data import __version__
 from nas_data.envs.base import SOURCE, Task, find_task
-from nas_data.envs.loop.plant import Plant
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.models.presets import TrainingOptions, preset
 from nas_data.robots.base import find_robot
 from nas_data.stages import Work
 
 
 @dataclass(frozen=True)
-class Plan:
+class DemoPlan:
     """Sizes of the demo.
 
     Attributes:
@@ -57,14 +57,14 @@ class Plan:
         return find_task(self.environment)
 
     @property
-    def target(self) -> Plant:
+    def target(self) -> DynamicsSpec:
         """The plant that stands in for the robot."""
-        return Plant(self.environment, self.dynamics)
+        return DynamicsSpec(self.environment, self.dynamics)
 
     @property
-    def source(self) -> Plant:
+    def source(self) -> DynamicsSpec:
         """The plain simulator."""
-        return Plant(self.environment, SOURCE)
+        return DynamicsSpec(self.environment, SOURCE)
 
     def describe(self) -> dict[str, object]:
         """Return what the demo's results depend on, for JSON; cheap, so that a finished demo says so at once."""
@@ -73,10 +73,10 @@ class Plan:
         return {"nas_data": __version__, **asdict(self), "robot": robot.name, "model": robot.sha256, "effects": effects}
 
 
-Demo = Work[Plan]
+Demo = Work[DemoPlan]
 """A demo in a folder."""
 
-FULL = Plan(
+FULL = DemoPlan(
     episodes=200,
     heldout=40,
     named=0,
@@ -94,7 +94,7 @@ FULL = Plan(
 NAMED = 12  # recorded episodes that `nas gap` is given where it is asked for
 
 # So small that nothing is learned: it shows, within a minute, that every stage works here.
-QUICK = Plan(
+QUICK = DemoPlan(
     episodes=20,
     heldout=4,
     named=0,

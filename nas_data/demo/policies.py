@@ -6,22 +6,22 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.demo.learning import FOLDERS, cores
-from nas_data.demo.naming import named_plant
+from nas_data.demo.naming import named_dynamics
 from nas_data.demo.plan import Demo
-from nas_data.envs.loop.plant import Plant
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compare
 from nas_data.policies.evaluate import score_baselines
 from nas_data.policies.intervals import bootstrap_of
 from nas_data.policies.learner import Hyperparameters
 from nas_data.policies.watching import watching
 from nas_data.reports.file import write_whole
-from nas_data.stages import INDENT, Found
+from nas_data.stages import INDENT, StageResult
 
 FOLDER = "policies"
 BASELINES = "policies/baselines.json"
 
 
-def learn_policies(demo: Demo) -> Found:
+def learn_policies(demo: Demo) -> StageResult:
     """Train every method with every seed, and judge each policy on the target."""
     plan = demo.plan
     study = study_of(demo)
@@ -48,7 +48,7 @@ def learn_policies(demo: Demo) -> Found:
             if (closed := comparison.share_closed(method)) is not None and not np.isnan(closed.value)
         ),
     ]
-    return Found(said, {**comparison.describe(), "baselines": scores}, summary)
+    return StageResult(said, {**comparison.describe(), "baselines": scores}, summary)
 
 
 def load_baselines(path: Path) -> dict[str, dict[str, float]]:
@@ -61,14 +61,14 @@ def study_of(demo: Demo) -> Study:
     """Return what is compared: the two ends, φ, ψ and the names, where there are any."""
     plan = demo.plan
     delta, forward = (str(demo.folder / FOLDERS[kind]) for kind in FOLDERS)
-    named = named_plant(demo)
+    named = named_dynamics(demo)
     return Study(
         target=plan.target,
         methods={
             EXPERT_METHOD: plan.target,
             SOURCE_METHOD: plan.source,
-            "augmented": Plant(plan.environment, checkpoint=delta),
-            "forward": Plant(plan.environment, checkpoint=forward),
+            "augmented": DynamicsSpec(plan.environment, checkpoint=delta),
+            "forward": DynamicsSpec(plan.environment, checkpoint=forward),
             **({} if named is None else {"named": named}),
         },
         seeds=plan.seeds,

@@ -3,18 +3,18 @@
 from pathlib import Path
 
 from nas_data.dataset import versions
-from nas_data.demo.plan import Demo, Plan
-from nas_data.experiments.pipeline.pairs import Body, record_and_pair
+from nas_data.demo.plan import Demo, DemoPlan
+from nas_data.experiments.pipeline.pairs import Predictor, record_and_pair
 from nas_data.recorders.recipe import Recipe
-from nas_data.stages import Found
+from nas_data.stages import StageResult
 
 DATASETS = "datasets"
 TRAIN, HELDOUT = "ergojr_demo", "ergojr_demo_heldout"
 
 
-def record_pairs(demo: Demo) -> Found:
+def record_pairs(demo: Demo) -> StageResult:
     """Record what the models learn from and what they are judged on, and pair both with the source."""
-    plan, source = demo.plan, Body.of(demo.plan.environment)
+    plan, source = demo.plan, Predictor.of(demo.plan.environment)
     sets = ((TRAIN, plan.episodes, plan.seed), (HELDOUT, plan.heldout, plan.seed + 1))
     train, heldout = (
         record_and_pair(recipe_of(plan, episodes, seed), source, name, demo.folder, DATASETS)
@@ -26,10 +26,10 @@ def record_pairs(demo: Demo) -> Found:
         f"→ {demo.folder / train.path}",
         f"{plan.heldout} held-out episodes → {demo.folder / heldout.path}",
     ]
-    return Found(said, {"train": train.describe(), "heldout": heldout.describe(), **gap(plan)})
+    return StageResult(said, {"train": train.describe(), "heldout": heldout.describe(), **gap(plan)})
 
 
-def gap(plan: Plan) -> dict[str, object]:
+def gap(plan: DemoPlan) -> dict[str, object]:
     """Return what makes the target differ from the source, for people: the effects and the joints they sit in."""
     joints: dict[str, list[str]] = {}
     for effect in plan.task.effects(plan.dynamics):
@@ -37,7 +37,7 @@ def gap(plan: Plan) -> dict[str, object]:
     return {"effects": [effect.to_json() for effect in plan.task.effects(plan.dynamics)], "joints": joints}
 
 
-def recipe_of(plan: Plan, episodes: int, seed: int) -> Recipe:
+def recipe_of(plan: DemoPlan, episodes: int, seed: int) -> Recipe:
     """Return how the target is recorded: joints that the task does not act on are commanded as in the task."""
     period = plan.task.period
     return Recipe(

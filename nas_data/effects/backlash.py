@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import mujoco
 
-from nas_data.drives import WIDEST_PLAY
+from nas_data.actuator_lookup import WIDEST_PLAY
 from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.effects.edits.series import add_series_joint, angle
 

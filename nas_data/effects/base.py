@@ -10,7 +10,7 @@ from typing import ClassVar, Self
 import mujoco
 
 from nas_data import registry
-from nas_data.drives import driven_joint
+from nas_data.actuator_lookup import driven_joint
 from nas_data.effects.edits.damping_ratio import settle_damping
 from nas_data.effects.edits.hook import StepHook
 from nas_data.errors import JointMismatch, NasError, OptionError

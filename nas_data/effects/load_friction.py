@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 import mujoco
 import numpy as np
 
-from nas_data.drives import leverage, servo_actuators
+from nas_data.actuator_lookup import leverage, servo_actuators
 from nas_data.effects.base import Effect, Parameter, Scales, joint_actuator
 from nas_data.effects.coulomb_friction import CoulombFriction
 from nas_data.effects.edits.holding import hold_firmly

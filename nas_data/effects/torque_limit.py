@@ -8,7 +8,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from nas_data.drives import BAND
+from nas_data.actuator_lookup import BAND
 from nas_data.effects.base import Effect, Parameter, Scales, joint_actuator
 
 

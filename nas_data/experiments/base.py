@@ -7,7 +7,7 @@ from pathlib import Path
 from nas_data import registry
 from nas_data.environment_ids import environment_name
 from nas_data.envs.base import find_task_file
-from nas_data.experiments.pipeline.material import Material, MaterialPlan
+from nas_data.experiments.pipeline.artifacts import Artifacts, MaterialPlan
 from nas_data.experiments.pipeline.sizes import Sizes
 from nas_data.simulators.engines import ENGINE_NAMES
 
@@ -57,7 +57,7 @@ class Request:
         name = f"{environment_name(find_task_file(environment))}-{self.target}"
         return (self.folder / self.sizes.name if self.sizes.quick else self.folder) / name
 
-    def material(self, environment: str, needs: Sequence[str]) -> Material:
+    def material(self, environment: str, needs: Sequence[str]) -> Artifacts:
         """Make what is needed of an environment's material; see `make_material`."""
         from nas_data.experiments.pipeline.stages import make_material
 
@@ -69,7 +69,7 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Table:
+class ResultTable:
     """A table.
 
     Attributes:
@@ -86,9 +86,9 @@ class Table:
 
     def text(self) -> str:
         """Return it for a terminal."""
-        from nas_data.policies.tables import aligned
+        from nas_data.policies.tables import align_columns
 
-        return "\n".join([self.title, aligned(self.headers, self.rows), *self.notes])
+        return "\n".join([self.title, align_columns(self.headers, self.rows), *self.notes])
 
     def markdown(self) -> str:
         """Return it as Markdown."""
@@ -97,7 +97,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Result:
+class ExperimentResult:
     """What an experiment found.
 
     Attributes:
@@ -107,7 +107,7 @@ class Result:
         pictures: PNG files by the end of their names; the first under the experiment's own.
     """
 
-    tables: Sequence[Table]
+    tables: Sequence[ResultTable]
     notes: Sequence[str]
     data: Mapping[str, object]
     pictures: Mapping[str, bytes] = field(default_factory=dict)
@@ -127,7 +127,7 @@ class Experiment:
 
     title: str
     environments: tuple[str, ...]
-    run: Callable[[Request], Result]
+    run: Callable[[Request], ExperimentResult]
     several: bool = True
     methods: tuple[str, ...] = ()
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from nas_data.experiments.base import Experiment, Request, Result, Table
+from nas_data.experiments.base import Experiment, ExperimentResult, Request, ResultTable
 from nas_data.experiments.pipeline.sequence import DRAWN, Sequence, predict_heldout
-from nas_data.experiments.pipeline.telling import notes_on_models
+from nas_data.experiments.pipeline.table_notes import notes_on_models
 from nas_data.reports.experiment_figures import warn
 from nas_data.reports.prediction_figures import growth
 from nas_data.reports.style import to_png
@@ -13,7 +13,7 @@ PARTS = (0.25, 0.5, 1.0)  # of the rollout, after which errors are told
 HEADERS = ("predictor", *(f"error after {part:.0%} [°]" for part in PARTS), "whole rollout [°]", "all held out [°]")
 
 
-def run(request: Request) -> Result:
+def run(request: Request) -> ExperimentResult:
     """Roll out one sequence on every environment."""
     tables, notes, data, pictures = [], [], {}, {}
     for number, environment in enumerate(request.environments):
@@ -26,10 +26,10 @@ def run(request: Request) -> Result:
         pictures[f"{end}-growth"] = to_png(figure)
         title = f"{environment}, {request.target_text}: RMS position error over joints, started once, held-out sequence"
         rows = [row(found, name) for name in DRAWN]
-        tables.append(Table(title, HEADERS, rows, notes_on_models(found.material)))
+        tables.append(ResultTable(title, HEADERS, rows, notes_on_models(found.material)))
         notes.append(about(found, environment))
         data[environment] = {**found.describe(), "rms_error_rad": {name: curve(found, name) for name in DRAWN}}
-    return Result(tables, notes, {"environments": data}, pictures)
+    return ExperimentResult(tables, notes, {"environments": data}, pictures)
 
 
 def about(found: Sequence, environment: str) -> str:

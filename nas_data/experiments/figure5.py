@@ -2,15 +2,15 @@
 
 from nas_data.environment_ids import environment_name
 from nas_data.envs.base import find_task_file
-from nas_data.experiments.base import Experiment, Request, Result
+from nas_data.experiments.base import Experiment, ExperimentResult, Request
 from nas_data.experiments.pipeline.authors import RETURNS, remarks
-from nas_data.experiments.pipeline.comparing import compare_methods, describe, table
+from nas_data.experiments.pipeline.compare_methods import compare_methods, describe, table
 from nas_data.policies.intervals import median_interval
 from nas_data.reports.experiment_figures import Panel, returns_by_method
 from nas_data.reports.style import to_png
 
 
-def run(request: Request) -> Result:
+def run(request: Request) -> ExperimentResult:
     """Compare the methods on every environment."""
     tables, panels, data = [], [], {}
     for environment in request.environments:
@@ -31,7 +31,7 @@ def run(request: Request) -> Result:
         )
         data[name] = describe(material, comparison)
     picture = to_png(returns_by_method(panels, "mean return on the target", request.sizes.quick))
-    return Result(tables, remarks(request.environments), {"environments": data}, {"": picture})
+    return ExperimentResult(tables, remarks(request.environments), {"environments": data}, {"": picture})
 
 
 EXPERIMENT = Experiment(

@@ -9,17 +9,17 @@ import numpy as np
 from nas_data.ablation.summary import ENOUGH
 from nas_data.envs.base import find_task_file
 from nas_data.errors import OptionError
-from nas_data.experiments.base import Experiment, Request, Result, Table
+from nas_data.experiments.base import Experiment, ExperimentResult, Request, ResultTable
+from nas_data.experiments.pipeline.artifacts import Artifacts
 from nas_data.experiments.pipeline.authors import RETURN_BY_COUNT
-from nas_data.experiments.pipeline.comparing import hyperparameters, run_study, study
-from nas_data.experiments.pipeline.counting import LEARNED, LEARNED_ON, CountJob, do_count
+from nas_data.experiments.pipeline.compare_methods import hyperparameters, run_study, study
 from nas_data.experiments.pipeline.dynamics import dynamics_of
-from nas_data.experiments.pipeline.material import Material
+from nas_data.experiments.pipeline.sample_size import LEARNED, LEARNED_ON, CountJob, do_count
 from nas_data.experiments.pipeline.stages import describe_stages
-from nas_data.experiments.pipeline.telling import NAS, on_intervals
+from nas_data.experiments.pipeline.table_notes import NAS, on_intervals
 from nas_data.parallel import run_jobs
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Comparison, number
-from nas_data.policies.evaluate import spread
+from nas_data.policies.evaluate import summarise_spread
 from nas_data.policies.intervals import kind_of, median_text
 from nas_data.policies.watching import spoken
 from nas_data.reports.experiment_figures import return_over_count
@@ -32,9 +32,9 @@ ONE_RECORDING = (
 )
 
 
-def run(request: Request) -> Result:
+def run(request: Request) -> ExperimentResult:
     """Sweep the number of trajectories on one environment."""
-    counts, methods = chosen(request)
+    counts, methods = choose_counts(request)
     (environment,) = request.environments
     recorded = request.sizes.trajectories or max(counts)
     recording = replace(request, sizes=replace(request.sizes, trajectories=recorded), purpose=f"counts{recorded}")
@@ -50,7 +50,7 @@ def run(request: Request) -> Result:
         authors,
         request.sizes.quick,
     )
-    return Result(
+    return ExperimentResult(
         [table(request, material, counts, returns, ends)],
         [enough(method, counts, values) for method, values in returns.items()],
         {
@@ -71,7 +71,7 @@ def run(request: Request) -> Result:
     )
 
 
-def chosen(request: Request) -> tuple[tuple[int, ...], tuple[str, ...]]:
+def choose_counts(request: Request) -> tuple[tuple[int, ...], tuple[str, ...]]:
     """Return the numbers of trajectories and the methods.
 
     Raises:
@@ -89,13 +89,13 @@ def describe(counts: tuple[int, ...], returns: np.ndarray) -> dict[str, object]:
     """Return what one method achieved, for JSON; returns have a row a count and a number a seed."""
     return {
         "returns": returns.tolist(),
-        "spread": {str(count): spread(values) for count, values in zip(counts, returns, strict=True)},
+        "spread": {str(count): summarise_spread(values) for count, values in zip(counts, returns, strict=True)},
         "enough": smallest(counts, returns) if len(counts) > 1 else None,
     }
 
 
 def sweep(
-    request: Request, material: Material, counts: tuple[int, ...], methods: tuple[str, ...]
+    request: Request, material: Artifacts, counts: tuple[int, ...], methods: tuple[str, ...]
 ) -> tuple[Mapping[str, np.ndarray], list[dict[str, object]]]:
     """Do every count and seed; of each seed, large counts come last.
 
@@ -160,11 +160,11 @@ def enough(method: str, counts: tuple[int, ...], returns: np.ndarray) -> str:
 
 def table(
     request: Request,
-    material: Material,
+    material: Artifacts,
     counts: tuple[int, ...],
     returns: Mapping[str, np.ndarray],
     ends: Comparison,
-) -> Table:
+) -> ResultTable:
     """Return the table: each method's counts, then the two ends."""
     environment, seeds = request.environments[0], len(request.sizes.seeds)
     rows = [
@@ -180,7 +180,7 @@ def table(
     stake = ends.at_stake()
     nothing = None if stake is None else stake.sentence()
     notes = [dynamics_of(material), *([nothing] if nothing else []), ONE_RECORDING, on_intervals(seeds), *ends.lost()]
-    return Table(title, headers(seeds), rows, [note for note in notes if note])
+    return ResultTable(title, headers(seeds), rows, [note for note in notes if note])
 
 
 def headers(seeds: int) -> tuple[str, ...]:
@@ -191,7 +191,7 @@ def headers(seeds: int) -> tuple[str, ...]:
 
 def cells(values: np.ndarray) -> tuple[str, str, str, str]:
     """Return the number of seeds, median with its interval, extremes, mean with its deviation."""
-    over = spread(values)
+    over = summarise_spread(values)
     return (
         str(len(values)),
         median_text(values),

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 from nas_data.environment_ids import environment_name
 from nas_data.envs.base import find_task_file
-from nas_data.experiments.base import Experiment, Request, Result
+from nas_data.experiments.base import Experiment, ExperimentResult, Request
+from nas_data.experiments.pipeline.artifacts import NAMES
 from nas_data.experiments.pipeline.authors import RETURNS, remarks
-from nas_data.experiments.pipeline.comparing import compare_methods, describe, table
-from nas_data.experiments.pipeline.material import NAMES
+from nas_data.experiments.pipeline.compare_methods import compare_methods, describe, table
 from nas_data.experiments.pipeline.methods import METHODS
 from nas_data.experiments.pipeline.sequence import predict_heldout
 from nas_data.policies.intervals import median_interval
@@ -17,7 +17,7 @@ from nas_data.reports.style import to_png
 SKIPPED = "What `nas gap` names is left out: naming six joints takes longer than all the rest; --methods asks for it."
 
 
-def run(request: Request) -> Result:
+def run(request: Request) -> ExperimentResult:
     """Draw one joint's response, then compare the methods' hits."""
     notes = remarks(request.environments)
     tables, panels, data, pictures = [], [], {}, {}
@@ -40,7 +40,7 @@ def run(request: Request) -> Result:
         panels.append(Panel(name, returns, intervals, authors))
         data[name] = {**describe(material, comparison), "response": found.describe()}
     picture = to_png(returns_by_method(panels, "mean return of an episode", request.sizes.quick))
-    return Result(tables, notes, {"environments": data}, {"": picture, **pictures})
+    return ExperimentResult(tables, notes, {"environments": data}, {"": picture, **pictures})
 
 
 EXPERIMENT = Experiment("Hits of each method's policies, and one joint's response", ("ErgoShield",), run)

@@ -5,18 +5,18 @@ from collections.abc import Sequence as List
 import numpy as np
 
 from nas_data.envs.base import find_task_file
-from nas_data.experiments.base import Experiment, Request, Result, Table
+from nas_data.experiments.base import Experiment, ExperimentResult, Request, ResultTable
 from nas_data.experiments.pipeline.authors import DIFFERENCES
 from nas_data.experiments.pipeline.sequence import Sequence, predict_heldout
 from nas_data.experiments.pipeline.stages import describe_stages
-from nas_data.experiments.pipeline.telling import notes_on_models
+from nas_data.experiments.pipeline.table_notes import notes_on_models
 
 UNIT = np.pi / 2  # [rad] the authors measure angles in units of 90°
 PREDICTORS = ("source", "ψ", "source + φ", "hold")
 HEADERS = ("predictor", "1st quartile", "mean", "3rd quartile", "median", "authors: Q1, mean, Q3")
 
 
-def run(request: Request) -> Result:
+def run(request: Request) -> ExperimentResult:
     """Tell how far predicted trajectories are from measured ones, on every environment."""
     tables, notes, data = [], [], {}
     for environment in request.environments:
@@ -29,8 +29,10 @@ def run(request: Request) -> Result:
                 f"joint, angles in units of 90°; {len(episodes)} trajectories × {len(found.dataset.joints)} joints"
             )
             comparable = name == "the paper's protocol" and find_task_file(environment) == "ergo_shield"
-            tables.append(Table(title, HEADERS, rows(found, episodes, comparable), notes_on_models(found.material)))
-        notes += told(found)
+            tables.append(
+                ResultTable(title, HEADERS, rows(found, episodes, comparable), notes_on_models(found.material))
+            )
+        notes += describe_numbers(found)
         data[environment] = {
             "unit": "squared angle in units of 90 degrees; multiply by (π/2)² for rad²",
             **{key: {one: statistics(found, one, chosen) for one in PREDICTORS} for key, (chosen, _) in kinds.items()},
@@ -39,7 +41,7 @@ def run(request: Request) -> Result:
             "material": found.material.plan.describe(),
             "stages": describe_stages(found.material),
         }
-    return Result(tables, notes, {"environments": data})
+    return ExperimentResult(tables, notes, {"environments": data})
 
 
 def differences(found: Sequence, name: str, episodes: List[int]) -> np.ndarray:
@@ -76,7 +78,7 @@ def cell(value: float) -> str:
     return f"{value:.4f}" if np.isfinite(value) else "diverged"
 
 
-def told(found: Sequence) -> list[str]:
+def describe_numbers(found: Sequence) -> list[str]:
     """Say what the numbers are of, and what diverged."""
     lost = [f"{name} left all bounds in {len(times)} episodes." for name, times in found.evaluation.diverged.items()]
     return [

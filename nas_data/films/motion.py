@@ -14,7 +14,7 @@ from nas_data.joint_units import JointUnit, kinds_of
 from nas_data.models.evaluation import open_loop_scene
 from nas_data.pairing import initial_states, object_states, with_model_units
 from nas_data.simulators.mujoco import MujocoSimulator
-from nas_data.sources import Source, locate_source
+from nas_data.sources import SourceModel, locate_source
 
 MEASURED = "measured"
 
@@ -125,9 +125,9 @@ def follow(dataset: Dataset, episode: int, models: Sequence[str] = (), engine: s
     return Motion(episode, dataset, tuple(ghosts))
 
 
-def body_of(source: Source, dataset: Dataset) -> MujocoSimulator:
+def body_of(source: SourceModel, dataset: Dataset) -> MujocoSimulator:
     """Return the model in MuJoCo, which draws also what another engine simulates."""
-    simulator = Source(source.model, source.effects).simulator(dataset, threads=1)
+    simulator = SourceModel(source.model, source.effects).simulator(dataset, threads=1)
     assert isinstance(simulator, MujocoSimulator)
     return simulator
 

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
+from nas_data.bake_inertia import explicit
 from nas_data.engine_warnings import heard_warnings
 from nas_data.errors import ModelFileError
-from nas_data.explicit import explicit
 from nas_data.films.motion import Ghost, Motion
-from nas_data.gap.portable import find_file, references
+from nas_data.gap.export import find_file, references
 
 # measured grey, then the models: vermilion, blue, green, purple of Okabe and Ito, told apart by the colour-blind
 COLOURS = ((0.42, 0.42, 0.45), (0.84, 0.37, 0.0), (0.0, 0.45, 0.7), (0.0, 0.62, 0.45), (0.8, 0.47, 0.65))

@@ -7,21 +7,19 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.effects.base import Effect
-from nas_data.gap.added import Outcome
 from nas_data.gap.floor import ratios
-from nas_data.gap.goes_with import goes_with
 from nas_data.gap.name import ADEQUATE, Finding, Naming
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.problem import Problem
 from nas_data.gap.report import (
     Alternative,
+    ArmGap,
     EffectName,
     EpisodeNumbers,
     FittedEffect,
     FittedParameter,
-    Found,
-    Gap,
     GapErrors,
+    GapFindings,
     GapReport,
     HeldoutErrors,
     JointDescription,
@@ -32,8 +30,10 @@ from nas_data.gap.report import (
     TriedExperiment,
     Unexplained,
 )
-from nas_data.gap.search.final import retuned, values
-from nas_data.gap.search.objective import Task
+from nas_data.gap.residual_correlates import goes_with
+from nas_data.gap.score_model import HeldOutResult
+from nas_data.gap.search.final import list_retuned, values
+from nas_data.gap.search.objective import FitTask
 from nas_data.gap.showing.series import SERIES
 from nas_data.gap.verdict import above, verdict
 from nas_data.joint_units import joint_unit, kinds_of
@@ -56,7 +56,7 @@ class Proposal:
 
 
 def compose(
-    problem: Problem, found: Found, naming: Naming, outcome: Outcome, experiment: Proposal, seconds: float
+    problem: Problem, found: GapFindings, naming: Naming, outcome: HeldOutResult, experiment: Proposal, seconds: float
 ) -> GapReport:
     """Return the report, without the files beside it.
 
@@ -77,9 +77,9 @@ def compose(
         model=model,
         verdict=verdict(before, after, len(naming.findings)),
         effects=tuple(described(finding, held.nominal, outcome.whole) for finding in naming.findings),
-        retuned=tuple(from_json(Retuned, entry) for entry in retuned(naming.final)),
+        retuned=tuple(from_json(Retuned, entry) for entry in list_retuned(naming.final)),
         joints=joint_reports(held, naming, after),
-        unexplained=unexplained(held, outcome.after, after),
+        unexplained=find_unexplained(held, outcome.after, after),
         gap=gap(held, outcome, float(f"{naming.final.conditioning:.3g}")),
         shares=shares(held, outcome),
         placebo=placebo(held, naming),
@@ -124,7 +124,7 @@ def alternative(effect: Effect, error: float) -> Alternative:
     return Alternative(name=effect.name(), joint=effect.joint, parameters=numbers, heldout_error_after=error)
 
 
-def joint_reports(held: Task, naming: Naming, after: np.ndarray) -> Mapping[str, JointDescription]:
+def joint_reports(held: FitTask, naming: Naming, after: np.ndarray) -> Mapping[str, JointDescription]:
     """Return of each joint how complete its description is, its rest, and whether two halves of the recording agree.
 
     Args:
@@ -142,7 +142,7 @@ def joint_reports(held: Task, naming: Naming, after: np.ndarray) -> Mapping[str,
     }
 
 
-def unexplained(held: Task, predicted: np.ndarray, after: np.ndarray) -> tuple[Unexplained, ...]:
+def find_unexplained(held: FitTask, predicted: np.ndarray, after: np.ndarray) -> tuple[Unexplained, ...]:
     """Return the joints whose rest is above the floor, and what it goes with."""
     errors = held.evidence.errors(predicted)
     return tuple(
@@ -155,7 +155,7 @@ def unexplained(held: Task, predicted: np.ndarray, after: np.ndarray) -> tuple[U
     )
 
 
-def gap(held: Task, outcome: Outcome, conditioning: float | None = None) -> Gap:
+def gap(held: FitTask, outcome: HeldOutResult, conditioning: float | None = None) -> ArmGap:
     """Return the gap before and after, per joint, and pooled over the joints of each kind.
 
     The figures of the first kind, hinges where there are any, stand at the top. Where the arm has slides as well,
@@ -176,7 +176,7 @@ def gap(held: Task, outcome: Outcome, conditioning: float | None = None) -> Gap:
     joints, slides = held.evidence.joints, held.nominal.slides
     (unit, places), *others = kinds_of(joints, slides)
     beside = [GapErrors(unit=other.si, **pooled(rest)) for other, rest in others]
-    return Gap(
+    return ArmGap(
         unit=unit.si,
         **pooled(places),
         metric=METRIC + (f", over the {unit.kind} ({others[0][0].kind} beside)" if others else ""),
@@ -187,7 +187,7 @@ def gap(held: Task, outcome: Outcome, conditioning: float | None = None) -> Gap:
     )
 
 
-def shares(held: Task, outcome: Outcome) -> Shares:
+def shares(held: FitTask, outcome: HeldOutResult) -> Shares:
     """Return which share of the squared gap above the floor the names explain, φ on top, and what is left.
 
     Squares are those of the joints of the first kind: hinges where there are any.
@@ -202,12 +202,12 @@ def shares(held: Task, outcome: Outcome) -> Shares:
     return Shares(names=1 - left, left=left)
 
 
-def first_kind(held: Task) -> np.ndarray:
+def first_kind(held: FitTask) -> np.ndarray:
     """Return the places of the joints of the first kind, over which pooled figures go."""
     return kinds_of(held.evidence.joints, held.nominal.slides)[0][1]
 
 
-def placebo(held: Task, naming: Naming) -> Placebo | None:
+def placebo(held: FitTask, naming: Naming) -> Placebo | None:
     """Return what the runner-up achieves in the place of the surest finding."""
     if naming.placebo is None:
         return None
@@ -223,7 +223,7 @@ def placebo(held: Task, naming: Naming) -> Placebo | None:
     )
 
 
-def write_series(folder: Path, problem: Problem, naming: Naming, outcome: Outcome) -> None:
+def write_series(folder: Path, problem: Problem, naming: Naming, outcome: HeldOutResult) -> None:
     """Write the held-out episodes and what each model makes of them to `series.npz`."""
     held = problem.held
     evidence = held.evidence

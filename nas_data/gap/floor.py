@@ -5,19 +5,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.noise import NORMAL, ODD, ORDERS, SMALLEST, resolution, spread
+from nas_data.dataset.noise import NORMAL, ODD, ORDERS, SMALLEST, noise_of_differences, resolution
 from nas_data.pairing import scene_states
 from nas_data.simulators.base import Simulator
 
 if TYPE_CHECKING:
-    from nas_data.gap.evidence import Evidence
+    from nas_data.gap.episode_batch import EpisodeBatch
 
 CLOSEST = 3e-4  # share of its travel to which a joint is predicted at best: no simulator follows nature closer
 COARSE = 2.0  # [roundings] up to which noise is what odd differences say; beyond, it might be motion
 STEPS = 4000  # transitions of which a model's errors after one step are taken at most
 
 
-def noise_floor(evidence: "Evidence", most: np.ndarray | None = None) -> np.ndarray:
+def noise_floor(evidence: "EpisodeBatch", most: np.ndarray | None = None) -> np.ndarray:
     """Estimate the standard deviation of the position readings' error [rad], shape (n,).
 
     A quantum Δ gives Δ/√12. Noise beyond it shows in high differences, in which smooth motion hardly does; rounding
@@ -47,14 +47,16 @@ def step_errors(dataset: Dataset, simulator: Simulator) -> np.ndarray:
     return NORMAL * np.median(np.where(np.isfinite(errors), errors, np.inf), axis=0)
 
 
-def joint_floor(evidence: "Evidence", joint: int, most: float) -> float:
+def joint_floor(evidence: "EpisodeBatch", joint: int, most: float) -> float:
     """Return the floor of one joint [rad], given what it is at most beyond a few roundings."""
     readings = [row[seen, joint] for row, seen in zip(evidence.measured, evidence.counts, strict=True)]
     step = resolution(readings)
     rounding = step / np.sqrt(12.0)
-    noise = min(spread(readings, order, step) for order in ODD)
+    noise = min(noise_of_differences(readings, order, step) for order in ODD)
     if noise > COARSE * rounding:
-        noise = max(COARSE * rounding, min(noise, most, *(spread(readings, order, step) for order in ORDERS)))
+        noise = max(
+            COARSE * rounding, min(noise, most, *(noise_of_differences(readings, order, step) for order in ORDERS))
+        )
     travel = max((float(np.ptp(row)) for row in readings), default=0.0)
     return max(rounding, noise, SMALLEST, CLOSEST * travel)
 

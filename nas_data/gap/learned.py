@@ -11,7 +11,7 @@ from nas_data.metrics import Errors
 from nas_data.models.evaluation import open_loop_model, open_loop_source
 from nas_data.models.presets import preset
 from nas_data.models.run import TrainingRun
-from nas_data.models.training import Training, error_scales
+from nas_data.models.training import ModelTraining, error_scales
 from nas_data.pairing import pair
 from nas_data.robots.base import find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -20,7 +20,7 @@ from nas_data.sources import source_files
 PHI = "phi"  # folder of its checkpoint in the report's
 
 
-def learned_shares(
+def measure_learned_shares(
     dataset: Dataset,
     models: tuple[str | Path, Path],
     episodes: tuple[Sequence[int], Sequence[int]],
@@ -48,15 +48,17 @@ def learned_shares(
     given, written = (MujocoSimulator.load(model, period, dataset.joints) for model in models)
     train, held = (pair(dataset.select(list(numbers)), written) for numbers in episodes)
     shutil.rmtree(folder / PHI, ignore_errors=True)
-    training = Training("delta", train, preset("fast", updates=updates), written, {"source": written.describe()})
+    training = ModelTraining("delta", train, preset("fast", updates=updates), written, {"source": written.describe()})
     phi = TrainingRun(training, folder / PHI, say, source_files(find_robot(models[1]))).run()
     scales = error_scales(train)
-    before, after = (squared(held, open_loop_source(held, simulator), scales) for simulator in (given, written))
-    left = squared(held, open_loop_model(held, written, phi), scales)
+    before, after = (
+        mean_squared_error(held, open_loop_source(held, simulator), scales) for simulator in (given, written)
+    )
+    left = mean_squared_error(held, open_loop_model(held, written, phi), scales)
     return {"names": 1 - after / before, "learned": (after - left) / before, "left": left / before}
 
 
-def squared(dataset: Dataset, predicted: list[np.ndarray], scales: np.ndarray) -> float:
+def mean_squared_error(dataset: Dataset, predicted: list[np.ndarray], scales: np.ndarray) -> float:
     """Return the mean squared position error of open-loop rollouts over all joints' scales (n,); for shares only."""
     measured = [dataset.next_states[rows] for rows in dataset.episodes()]
     return Errors.of(dataset.joints, predicted, measured).over(scales) ** 2

@@ -12,7 +12,7 @@ from nas_data.gap.search.choose import choose
 from nas_data.gap.search.final import Final, finish
 from nas_data.gap.search.hypothesis import Description, Hypothesis, key
 from nas_data.gap.search.moves.replace_by_rival import fitted_rivals
-from nas_data.gap.search.objective import Task
+from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.plain_fit import fit_plain
 from nas_data.gap.search.search import Search
 from nas_data.gap.search.tie_break import decide
@@ -103,7 +103,7 @@ class Naming:
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # it would wait busily on the cores that the rollouts need
-def name(train: Task, held: Task, say: Callable[[str], None] = lambda text: None) -> Naming:
+def name(train: FitTask, held: FitTask, say: Callable[[str], None] = lambda text: None) -> Naming:
     """Search for the missing effects and judge every name.
 
     Args:
@@ -154,7 +154,7 @@ def judge(search: Search, kept: Hypothesis, final: Final, number: int) -> tuple[
     without = next(h for h in fewer if h and h.is_sound)
     ranked = fitted_rivals(search, kept, number)
     twins = [h for twin in effect.twins(effect.joint) if (h := search.rival(rest.adding(twin), kept)) and h.is_sound]
-    joints = concerned(search, effect)
+    joints = judged_joints(search, effect)
     confidence = surety(search, kept, ranked, without)
     finding = Finding(
         effect=final.effects[number],
@@ -168,7 +168,7 @@ def judge(search: Search, kept: Hypothesis, final: Final, number: int) -> tuple[
     return finding, ranked[0] if ranked else None
 
 
-def concerned(search: Search, effect: Effect) -> list[int]:
+def judged_joints(search: Search, effect: Effect) -> list[int]:
     """Return the indices of the joints by which an effect is judged: its own, or all of the arm's first kind."""
     joints = search.train.nominal.joints
     if effect.joint is not None:

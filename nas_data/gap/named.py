@@ -7,11 +7,11 @@ from pathlib import Path
 
 import mujoco
 
+from nas_data.bake_inertia import explicit
 from nas_data.effects.base import Effect, read_effects
 from nas_data.errors import JointMismatch, OptionError
-from nas_data.explicit import explicit
-from nas_data.gap.add import EFFECTS, read_factors
 from nas_data.gap.nominal_parameters import apply_base, base_parameters
+from nas_data.gap.write_model import EFFECTS, read_factors
 from nas_data.robots.base import Robot
 
 
@@ -59,7 +59,7 @@ class Named:
         if not self.retuned:
             return robot
         kept = {name: getattr(robot, name) for name in Robot.__dataclass_fields__ if name != "edit"}
-        edit = robot.edit or unchanged  # with an edit, nobody takes the file alone for the model
+        edit = robot.edit or leave_unchanged  # with an edit, nobody takes the file alone for the model
         return RetunedRobot(**kept, edit=edit, factors=self.retuned, measured=tuple(joints))
 
     def _check(self, robot: Robot, joints: Sequence[str]) -> None:
@@ -75,7 +75,7 @@ class Named:
             )
 
 
-def unchanged(spec: mujoco.MjSpec) -> None:
+def leave_unchanged(spec: mujoco.MjSpec) -> None:
     """Edit nothing."""
 
 

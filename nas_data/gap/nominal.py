@@ -7,18 +7,18 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from nas_data.bake_inertia import explicit
 from nas_data.effects.base import Effect
 from nas_data.effects.edits.damping_ratio import settle_damping
 from nas_data.effects.edits.servo import position_servo, scale_stiffness
-from nas_data.explicit import explicit
-from nas_data.gap.evidence import Evidence
+from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.integrator import FINE, make_implicit, whole_step
 from nas_data.gap.nominal_parameters import NominalParameter, apply_base, base_parameters
 from nas_data.gap.side_by_side import shares_cores
-from nas_data.meshless import colliding_shapes, meshless, needs_files
 from nas_data.robots.base import Robot, find_robot, slide_joints
-from nas_data.simulators.held import hold_others
+from nas_data.simulators.lock_joints import hold_others
 from nas_data.simulators.mujoco import MujocoSimulator
+from nas_data.strip_meshes import colliding_shapes, meshless, needs_files
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Nominal:
     notes: tuple[str, ...] = ()
 
     @classmethod
-    def load(cls, model: str | Path, evidence: Evidence) -> "Nominal":
+    def load(cls, model: str | Path, evidence: EpisodeBatch) -> "Nominal":
         """Read the model; its physics step is shortened to one of which whole numbers make a control period.
 
         Raises:
@@ -104,11 +104,11 @@ class Nominal:
         known = {name: getattr(self.robot, name) for name in ("name", "mjcf", "joints", "rate", "rest")}
         robot = PreparedRobot(**known, prepared=self.edited(factors or {}, lean=True), adapted=True)
         simulator = MujocoSimulator(robot, self.period, self.joints, effects, 1 if shares_cores() else None)
-        simulator.model.opt.disableflags |= unneeded(simulator.model)
+        simulator.model.opt.disableflags |= disable_flags(simulator.model)
         return simulator
 
     def predict(
-        self, evidence: Evidence, effects: Sequence[Effect] = (), factors: Mapping[str, float] | None = None
+        self, evidence: EpisodeBatch, effects: Sequence[Effect] = (), factors: Mapping[str, float] | None = None
     ) -> np.ndarray:
         """Roll the episodes out from their first pose, held as they say; return positions [rad], shape (E, T, n).
 
@@ -122,7 +122,7 @@ class Nominal:
             predicted[chosen] = nominal.rolled(evidence.select(chosen), effects, factors)
         return predicted
 
-    def step(self, evidence: Evidence, states: np.ndarray) -> np.ndarray:
+    def step(self, evidence: EpisodeBatch, states: np.ndarray) -> np.ndarray:
         """Simulate each recorded row alone, at its episode's gain.
 
         Args:
@@ -140,13 +140,13 @@ class Nominal:
             predicted[rows] = stepped[:, : len(self.joints)]
         return predicted
 
-    def by_gain(self, evidence: Evidence) -> Iterator[tuple["Nominal", np.ndarray]]:
+    def by_gain(self, evidence: EpisodeBatch) -> Iterator[tuple["Nominal", np.ndarray]]:
         """Return the model at each position gain of a recording, and which episodes have it."""
         for gains in np.unique(evidence.gains, axis=0):
             yield self.with_gains(gains), np.flatnonzero((evidence.gains == gains).all(axis=1))
 
     def rolled(
-        self, evidence: Evidence, effects: Sequence[Effect], factors: Mapping[str, float] | None = None
+        self, evidence: EpisodeBatch, effects: Sequence[Effect], factors: Mapping[str, float] | None = None
     ) -> np.ndarray:
         """Roll the episodes out at the model's own gain; see `predict`."""
         driven = None if (evidence.driven >= evidence.commands.shape[1]).all() else evidence.driven
@@ -175,7 +175,7 @@ def adapt(spec: mujoco.MjSpec, joints: Sequence[str], period: float) -> tuple[st
     return tuple(note for note in (changed, still) if note)
 
 
-def unneeded(model: mujoco.MjModel) -> int:
+def disable_flags(model: mujoco.MjModel) -> int:
     """Return what a rollout can do without at the same positions, as disable flags: a fifth of its time."""
     flags = mujoco.mjtDisableBit.mjDSBL_SENSOR.value | mujoco.mjtDisableBit.mjDSBL_ISLAND.value
     touching = (model.geom_contype[:, None] & model.geom_conaffinity[None, :]).any() or model.npair

@@ -96,7 +96,7 @@ def base_parameters(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[Nominal
     model = spec.copy().compile()
     found = []
     for joint in joints:
-        bodies = moved_by(model, joint, joints)
+        bodies = bodies_moved_by(model, joint, joints)
         if bodies:
             found.append(NominalParameter(joint, "mass", bodies))
         element = spec.joint(joint)
@@ -117,7 +117,7 @@ def base_parameters(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[Nominal
     return tuple(found)
 
 
-def moved_by(model: mujoco.MjModel, joint: str, joints: Sequence[str]) -> tuple[str, ...]:
+def bodies_moved_by(model: mujoco.MjModel, joint: str, joints: Sequence[str]) -> tuple[str, ...]:
     """Return the bodies with mass that a joint moves and no later measured joint does."""
     first = int(model.joint(joint).bodyid[0])
     others = {int(model.joint(name).bodyid[0]) for name in joints if name != joint}

@@ -8,12 +8,12 @@ from nas_data.dataset.foreign import take_in, warn
 from nas_data.dataset.read import read
 from nas_data.dataset.versions import resolve
 from nas_data.errors import DatasetInvalid
-from nas_data.gap.evidence import Evidence, divide, windows
-from nas_data.gap.finding.driven import until_driven_again
+from nas_data.gap.episode_batch import EpisodeBatch, divide, windows
+from nas_data.gap.finding.torque_off import until_driven_again
 from nas_data.gap.floor import noise_floor, step_errors
 from nas_data.gap.gains import with_relative_gains
 from nas_data.gap.nominal import Nominal
-from nas_data.gap.search.objective import Task
+from nas_data.gap.search.objective import FitTask
 from nas_data.pairing import check_fits, warn_of_ranges
 
 TRAIN_STEPS = 120_000  # physics steps that one rollout of all training episodes may take, half a second of work
@@ -34,9 +34,9 @@ class Problem:
     """
 
     dataset: Dataset
-    evidence: Evidence
-    train: Task
-    held: Task
+    evidence: EpisodeBatch
+    train: FitTask
+    held: FitTask
     names: tuple[str, str]
     given: str | Path
 
@@ -66,7 +66,7 @@ class Problem:
         """
         transitions = with_relative_gains(recorded, model, root)
         kept = until_driven_again(transitions)
-        evidence = Evidence.of(kept)
+        evidence = EpisodeBatch.of(kept)
         if len(evidence) < 2:
             raise DatasetInvalid(
                 f"{root} has {len(evidence)} episode; at least two are needed, one to fit and one to judge by: "
@@ -83,4 +83,4 @@ class Problem:
             windows(part, steps // simulator.substeps) for part, steps in ((train, TRAIN_STEPS), (held, HELD_STEPS))
         )
         names = (root.parent.name if root.name.startswith("v") else root.name, Path(model).name)
-        return cls(transitions, evidence, Task(nominal, train, floor), Task(nominal, held, floor), names, model)
+        return cls(transitions, evidence, FitTask(nominal, train, floor), FitTask(nominal, held, floor), names, model)

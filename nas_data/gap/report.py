@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nas_data.errors import OptionError, UnknownName
-from nas_data.gap.place import ASSETS, FILES, FOLDERS, check_free, clear
+from nas_data.gap.output_folder import ASSETS, FILES, FOLDERS, check_free, clear
 from nas_data.joint_units import HINGE
 from nas_data.reports.file import write_whole
 from nas_data.typed_json import FormError, LacksKeys, as_object, from_json
-from nas_data.visible import visible
+from nas_data.visible_files import visible
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -187,7 +187,7 @@ class GapErrors:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Gap(GapErrors):
+class ArmGap(GapErrors):
     """The gap of the whole arm: errors over its hinges, or over its slides where it has no hinge.
 
     Attributes:
@@ -289,7 +289,7 @@ class Check:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Found:
+class GapFindings:
     """Where the gap is.
 
     Attributes:
@@ -310,9 +310,9 @@ class Found:
 
     def text(self) -> str:
         """Return a short table in degrees and millimetres, and what was noticed."""
-        from nas_data.gap.finding.text import found_text
+        from nas_data.gap.finding.text import describe_findings
 
-        return found_text(self.joints, self.regimes, self.audit, self.undecidable)
+        return describe_findings(self.joints, self.regimes, self.audit, self.undecidable)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -375,12 +375,12 @@ class GapReport:
     retuned: tuple[Retuned, ...]
     joints: Mapping[str, JointDescription] = field(default_factory=dict)
     unexplained: tuple[Unexplained, ...]
-    gap: Gap
+    gap: ArmGap
     shares: Shares | None = None
     placebo: Placebo | None = None
     next_experiment: str | None
     experiments: tuple[TriedExperiment, ...] = ()
-    find: Found | None = None
+    find: GapFindings | None = None
     episodes: EpisodeNumbers
     seed: int
     seconds: float

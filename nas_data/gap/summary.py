@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from nas_data.gap.report import FittedParameter, GapErrors, GapReport, NamedEffect
-from nas_data.joint_units import unit_named
+from nas_data.joint_units import display_unit
 
 VERDICTS = {
     "none": "No gap above the measurement noise.",
@@ -58,7 +58,7 @@ def findings(report: GapReport) -> list[str]:
 
 def shrinking(gap: GapErrors) -> str:
     """Return how an error shrinks, beside what limits it."""
-    unit = unit_named(gap.unit)
+    unit = display_unit(gap.unit)
     plain = "" if gap.plain is None else f"plain fit {unit.text(gap.plain)}, "
     floor = "unknown" if gap.noise_floor is None else unit.text(gap.noise_floor)
     return f"{unit.text(gap.before)} → {unit.text(gap.after)} ({plain}noise floor {floor})"
@@ -68,7 +68,7 @@ def finding_text(effect: NamedEffect) -> str:
     """Return a finding in a line."""
     values = ", ".join(value_text(name, value) for name, value in effect.parameters.items())
     errors = effect.evidence
-    unit = unit_named(errors.unit)
+    unit = display_unit(errors.unit)
     before, after = unit.text(errors.heldout_error_before), unit.text(errors.heldout_error_after)
     line = (
         f"{effect.joint or 'whole arm'}: {effect.name} {values}; confidence {effect.confidence:.2f}; "

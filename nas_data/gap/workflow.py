@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.errors import NasError, OptionError
-from nas_data.gap.added import Outcome, added, predict_held
 from nas_data.gap.compose import Proposal, compose, write_series
-from nas_data.gap.evidence import Evidence
+from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.experiments.experiment import Rival, next_experiment, write
+from nas_data.gap.export import check_portable
 from nas_data.gap.finding.find import find
 from nas_data.gap.floor import ratios
 from nas_data.gap.name import ADEQUATE, Naming, name
-from nas_data.gap.place import check_place, clear
-from nas_data.gap.portable import check_portable
+from nas_data.gap.output_folder import check_place, clear
 from nas_data.gap.problem import Problem
-from nas_data.gap.report import Found, GapReport, TriedExperiment
+from nas_data.gap.report import GapFindings, GapReport, TriedExperiment
+from nas_data.gap.score_model import HeldOutResult, predict_held, score_model
 from nas_data.gap.search.final import Final, finish
 from nas_data.gap.search.hypothesis import Description
 from nas_data.gap.showing.show import show
@@ -72,7 +72,7 @@ def investigate_problem(
     return conclude(problem, found, folder, began, say, learn)
 
 
-def conclude(problem: Problem, found: Found, folder: Path, began: float, say: Say, learn: int) -> GapReport:
+def conclude(problem: Problem, found: GapFindings, folder: Path, began: float, say: Say, learn: int) -> GapReport:
     """Name, add, score from the written file and report."""
     if found.undecidable:
         say("; ".join(found.undecidable))
@@ -84,8 +84,8 @@ def conclude(problem: Problem, found: Found, folder: Path, began: float, say: Sa
     naming, outcome = deliver(problem, naming, folder, say)
     if learn:
         say("learn: φ on what the names leave")
-        outcome = replace(outcome, learned=learned(problem, outcome.model, learn, say))
-    experiment = proposed(problem, naming, folder)
+        outcome = replace(outcome, learned=train_on_top(problem, outcome.model, learn, say))
+    experiment = propose_experiment(problem, naming, folder)
     report = compose(problem, found, naming, outcome, experiment, time.monotonic() - began)
     report.write(folder)
     write_series(folder, problem, naming, outcome)
@@ -94,14 +94,14 @@ def conclude(problem: Problem, found: Found, folder: Path, began: float, say: Sa
     return report.with_files(folder)
 
 
-def deliver(problem: Problem, naming: Naming, folder: Path, say: Say) -> tuple[Naming, Outcome]:
+def deliver(problem: Problem, naming: Naming, folder: Path, say: Say) -> tuple[Naming, HeldOutResult]:
     """Write the model with the names, or what predicts held-out episodes better: it is never worse than a plain fit.
 
     Where the names leave the noise floor, nothing is better than they are. Elsewhere they must do at least as well as
     the plain fit and as the model that was handed over. If not, the names are kept beside all that the plain fit
     changes; and if that is no better either, the plain fit or the given model is delivered, without names.
     """
-    outcome = added(problem, naming.final, naming.null, naming.plain, folder)
+    outcome = score_model(problem, naming.final, naming.null, naming.plain, folder)
     held = problem.held.evidence
     left = ratios(held.mean_squares(outcome.written), problem.held.floor)
     scales = mean_of_kind(problem.held.floor, held.joints, problem.held.nominal.slides)
@@ -111,37 +111,39 @@ def deliver(problem: Problem, naming: Naming, folder: Path, say: Say) -> tuple[N
     say("the names alone predict held-out episodes worse than the plain fit or the model as given")
     train = replace(problem.train, fine=naming.final.fine)
     description = naming.description.together_with(naming.plain_description)
-    both = finish(train, description, {**naming.plain.factors, **unfreed(naming.final.factors, description)})
+    both = finish(train, description, {**naming.plain.factors, **bound_factors(naming.final.factors, description)})
     if naming.findings and rms(held, predict_held(problem, both), scales) <= best:
         naming = naming.refitted(both)
-        more = added(problem, both, naming.null, naming.plain, folder)
+        more = score_model(problem, both, naming.null, naming.plain, folder)
         return naming, replace(more, delivered="names and plain")
     plain_is_best = rms(held, outcome.plain, scales) <= rms(held, outcome.before, scales)
     other = naming.plain if plain_is_best else Final((), {}, (), fine=False)
     nameless = replace(naming, findings=(), rivals=(), final=other)
-    delivered = added(problem, other, naming.null, naming.plain, folder)
+    delivered = score_model(problem, other, naming.null, naming.plain, folder)
     return nameless, replace(delivered, delivered="plain" if plain_is_best else "given")
 
 
-def unfreed(factors: Mapping[str, float], description: Description) -> dict[str, float]:
+def bound_factors(factors: Mapping[str, float], description: Description) -> dict[str, float]:
     """Return the factors of those parameters that a description does not free."""
     return {name: factor for name, factor in factors.items() if name not in description.freed}
 
 
-def rms(evidence: Evidence, predicted: np.ndarray, scales: np.ndarray) -> float:
+def rms(evidence: EpisodeBatch, predicted: np.ndarray, scales: np.ndarray) -> float:
     """Return the error over all episodes and joints, each joint's over its scale [rad; slides m], shape (n,)."""
     return float(np.sqrt((evidence.mean_squares(predicted) / scales**2).mean()))
 
 
-def learned(problem: Problem, model: Path, updates: int, say: Say) -> Mapping[str, float]:
+def train_on_top(problem: Problem, model: Path, updates: int, say: Say) -> Mapping[str, float]:
     """Train φ on top of the written model; torch is loaded for nothing else."""
-    from nas_data.gap.learned import learned_shares
+    from nas_data.gap.learned import measure_learned_shares
 
     numbers = [sorted({int(number) for number in task.evidence.numbers}) for task in (problem.train, problem.held)]
-    return learned_shares(problem.dataset, (problem.given, model), (numbers[0], numbers[1]), model.parent, updates, say)
+    return measure_learned_shares(
+        problem.dataset, (problem.given, model), (numbers[0], numbers[1]), model.parent, updates, say
+    )
 
 
-def proposed(problem: Problem, naming: Naming, folder: Path) -> Proposal:
+def propose_experiment(problem: Problem, naming: Naming, folder: Path) -> Proposal:
     """Write the command file that would settle the most doubtful name; say what it is."""
     rival = naming.doubt
     if rival is None:

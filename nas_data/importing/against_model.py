@@ -10,7 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from nas_data.dataset.audits.base import RANGE, SHORTEST, Finding
+from nas_data.dataset.audits.base import RANGE, SHORTEST, AuditFinding
 from nas_data.dataset.dataset import Dataset
 from nas_data.joint_units import kinds_of
 from nas_data.robots.base import find_robot
@@ -25,7 +25,7 @@ AGAINST = -0.5  # correlation from which a joint contradicts gravity
 TICK = 2 * np.pi / 4096  # [rad]
 
 
-def check(dataset: Dataset, model: str | Path) -> list[Finding]:
+def check(dataset: Dataset, model: str | Path) -> list[AuditFinding]:
     """Compare an imported dataset with a model.
 
     Args:
@@ -39,7 +39,9 @@ def check(dataset: Dataset, model: str | Path) -> list[Finding]:
     names = [compiled.joint(index).name for index in range(compiled.njnt)]
     joints = [joint for joint in dataset.joints if joint in names]
     found = [
-        Finding("model_joint", "the dataset", f"its joint '{joint}' is not in {model}, which has: {', '.join(names)}")
+        AuditFinding(
+            "model_joint", "the dataset", f"its joint '{joint}' is not in {model}, which has: {', '.join(names)}"
+        )
         for joint in dataset.joints
         if joint not in names
     ]
@@ -59,7 +61,7 @@ def radian_at(dataset: Dataset, model: mujoco.MjModel, joint: str) -> float:
     return max(reach, SHORTEST) / RANGE
 
 
-def _limits(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[Finding]:
+def _limits(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[AuditFinding]:
     """Report a joint that leaves its model's range, and whether the other sign or another zero would not."""
     if not model.jnt_limited[model.joint(joint).id]:
         return []
@@ -76,10 +78,10 @@ def _limits(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[Finding
     else:
         reason, remedy = "it turns farther than the model does", f"check the unit and scale of {joint} in the map"
     what = f"{joint} goes from {first:.3g} to {last:.3g}, beyond the model's range {low:.3g} … {high:.3g}; {reason}"
-    return [Finding("model_limits", "the dataset", what, remedy)]
+    return [AuditFinding("model_limits", "the dataset", what, remedy)]
 
 
-def _gravity(dataset: Dataset, model: mujoco.MjModel) -> list[Finding]:
+def _gravity(dataset: Dataset, model: mujoco.MjModel) -> list[AuditFinding]:
     """Report joints that hang on their servos against the model's gravity."""
     n = len(dataset.joints)
     positions, velocities = dataset.states[:, :n].astype(float), dataset.states[:, n:].astype(float)
@@ -114,5 +116,5 @@ def _gravity(dataset: Dataset, model: mujoco.MjModel) -> list[Finding]:
                 f"pulls (correlation {likeness:.2f})"
             )
             remedy = f"check sign and zero of {joint} in the map"
-            found.append(Finding("model_gravity", "the dataset", what, remedy))
+            found.append(AuditFinding("model_gravity", "the dataset", what, remedy))
     return found

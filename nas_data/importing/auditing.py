@@ -3,13 +3,13 @@
 from dataclasses import replace
 
 from nas_data.dataset import audits
-from nas_data.dataset.audits.base import Expected, Finding
+from nas_data.dataset.audits.base import AuditFinding, Expected
 from nas_data.dataset.recording import Recording
 from nas_data.importing import degrees
 from nas_data.importing.map import Map
 
 
-def audit(recording: Recording, mapping: Map) -> list[Finding]:
+def audit(recording: Recording, mapping: Map) -> list[AuditFinding]:
     """Run every audit over a recording as it was recorded: nothing resampled, commands in their own rows.
 
     Returns:

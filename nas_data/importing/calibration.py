@@ -16,7 +16,7 @@ import numpy as np
 
 from nas_data.errors import LogError, OptionError
 from nas_data.importing.conversion import NORMALISED
-from nas_data.importing.map import Map, Quantity, Servo
+from nas_data.importing.map import LogQuantity, Map, ServoTicks
 
 UNITS = ("deg", "range", "rad")
 RANGE = "range"  # of −100 … 100
@@ -96,7 +96,7 @@ def choose_unit(mapping: Map, raw: np.ndarray, motors: Sequence[Motor]) -> tuple
         OptionError: they cannot be degrees, and without a calibration nothing else.
     """
     body = [index for index, unit in enumerate(mapping.position.conversion.units) if unit == "deg"]
-    servo = mapping.servo or Servo(4096, True)
+    servo = mapping.servo or ServoTicks(4096, True)
     if not body:
         return "deg", "the map says"
     if np.abs(raw[:, body]).max(initial=0.0) > LARGEST + 1e-3:
@@ -131,9 +131,9 @@ def in_unit(mapping: Map, unit: str, motors: Sequence[Motor]) -> Map:
     """
     if unit == RANGE and not motors:
         raise OptionError(f"--unit range means nothing without the calibration: add --calibration FILE; {WHERE}.")
-    servo = mapping.servo or Servo(4096, True)
+    servo = mapping.servo or ServoTicks(4096, True)
 
-    def converted(quantity: Quantity) -> Quantity:
+    def converted(quantity: LogQuantity) -> LogQuantity:
         lines = zip(quantity.conversion.gain, quantity.conversion.bias, quantity.conversion.units, strict=True)
         changed = [_line(line, unit, servo, motors[index] if motors else None) for index, line in enumerate(lines)]
         gain, bias, units = zip(*changed, strict=True)
@@ -143,7 +143,9 @@ def in_unit(mapping: Map, unit: str, motors: Sequence[Motor]) -> Map:
     return replace(mapping, position=converted(mapping.position), command=command)
 
 
-def _line(line: tuple[float, float, str], unit: str, servo: Servo, motor: Motor | None) -> tuple[float, float, str]:
+def _line(
+    line: tuple[float, float, str], unit: str, servo: ServoTicks, motor: Motor | None
+) -> tuple[float, float, str]:
     """Return gain, bias and raw unit of one joint in another unit."""
     gain, bias, held = line
     turned = motor is not None and motor.turned and servo.drive_mode

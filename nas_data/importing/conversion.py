@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from nas_data.importing.section import Section
+from nas_data.importing.section import MapSection
 
 Kind = Literal["position", "velocity", "effort", "command", "signal"]
 COMMANDS: tuple[Kind, ...] = ("position", "velocity", "effort")  # what a joint may be asked for
@@ -60,7 +60,7 @@ class Conversion:
         return (value - np.array(self.bias)) / np.array(self.gain)
 
 
-def parse_conversion(section: Section, kind: Kind, joints: Sequence[str]) -> Conversion:
+def parse_conversion(section: MapSection, kind: Kind, joints: Sequence[str]) -> Conversion:
     """Take the conversion keys out of a quantity's table, with its `joints` sub-tables that override them.
 
     Raises:
@@ -72,7 +72,7 @@ def parse_conversion(section: Section, kind: Kind, joints: Sequence[str]) -> Con
     for joint, values in zip(joints, per_joint, strict=True):
         override = overrides.table(joint)
         kept = {key: value for key, value in values.items() if not (override.has("unit") and key in UNIT_KEYS)}
-        one = Section({**kept, **override.values}, section.file, f"{section.name}.joints.{joint}")
+        one = MapSection({**kept, **override.values}, section.file, f"{section.name}.joints.{joint}")
         lines.append(_parse_line(one, kind))
         one.finish()
     overrides.finish()
@@ -80,7 +80,7 @@ def parse_conversion(section: Section, kind: Kind, joints: Sequence[str]) -> Con
     return Conversion(gain, bias, units, kinds)
 
 
-def _values_of(section: Section, index: int, count: int) -> dict[str, object]:
+def _values_of(section: MapSection, index: int, count: int) -> dict[str, object]:
     """Return the conversion keys for one joint; a list gives one number a joint (`range` is a pair itself)."""
     values: dict[str, object] = {}
     for key in KEYS:
@@ -93,7 +93,7 @@ def _values_of(section: Section, index: int, count: int) -> dict[str, object]:
     return values
 
 
-def _parse_line(section: Section, kind: Kind) -> tuple[float, float, str, Kind]:
+def _parse_line(section: MapSection, kind: Kind) -> tuple[float, float, str, Kind]:
     """Return gain, bias, raw unit and kind of one component."""
     unit = section.text("unit", choices=_units(kind))
     if kind == "command":
@@ -114,7 +114,7 @@ def _units(kind: Kind) -> tuple[str, ...]:
     return (*FACTORS[kind], *[NORMALISED] * (kind in ("position", "velocity", "command")))
 
 
-def _parse_kind(section: Section, unit: str) -> Kind:
+def _parse_kind(section: MapSection, unit: str) -> Kind:
     """Read what a joint is asked for: `kind`, else what its unit is one of; ticks and normalised are positions."""
     usual = next((kind for kind in COMMANDS if unit in _units(kind)), COMMANDS[0])
     kind = next(one for one in COMMANDS if one == section.text("kind", usual, choices=COMMANDS))
@@ -123,7 +123,7 @@ def _parse_kind(section: Section, unit: str) -> Kind:
     return kind
 
 
-def _scaled(section: Section, factor: float, unit: str, kind: Kind) -> tuple[float, float]:
+def _scaled(section: MapSection, factor: float, unit: str, kind: Kind) -> tuple[float, float]:
     """Read `scale` and `zero`: value = factor · scale · (raw − zero); ticks and amperes mean nothing without them."""
     scale = section.number("scale", None if unit in SCALED else 1.0)
     if scale == 0:
@@ -132,7 +132,7 @@ def _scaled(section: Section, factor: float, unit: str, kind: Kind) -> tuple[flo
     return factor * scale, -factor * scale * zero
 
 
-def _normalised(section: Section, kind: Kind) -> tuple[float, float]:
+def _normalised(section: MapSection, kind: Kind) -> tuple[float, float]:
     """Read `range` (what the log holds) and `low`, `high` [rad; m] (what its ends mean)."""
     first, last = section.numbers("range", 2)
     low, high = section.number("low"), section.number("high")
@@ -142,7 +142,7 @@ def _normalised(section: Section, kind: Kind) -> tuple[float, float]:
     return gain, (low - gain * first if kind == "position" else 0.0)
 
 
-def check_encoding(section: Section) -> str:
+def check_encoding(section: MapSection) -> str:
     """Take the key `encoding`: how a raw register holds its sign; empty where it needs no decoding."""
     encoding = section.text("encoding", "")
     if encoding and not re.fullmatch(r"int(8|16|32)|sign_magnitude_([1-9]|[12]\d|30)", encoding):

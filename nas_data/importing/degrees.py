@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from nas_data.dataset.audits.base import Finding
+from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.recording import Recording
-from nas_data.importing.map import Map, Quantity
+from nas_data.importing.map import LogQuantity, Map
 
 SMALLEST_LIKELY = 3.5  # [°]; a whole log within this many degrees of zero holds radians
 AT_REST = 0.02  # [°]; a log that spans less does not move, whatever its unit
 
 
-def check(recording: Recording, mapping: Map) -> list[Finding]:
+def check(recording: Recording, mapping: Map) -> list[AuditFinding]:
     """Refuse numbers that hardly can be the degrees that the map says."""
     read = [(mapping.position, recording.positions)]
     if mapping.commands_positions:
@@ -26,11 +26,11 @@ def check(recording: Recording, mapping: Map) -> list[Finding]:
         )
         radians = "--unit rad" if mapping.layout.format == "lerobot" else f"unit = 'rad' in [read.{quantity.name}]"
         remedy = f"if these are radians, say {radians}, if they are degrees, add allow = ['unit_slip'] to [audit]"
-        found.append(Finding("unit_slip", recording.place, what, remedy, error=True))
+        found.append(AuditFinding("unit_slip", recording.place, what, remedy, error=True))
     return found
 
 
-def _logged_degrees(quantity: Quantity, values: np.ndarray) -> np.ndarray:
+def _logged_degrees(quantity: LogQuantity, values: np.ndarray) -> np.ndarray:
     """Return the numbers that the log gives in degrees, shape (N, k)."""
     in_degrees = [unit == "deg" for unit in quantity.conversion.units]
     return quantity.conversion.raw(values)[:, in_degrees]

@@ -3,14 +3,14 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from nas_data.importing.section import Section
+from nas_data.importing.section import MapSection
 
 BAGS = ("mcap", "rosbag")  # formats whose tables are topics
 JOINS = ("nearest", "previous")
 
 
 @dataclass(frozen=True)
-class Layout:
+class LogLayout:
     """How a log lies on disk.
 
     Attributes:
@@ -34,7 +34,7 @@ class Layout:
     delimiter: str = ","
 
 
-def parse_layout(top: Section, formats: tuple[str, ...]) -> Layout:
+def parse_layout(top: MapSection, formats: tuple[str, ...]) -> LogLayout:
     """Take the keys that say how a log lies on disk.
 
     Raises:
@@ -46,8 +46,8 @@ def parse_layout(top: Section, formats: tuple[str, ...]) -> Layout:
     topics = _parse_topics(top, name)
     several = len(tables) > 1 or len(topics) > 1
     _refuse_keys_of_others(top, name, several)
-    join = top.table("join") if several else Section({}, top.file)
-    layout = Layout(
+    join = top.table("join") if several else MapSection({}, top.file)
+    layout = LogLayout(
         format=name,
         pattern=top.text("pattern", "*"),
         files=tables or None,
@@ -61,7 +61,7 @@ def parse_layout(top: Section, formats: tuple[str, ...]) -> Layout:
     return layout
 
 
-def _parse_topics(top: Section, name: str) -> dict[str, str]:
+def _parse_topics(top: MapSection, name: str) -> dict[str, str]:
     """Read which topics of a bag are the tables."""
     if name not in BAGS:
         top.refuse("topics", " or ".join(f"format = '{bag}'" for bag in BAGS))
@@ -73,7 +73,7 @@ def _parse_topics(top: Section, name: str) -> dict[str, str]:
     return topics
 
 
-def _refuse_keys_of_others(top: Section, name: str, several: bool) -> None:
+def _refuse_keys_of_others(top: MapSection, name: str, several: bool) -> None:
     """Refuse keys of other formats and layouts."""
     if name != "json":
         top.refuse("entries", "format = 'json'")

@@ -8,7 +8,7 @@ import numpy as np
 
 from nas_data.dataset import layout
 from nas_data.dataset.audits import audit_dataset
-from nas_data.dataset.audits.base import Finding
+from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.carried import VIDEO
 from nas_data.dataset.cutting import cut_at, find_gaps
 from nas_data.dataset.dataset import Dataset
@@ -22,7 +22,7 @@ from nas_data.dataset.versions import parent_of, resolve
 from nas_data.errors import DatasetInvalid, LogError, OptionError
 from nas_data.importing.calibration import UNITS, choose_unit, in_unit, motors_of, read_calibration
 from nas_data.importing.formats import folder_kind, is_folder_log
-from nas_data.importing.map import Clock, Map
+from nas_data.importing.map import Map, TimeColumn
 from nas_data.importing.reading import read_log
 
 SAME_RATE = 1e-6  # relative
@@ -91,7 +91,7 @@ def settle(mapping: Map, paths: Sequence[Path], said: Said) -> tuple[Map, tuple[
         )
     mapping = replace(mapping, rate=said.rate or mapping.rate or rates[first])
     if said.uniform:
-        mapping = replace(mapping, clock=Clock("", "s"))
+        mapping = replace(mapping, clock=TimeColumn("", "s"))
     motors = []
     if said.calibration is not None:
         motors = motors_of(mapping, read_calibration(said.calibration), said.calibration)
@@ -155,7 +155,7 @@ def _range_of(path: Path, joint: str, model: str | None) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def import_dataset(path: Path, said: Said) -> tuple[Dataset, Provenance, tuple[Finding, ...]]:
+def import_dataset(path: Path, said: Said) -> tuple[Dataset, Provenance, tuple[AuditFinding, ...]]:
     """Read a dataset in SI units as transitions; episodes are divided where its clock has holes.
 
     Args:
@@ -217,7 +217,7 @@ def _without_clock(dataset: Dataset) -> Dataset:
     return replace(dataset, features=kept, columns={key: dataset.columns[key] for key in kept})
 
 
-def _divisions(dataset: Dataset, gaps: Sequence[tuple[int, float]]) -> list[Finding]:
+def _divisions(dataset: Dataset, gaps: Sequence[tuple[int, float]]) -> list[AuditFinding]:
     """Say where episodes are divided, and why."""
     found = []
     for frame, gap in gaps:
@@ -227,5 +227,5 @@ def _divisions(dataset: Dataset, gaps: Sequence[tuple[int, float]]) -> list[Find
             f"{gap:.3g} s are missing before row {row}; the episode is divided there into two, because nothing was "
             "measured in between"
         )
-        found.append(Finding("time_gap", f"episode {episode}", what, rows=(row,)))
+        found.append(AuditFinding("time_gap", f"episode {episode}", what, rows=(row,)))
     return found

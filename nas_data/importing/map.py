@@ -3,15 +3,15 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from nas_data.dataset.lateness import LATE
+from nas_data.dataset.timing import LATE
 from nas_data.importing.conversion import Conversion
-from nas_data.importing.layout import Layout
+from nas_data.importing.layout import LogLayout
 
 ALIGNMENTS = ("action_follows_state", "state_follows_action")
 
 
 @dataclass(frozen=True)
-class Source:
+class LogColumns:
     """Where in a log some numbers stand.
 
     Attributes:
@@ -30,7 +30,7 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Quantity:
+class LogQuantity:
     """A quantity of the log.
 
     Attributes:
@@ -43,13 +43,13 @@ class Quantity:
 
     name: str
     unit: str
-    source: Source
+    source: LogColumns
     conversion: Conversion
     encoding: str = ""
 
 
 @dataclass(frozen=True)
-class Clock:
+class TimeColumn:
     """Column and unit of the time.
 
     Attributes:
@@ -64,7 +64,7 @@ class Clock:
 
 
 @dataclass(frozen=True)
-class Servo:
+class ServoTicks:
     """What LeRobot's units mean in ticks of a servo.
 
     Attributes:
@@ -136,18 +136,18 @@ class Map:
 
     name: str
     text: str
-    layout: Layout
+    layout: LogLayout
     robot: str
     joints: tuple[str, ...]
     rate: float
     alignment: str
     derive_velocity: bool
-    clock: Clock
-    position: Quantity
-    velocity: Quantity | None
-    command: Quantity
-    signals: Mapping[str, Quantity]
-    episode: Source | None
+    clock: TimeColumn
+    position: LogQuantity
+    velocity: LogQuantity | None
+    command: LogQuantity
+    signals: Mapping[str, LogQuantity]
+    episode: LogColumns | None
     slides: frozenset[str]
     limits: Mapping[str, tuple[float, float]]
     thresholds: Thresholds
@@ -155,7 +155,7 @@ class Map:
     constants: tuple[str, ...]
     task: str
     joint_names: str
-    servo: Servo | None = None
+    servo: ServoTicks | None = None
 
     @property
     def commands_positions(self) -> bool:

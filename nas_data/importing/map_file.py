@@ -18,10 +18,19 @@ from nas_data.importing.conversion import (
     parse_conversion,
 )
 from nas_data.importing.formats import FORMATS
-from nas_data.importing.layout import Layout, parse_layout
-from nas_data.importing.map import ALIGNMENTS, Clock, Map, Quantity, Resample, Servo, Source, Thresholds
-from nas_data.importing.section import Section
-from nas_data.visible import visible
+from nas_data.importing.layout import LogLayout, parse_layout
+from nas_data.importing.map import (
+    ALIGNMENTS,
+    LogColumns,
+    LogQuantity,
+    Map,
+    Resample,
+    ServoTicks,
+    Thresholds,
+    TimeColumn,
+)
+from nas_data.importing.section import MapSection
+from nas_data.visible_files import visible
 
 MAPS = Path(__file__).parent / "maps"
 VELOCITIES = ("measured", "derive")
@@ -54,10 +63,10 @@ def load_map(name_or_path: str | Path) -> Map:
         raise MapError(f"{path} cannot be read as a map ({type(error).__name__}); give a TOML file.") from None
     except tomllib.TOMLDecodeError as error:
         raise MapError(f"{path} is not valid TOML: {error}.") from None
-    return parse_map(Section(values, str(path)), path.stem, text)
+    return parse_map(MapSection(values, str(path)), path.stem, text)
 
 
-def parse_map(top: Section, name: str, text: str) -> Map:
+def parse_map(top: MapSection, name: str, text: str) -> Map:
     """Read the whole map."""
     joints = top.texts("joints")
     if not joints or len(set(joints)) < len(joints):
@@ -79,7 +88,7 @@ def parse_map(top: Section, name: str, text: str) -> Map:
         rate=top.positive("rate") if not lerobot or top.has("rate") else 0.0,
         alignment=top.text("alignment", choices=ALIGNMENTS),
         derive_velocity=derive,
-        clock=_parse_clock(read.table("time")) if not lerobot or read.has("time") else Clock("timestamp", "s"),
+        clock=_parse_clock(read.table("time")) if not lerobot or read.has("time") else TimeColumn("timestamp", "s"),
         position=quantities.parse(read.table("position"), "position", "position"),
         velocity=quantities.parse(read.table("velocity"), "velocity", "velocity") if read.has("velocity") else None,
         command=quantities.parse(read.table("command"), "command", "command"),
@@ -100,7 +109,7 @@ def parse_map(top: Section, name: str, text: str) -> Map:
     return replace(parsed, slides=slides)
 
 
-def _find_slides(top: Section, parsed: Map) -> frozenset[str]:
+def _find_slides(top: MapSection, parsed: Map) -> frozenset[str]:
     """Find out which joints are slides: those in a unit of length, and those that `slides` names."""
     named = top.texts("slides", ())
     unknown = [joint for joint in named if joint not in parsed.joints]
@@ -123,11 +132,11 @@ def _find_slides(top: Section, parsed: Map) -> frozenset[str]:
 class _Quantities:
     """Reads the tables of quantities that share joints and layout."""
 
-    def __init__(self, joints: Sequence[str], layout: Layout) -> None:
+    def __init__(self, joints: Sequence[str], layout: LogLayout) -> None:
         self.joints = joints
         self.layout = layout
 
-    def parse(self, section: Section, name: str, kind: Kind) -> Quantity:
+    def parse(self, section: MapSection, name: str, kind: Kind) -> LogQuantity:
         """Read where a quantity stands, how it becomes SI and how its register holds the sign."""
         self._check_signal_name(section, name, kind)
         scalar = kind == "signal" and section.flag("whole_robot")
@@ -137,21 +146,21 @@ class _Quantities:
         conversion = parse_conversion(section, kind, joints)
         section.finish()
         unit = SI.get(kind) or conversion.units[0]
-        return Quantity(name, unit, source, conversion, encoding)
+        return LogQuantity(name, unit, source, conversion, encoding)
 
-    def _check_signal_name(self, section: Section, name: str, kind: Kind) -> None:
+    def _check_signal_name(self, section: MapSection, name: str, kind: Kind) -> None:
         if kind == "signal" and (name == "time" or not name.replace("_", "").isalnum() or "image" in name):
             raise section.error(
                 f"'{name}' cannot name a signal; use letters, digits and _, neither 'time' nor 'image'."
             )
 
 
-def _parse_source(section: Section, layout: Layout, width: int, may_be_constant: bool) -> Source:
+def _parse_source(section: MapSection, layout: LogLayout, width: int, may_be_constant: bool) -> LogColumns:
     """Read where a quantity stands: `column`, `columns` or, for signals, `constant`; and in which file."""
     keys = ["column", "columns", "constant"] if may_be_constant else ["column", "columns"]
     standard = {"position": "observation.state", "command": "action"}.get(section.name.rpartition(".")[2])
     if layout.format == "lerobot" and standard and not any(section.has(key) for key in keys):
-        return Source((standard,), names=_parse_names(section, width))
+        return LogColumns((standard,), names=_parse_names(section, width))
     given = [key for key in keys if section.has(key)]
     if len(given) != 1:
         raise section.error(f"exactly one of {' or '.join(repr(key) for key in keys)} is needed.")
@@ -169,10 +178,10 @@ def _parse_source(section: Section, layout: Layout, width: int, may_be_constant:
     table = _parse_table_name(section, layout)
     named = section.has("names") and not components and given == ["column"]
     names = _parse_names(section, width) if named else ()
-    return Source(columns, table, components, constant=given == ["constant"], names=names)
+    return LogColumns(columns, table, components, constant=given == ["constant"], names=names)
 
 
-def _parse_names(section: Section, width: int) -> tuple[str, ...]:
+def _parse_names(section: MapSection, width: int) -> tuple[str, ...]:
     """Read what the components of a vector are called in the log."""
     names = section.texts("names", ())
     if names and (len(names) != width or len(set(names)) < len(names)):
@@ -180,21 +189,21 @@ def _parse_names(section: Section, width: int) -> tuple[str, ...]:
     return names
 
 
-def _parse_servo(section: Section) -> Servo:
+def _parse_servo(section: MapSection) -> ServoTicks:
     """Read what LeRobot's units mean in ticks."""
-    servo = Servo(resolution=int(section.positive("resolution", 4096.0)), drive_mode=section.flag("drive_mode"))
+    servo = ServoTicks(resolution=int(section.positive("resolution", 4096.0)), drive_mode=section.flag("drive_mode"))
     section.finish()
     return servo
 
 
-def _refuse_twice(section: Section, key: str, chosen: Sequence[str | int]) -> None:
+def _refuse_twice(section: MapSection, key: str, chosen: Sequence[str | int]) -> None:
     """Refuse a column or component that is named for two joints."""
     twice = [one for one in chosen if chosen.count(one) > 1]
     if twice:
         raise section.error(f"'{key}' names {twice[0]!r} twice; each joint has its own.")
 
 
-def _parse_table_name(section: Section, layout: Layout) -> str:
+def _parse_table_name(section: MapSection, layout: LogLayout) -> str:
     """Read which of the log's files is meant."""
     key, tables = ("topic", layout.topics) if layout.topics else ("file", layout.files)
     if not tables:
@@ -202,32 +211,32 @@ def _parse_table_name(section: Section, layout: Layout) -> str:
     return section.text(key, next(iter(tables)) if len(tables) == 1 else None, choices=tuple(tables))
 
 
-def _parse_episode(read: Section, layout: Layout) -> Source | None:
+def _parse_episode(read: MapSection, layout: LogLayout) -> LogColumns | None:
     """Read which column tells episodes apart; a dataset always has one."""
     if not read.has("episode"):
-        return Source(("episode_index",)) if layout.format == "lerobot" else None
+        return LogColumns(("episode_index",)) if layout.format == "lerobot" else None
     section = read.table("episode")
-    source = Source((section.text("column"),), _parse_table_name(section, layout))
+    source = LogColumns((section.text("column"),), _parse_table_name(section, layout))
     section.finish()
     return source
 
 
-def _parse_clock(section: Section) -> Clock:
+def _parse_clock(section: MapSection) -> TimeColumn:
     """Read where the time stands; that rows are even without a clock must be said."""
     given = section.has("column")
     if section.flag("uniform"):
-        clock = Clock("", "s")
+        clock = TimeColumn("", "s")
     elif given:
         others = section.table("columns")
         columns = {key: others.text(key) for key in others.values}
-        clock = Clock(section.text("column"), section.text("unit", choices=tuple(TIME_UNITS)), columns)
+        clock = TimeColumn(section.text("column"), section.text("unit", choices=tuple(TIME_UNITS)), columns)
     else:
         raise section.error("'column' is missing; name the time column, or say uniform = true where the log has none.")
     section.finish()
     return clock
 
 
-def _parse_limits(section: Section, joints: Sequence[str]) -> dict[str, tuple[float, float]]:
+def _parse_limits(section: MapSection, joints: Sequence[str]) -> dict[str, tuple[float, float]]:
     """Read joint limits [rad; m]."""
     limits = {}
     for joint in joints:
@@ -242,7 +251,7 @@ def _parse_limits(section: Section, joints: Sequence[str]) -> dict[str, tuple[fl
     return limits
 
 
-def _parse_thresholds(section: Section) -> Thresholds:
+def _parse_thresholds(section: MapSection) -> Thresholds:
     """Read what the audits compare with."""
     standard = Thresholds()
     thresholds = Thresholds(
@@ -257,14 +266,14 @@ def _parse_thresholds(section: Section) -> Thresholds:
     return thresholds
 
 
-def _parse_resample(section: Section) -> Resample:
+def _parse_resample(section: MapSection) -> Resample:
     """Read how rows are spaced evenly."""
     resample = Resample(section.positive("rate"), section.text("method", choices=METHODS))
     section.finish()
     return resample
 
 
-def _parse_task(top: Section, constants: Sequence[str], default: str) -> str:
+def _parse_task(top: MapSection, constants: Sequence[str], default: str) -> str:
     """Read what an episode does; braces may hold `log` and the constants only."""
     task = top.text("task", default)
     try:

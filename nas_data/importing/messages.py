@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.errors import LogError
-from nas_data.importing.table import Table
+from nas_data.importing.table import LogTable
 
 RECEIVED = "log_time"  # when the recorder got a message [ns]
 NANOSECONDS = 10**9
 
 
-def to_tables(path: Path, topics: dict[str, str], messages: Iterable[tuple[str, int, object]]) -> dict[str, Table]:
+def to_tables(path: Path, topics: dict[str, str], messages: Iterable[tuple[str, int, object]]) -> dict[str, LogTable]:
     """Return one table for each of some topics.
 
     Args:
@@ -55,12 +55,12 @@ def _attributes(value: object) -> dict | None:
     return {key: getattr(value, key) for key in slots if not key.startswith("_") and key != "__msgtype__"} or None
 
 
-def _table(path: Path, topic: str, rows: list[dict[str, object]]) -> Table:
+def _table(path: Path, topic: str, rows: list[dict[str, object]]) -> LogTable:
     """Put the messages of a topic into columns; a field that only some of them have is left out."""
     if not rows:
         raise LogError(f"{path} has no messages of '{topic}'; give the bag that has, or correct [topics] of the map.")
     shared = [key for key in rows[0] if all(key in row for row in rows)]
-    return Table(Path(f"{path}:{topic}"), {key: _column([row[key] for row in rows]) for key in shared})
+    return LogTable(Path(f"{path}:{topic}"), {key: _column([row[key] for row in rows]) for key in shared})
 
 
 def _column(values: list[object]) -> np.ndarray:

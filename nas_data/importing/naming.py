@@ -10,12 +10,12 @@ import pyarrow as pa
 from nas_data.dataset.rows import rows_text
 from nas_data.errors import LogError, MapError
 from nas_data.importing.map import Map
-from nas_data.importing.table import Column, Table
+from nas_data.importing.table import Column, LogTable
 
 SHOWN = 8  # names that are listed
 
 
-def arrange(table: Table, mapping: Map, must: bool) -> Table:
+def arrange(table: LogTable, mapping: Map, must: bool) -> LogTable:
     """Compare a table's joint names with the map's, or put its vectors in the map's order where each row has names.
 
     Rows that name none of the map's joints are left out: they are another publisher's.
@@ -54,7 +54,7 @@ def text(name: object) -> str:
     return name.decode(errors="replace") if isinstance(name, bytes) else str(name)
 
 
-def _compare(table: Table, mapping: Map, found: Sequence[str]) -> None:
+def _compare(table: LogTable, mapping: Map, found: Sequence[str]) -> None:
     """Refuse other names, or another order."""
     if tuple(found) == mapping.joints:
         return
@@ -66,7 +66,7 @@ def _compare(table: Table, mapping: Map, found: Sequence[str]) -> None:
     )
 
 
-def _ordered(table: Table, mapping: Map, rows: list[tuple[str, ...]]) -> Table:
+def _ordered(table: LogTable, mapping: Map, rows: list[tuple[str, ...]]) -> LogTable:
     """Put every vector that has a number for each name into the map's order."""
     kinds = {names: _places(names, mapping.joints) for names in dict.fromkeys(rows)}
     kept = np.array([kinds[names] is not None for names in rows])

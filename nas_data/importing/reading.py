@@ -15,9 +15,9 @@ from nas_data.importing.conversion import TIME_UNITS, decode
 from nas_data.importing.formats import folder_kind, read_table, read_tables
 from nas_data.importing.gaps import divide
 from nas_data.importing.joining import common_rows, match_rows
-from nas_data.importing.map import Map, Quantity, Source
+from nas_data.importing.map import LogColumns, LogQuantity, Map
 from nas_data.importing.naming import arrange
-from nas_data.importing.table import Table
+from nas_data.importing.table import LogTable
 
 ENOUGH = 3  # rows; two transitions
 SUFFIXES = {"position": POSITION, "velocity": VELOCITY, "effort": EFFORT}  # of the names of components, by kind
@@ -50,7 +50,7 @@ def read_log(log: Path, mapping: Map) -> list[Recording]:
     if partners:
         shared = common_rows({tables[key].path: rows for key, rows in partners.items()}, log, mapping.layout.tolerance)
 
-    def read(quantity: Quantity) -> np.ndarray:
+    def read(quantity: LogQuantity) -> np.ndarray:
         table = tables[quantity.source.table]
         values = _read_quantity(table, _placed(table, quantity, mapping.joints), len(times[quantity.source.table]))
         rows = partners.get(quantity.source.table)
@@ -87,7 +87,7 @@ def _too_short(recording: Recording) -> LogError:
     return LogError(sentence + ".")
 
 
-def _read_tables(log: Path, mapping: Map) -> dict[str, Table]:
+def _read_tables(log: Path, mapping: Map) -> dict[str, LogTable]:
     """Read the log's files, by the keys of `[files]`."""
     files = mapping.layout.files
     if files is None:
@@ -103,7 +103,7 @@ def _read_tables(log: Path, mapping: Map) -> dict[str, Table]:
     return {key: arrange(table, mapping, must=key == where) for key, table in read.items()}
 
 
-def _read_times(tables: dict[str, Table], mapping: Map) -> dict[str, np.ndarray]:
+def _read_times(tables: dict[str, LogTable], mapping: Map) -> dict[str, np.ndarray]:
     """Read the times of each table [s], all from the first row of the table with the positions."""
     reference = mapping.position.source.table
     if not mapping.clock.column:
@@ -118,7 +118,7 @@ def _read_times(tables: dict[str, Table], mapping: Map) -> dict[str, np.ndarray]
     return {key: (values - origin) * TIME_UNITS[mapping.clock.unit] for key, values in ticks.items()}
 
 
-def _join(time: np.ndarray, given: np.ndarray, table: Table, mapping: Map) -> np.ndarray:
+def _join(time: np.ndarray, given: np.ndarray, table: LogTable, mapping: Map) -> np.ndarray:
     """Find a table's row for each row of the log; its times must ascend."""
     if not len(given):
         raise LogError(f"{table.path} holds no rows; give a log with recorded rows.")
@@ -136,7 +136,7 @@ def _any_column(mapping: Map, table: str) -> str:
     return next(quantity.source.columns[0] for quantity in read if quantity.source.table == table)
 
 
-def _placed(table: Table, quantity: Quantity, joints: Sequence[str]) -> Quantity:
+def _placed(table: LogTable, quantity: LogQuantity, joints: Sequence[str]) -> LogQuantity:
     """Find the components of a quantity by their names, where the log has such.
 
     Raises:
@@ -160,7 +160,7 @@ def _placed(table: Table, quantity: Quantity, joints: Sequence[str]) -> Quantity
     return replace(quantity, source=replace(source, components=tuple(there.index(name) for name in wanted)))
 
 
-def _read_quantity(table: Table, quantity: Quantity, count: int) -> np.ndarray:
+def _read_quantity(table: LogTable, quantity: LogQuantity, count: int) -> np.ndarray:
     """Read a quantity in SI, shape (N, n)."""
     width = len(quantity.conversion.gain)
     raw = _read_source(table, quantity.source, width, count)
@@ -174,7 +174,7 @@ def _read_quantity(table: Table, quantity: Quantity, count: int) -> np.ndarray:
     return quantity.conversion.apply(decode(raw, quantity.encoding))
 
 
-def _read_source(table: Table, source: Source, width: int, count: int) -> np.ndarray:
+def _read_source(table: LogTable, source: LogColumns, width: int, count: int) -> np.ndarray:
     """Read raw numbers, shape (N, n)."""
     if source.constant:
         value = table.constant(source.columns[0])
@@ -204,7 +204,7 @@ def _read_source(table: Table, source: Source, width: int, count: int) -> np.nda
     return raw
 
 
-def _check_register(table: Table, quantity: Quantity, raw: np.ndarray) -> None:
+def _check_register(table: LogTable, quantity: LogQuantity, raw: np.ndarray) -> None:
     """Refuse counts that no register of this width can hold."""
     wide = quantity.encoding.startswith("int")
     bits = int(quantity.encoding.removeprefix("int").removeprefix("sign_magnitude_")) + (0 if wide else 1)
@@ -216,7 +216,7 @@ def _check_register(table: Table, quantity: Quantity, raw: np.ndarray) -> None:
         )
 
 
-def _constant(tables: dict[str, Table], name: str, mapping: Map, rows: np.ndarray) -> object:
+def _constant(tables: dict[str, LogTable], name: str, mapping: Map, rows: np.ndarray) -> object:
     """Return what the log, or an episode of it, holds once, from whichever of its files has it."""
     for key, table in tables.items():
         if name in table.constants or name in table.columns:
@@ -224,7 +224,7 @@ def _constant(tables: dict[str, Table], name: str, mapping: Map, rows: np.ndarra
     return tables[mapping.position.source.table].constant(name)
 
 
-def _split(whole: Recording, tables: dict[str, Table], mapping: Map) -> list[Recording]:
+def _split(whole: Recording, tables: dict[str, LogTable], mapping: Map) -> list[Recording]:
     """Divide a log where its episode column changes."""
     assert mapping.episode is not None
     table = tables[mapping.episode.table]

@@ -6,7 +6,7 @@ from difflib import get_close_matches
 from nas_data.errors import MapError
 
 
-class Section:
+class MapSection:
     """One table of a mapping file; keys are taken out until none may be left.
 
     Args:
@@ -92,15 +92,15 @@ class Section:
             raise self.error(f"'{key}' is {value!r}; it must be a list of whole numbers from 0 on.")
         return tuple(value)
 
-    def table(self, key: str) -> "Section":
+    def table(self, key: str) -> "MapSection":
         """Take a table inside this one; empty where it is not given."""
         value = self._take(key, {})
         name = f"{self.name}.{key}" if self.name else key
         if not isinstance(value, Mapping):
             raise self.error(f"'{key}' is {value!r}; it must be a table: [{name}].")
-        return Section(value, self.file, name)
+        return MapSection(value, self.file, name)
 
-    def tables(self) -> dict[str, "Section"]:
+    def tables(self) -> dict[str, "MapSection"]:
         """Take everything that is left as tables, by their keys."""
         return {key: self.table(key) for key in self.values if key not in self._taken}
 

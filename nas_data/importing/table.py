@@ -17,7 +17,7 @@ Column: TypeAlias = pa.Array | pa.ChunkedArray | np.ndarray
 
 
 @dataclass(frozen=True)
-class Table:
+class LogTable:
     """Columns of one file.
 
     Attributes:

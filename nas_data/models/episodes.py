@@ -83,7 +83,7 @@ def pad(episodes: Sequence[Episode]) -> tuple[Episode, Tensor]:
     return batch, mask
 
 
-def cut(episodes: Sequence[Episode], longest: int) -> list[Episode]:
+def cut_episodes(episodes: Sequence[Episode], longest: int) -> list[Episode]:
     """Cut episodes into pieces of at most `longest` frames; 0 keeps them whole."""
     if not longest:
         return list(episodes)

@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from nas_data.models.episodes import Episode
+from nas_data.models.jacobians import command_slopes
 from nas_data.models.lstm import DynamicsModel
-from nas_data.models.slopes import command_slopes
 from nas_data.simulators.base import Simulator
 
 CONSTANT = 1e-6  # standard deviations below this are rounding
@@ -38,7 +38,7 @@ def prepare(model: DynamicsModel, transitions: Episode, simulator: Simulator | N
     # An output that never changed is predicted as constant; an input that never changed passes as it is.
     for name, values, constant in (("input", inputs, 1.0), ("output", outputs, CONSTANT)):
         model.get_buffer(f"{name}_mean").copy_(values.mean(0))
-        model.get_buffer(f"{name}_std").copy_(spread(values, constant))
+        model.get_buffer(f"{name}_std").copy_(standard_deviations(values, constant))
     if model.shortcut is not None:
         weight, bias = ridge(model.inputs.normalise(inputs), model.outputs.normalise(outputs))
         with torch.no_grad():
@@ -94,7 +94,7 @@ def soften(model: DynamicsModel, error: Callable[[], float]) -> tuple[float, flo
     return 0.0, with_share(0.0)
 
 
-def spread(values: Tensor, constant: float) -> Tensor:
+def standard_deviations(values: Tensor, constant: float) -> Tensor:
     """Return standard deviations, those of constant components replaced by a number that divides harmlessly."""
     deviation = values.std(0, correction=0)
     return torch.where(deviation > CONSTANT, deviation, torch.full_like(deviation, constant))

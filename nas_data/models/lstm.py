@@ -153,7 +153,7 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
             return self._read(inputs, memory)
         # what a mirror image turns has the mean 0, so that its sign may be turned after normalisation
         both = torch.cat([inputs, inputs * inputs.new_tensor(self.symmetry.input_signs())])
-        outputs, memory = self._read(both, memory and (stacked(memory[0]), stacked(memory[1])))
+        outputs, memory = self._read(both, memory and (stack_sides(memory[0]), stack_sides(memory[1])))
         here, there = outputs.chunk(2)
         mean = (here + there * there.new_tensor(self.symmetry.signs)) / 2
         return mean, (side_by_side(memory[0]), side_by_side(memory[1]))
@@ -200,11 +200,11 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
         return zeros, zeros.clone()
 
 
-def stacked(memory: Tensor) -> Tensor:
+def stack_sides(memory: Tensor) -> Tensor:
     """Return two sides' memory (layers, B, 2 hidden) as that of a batch of twice the size (layers, 2B, hidden)."""
     return torch.cat(memory.chunk(2, dim=2), dim=1)
 
 
 def side_by_side(memory: Tensor) -> Tensor:
-    """Undo `stacked`."""
+    """Undo `stack_sides`."""
     return torch.cat(memory.chunk(2, dim=1), dim=2)

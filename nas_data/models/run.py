@@ -12,10 +12,10 @@ from torch.utils.tensorboard import SummaryWriter
 
 from nas_data.errors import OutputExists
 from nas_data.models import checkpoint
-from nas_data.models.descent import Descent
 from nas_data.models.lstm import DynamicsModel
+from nas_data.models.optimiser import Descent
 from nas_data.models.threads import one_thread
-from nas_data.models.training import Training
+from nas_data.models.training import ModelTraining
 
 CHECKPOINT = "checkpoint"
 HISTORY = "history.json"
@@ -25,7 +25,7 @@ LEARNED = 0.1  # of the first validation error: who brought it down by more is w
 
 
 @dataclass
-class Progress:
+class TrainingProgress:
     """Where a training stands.
 
     Attributes:
@@ -48,7 +48,7 @@ class TrainingRun:
 
     def __init__(
         self,
-        training: Training,
+        training: ModelTraining,
         folder: Path,
         report: Callable[[str], None],
         attachments: Mapping[str, bytes] | None = None,
@@ -68,7 +68,7 @@ class TrainingRun:
         self.folder = folder
         self.report = report
         self.attachments = attachments
-        self.progress = Progress()
+        self.progress = TrainingProgress()
         self.descent = Descent(training)
         self._restore()
 
@@ -165,7 +165,7 @@ class TrainingRun:
         self.descent.optimiser.load_state_dict(content["optimiser"])
         if self.descent.average is not None:
             self.descent.average.load_state_dict(content["average"])
-        self.progress = Progress(**content["progress"])
+        self.progress = TrainingProgress(**content["progress"])
         self.report(f"going on at update {self.progress.update} of {self.folder}")
 
     def _check_free(self) -> None:

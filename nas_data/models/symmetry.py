@@ -83,7 +83,7 @@ class Symmetry:
         return [1] * len(turned) + turned + [*self.signs] * 2
 
 
-def declared(model: mujoco.MjModel) -> tuple[tuple[str, ...], dict[str, float]]:
+def read_symmetry(model: mujoco.MjModel) -> tuple[tuple[str, ...], dict[str, float]]:
     """Return the cyclic joints that a model lists, and the angle [rad] of each joint that its mirror image turns.
 
     Raises:
@@ -116,7 +116,7 @@ def symmetry_of(simulator: Simulator) -> dict[str, Any]:
         OptionError: it declares none.
     """
     model = getattr(simulator, "model", None)
-    cyclic, mirror = declared(model) if isinstance(model, mujoco.MjModel) else ((), {})
+    cyclic, mirror = read_symmetry(model) if isinstance(model, mujoco.MjModel) else ((), {})
     if not cyclic and not mirror:
         raise OptionError(
             f"The source's model declares no symmetry: add the texts {CYCLIC} and {MIRROR} to it, pair again, or take "

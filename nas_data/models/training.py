@@ -11,14 +11,14 @@ from nas_data.dataset.features import EFFORT
 from nas_data.errors import DatasetInvalid, JointMismatch, OptionError
 from nas_data.joint_units import SHARE, JointUnit, kinds_of, mean_of_kind
 from nas_data.metrics import Errors
-from nas_data.models.episodes import cut, join, pad, read_episodes
+from nas_data.models.episodes import cut_episodes, join, pad, read_episodes
 from nas_data.models.evaluation import open_loop_model
 from nas_data.models.fitting import CONSTANT, prepare, soften
-from nas_data.models.holding_out import hold_out, rows_of
+from nas_data.models.losses import FreeRunning, Phase, TeacherForcing, one_step_loss
 from nas_data.models.lstm import DynamicsModel, Kind
-from nas_data.models.phases import FreeRunning, Phase, TeacherForcing, one_step_loss
 from nas_data.models.presets import TrainingOptions
-from nas_data.models.remembering import with_memory
+from nas_data.models.split import hold_out, rows_of
+from nas_data.models.stateful_source import with_memory
 from nas_data.models.symmetry import symmetry_of
 from nas_data.simulators.base import Simulator
 
@@ -26,7 +26,7 @@ SEGMENT = 1000  # frames of a validation rollout: long enough for errors to comp
 SEGMENTS = 32  # validation rollouts at most
 
 
-class Training:
+class ModelTraining:
     """One training of φ or ψ on a dataset.
 
     Attributes:
@@ -146,7 +146,7 @@ class Training:
         return error if np.isfinite(error) else float("inf")
 
     def _one_step_error(self, model: DynamicsModel) -> float:
-        batch, mask = pad(cut(read_episodes(self.split.held), self.options.segment))
+        batch, mask = pad(cut_episodes(read_episodes(self.split.held), self.options.segment))
         return float(one_step_loss(model, batch, mask, self.device))
 
 

@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.code_hash import code_hash
-from nas_data.envs.loop.plant import Plant
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import OptionError, SimulationDiverged
 from nas_data.parallel import run_jobs
-from nas_data.policies.evaluate import score_policy, spread
+from nas_data.policies.evaluate import score_policy, summarise_spread
 from nas_data.policies.folder import write
-from nas_data.policies.learner import Hyperparameters, Training
+from nas_data.policies.learner import Hyperparameters, PolicyTraining
 from nas_data.policies.policy import load_policy, read_progress
 from nas_data.policies.ppo import Report, check_folder, to_stderr, train
 from nas_data.policies.share import Share, Stake, share, share_heading, stake
-from nas_data.policies.tables import aligned
+from nas_data.policies.tables import align_columns
 
 RESULT = "result.json"
 SOURCE_METHOD, EXPERT_METHOD = "source", "expert"  # the two ends of the distance that a method closes a share of
@@ -40,8 +40,8 @@ class Study:
         dataset: Content hash of what learned and named plants were made from, for the runs' records; None if unknown.
     """
 
-    target: Plant
-    methods: Mapping[str, Plant]
+    target: DynamicsSpec
+    methods: Mapping[str, DynamicsSpec]
     seeds: Sequence[int] = (0, 1, 2, 3, 4)
     frames: int = 2_000_000
     episodes: int = 100
@@ -63,8 +63,8 @@ class Run:
     """One method with one seed: all that its result depends on, and the folder that it lies in."""
 
     method: str
-    training: Training
-    target: Plant
+    training: PolicyTraining
+    target: DynamicsSpec
     episodes: int
     folder: Path
     quiet: bool = False
@@ -88,11 +88,11 @@ def check_run(run: Run) -> None:
     Raises:
         OutputExists: the folder holds another training, or one by other code.
     """
-    if known_record(run, run.question()) is None:
+    if read_record(run, run.question()) is None:
         check_folder(run.folder, run.training)
 
 
-def known_record(run: Run, question: Record) -> Record | None:
+def read_record(run: Run, question: Record) -> Record | None:
     """Return the record of a run that was done before, None where it is still to be done."""
     known = read_result(run.folder)
     return known if known is not None and known.get("question") == question else None
@@ -107,7 +107,7 @@ def do_run(run: Run) -> Record:
         SimulationDiverged: the plant cannot be simulated at all.
     """
     question = run.question()
-    known = known_record(run, question)
+    known = read_record(run, question)
     if known is not None:
         return known
     try:
@@ -173,7 +173,7 @@ def compare(
     runs = [
         Run(
             method=method,
-            training=Training(study.methods[method], seed, study.frames, study.hyperparameters),
+            training=PolicyTraining(study.methods[method], seed, study.frames, study.hyperparameters),
             target=study.target,
             episodes=study.episodes,
             folder=folder / method / f"seed{seed}",
@@ -284,8 +284,8 @@ class Comparison:
         return {
             "returns": self.values(method).tolist(),
             "success_rates": self.values(method, "success_rate").tolist(),
-            "return": spread(self.values(method)),
-            "success_rate": spread(self.values(method, "success_rate")),
+            "return": summarise_spread(self.values(method)),
+            "success_rate": summarise_spread(self.values(method, "success_rate")),
             "diverged": {when: self.diverged(method, when).tolist() for when in ("learning", "judging")},
             "share_closed": None if closed is None else closed.describe(),
         }
@@ -297,10 +297,10 @@ class Comparison:
         at_stake = self.at_stake()
         nothing = None if at_stake is None else at_stake.sentence()
         told = [*([nothing] if nothing else []), *self.shared(), *self.lost()]
-        return "\n".join([aligned(headers, [self._row(method) for method in self.study.methods]), *told])
+        return "\n".join([align_columns(headers, [self._row(method) for method in self.study.methods]), *told])
 
     def _row(self, method: str) -> tuple[str, ...]:
-        returns, success = spread(self.values(method)), spread(self.values(method, "success_rate"))
+        returns, success = summarise_spread(self.values(method)), summarise_spread(self.values(method, "success_rate"))
         closed = self.share_closed(method)
         return (
             method,

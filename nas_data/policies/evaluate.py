@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.envs.base import Task, find_task_file
-from nas_data.envs.loop.arena import Arena
-from nas_data.envs.loop.plant import Plant
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
+from nas_data.envs.loop.task_batch import TaskBatch
 from nas_data.errors import CheckpointError, OptionError
 from nas_data.policies.policy import Policy, find_policies, load_policy
 from nas_data.simulators.base import Stepper
@@ -20,7 +20,7 @@ Controller = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
-class Score:
+class Returns:
     """How E episodes went.
 
     Attributes:
@@ -62,7 +62,7 @@ class Score:
         }
 
 
-def roll_out(task: Task, stepper: Stepper, begin: Callable[[Arena], Controller], seed: int = SEED) -> Score:
+def roll_out(task: Task, stepper: Stepper, begin: Callable[[TaskBatch], Controller], seed: int = SEED) -> Returns:
     """Run one episode in each of B simulations.
 
     Args:
@@ -71,7 +71,7 @@ def roll_out(task: Task, stepper: Stepper, begin: Callable[[Arena], Controller],
         begin: Called once the episodes have begun; returns what acts.
         seed: Of starts and goals.
     """
-    arena = Arena(task, stepper)
+    arena = TaskBatch(task, stepper)
     arena.start([np.random.default_rng(seed + row) for row in range(arena.size)])
     act = begin(arena)
     returns, lengths = np.zeros(arena.size), np.zeros(arena.size, dtype=int)
@@ -89,36 +89,36 @@ def roll_out(task: Task, stepper: Stepper, begin: Callable[[Arena], Controller],
             arena.start([np.random.default_rng(seed + row) for row in rows], rows)
     due = task.horizon - lengths[diverged] + 1
     returns[diverged] += due * min(arena.least, 0.0)  # as `Arena` does, by the least reward of all episodes
-    return Score(returns=returns, successes=successes, lengths=lengths, diverged=diverged)
+    return Returns(returns=returns, successes=successes, lengths=lengths, diverged=diverged)
 
 
-def zero_action(arena: Arena) -> Controller:
+def zero_action(arena: TaskBatch) -> Controller:
     """Act with zeros: the middle of every range."""
     actions = np.zeros((arena.size, *arena.task.action_space.shape))
     return lambda _: actions
 
 
-def hold_start(arena: Arena) -> Controller:
+def hold_start(arena: TaskBatch) -> Controller:
     """Command the arm to stay where the episode began."""
     actions = arena.task.hold(arena.stepper)
     return lambda _: actions
 
 
-def random_actions(arena: Arena) -> Controller:
+def random_actions(arena: TaskBatch) -> Controller:
     """Draw every action anew, uniformly."""
     rng = np.random.default_rng(SEED)
     shape = (arena.size, *arena.task.action_space.shape)
     return lambda _: rng.uniform(-1.0, 1.0, shape)
 
 
-BASELINES: Mapping[str, Callable[[Arena], Controller]] = {
+BASELINES: Mapping[str, Callable[[TaskBatch], Controller]] = {
     "zero action": zero_action,
     "hold the start": hold_start,
     "random actions": random_actions,
 }
 
 
-def score_policy(policy: Policy, plant: Plant, episodes: int, stepper: Stepper | None = None) -> Score:
+def score_policy(policy: Policy, plant: DynamicsSpec, episodes: int, stepper: Stepper | None = None) -> Returns:
     """Roll out a policy's mean actions on a plant, the observation statistics frozen.
 
     Args:
@@ -147,7 +147,7 @@ def check_fits(policy: Policy, environment: str) -> None:
         raise CheckpointError(f"The policy was trained for {policy.environment}; it cannot be judged on {environment}.")
 
 
-def score_baselines(plant: Plant, episodes: int, stepper: Stepper | None = None) -> dict[str, Score]:
+def score_baselines(plant: DynamicsSpec, episodes: int, stepper: Stepper | None = None) -> dict[str, Returns]:
     """Score what anyone can do without learning, so that the returns of policies have a scale."""
     stepper = stepper or plant.stepper(episodes)
     return {name: roll_out(plant.task, stepper, begin) for name, begin in BASELINES.items()}
@@ -167,7 +167,7 @@ class Group:
     name: str
     folders: Sequence[Path]
     policies: Sequence[Policy]
-    scores: Sequence[Score]
+    scores: Sequence[Returns]
 
     @property
     def returns(self) -> np.ndarray:
@@ -188,12 +188,12 @@ class Group:
         return {
             "name": self.name,
             "seeds": seeds,
-            "return": spread(self.returns),
-            "success_rate": spread(self.success_rates),
+            "return": summarise_spread(self.returns),
+            "success_rate": summarise_spread(self.success_rates),
         }
 
 
-def score_group(path: Path, plant: Plant, episodes: int, stepper: Stepper) -> Group:
+def score_group(path: Path, plant: DynamicsSpec, episodes: int, stepper: Stepper) -> Group:
     """Score the policy or policies at a path."""
     folders = find_policies(path)
     policies = [load_policy(folder) for folder in folders]
@@ -201,7 +201,7 @@ def score_group(path: Path, plant: Plant, episodes: int, stepper: Stepper) -> Gr
     return Group(name=str(path), folders=folders, policies=policies, scores=scores)
 
 
-def spread(values: np.ndarray) -> dict[str, float]:
+def summarise_spread(values: np.ndarray) -> dict[str, float]:
     """Return median, extremes, mean and sample standard deviation (0 for one value) of values over seeds."""
     return {
         "median": float(np.median(values)),

@@ -55,7 +55,7 @@ def median_interval(values: np.ndarray) -> Interval:
     """Return the interval of the median of values over seeds, shape (seeds,)."""
     if len(values) <= FEW:
         return Interval(float(values.min()), float(values.max()), len(values))
-    low, high = np.quantile(resampled_medians(values, np.random.default_rng(0)), ENDS)
+    low, high = np.quantile(resample_medians(values, np.random.default_rng(0)), ENDS)
     return Interval(float(low), float(high), len(values))
 
 
@@ -67,6 +67,6 @@ def median_text(values: np.ndarray) -> str:
     return f"{np.median(values):.2f} [{found.low:.2f}, {found.high:.2f}]"
 
 
-def resampled_medians(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def resample_medians(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Return medians of resamples with replacement, shape (RESAMPLES,)."""
     return np.median(rng.choice(values, (RESAMPLES, len(values))), axis=1)

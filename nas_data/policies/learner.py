@@ -12,10 +12,10 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from nas_data.circumstances import commit, versions
 from nas_data.code_hash import code_hash
+from nas_data.environment_info import commit, versions
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
-from nas_data.envs.loop.plant import Plant
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import SimulationDiverged
 from nas_data.policies import folder as files
 from nas_data.policies.actor_critic import ActorCritic
@@ -58,7 +58,7 @@ class Hyperparameters:
 
 
 @dataclass(frozen=True)
-class Training:
+class PolicyTraining:
     """What makes a training what it is; equal trainings give equal bits.
 
     Attributes:
@@ -68,7 +68,7 @@ class Training:
         hyperparameters: PPO's.
     """
 
-    plant: Plant
+    plant: DynamicsSpec
     seed: int = 0
     frames: int = 2_000_000
     hyperparameters: Hyperparameters = field(default_factory=Hyperparameters)
@@ -109,7 +109,7 @@ class Learner:
 
     SEGMENT = 10  # rollouts; under ten seconds of work is lost when a training is killed
 
-    def __init__(self, training: Training, stepper: Stepper) -> None:
+    def __init__(self, training: PolicyTraining, stepper: Stepper) -> None:
         """Build networks and environment.
 
         Args:

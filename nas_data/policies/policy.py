@@ -11,7 +11,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load_file
 
 from nas_data.errors import CheckpointError
-from nas_data.visible import visible
+from nas_data.visible_files import visible
 
 CONFIG = "config.json"
 WEIGHTS = "policy.safetensors"

@@ -7,14 +7,14 @@ from pathlib import Path
 
 from nas_data.errors import OutputExists
 from nas_data.policies import folder as files
-from nas_data.policies.learner import Learner, Training
+from nas_data.policies.learner import Learner, PolicyTraining
 from nas_data.policies.policy import CONFIG, read_config
 from nas_data.simulators.base import Stepper
 
 Report = Callable[[str], None]
 
 
-def train(training: Training, folder: Path, report: Report | None = None, stepper: Stepper | None = None) -> Path:
+def train(training: PolicyTraining, folder: Path, report: Report | None = None, stepper: Stepper | None = None) -> Path:
     """Train a policy, or go on with an unfinished training of the same policy.
 
     Writes `config.json`, `policy.safetensors`, `progress.csv`, and what is needed to go on.
@@ -52,12 +52,12 @@ def train(training: Training, folder: Path, report: Report | None = None, steppe
     return folder
 
 
-def train_job(job: tuple[Training, Path]) -> Path:
+def train_job(job: tuple[PolicyTraining, Path]) -> Path:
     """Train a policy into a folder; `train` as one of several jobs."""
     return train(*job)
 
 
-def check_folder(folder: Path, training: Training) -> None:
+def check_folder(folder: Path, training: PolicyTraining) -> None:
     """Refuse a folder in which a training can neither be found nor go on.
 
     Raises:
@@ -66,7 +66,7 @@ def check_folder(folder: Path, training: Training) -> None:
     rollouts_in(folder, training, training.identity())
 
 
-def rollouts_in(folder: Path, training: Training, identity: Mapping[str, object]) -> int:
+def rollouts_in(folder: Path, training: PolicyTraining, identity: Mapping[str, object]) -> int:
     """Return how many rollouts a folder's policy has learned from; 0 for a new folder.
 
     Raises:
@@ -94,7 +94,7 @@ def rollouts_in(folder: Path, training: Training, identity: Mapping[str, object]
     return rollouts
 
 
-def sentence(row: files.Row, training: Training) -> str:
+def sentence(row: files.Row, training: PolicyTraining) -> str:
     """Say where a training stands."""
     total = training.rollouts * training.hyperparameters.rollout
     rate = row.frames / row.seconds

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nas_data.policies.intervals import ENDS, bootstrap_of, resampled_medians
+from nas_data.policies.intervals import ENDS, bootstrap_of, resample_medians
 
 NOTHING = 1e-9  # part of the returns by which the expert must be better for something to be at stake
 
@@ -57,7 +57,7 @@ def share(method: np.ndarray, source: np.ndarray, expert: np.ndarray) -> Share:
     if end - start <= NOTHING * max(1.0, abs(start), abs(end)):
         return Share(np.nan, np.nan, np.nan, end - start, len(method))
     rng = np.random.default_rng(0)
-    starts, ends, reached = (resampled_medians(values, rng) for values in (source, expert, method))
+    starts, ends, reached = (resample_medians(values, rng) for values in (source, expert, method))
     telling = ends - starts > NOTHING * np.maximum(1.0, np.maximum(abs(starts), abs(ends)))
     shares = (reached - starts)[telling] / (ends - starts)[telling]
     low, high = np.quantile(shares, ENDS)
@@ -112,7 +112,7 @@ def stake(source: np.ndarray, expert: np.ndarray) -> Stake:
         expert: Returns of policies that learned on the target.
     """
     rng = np.random.default_rng(0)
-    low, high = np.quantile(resampled_medians(expert, rng) - resampled_medians(source, rng), ENDS)
+    low, high = np.quantile(resample_medians(expert, rng) - resample_medians(source, rng), ENDS)
     least = NOTHING * max(1.0, float(abs(np.median(source))), float(abs(np.median(expert))))
     value = float(np.median(expert) - np.median(source))
     return Stake(value, float(low), float(high), len(source), bool(low > least))

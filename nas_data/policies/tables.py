@@ -2,14 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 
-from nas_data.policies.evaluate import Group, Score, spread
+from nas_data.policies.evaluate import Group, Returns, summarise_spread
 
 HEADERS = ("policy", "seeds", "return: median", "min … max", "mean ± sd", "success: median", "min … max")
 
 
 def group_row(group: Group) -> tuple[str, ...]:
     """Return one row for policies that differ in their seed."""
-    returns, success = spread(group.returns), spread(group.success_rates)
+    returns, success = summarise_spread(group.returns), summarise_spread(group.success_rates)
     return (
         group.name,
         str(len(group.scores)),
@@ -21,17 +21,17 @@ def group_row(group: Group) -> tuple[str, ...]:
     )
 
 
-def policy_table(groups: Sequence[Group], baselines: Mapping[str, Score]) -> str:
+def policy_table(groups: Sequence[Group], baselines: Mapping[str, Returns]) -> str:
     """Return groups, then what no learning gives, as aligned text."""
     rows = [group_row(group) for group in groups]
     rows += [
         (name, "", f"{score.mean_return:.2f}", "", "", f"{score.success_rate:.0%}", "")
         for name, score in baselines.items()
     ]
-    return aligned(HEADERS, rows)
+    return align_columns(HEADERS, rows)
 
 
-def aligned(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def align_columns(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a table as text: the first column left, the others right."""
     widths = [max(len(row[column]) for row in (headers, *rows)) for column in range(len(headers))]
     lines = [

@@ -24,13 +24,13 @@ def watching(study: Study, folder: Path, report: Callable[[str], None], pause: f
         pause: Between two lines [s].
     """
     folders = [folder / method / f"seed{seed}" for method in study.trained for seed in study.seeds]
-    over, total, first = threading.Event(), study.frames * len(folders), learned(folders)
+    over, total, first = threading.Event(), study.frames * len(folders), count_frames(folders)
     began = time.monotonic()
 
     def watch() -> None:
         before = first
         while not over.wait(pause):
-            done = min(float(total), learned(folders))
+            done = min(float(total), count_frames(folders))
             if done > before:
                 left = (total - done) / (done - first) * (time.monotonic() - began)
                 report(f"{len(folders)} policies: {done / total:.0%} of {total:,} control steps, {spoken(left)} left")
@@ -45,7 +45,7 @@ def watching(study: Study, folder: Path, report: Callable[[str], None], pause: f
         thread.join()
 
 
-def learned(folders: list[Path]) -> float:
+def count_frames(folders: list[Path]) -> float:
     """Return how many control steps policies have learned from, as far as they were written."""
     return sum(frames_learned(folder) for folder in folders)
 

@@ -7,18 +7,18 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from nas_data.arms.base import Arm, Driver
-from nas_data.dataset.growing import Growing
+from nas_data.dataset.incremental_writer import Growing
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.errors import ArmError
 from nas_data.recorders.arm_dataset import to_dataset
-from nas_data.recorders.arm_motion import Episode, Motion
-from nas_data.recorders.arm_plan import Plan
+from nas_data.recorders.arm_motion import ArmEpisode, ArmMotion
+from nas_data.recorders.arm_plan import MotionPlan
 from nas_data.recorders.arm_settings import Settings
-from nas_data.recorders.arm_tally import Tally
+from nas_data.recorders.arm_tally import RecordingStats
 from nas_data.recorders.guarded import GuardedArm, Setup
 from nas_data.recorders.schedule import Clock
 from nas_data.recorders.tolerance import PASSING
-from nas_data.recorders.under_way import SAVING, told
+from nas_data.recorders.under_way import SAVING, describe_progress
 
 PLAN = "meta/plan.npz"
 TRIES = 3  # times that an episode is begun before it is given up, or taken with readings that were missed
@@ -36,7 +36,7 @@ class Job:
     """
 
     setup: Setup
-    plan: Plan
+    plan: MotionPlan
     hot: float
     provenance: Provenance
 
@@ -54,7 +54,7 @@ def look(driver: Driver) -> None:
         arm.close()
 
 
-class Recording:
+class RecordingJob:
     """A job under way; a second one of the same plan goes on where the first stopped.
 
     Attributes:
@@ -73,7 +73,7 @@ class Recording:
         """
         self.growing, self._job, self._clock, self._say = growing, job, clock, say
         known = read_provenance(growing.root) if growing.episodes else None
-        self.tally = Tally.of(known.target if known else None)
+        self.tally = RecordingStats.of(known.target if known else None)
         self.tally.sittings += 1
         self._settings = Settings.of(known.target if known else None)
 
@@ -107,7 +107,7 @@ class Recording:
             progress(number + 1, float(motion.vitals.temperature.max()))
         motion.approach(poses[-1])
 
-    def _record(self, guarded: GuardedArm, motion: Motion, number: int) -> Motion:
+    def _record(self, guarded: GuardedArm, motion: ArmMotion, number: int) -> ArmMotion:
         """Record one episode and save it; return who moves the arm now."""
         arm = guarded.arm
         for left in reversed(range(TRIES)):
@@ -130,7 +130,7 @@ class Recording:
         self._save(guarded, episode)
         return motion
 
-    def _play(self, motion: Motion, number: int) -> Episode:
+    def _play(self, motion: ArmMotion, number: int) -> ArmEpisode:
         pose = self._job.plan.poses[number]
         motion.approach(pose)
         if motion.vitals.temperature.max() >= self._job.hot:
@@ -138,18 +138,18 @@ class Recording:
         self._settings.note(number, motion.arm.registers())
         return motion.play(self._job.plan.commands[number])
 
-    def _cool(self, motion: Motion, pose: np.ndarray) -> None:
+    def _cool(self, motion: ArmMotion, pose: np.ndarray) -> None:
         """Wait in the rest pose until the warmest servo has cooled."""
         self.tally.pauses += 1
         self._say(f"A servo has {motion.vitals.temperature.max():.0f} °C; the arm rests until it is cooler.")
         motion.cool(pose, self._job.hot)
 
-    def _again(self, guarded: GuardedArm, number: int) -> Motion:
+    def _again(self, guarded: GuardedArm, number: int) -> ArmMotion:
         """Begin an episode anew with an arm whose line failed."""
         guarded.recover()
         return guarded.take(self._job.plan.poses[number])
 
-    def _save(self, guarded: GuardedArm, episode: Episode) -> None:
+    def _save(self, guarded: GuardedArm, episode: ArmEpisode) -> None:
         job = self._job
         guarded.promise(SAVING)
         dataset = to_dataset(episode, job.setup.driver.names, job.setup.rate, job.plan.task, job.provenance.robot)
@@ -166,4 +166,4 @@ class Recording:
         return replace(self._job.provenance, target={**arm.describe(), **known, **made})
 
     def _saved(self) -> str:
-        return told(self.growing.root, self.growing.episodes, len(self._job.plan.commands))
+        return describe_progress(self.growing.root, self.growing.episodes, len(self._job.plan.commands))

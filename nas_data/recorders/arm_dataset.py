@@ -15,7 +15,7 @@ from nas_data.dataset.features import (
     state_feature,
     time_feature,
 )
-from nas_data.recorders.arm_motion import Episode
+from nas_data.recorders.arm_motion import ArmEpisode
 
 LOAD = "nas.load"
 VOLTAGE = "nas.voltage"
@@ -24,7 +24,7 @@ LATE = "nas.late"
 REPEATED = "nas.repeated"
 
 
-def to_dataset(episode: Episode, joints: Sequence[str], rate: float, task: str, robot: str) -> Dataset:
+def to_dataset(episode: ArmEpisode, joints: Sequence[str], rate: float, task: str, robot: str) -> Dataset:
     """Return one episode as a dataset.
 
     Args:

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from nas_data.arms.base import Arm, Health, Reading
-from nas_data.dataset.lateness import late_readings
+from nas_data.dataset.timing import late_readings
 from nas_data.recorders.arm_ways import Ways
 from nas_data.recorders.schedule import Clock
 from nas_data.recorders.tolerance import Tolerance
@@ -34,7 +34,7 @@ class Vitals:
 
 
 @dataclass
-class Episode:
+class ArmEpisode:
     """What was read and sent in an episode of T steps.
 
     Attributes:
@@ -83,7 +83,7 @@ class Episode:
         return np.isin(np.arange(len(self.readings)), list(self.unheard))
 
 
-class Motion:
+class ArmMotion:
     """Moves an arm whose torque is on.
 
     Attributes:
@@ -144,13 +144,13 @@ class Motion:
         while self.vitals.temperature.max() > hot - COOL:
             self.hold(pose, COOLING)
 
-    def play(self, commands: np.ndarray) -> Episode:
+    def play(self, commands: np.ndarray) -> ArmEpisode:
         """Send commands [rad], shape (T, n), one a period, and read the arm before each and after the last.
 
         Raises:
             ArmError: something is wrong with the arm.
         """
-        episode, start = Episode(), self.clock.now() + LEAD
+        episode, start = ArmEpisode(), self.clock.now() + LEAD
         for number, wanted in enumerate(commands):
             self.record_reading(episode, start + number * self.period)
             self.record_command(episode, wanted)
@@ -192,13 +192,13 @@ class Motion:
         self._sent = self._sent + np.clip(wanted - self._sent, -self._largest_step, self._largest_step)
         return self.arm.command(self._sent)
 
-    def record_command(self, episode: Episode, wanted: np.ndarray) -> None:
+    def record_command(self, episode: ArmEpisode, wanted: np.ndarray) -> None:
         """Send a command [rad], shape (n,), and add it and the vitals to an episode; raises as `send` does."""
         episode.commands.append(self.send(wanted))
         episode.voltages.append(self.vitals.voltage.copy())
         episode.temperatures.append(self.vitals.temperature.copy())
 
-    def record_reading(self, episode: Episode, due: float) -> Reading:
+    def record_reading(self, episode: ArmEpisode, due: float) -> Reading:
         """Read the arm at a time [s] and add it to an episode; raises as `sense` does."""
         self.clock.wait_until(due)
         reading = self.sense()

@@ -12,7 +12,7 @@ from nas_data.effects.base import Effect, make_effect
 from nas_data.errors import OptionError
 from nas_data.recorders.arm_ways import Ways
 from nas_data.recorders.readings import Readings
-from nas_data.recorders.session import Protocol, Session, Target
+from nas_data.recorders.session import PlaybackProtocol, RecordingSession, Target
 from nas_data.robots.base import Robot
 from nas_data.simulators.contact import contact_counts
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -24,7 +24,7 @@ ROUNDS = 50  # of draws, after which what is asked for is taken to be impossible
 
 
 @dataclass(frozen=True)
-class Plan:
+class MotionPlan:
     """Commands and first poses of every episode.
 
     Attributes:
@@ -51,14 +51,14 @@ class Plan:
         return stream.getvalue()
 
     @classmethod
-    def from_bytes(cls, content: bytes) -> "Plan":
+    def from_bytes(cls, content: bytes) -> "MotionPlan":
         """Read what `to_bytes` wrote."""
         stored = np.load(io.BytesIO(content))
         words = str(stored["task"]), int(stored["replaced"]), str(stored["key"])
         return cls(stored["commands"], stored["poses"], *words)
 
 
-def plan_key(robot: Robot, protocol: Protocol, rate: float, speed: float) -> str:
+def plan_key(robot: Robot, protocol: PlaybackProtocol, rate: float, speed: float) -> str:
     """Return everything that a plan follows from, as one line: equal lines give equal plans."""
     file = hashlib.sha256(protocol.file.read_bytes()).hexdigest() if protocol.file else None
     values = {**vars(protocol), "excitation": protocol.excitation.to_json(), "file": file, "rate": rate, "speed": speed}
@@ -66,8 +66,12 @@ def plan_key(robot: Robot, protocol: Protocol, rate: float, speed: float) -> str
 
 
 def draw_plan(
-    robot: Robot, protocol: Protocol, rate: float, speed: float, progress: Callable[[int, int], None] = lambda *_: None
-) -> Plan:
+    robot: Robot,
+    protocol: PlaybackProtocol,
+    rate: float,
+    speed: float,
+    progress: Callable[[int, int], None] = lambda *_: None,
+) -> MotionPlan:
     """Draw episodes until as many as are asked for touch nothing; those of a file must do so as they are.
 
     Args:
@@ -84,7 +88,7 @@ def draw_plan(
     target, ways = Target(robot, simulator, Readings(), rate), Ways(robot)
     commands, poses, fates = list[np.ndarray](), list[np.ndarray](), list[bool]()
     for attempt in range(ROUNDS):
-        session = Session.draw(target, replace(protocol, seed=protocol.seed + attempt * FAR))
+        session = RecordingSession.draw(target, replace(protocol, seed=protocol.seed + attempt * FAR))
         wanted = protocol.episodes if protocol.file is None else len(session.commands)
         block = np.stack([_same_length(rows, session.commands[0]) for rows in session.commands])
         first = session.starts[:, : len(simulator.joints)]
@@ -100,7 +104,7 @@ def draw_plan(
         progress(min(wanted, len(commands)), wanted)
         if len(commands) >= wanted:
             last = int(np.flatnonzero(fates)[wanted - 1])
-            return Plan(
+            return MotionPlan(
                 commands=np.stack(commands[:wanted]),
                 poses=np.stack(poses[:wanted]),
                 task=session.task,

@@ -14,7 +14,7 @@ SUSPICIOUS = 0.01  # share of repeated readings from which the servos' own rate 
 
 
 @dataclass
-class Tally:
+class RecordingStats:
     """Counts over all sittings of a recording.
 
     Attributes:
@@ -39,7 +39,7 @@ class Tally:
         return cls(**{key: int(known.get(key, 0)) for key in asdict(cls())})
 
 
-def summary(dataset: Dataset, tally: Tally) -> dict[str, object]:
+def summary(dataset: Dataset, tally: RecordingStats) -> dict[str, object]:
     """Return the numbers that say whether a recording can be trusted."""
     times = dataset.columns[TIME][:, 0]
     steps = np.concatenate([np.diff(times[rows]) for rows in dataset.episodes()] or [np.array([])])
@@ -58,7 +58,7 @@ def summary(dataset: Dataset, tally: Tally) -> dict[str, object]:
     }
 
 
-def told(numbers: Mapping[str, object]) -> list[str]:
+def describe_stats(numbers: Mapping[str, object]) -> list[str]:
     """Return the same in lines for people."""
     lines = [
         f"{numbers['late']} late readings ({_float(numbers, 'late_share'):.3%}), {numbers['repeated']} repeated, "

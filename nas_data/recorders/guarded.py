@@ -9,7 +9,7 @@ import numpy as np
 from nas_data.arms.base import Driver
 from nas_data.arms.safety import make_safe
 from nas_data.errors import GuardLost
-from nas_data.recorders.arm_motion import Motion
+from nas_data.recorders.arm_motion import ArmMotion
 from nas_data.recorders.arm_ways import Ways
 from nas_data.recorders.schedule import Clock
 from nas_data.recorders.tolerance import TRIES, Tolerance
@@ -61,7 +61,7 @@ class GuardedArm:
         self._watchdog = Watchdog(setup.driver)
         self._beside: tuple[GuardedArm, ...] = ()
 
-    def take(self, pose: np.ndarray) -> Motion:
+    def take(self, pose: np.ndarray) -> ArmMotion:
         """Look at the arm and for a way to its first pose [rad], shape (n,), set it up, switch its torque on.
 
         Where the line fails in a way that may pass, the arm is made safe, left alone for a moment, and taken again.
@@ -76,14 +76,14 @@ class GuardedArm:
         self.make_safe()
         self._clock.wait_until(self._clock.now() + REST)
 
-    def _take(self, pose: np.ndarray) -> Motion:
+    def _take(self, pose: np.ndarray) -> ArmMotion:
         setup = self._setup
         self.promise(SETTING_UP)
         self.arm.check()
         setup.ways.find(self.arm.read().positions, pose)
         self.arm.configure()
         self.arm.torque_on()
-        return Motion(self.arm, self._clock, 1 / setup.rate, setup.largest_step, setup.ways, self.promise)
+        return ArmMotion(self.arm, self._clock, 1 / setup.rate, setup.largest_step, setup.ways, self.promise)
 
     def promise(self, seconds: float) -> None:
         """Tell the guard until when the next word comes [s from now].

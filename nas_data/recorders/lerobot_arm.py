@@ -11,8 +11,8 @@ from lerobot.robots import Robot as LeRobot
 from lerobot.utils.errors import DeviceNotConnectedError
 
 from nas_data.arms.base import Health, Reading
-from nas_data.arms.line import ATTEMPTS, Line, Register, charge, said_where_lost
-from nas_data.arms.port_errors import lost, refusal
+from nas_data.arms.line import ATTEMPTS, Line, Register, charge, report_lost_port
+from nas_data.arms.port_errors import lost_port_error, refusal
 from nas_data.errors import ArmError, BadReply, ServoSilent
 from nas_data.recorders.lerobot_checks import (
     VOLTAGE,
@@ -279,12 +279,12 @@ class LeRobotArm:
             BadReply: a servo did not answer it, or with an error.
             AdapterLost: the port is gone.
         """
-        with said_where_lost(self.bus.port):
+        with report_lost_port(self.bus.port):
             self.line.port.ser.reset_input_buffer()
             try:
                 do()
             except DeviceNotConnectedError:
-                raise lost(self.bus.port) from None
+                raise lost_port_error(self.bus.port) from None
             except (ConnectionError, RuntimeError) as error:
                 if isinstance(error, ArmError):
                     raise

@@ -7,7 +7,7 @@ import numpy as np
 from lerobot.motors import MotorNormMode
 from lerobot.motors.motors_bus import SerialMotorsBus
 
-from nas_data.arms.line import Register, Table
+from nas_data.arms.line import Register, StopRegisters
 from nas_data.errors import OptionError
 
 
@@ -85,10 +85,10 @@ def register_of(bus: SerialMotorsBus, name: str) -> Register:
     return Register(address, size, -1 if family.load_sign < 0 else encoded[name])
 
 
-def table_of(bus: SerialMotorsBus) -> Table:
+def table_of(bus: SerialMotorsBus) -> StopRegisters:
     """Return the registers by which an arm is stopped."""
     family = family_of(bus)
-    return Table(
+    return StopRegisters(
         sdk=family.sdk,
         protocol=family.protocol,
         baud=bus.default_baudrate,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.dataset.audits.base import Finding
+from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import (
     ACTION,
@@ -21,7 +21,7 @@ from nas_data.dataset.features import (
     state_feature,
     time_feature,
 )
-from nas_data.dataset.merge import joined
+from nas_data.dataset.merge import merge_carried
 from nas_data.dataset.provenance import Parent, Provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.recording import Recording
@@ -34,7 +34,7 @@ from nas_data.importing.map import Map
 from nas_data.importing.reading import ENOUGH, SUFFIXES, read_log
 from nas_data.importing.resampling import resample
 from nas_data.joint_units import unit_at
-from nas_data.visible import visible
+from nas_data.visible_files import visible
 
 MAP_ATTACHMENT = "meta/import_map.toml"
 VIDEOS = {".mp4", ".mkv"}
@@ -55,7 +55,7 @@ class Import:
     dataset: Dataset
     provenance: Provenance
     attachments: dict[str, bytes]
-    findings: tuple[Finding, ...]
+    findings: tuple[AuditFinding, ...]
 
 
 def import_logs(paths: Sequence[Path], mapping: Map, progress: Callable[[str], None] = lambda _: None) -> Import:
@@ -71,7 +71,7 @@ def import_logs(paths: Sequence[Path], mapping: Map, progress: Callable[[str], N
         MapError: the map names something that a log lacks.
     """
     recordings: list[Recording] = []
-    findings: list[Finding] = []
+    findings: list[AuditFinding] = []
     logs = find_logs(paths, mapping)
     for number, log in enumerate(logs, start=1):
         progress(f"{number}/{len(logs)} {log.name}")
@@ -123,7 +123,7 @@ def _expand(path: Path, mapping: Map) -> list[Path]:
     return logs
 
 
-def refuse(findings: Sequence[Finding]) -> None:
+def refuse(findings: Sequence[AuditFinding]) -> None:
     """Raise where an audit found an error.
 
     Raises:
@@ -202,7 +202,7 @@ def _with_rest(dataset: Dataset, recordings: Sequence[Recording], mapping: Map) 
         source.carried and source.carried.take(np.concatenate([r.rows[:-1] for r in recordings if r.file == file]))
         for file, source in sources.items()
     ]
-    return replace(dataset, carried=joined(carried))
+    return replace(dataset, carried=merge_carried(carried))
 
 
 def _states(recording: Recording) -> np.ndarray:
@@ -228,7 +228,7 @@ def _task(recording: Recording, mapping: Map) -> str:
 
 
 def _provenance(
-    logs: Sequence[Path], recordings: Sequence[Recording], mapping: Map, findings: Sequence[Finding]
+    logs: Sequence[Path], recordings: Sequence[Recording], mapping: Map, findings: Sequence[AuditFinding]
 ) -> Provenance:
     """Say which files the dataset comes from, how they were read, and what the audits noticed."""
     derived = {key: VELOCITIES_DERIVED for key in (STATE, NEXT_STATE) if mapping.derive_velocity}

@@ -14,7 +14,7 @@ from nas_data.excitations.base import Excitation
 from nas_data.excitations.ramps import Ramps
 from nas_data.recorders.environment import draw_environment_starts
 from nas_data.recorders.readings import Readings
-from nas_data.recorders.session import Protocol, Session, Target, as_stored
+from nas_data.recorders.session import PlaybackProtocol, RecordingSession, Target, as_stored
 from nas_data.recorders.simulated import record, to_dataset
 from nas_data.simulators.engines import load_simulator
 
@@ -24,7 +24,7 @@ KINDS = 1  # stream of the kinds, beside those of actions, starts and noise
 
 
 @dataclass(frozen=True)
-class Kind:
+class CommandKind:
     """How actions come in an episode.
 
     Attributes:
@@ -38,7 +38,7 @@ class Kind:
     smooth: bool = False
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, longest: int) -> "Kind":
+    def draw(cls, rng: np.random.Generator, longest: int) -> "CommandKind":
         """Draw how long (log-uniform), how strong and how smooth."""
         every = round(float(np.exp(rng.uniform(np.log(BRIEFEST), np.log(longest)))))
         return cls(every, float(rng.uniform(WEAKEST, 1.0)), bool(rng.integers(2)))
@@ -84,16 +84,16 @@ class Recipe:
         simulator = load_simulator(robot, task.period, task.joints, effects, self.engine)
         return Target(robot, simulator, readings, rate=1 / task.period)
 
-    def kinds(self) -> list[Kind]:
+    def kinds(self) -> list[CommandKind]:
         """Return how actions come in each episode; the same, however many episodes follow."""
-        kinds = [Kind(hold) for hold in islice(cycle(self.holds), self.episodes)]
+        kinds = [CommandKind(hold) for hold in islice(cycle(self.holds), self.episodes)]
         if not self.varied:
             return kinds
         rng = np.random.default_rng([self.seed, KINDS])
-        drawn = [Kind.draw(rng, self.varied) for _ in kinds]
+        drawn = [CommandKind.draw(rng, self.varied) for _ in kinds]
         return [kinds[k // EVERY] if k % EVERY == 0 else drawn[k] for k in range(self.episodes)]
 
-    def session(self) -> Session:
+    def session(self) -> RecordingSession:
         """Draw actions and starts, from streams of their own."""
         task = find_task(self.environment)
         command_rng, pose_rng, noise_rng = np.random.default_rng(self.seed).spawn(3)
@@ -102,7 +102,7 @@ class Recipe:
             kind.strength * kind.signal().shape(command_rng, 1, self.steps, task.period, span)[0]
             for kind in self.kinds()
         ]
-        protocol = Protocol(
+        protocol = PlaybackProtocol(
             excitation=Babbling(every=self.holds[0]),
             episodes=self.episodes,
             seconds=self.steps * task.period,
@@ -111,7 +111,7 @@ class Recipe:
         )
         starts = draw_environment_starts(self.environment, self.episodes, pose_rng)
         commands = [as_stored(task.command(rows)) for rows in actions]
-        return Session(self.target(), protocol, commands, starts, noise_rng)
+        return RecordingSession(self.target(), protocol, commands, starts, noise_rng)
 
     def record(self) -> tuple[Dataset, Provenance]:
         """Play the session, and return the recording with where it comes from."""

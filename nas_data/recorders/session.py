@@ -48,7 +48,7 @@ class Target:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Protocol:
+class PlaybackProtocol:
     """What is played.
 
     Attributes:
@@ -94,7 +94,7 @@ def check_amount(episodes: int, seconds: float, longest: float) -> None:
 
 
 @dataclass(frozen=True)
-class Session:
+class RecordingSession:
     """Everything that was drawn before the first command is sent.
 
     Attributes:
@@ -106,13 +106,13 @@ class Session:
     """
 
     target: Target
-    protocol: Protocol
+    protocol: PlaybackProtocol
     commands: Sequence[np.ndarray]
     starts: np.ndarray
     rng: np.random.Generator
 
     @classmethod
-    def draw(cls, target: Target, protocol: Protocol) -> "Session":
+    def draw(cls, target: Target, protocol: PlaybackProtocol) -> "RecordingSession":
         """Draw commands and poses, from streams of their own: more noise does not change the commands.
 
         Raises:
@@ -160,7 +160,7 @@ def as_stored(commands: np.ndarray) -> np.ndarray:
     return commands.astype(np.float32).astype(float)
 
 
-def draw_commands(target: Target, protocol: Protocol, rng: np.random.Generator) -> list[np.ndarray]:
+def draw_commands(target: Target, protocol: PlaybackProtocol, rng: np.random.Generator) -> list[np.ndarray]:
     """Return the commands of each episode, shape (T, n), drawn or read from a file."""
     simulator = target.simulator
     low, high = target.limits()
@@ -182,7 +182,7 @@ def draw_commands(target: Target, protocol: Protocol, rng: np.random.Generator) 
     return list(protocol.excitation.commands(rng, protocol.episodes, steps, simulator.period, low, high))
 
 
-def resting(target: Target, protocol: Protocol) -> np.ndarray:
+def resting(target: Target, protocol: PlaybackProtocol) -> np.ndarray:
     """Return which joints the excitation leaves at rest, shape (n,).
 
     Raises:
@@ -195,7 +195,7 @@ def resting(target: Target, protocol: Protocol) -> np.ndarray:
     return np.array([bool(protocol.joints) and joint not in protocol.joints for joint in joints])
 
 
-def draw_starts(target: Target, protocol: Protocol, episodes: int, rng: np.random.Generator) -> np.ndarray:
+def draw_starts(target: Target, protocol: PlaybackProtocol, episodes: int, rng: np.random.Generator) -> np.ndarray:
     """Return the first state of each episode, shape (E, 2n + m): an environment's own, or a pose at rest."""
     if protocol.environment:
         from nas_data.recorders.environment import draw_environment_starts
@@ -208,7 +208,7 @@ def draw_starts(target: Target, protocol: Protocol, episodes: int, rng: np.rando
     return np.concatenate([states, np.tile(target.simulator.stepper(1).objects, (episodes, 1))], axis=1)
 
 
-def draw_poses(target: Target, protocol: Protocol, episodes: int, rng: np.random.Generator) -> np.ndarray:
+def draw_poses(target: Target, protocol: PlaybackProtocol, episodes: int, rng: np.random.Generator) -> np.ndarray:
     """Return the first pose of each episode [rad], shape (E, n)."""
     joints = target.simulator.joints
     if protocol.start == "rest":

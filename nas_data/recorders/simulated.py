@@ -18,13 +18,13 @@ from nas_data.dataset.features import (
     state_feature,
     time_feature,
 )
-from nas_data.recorders.session import Session
+from nas_data.recorders.session import RecordingSession
 from nas_data.simulators.base import Simulator
 
 BATCH = 5000  # control steps simulated between two reports of progress
 
 
-def record(session: Session, progress: Callable[[int], None] = lambda done: None) -> list[np.ndarray]:
+def record(session: RecordingSession, progress: Callable[[int], None] = lambda done: None) -> list[np.ndarray]:
     """Play a session's commands on its target and read the sensors.
 
     Each episode starts after the target has been commanded to its first pose for half a second; a target that takes
@@ -75,7 +75,7 @@ def play(simulator: Simulator, commands: np.ndarray, initial: np.ndarray, settle
     return simulator.rollout(initial, np.concatenate([held, commands], axis=1))[:, steps - 1 :]
 
 
-def to_dataset(session: Session, measured: Sequence[np.ndarray]) -> Dataset:
+def to_dataset(session: RecordingSession, measured: Sequence[np.ndarray]) -> Dataset:
     """Return recorded episodes as a dataset.
 
     Args:

@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.growing import Growing
+from nas_data.dataset.incremental_writer import Growing
 from nas_data.dataset.provenance import now, read_provenance
 from nas_data.dataset.versions import FOLDER, save
 from nas_data.errors import OptionError
@@ -22,14 +22,14 @@ def place(name: str, out: Path | None = None) -> Path:
     return out.with_name(f"{out.name}.recording") if out else FOLDER / name / "recording"
 
 
-def told(root: Path, count: int, wanted: int) -> str:
+def describe_progress(root: Path, count: int, wanted: int) -> str:
     """Say how many episodes of how many are saved, and how it goes on."""
     if not count:
         return "Nothing was recorded yet."
     return f"{count} of {wanted} episodes are saved in {root}; the same command goes on from there."
 
 
-def begun_with(root: Path, what: str, option: str = "--name") -> OptionError:
+def other_recording_error(root: Path, what: str, option: str = "--name") -> OptionError:
     """Return the refusal to go on with a recording of something else.
 
     Args:

@@ -16,7 +16,7 @@ TITLES = {"open_loop": "open loop", "one_step": "one step"}
 
 
 @dataclass(frozen=True)
-class Curve:
+class AblationCurve:
     """Errors of one predictor over K amounts of data.
 
     Attributes:
@@ -33,7 +33,7 @@ class Curve:
 
 
 def error_over_amount(
-    curves: Mapping[str, Mapping[str, Curve]],
+    curves: Mapping[str, Mapping[str, AblationCurve]],
     baselines: Mapping[str, Mapping[str, float]],
     unit: str,
     shown: JointUnit = HINGE,
@@ -63,14 +63,14 @@ def error_over_amount(
     return figure
 
 
-def top(curves: Sequence[Curve], baselines: Sequence[float], scale: float) -> float | None:
+def top(curves: Sequence[AblationCurve], baselines: Sequence[float], scale: float) -> float | None:
     """Return where the vertical axis ends, as shown; None where nothing is finite."""
     drawn = np.concatenate([*(curve.median for curve in curves), baselines])
     seen = drawn[np.isfinite(drawn)]
     return HEADROOM * scale * float(seen.max()) if len(seen) and seen.max() > 0 else None
 
 
-def draw_curve(axes: Axes, name: str, curve: Curve, look: Stroke, scale: float) -> None:
+def draw_curve(axes: Axes, name: str, curve: AblationCurve, look: Stroke, scale: float) -> None:
     """Draw a predictor's median and the band between its extremes; where a seed diverged, there is no band."""
     low, median, high = (scale * np.where(np.isfinite(v), v, np.nan) for v in (curve.low, curve.median, curve.high))
     axes.fill_between(curve.amounts, low, high, color=look.colour, alpha=0.16, linewidth=0, zorder=look.order)

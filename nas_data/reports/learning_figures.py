@@ -13,7 +13,7 @@ SEED_SPREAD = 0.13  # of a row's height: dots of equal returns stay apart
 
 
 @dataclass(frozen=True)
-class Curve:
+class LearningCurve:
     """How one seed of a method learned.
 
     Attributes:
@@ -27,7 +27,7 @@ class Curve:
     success: np.ndarray
 
 
-def learning(curves: Mapping[str, Sequence[Curve]]) -> Figure:
+def learning(curves: Mapping[str, Sequence[LearningCurve]]) -> Figure:
     """Draw return and success while learning: median over seeds, band from the lowest to the highest.
 
     Args:

@@ -32,7 +32,7 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class Table:
+class HtmlTable:
     """Rows under headers; the first column names the row, the others are numbers.
 
     Attributes:
@@ -83,11 +83,11 @@ class Text:
         return f"<p{' class=lead' if self.lead else ''}>{html.escape(self.text)}</p>"
 
 
-Block = Picture | Table | Facts | Text
+Block = Picture | HtmlTable | Facts | Text
 
 
 @dataclass(frozen=True)
-class Section:
+class PageSection:
     """A heading and what stands below it; no heading at a page's start."""
 
     title: str
@@ -100,11 +100,11 @@ class Section:
 
 
 @dataclass(frozen=True)
-class Page:
+class HtmlPage:
     """A whole page."""
 
     title: str
-    sections: Sequence[Section]
+    sections: Sequence[PageSection]
 
     def pictures(self) -> list[Picture]:
         """Return the pictures of all sections."""

@@ -9,7 +9,7 @@ from nas_data.joint_units import SHARE
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD
 from nas_data.policies.share import share
 from nas_data.reports.learning_figures import learning, model_training, returns_on_target
-from nas_data.reports.page import Block, Picture, Section, Table, Text
+from nas_data.reports.page import Block, HtmlTable, PageSection, Picture, Text
 from nas_data.reports.runs import NAMED, NAMED_AND_LEARNED, ModelRun, PolicyRun, scores
 from nas_data.reports.style import to_png
 
@@ -50,7 +50,7 @@ def distinct(models: Sequence[ModelRun]) -> list[str]:
     ]
 
 
-def models_section(models: Sequence[ModelRun]) -> Section:
+def models_section(models: Sequence[ModelRun]) -> PageSection:
     """Return the section about models."""
     rows = [
         (
@@ -64,7 +64,7 @@ def models_section(models: Sequence[ModelRun]) -> Section:
         for name, model in zip(distinct(models), models, strict=True)
     ]
     headers = ("model", "best validation error", "updates", "time", "learned from", "content hash")
-    return Section("Models", [models_picture(models), Table(headers, rows)])
+    return PageSection("Models", [models_picture(models), HtmlTable(headers, rows)])
 
 
 def learning_picture(groups: Mapping[str, Sequence[PolicyRun]]) -> Picture:
@@ -88,7 +88,7 @@ def target_picture(groups: Mapping[str, Sequence[PolicyRun]]) -> Picture | None:
     return Picture("returns_on_target", to_png(returns_on_target(returns)), caption)
 
 
-def policies_table(groups: Mapping[str, Sequence[PolicyRun]], extra: Mapping[str, Mapping[str, float]]) -> Table:
+def policies_table(groups: Mapping[str, Sequence[PolicyRun]], extra: Mapping[str, Mapping[str, float]]) -> HtmlTable:
     """Return the policies' scores on the target, or how they ended training where none was judged.
 
     Args:
@@ -108,7 +108,7 @@ def policies_table(groups: Mapping[str, Sequence[PolicyRun]], extra: Mapping[str
         if judged
         else "In the last rollout of training, exploring; no policy was judged on a target."
     )
-    return Table(headers if judged else headers[:-1], rows if judged else [row[:-1] for row in rows], note)
+    return HtmlTable(headers if judged else headers[:-1], rows if judged else [row[:-1] for row in rows], note)
 
 
 def method_row(
@@ -128,7 +128,7 @@ def method_row(
         f"{np.median(success):.0%}",
         f"{returns.min():.2f} … {returns.max():.2f}",
         str(len(returns)),
-        closed(method, groups) if judged else "",
+        format_share(method, groups) if judged else "",
     )
 
 
@@ -138,7 +138,7 @@ def title(method: str) -> str:
     return f"{method}: {LEARNED_ON[word]}" if word in LEARNED_ON and not rest else method
 
 
-def closed(method: str, groups: Mapping[str, Sequence[PolicyRun]]) -> str:
+def format_share(method: str, groups: Mapping[str, Sequence[PolicyRun]]) -> str:
     """Return the share of the distance from source to expert that a method closes, as text."""
     if method in (SOURCE_METHOD, EXPERT_METHOD) or not {SOURCE_METHOD, EXPERT_METHOD} <= set(groups):
         return ""
@@ -152,7 +152,7 @@ def last(values: np.ndarray) -> float:
     return float(numbers[-1]) if len(numbers) else math.nan
 
 
-def policies_section(groups: Mapping[str, Sequence[PolicyRun]]) -> Section:
+def policies_section(groups: Mapping[str, Sequence[PolicyRun]]) -> PageSection:
     """Return the section about policies."""
     on_target = target_picture(groups)
     runs = [run for group in groups.values() for run in group]
@@ -165,4 +165,4 @@ def policies_section(groups: Mapping[str, Sequence[PolicyRun]]) -> Section:
         *([on_target] if on_target else []),
         policies_table(groups, {}),
     ]
-    return Section("Policies", blocks)
+    return PageSection("Policies", blocks)

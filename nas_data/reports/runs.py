@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.errors import CheckpointError
-from nas_data.joint_units import HINGE, JointUnit, unit_named
+from nas_data.joint_units import HINGE, JointUnit, display_unit
 from nas_data.policies.compare import EXPERT_METHOD, RESULT, SOURCE_METHOD, read_result
 from nas_data.policies.policy import CONFIG, PROGRESS, read_config, read_progress
-from nas_data.reports.learning_figures import Curve
-from nas_data.visible import visible
+from nas_data.reports.learning_figures import LearningCurve
+from nas_data.visible_files import visible
 
 HISTORY, CHECKPOINT = "history.json", "checkpoint"
 MODEL_NAMES = {"delta": "source + φ", "forward": "ψ"}
@@ -84,7 +84,7 @@ class PolicyRun:
     seed: int
     environment: str
     frames: int
-    curve: Curve
+    curve: LearningCurve
     seconds: float
     judged: Mapping[str, float] | None
 
@@ -165,7 +165,7 @@ def read_model(folder: Path) -> ModelRun:
             kind=str(config["kind"]),
             dataset=str(dataset.get("name", "unknown")),
             content_hash=str(dataset.get("content_hash", "")),
-            unit=unit_named(provenance.get("validation_unit") or HINGE.si) if free else None,
+            unit=display_unit(provenance.get("validation_unit") or HINGE.si) if free else None,
             history=rows,
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -180,7 +180,7 @@ def read_policy(folder: Path) -> PolicyRun:
     """
     config, progress = read_config(folder), read_progress(folder)
     try:
-        curve = Curve(progress["frames"], progress["mean_return"], progress["success_rate"])
+        curve = LearningCurve(progress["frames"], progress["mean_return"], progress["success_rate"])
         plant = config["plant"]
         assert isinstance(plant, dict)
         return PolicyRun(

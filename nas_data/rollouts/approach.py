@@ -5,9 +5,9 @@ from itertools import pairwise
 import numpy as np
 
 from nas_data.errors import WayBlocked
-from nas_data.recorders.arm_motion import APPROACH, LEAD, SETTLE, Motion, slowly
+from nas_data.recorders.arm_motion import APPROACH, LEAD, SETTLE, ArmMotion, slowly
 from nas_data.recorders.arm_ways import Ways
-from nas_data.rollouts.making_room import WaysOfTwo
+from nas_data.rollouts.two_arm_planner import WaysOfTwo
 
 PLANS = 5  # times that a way is looked for from where the arms stand before they are given up
 SEEKING = 10.0  # [s] that it may take
@@ -22,7 +22,7 @@ class Approach:
     The arms' sag is made up for: they get where they are sent, not to what hangs below it.
     """
 
-    def __init__(self, attacker: Motion, defender: Motion, seeking: WaysOfTwo, touching: Ways) -> None:
+    def __init__(self, attacker: ArmMotion, defender: ArmMotion, seeking: WaysOfTwo, touching: Ways) -> None:
         """Take arms over.
 
         Args:

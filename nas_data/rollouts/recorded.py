@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.dataset.alone import alone
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import (
     DONE,
@@ -20,15 +19,16 @@ from nas_data.dataset.features import (
     flag_feature,
     reward_feature,
 )
-from nas_data.dataset.growing import Growing
+from nas_data.dataset.incremental_writer import Growing
 from nas_data.dataset.merge import concatenate
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.versions import check_place
+from nas_data.dataset.write_lock import alone
 from nas_data.errors import OptionError
-from nas_data.policies.evaluate import Score
+from nas_data.policies.evaluate import Returns
 from nas_data.recorders.arm_dataset import to_dataset
-from nas_data.recorders.under_way import begun_with, complete, place, told
+from nas_data.recorders.under_way import complete, describe_progress, other_recording_error, place
 from nas_data.rollouts.robot_stepper import Bout, RolloutTally
 from nas_data.rollouts.rollout import Judgement, judgements
 
@@ -100,14 +100,14 @@ class Saved:
         Raises:
             OptionError: something else is under way there.
         """
-        self.name, self.growing, self.scores = name, growing, list[Score]()
+        self.name, self.growing, self.scores = name, growing, list[Returns]()
         self._known = read_provenance(growing.root) if growing.episodes else None
         self.tally = RolloutTally.of(self._known.target if self._known else None)
         self._recorder: Recorder | None = None
         if self._known:
             dataset = read(growing.root)
             if not FEATURES.keys() <= dataset.features.keys():
-                raise begun_with(growing.root, "another command", "--record")
+                raise other_recording_error(growing.root, "another command", "--record")
             self.scores = [judgement.score() for judgement in judgements(dataset)]
 
     def go_on(self, recorder: Recorder) -> None:
@@ -121,7 +121,7 @@ class Saved:
             earlier, now = identity(self._known), identity(recorder.provenance)
             other = dict.fromkeys(word for key, word in WORDS.items() if earlier[key] != now[key])
             if other:
-                raise begun_with(self.growing.root, f"another {' and '.join(other)}", "--record")
+                raise other_recording_error(self.growing.root, f"another {' and '.join(other)}", "--record")
 
     def save(self, bouts: Sequence[Bout], judgement: Judgement) -> None:
         """Save a rollout, after `go_on`; when this returns, it outlives everything but the disk."""
@@ -133,7 +133,7 @@ class Saved:
 
     def told(self, wanted: int) -> str:
         """Say how many episodes of how many are saved, and how it goes on."""
-        return told(self.growing.root, len(self.scores), wanted)
+        return describe_progress(self.growing.root, len(self.scores), wanted)
 
     def finish(self, notes: str) -> Path:
         """Make a dataset of what is saved, and return its folder.

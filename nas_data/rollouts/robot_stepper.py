@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nas_data.errors import OptionError
-from nas_data.recorders.arm_motion import LEAD, Episode, Motion
-from nas_data.recorders.arm_tally import Tally
+from nas_data.recorders.arm_motion import LEAD, ArmEpisode, ArmMotion
+from nas_data.recorders.arm_tally import RecordingStats
 from nas_data.recorders.arm_ways import Ways
 from nas_data.recorders.tolerance import TRIES, Tolerance
 from nas_data.simulators.base import Simulator
@@ -18,7 +18,7 @@ AHEAD = 0.1  # [s] for which it is looked ahead whether a command leads into a t
 
 
 @dataclass
-class Bout(Episode):
+class Bout(ArmEpisode):
     """What was read and sent from one reset to the next.
 
     Attributes:
@@ -29,7 +29,7 @@ class Bout(Episode):
 
 
 @dataclass
-class RolloutTally(Tally):
+class RolloutTally(RecordingStats):
     """Counts over all sittings of rollouts.
 
     Attributes:
@@ -64,8 +64,8 @@ class RobotStepper:
 
     def __init__(
         self,
-        attacker: Motion,
-        defender: Motion | None,
+        attacker: ArmMotion,
+        defender: ArmMotion | None,
         model: Simulator,
         ways: Ways,
         approach: Callable[[np.ndarray], None],
@@ -157,7 +157,7 @@ class RobotStepper:
         return bouts
 
     def promise(self, seconds: float) -> None:
-        """Tell the guards until when the next word comes [s from now]; raises as `Motion.promise` does."""
+        """Tell the guards until when the next word comes [s from now]; raises as `ArmMotion.promise` does."""
         self._attacker.promise(seconds)
 
     def _end_bout(self) -> None:

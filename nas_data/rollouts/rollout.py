@@ -8,8 +8,8 @@ import numpy as np
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import DONE, REWARD, SUCCESS
 from nas_data.envs.base import Task, Verdict
-from nas_data.envs.loop.arena import Arena
-from nas_data.policies.evaluate import Score
+from nas_data.envs.loop.task_batch import TaskBatch
+from nas_data.policies.evaluate import Returns
 from nas_data.policies.policy import Policy
 from nas_data.rollouts.robot_stepper import Bout, RobotStepper
 
@@ -37,9 +37,9 @@ class Judgement:
         done = np.arange(len(self.rewards)) == len(self.rewards) - 1
         return {REWARD: self.rewards[:, None], DONE: done[:, None], SUCCESS: self.successes[:, None]}
 
-    def score(self) -> Score:
+    def score(self) -> Returns:
         """Return how the episode went."""
-        return Score(
+        return Returns(
             returns=np.array([self.rewards.sum(dtype=float)]),
             successes=np.array([self.successes.any()]),
             lengths=np.array([len(self.rewards)]),
@@ -70,7 +70,7 @@ def roll_out_on_arm(task: Task, stepper: RobotStepper, policy: Policy, seed: int
     Raises:
         ArmError: something is wrong with an arm.
     """
-    arena = Arena(task, stepper)
+    arena = TaskBatch(task, stepper)
     arena.start([np.random.default_rng(seed)])
     verdicts, over = list[Verdict](), False
     while not over:

@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from nas_data.drives import goal_joints
+from nas_data.actuator_lookup import goal_joints
 from nas_data.effects.base import Effect
 from nas_data.effects.edits.hook import StepForces
 from nas_data.errors import ModelFileError, SimulationDiverged

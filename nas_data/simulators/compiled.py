@@ -11,9 +11,9 @@ from nas_data.effects.base import Effect, add_effects
 from nas_data.effects.edits.hook import StepHook
 from nas_data.errors import JointMismatch, ModelFileError, NasError
 from nas_data.robots.base import Robot
-from nas_data.simulators.held import hold_others, lacks_joints, refuse_standing
 from nas_data.simulators.hooks import find_hooks
 from nas_data.simulators.layout import Layout
+from nas_data.simulators.lock_joints import hold_others, lacks_joints, refuse_standing
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from nas_data.actuator_lookup import driving_actuators
 from nas_data.dataset.features import EFFORT, POSITION, VELOCITY
-from nas_data.drives import driving_actuators
 from nas_data.effects.edits.servo import rest_shift
 from nas_data.errors import JointMismatch, ModelFileError
 
@@ -60,8 +60,8 @@ class Controls:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, joints: Iterable[int], name: str) -> "Controls":
-        """Find the controls of some joints of a compiled model; errors as of `commanded`."""
-        found = [commanded(model, int(joint), name) for joint in joints]
+        """Find the controls of some joints of a compiled model; errors as of `find_command`."""
+        found = [find_command(model, int(joint), name) for joint in joints]
         controls = [control for _, control in found]
         return cls(
             kinds=tuple(control.kind for control in controls),
@@ -85,7 +85,7 @@ class Controls:
         return commands if self.plain else commands * self.scale + self.zero
 
 
-def commanded(model: mujoco.MjModel, joint: int, name: str) -> tuple[int, Control]:
+def find_command(model: mujoco.MjModel, joint: int, name: str) -> tuple[int, Control]:
     """Return the actuator that commands a joint, and how; of several a position servo, else the first that can be told.
 
     Args:

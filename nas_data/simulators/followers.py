@@ -76,7 +76,7 @@ class Followers:
         equalities = only_equalities(model)
         kinds = (int(mujoco.mjtEq.mjEQ_JOINT), int(mujoco.mjtEq.mjEQ_TENDON))
         flat = np.isin(model.eq_type[model.eq_active0.astype(bool)], kinds).all() and fixed_tendons(model)
-        evaluate = flat_constraints if flat else solved_constraints
+        evaluate = flat_constraints if flat else evaluate_constraints
         _, jacobian = (values[0] for values in evaluate(equalities, generic_posture(equalities)[None]))
         tied = np.abs(jacobian) > LEVER
         reached = np.zeros(model.nv, bool)
@@ -199,7 +199,7 @@ class Followers:
 
     def constraints(self, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return residuals (B, rows) and Jacobians (B, rows, nv) of the constraints at positions (B, nq)."""
-        residual, jacobian = (flat_constraints if self.flat else solved_constraints)(self.model, qpos)
+        residual, jacobian = (flat_constraints if self.flat else evaluate_constraints)(self.model, qpos)
         return residual[:, self.rows], jacobian[:, self.rows]
 
 
@@ -234,7 +234,7 @@ def fixed_tendons(model: mujoco.MjModel) -> bool:
     return bool((model.wrap_type == int(mujoco.mjtWrap.mjWRAP_JOINT)).all())
 
 
-def solved_constraints(model: mujoco.MjModel, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def evaluate_constraints(model: mujoco.MjModel, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Let the engine evaluate the constraints, posture by posture; see `Followers.constraints`."""
     data, residuals, jacobians = mujoco.MjData(model), [], []
     for row in qpos:

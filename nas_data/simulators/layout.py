@@ -9,7 +9,7 @@ import numpy as np
 
 from nas_data.dataset.features import POSITION
 from nas_data.errors import JointMismatch, ModelFileError
-from nas_data.simulators.controls import Controls, UntoldControl, commanded, length_control
+from nas_data.simulators.controls import Controls, UntoldControl, find_command, length_control
 from nas_data.simulators.followers import Followers, Slack
 from nas_data.simulators.objects import Objects
 
@@ -121,8 +121,8 @@ def joint_index(model: mujoco.MjModel, joint: str, name: str) -> int:
 
 
 def actuator_index(model: mujoco.MjModel, joint: int, name: str) -> int:
-    """Return the index of the actuator that commands a joint; errors as of `commanded`."""
-    return commanded(model, joint, name)[0]
+    """Return the index of the actuator that commands a joint; errors as of `find_command`."""
+    return find_command(model, joint, name)[0]
 
 
 def readout(model: mujoco.MjModel, joints: Sequence[str], indices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from nas_data.dataset.features import EFFORT, POSITION
 from nas_data.errors import OptionError
-from nas_data.simulators.controls import commanded, control_range
+from nas_data.simulators.controls import control_range, find_command
 from nas_data.simulators.layout import joint_index
 
 UNLIMITED = np.pi / 2  # [rad] how far a signal turns a joint for which the model has no limits
@@ -32,7 +32,7 @@ def command_limits(model: mujoco.MjModel, joints: Sequence[str], name: str) -> t
     low, high = np.full(len(joints), -np.inf), np.full(len(joints), np.inf)
     for row, joint in enumerate(joints):
         index = joint_index(model, joint, name)
-        actuator, control = commanded(model, index, name)
+        actuator, control = find_command(model, index, name)
         ranges = [control_range(model, actuator, control)]
         if model.jnt_limited[index] and control.kind == POSITION:
             ranges.append(tuple(model.jnt_range[index]))

@@ -17,9 +17,9 @@ from nas_data.errors import ModelFileError
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.compiled import Compiled
 from nas_data.simulators.hooks import HookedBatch, Switching, roll_hooked
+from nas_data.simulators.initial_states import InitialLoad, SettledStates
 from nas_data.simulators.layout import FULLPHYSICS, INTEGRATION, RestStates, as_slice
 from nas_data.simulators.pool import rollout_pool
-from nas_data.simulators.settled import Hold, SettledStates
 
 SERVOS = 30  # actuator group, the engine's last, of what is without power where the torque is off
 CHUNK_STATES = 250_000  # numbers of simulated state held at once, 2 MB: with its inputs it stays in the cache
@@ -144,7 +144,7 @@ class MujocoSimulator:
         Args:
             initial: First states, shape (B, 2n), or with the objects' states (B, 2n + m).
             commands: Shape (B, T, n).
-            holds: What held each joint in the first pose (a `Hold`), shape (B, n); nothing where None.
+            holds: What held each joint in the first pose (a `InitialLoad`), shape (B, n); nothing where None.
             driven: Rows after which the servos are switched off, shape (B,); never where None.
             earlier: Commands of the control periods before the start, shape (B, L, n), for delays; NaN or None where
                 they are not known: the first command where the arm begins in motion, else what holds it.
@@ -169,7 +169,7 @@ class MujocoSimulator:
 
     def rollout_settled(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
         """Simulate whole episodes from an arm that held its weight; see `Simulator.rollout_settled`."""
-        return self.rollout(initial, commands, np.full(commands.shape[::2], Hold.WEIGHT))
+        return self.rollout(initial, commands, np.full(commands.shape[::2], InitialLoad.WEIGHT))
 
     def stepper(self, size: int) -> "MujocoStepper":
         """Return a batch of simulations for closed loops, on one thread (more pays off only beyond 64)."""

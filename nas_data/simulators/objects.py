@@ -9,7 +9,7 @@ import numpy as np
 
 from nas_data.dataset.features import POSITION, VELOCITY, Feature
 from nas_data.errors import NasError
-from nas_data.simulators.controls import Controls, commanded
+from nas_data.simulators.controls import Controls, find_command
 
 FREE = ("x", "y", "z", "qw", "qx", "qy", "qz"), ("x", "y", "z", "wx", "wy", "wz")  # components of a free joint
 BALL = ("qw", "qx", "qy", "qz"), ("wx", "wy", "wz")
@@ -112,5 +112,5 @@ def servos_of(model: mujoco.MjModel, joints: list[int]) -> Iterator[int]:
     """Yield each joint that is commanded positions."""
     for joint in joints:
         with contextlib.suppress(NasError):
-            if commanded(model, joint, "the scene")[1].kind == POSITION:
+            if find_command(model, joint, "the scene")[1].kind == POSITION:
                 yield joint

@@ -10,10 +10,10 @@ import numpy as np
 from nas_data.effects.base import Effect
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.engines import load_simulator
-from nas_data.virtual_bus.body import Body, Mounting
-from nas_data.virtual_bus.chain import Chain
+from nas_data.virtual_bus.body import Mounting, SimulatedBody
+from nas_data.virtual_bus.chain import ServoChain
 from nas_data.virtual_bus.kinds.base import find_kind
-from nas_data.virtual_bus.servo import Servo
+from nas_data.virtual_bus.servo import VirtualServo
 from nas_data.xl320.ergojr import ergojr_joints
 
 LYING = np.array([0.2, -1.31, 0.72, -0.15, 0.94, 0.28])  # [rad] about Poppy's rest pose, as a hand would leave it
@@ -41,9 +41,9 @@ class Mounted:
     sign: int
     registers: dict[str, int]
 
-    def servo(self) -> Servo:
+    def servo(self) -> VirtualServo:
         """Take it out of its box, and set it up."""
-        servo = Servo(self.id, kind=find_kind(self.kind))
+        servo = VirtualServo(self.id, kind=find_kind(self.kind))
         for name, value in self.registers.items():
             servo.put(name, value)
         servo.kind.started(servo)
@@ -90,7 +90,12 @@ class VirtualArm:
     """
 
     def __init__(
-        self, effects: Sequence[Effect], servos: Sequence[Servo], robot: Robot, joints: Mounting, lying: np.ndarray
+        self,
+        effects: Sequence[Effect],
+        servos: Sequence[VirtualServo],
+        robot: Robot,
+        joints: Mounting,
+        lying: np.ndarray,
     ) -> None:
         """Assemble an arm.
 
@@ -101,9 +106,9 @@ class VirtualArm:
             joints: How their positions are counted.
             lying: How a hand left it [rad], shape (n,).
         """
-        self.servos, self.kind, self.chain = list(servos), servos[0].kind, Chain(servos)
+        self.servos, self.kind, self.chain = list(servos), servos[0].kind, ServoChain(servos)
         period = max(STEP, float(robot.spec().option.timestep))
-        self.body = Body(load_simulator(robot, period, effects=effects, threads=1), robot, self.servos, joints)
+        self.body = SimulatedBody(load_simulator(robot, period, effects=effects, threads=1), robot, self.servos, joints)
         self.body.place(np.concatenate([lying, np.zeros(len(lying))]))
 
     @classmethod
@@ -116,7 +121,7 @@ class VirtualArm:
         """
         joints = ergojr_joints(tuple(-offset for offset in offsets))
         robot = replace(find_robot("ergojr"), edit=_free)
-        return cls(effects, [Servo(identity) for identity in joints.ids], robot, joints, LYING)
+        return cls(effects, [VirtualServo(identity) for identity in joints.ids], robot, joints, LYING)
 
     @classmethod
     def of(cls, effects: Sequence[Effect], model: str, mounted: Sequence[Mounted], lying: Sequence[float]) -> Self:

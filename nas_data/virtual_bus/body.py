@@ -9,8 +9,8 @@ from nas_data.robots.base import Robot
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.layout import actuator_index, joint_index
 from nas_data.virtual_bus.electrics import Electrics
-from nas_data.virtual_bus.kinds.base import Drive, Sensation
-from nas_data.virtual_bus.servo import Servo
+from nas_data.virtual_bus.kinds.base import Sensation, ServoDrive
+from nas_data.virtual_bus.servo import VirtualServo
 
 LONGEST = 2.0  # [s] that a body catches up with after its process stood still
 
@@ -29,7 +29,7 @@ class Mounting(Protocol):
         """Return positions [rad] for encoder counts, shape (n,)."""
 
 
-class Body:
+class SimulatedBody:
     """An arm in a simulator, at rest at first.
 
     A servo's gain and torque limit act on the command that the simulator is given. Without torque the command follows
@@ -43,7 +43,7 @@ class Body:
         renewal: Time between two renewals of the servos' readings [s]; with every step where 0.
     """
 
-    def __init__(self, simulator: Simulator, robot: Robot, servos: Sequence[Servo], joints: Mounting) -> None:
+    def __init__(self, simulator: Simulator, robot: Robot, servos: Sequence[VirtualServo], joints: Mounting) -> None:
         """Put servos into an arm.
 
         Args:
@@ -62,7 +62,7 @@ class Body:
         self._duty = np.zeros(len(self.servos))
         self._goal: np.ndarray = self.positions.copy()
         self._pace: np.ndarray = np.zeros(len(self.servos))
-        self._drives: list[Drive] = []
+        self._drives: list[ServoDrive] = []
         self.sense()
 
     @property
@@ -154,7 +154,7 @@ class Body:
         self._goal, self._pace = np.where(self._powered, self._goal + moved, positions), moved / step
 
 
-def gains_and_strengths(robot: Robot, servos: Sequence[Servo]) -> tuple[np.ndarray, np.ndarray]:
+def gains_and_strengths(robot: Robot, servos: Sequence[VirtualServo]) -> tuple[np.ndarray, np.ndarray]:
     """Return gain [N m/rad] and largest torque [N m] of each joint's servo in the model, shape (n,) each.
 
     A model that does not limit a torque gets that at which the servo stalls.

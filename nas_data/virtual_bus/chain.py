@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from nas_data.virtual_bus.packet import BROADCAST, Error, Instruction, Packet
-from nas_data.virtual_bus.servo import Servo
+from nas_data.virtual_bus.servo import VirtualServo
 from nas_data.xl320.units import DELAY_UNIT
 
 
@@ -23,13 +23,13 @@ class Reply:
     together: bool = False
 
 
-class Chain:
+class ServoChain:
     """The servos of an arm, which speak one protocol; several may wrongly have the same identity."""
 
-    def __init__(self, servos: Sequence[Servo]) -> None:
+    def __init__(self, servos: Sequence[VirtualServo]) -> None:
         self.servos = list(servos)
         self._protocol = self.servos[0].kind.protocol
-        self._single: dict[int, Callable[[Servo, bytes], tuple[Error, bytes]]] = {
+        self._single: dict[int, Callable[[VirtualServo, bytes], tuple[Error, bytes]]] = {
             Instruction.PING: self._ping,
             Instruction.READ: self._read,
             Instruction.WRITE: self._write,
@@ -56,7 +56,7 @@ class Chain:
         replies = [self._alone(servo, packet) for servo in self.named(packet.id)]
         return [Reply(reply.content, reply.pause, together=place > 0) for place, reply in enumerate(_said(replies))]
 
-    def named(self, identity: int) -> list[Servo]:
+    def named(self, identity: int) -> list[VirtualServo]:
         """Return the servos of an identity: one in a sound arm."""
         return [servo for servo in self.servos if servo.get("id") == identity]
 
@@ -68,7 +68,7 @@ class Chain:
         replies = _said([self._alone(servo, packet) for servo in servos])
         return replies if packet.instruction == Instruction.PING else []
 
-    def _alone(self, servo: Servo, packet: Packet) -> Reply | None:
+    def _alone(self, servo: VirtualServo, packet: Packet) -> Reply | None:
         """Let one servo follow an instruction; None where its status level keeps it silent."""
         follow = self._single.get(packet.instruction)
         if not packet.sound:
@@ -117,7 +117,7 @@ class Chain:
             start += 5 + length
         return []
 
-    def _reply(self, servo: Servo, error: Error, data: bytes) -> Reply:
+    def _reply(self, servo: VirtualServo, error: Error, data: bytes) -> Reply:
         byte = servo.kind.error_byte(servo, error)
         return Reply(self._protocol.status(servo.get("id"), byte, data), servo.get("return_delay") * DELAY_UNIT)
 
@@ -125,18 +125,18 @@ class Chain:
         """Return the address and the length that parameters begin with."""
         return self._protocol.number(parameters, 0), self._protocol.number(parameters, 1)
 
-    def _ping(self, servo: Servo, _: bytes) -> tuple[Error, bytes]:
+    def _ping(self, servo: VirtualServo, _: bytes) -> tuple[Error, bytes]:
         return servo.read(0, 3) if self._protocol.names_model else (Error.NONE, b"")  # model number and firmware
 
-    def _read(self, servo: Servo, parameters: bytes) -> tuple[Error, bytes]:
+    def _read(self, servo: VirtualServo, parameters: bytes) -> tuple[Error, bytes]:
         if len(parameters) != 2 * self._protocol.width:
             return Error.DATA_LENGTH, b""
         return servo.read(*self._stretch(parameters))
 
-    def _write(self, servo: Servo, parameters: bytes) -> tuple[Error, bytes]:
+    def _write(self, servo: VirtualServo, parameters: bytes) -> tuple[Error, bytes]:
         return servo.write(self._protocol.number(parameters, 0), parameters[self._protocol.width :]), b""
 
-    def _reg_write(self, servo: Servo, parameters: bytes) -> tuple[Error, bytes]:
+    def _reg_write(self, servo: VirtualServo, parameters: bytes) -> tuple[Error, bytes]:
         return servo.register_write(self._protocol.number(parameters, 0), parameters[self._protocol.width :]), b""
 
 

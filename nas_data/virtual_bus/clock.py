@@ -4,10 +4,10 @@ import time
 from typing import Protocol
 
 from nas_data.virtual_bus.packet import Instruction, Packet
-from nas_data.virtual_bus.protocols import Protocol as Speech
+from nas_data.virtual_bus.protocols import PacketProtocol as Speech
 
 
-class Clock(Protocol):
+class BusClock(Protocol):
     """What says how far the arm has moved."""
 
     def now(self) -> float:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from nas_data.virtual_bus.arm import VirtualArm
-from nas_data.virtual_bus.clock import Clock
+from nas_data.virtual_bus.clock import BusClock
 from nas_data.virtual_bus.faults.base import Fault
 from nas_data.virtual_bus.packet import Packet
 from nas_data.virtual_bus.wire import seconds, transmit
@@ -22,7 +22,7 @@ class Device:
     """
 
     def __init__(
-        self, arm: VirtualArm, clock: Clock, faults: Sequence[Fault], rng: np.random.Generator, honest: bool = True
+        self, arm: VirtualArm, clock: BusClock, faults: Sequence[Fault], rng: np.random.Generator, honest: bool = True
     ) -> None:
         """Put the arm on a line.
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nas_data.virtual_bus.kinds.base import Bounds, Kind, Reason
+from nas_data.virtual_bus.kinds.base import Bounds, Reason, ServoSeries
 
 IDLE_CURRENT = 0.03  # [A] of a servo that stands
 SUPPLY_RESISTANCE = 0.15  # [Ω] of supply and wires
@@ -28,7 +28,7 @@ class Electrics:
         temperature: Of each [°C], shape (n,).
     """
 
-    kinds: Sequence[Kind]
+    kinds: Sequence[ServoSeries]
     air: float = 25.0
     supply: np.ndarray | float = field(init=False)
     voltage: np.ndarray | float = field(init=False)

@@ -32,7 +32,7 @@ def status(identity: int, error: int = 0, data: bytes = b"") -> bytes:
     return FeetechPacket(identity, error, data).encode()
 
 
-class Reader:
+class FeetechReader:
     """Finds packets in a stream of bytes, whatever lies between them."""
 
     def __init__(self) -> None:

@@ -95,7 +95,7 @@ class PacketReader(Protocol):
         """Take bytes in, return the packets that they complete."""
 
 
-class Reader:
+class Protocol2Reader:
     """Finds packets in a stream of bytes, whatever lies between them."""
 
     def __init__(self) -> None:

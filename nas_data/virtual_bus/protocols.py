@@ -8,7 +8,7 @@ from nas_data.virtual_bus.packet import PacketReader
 
 
 @dataclass(frozen=True)
-class Protocol:
+class PacketProtocol:
     """One way to speak.
 
     Attributes:
@@ -30,5 +30,5 @@ class Protocol:
         return int.from_bytes(parameters[place * self.width : (place + 1) * self.width], "little")
 
 
-PROTOCOL_2 = Protocol(2, packet.Reader, packet.status, names_model=True, complains=True)
-FEETECH = Protocol(1, feetech_packet.Reader, feetech_packet.status, names_model=False, complains=False)
+PROTOCOL_2 = PacketProtocol(2, packet.Protocol2Reader, packet.status, names_model=True, complains=True)
+FEETECH = PacketProtocol(1, feetech_packet.FeetechReader, feetech_packet.status, names_model=False, complains=False)

@@ -1,15 +1,15 @@
 """One simulated servo: its memory, and what it does when it is asked to read or write."""
 
 from nas_data.errors import OptionError
-from nas_data.virtual_bus.kinds.base import Drive, Kind, Reason
+from nas_data.virtual_bus.kinds.base import Reason, ServoDrive, ServoSeries
 from nas_data.virtual_bus.kinds.xl320 import KIND as XL320
 from nas_data.virtual_bus.packet import Error
-from nas_data.xl320.control_table import Register
+from nas_data.xl320.control_table import ControlTableEntry
 
 EVERYTHING, BUT_ID, BUT_ID_AND_BAUD = 0xFF, 0x01, 0x02  # what a factory reset forgets
 
 
-class Servo:
+class VirtualServo:
     """A control table with the rules of its series.
 
     Attributes:
@@ -18,10 +18,10 @@ class Servo:
         answers_sync: Whether the firmware knows sync read.
     """
 
-    def __init__(self, identity: int, model_number: int | None = None, kind: Kind = XL320) -> None:
+    def __init__(self, identity: int, model_number: int | None = None, kind: ServoSeries = XL320) -> None:
         """Take a servo out of its box, and give it an identity."""
         self.kind, self.memory = kind, bytearray(kind.size)
-        self._drive: Drive | None = None
+        self._drive: ServoDrive | None = None
         self.answers_sync = True
         self._registered: tuple[int, bytes] | None = None
         for name, register in kind.registers.items():
@@ -51,7 +51,7 @@ class Servo:
             self._drive = self._drive if name.startswith(("present", "moving")) else None
 
     @property
-    def drive(self) -> Drive:
+    def drive(self) -> ServoDrive:
         """What its registers make of it."""
         if self._drive is None:
             self._drive = self.kind.drive(self)
@@ -89,7 +89,7 @@ class Servo:
                 return error
         return Error.NONE
 
-    def _judge(self, register: Register, value: int) -> Error:
+    def _judge(self, register: ControlTableEntry, value: int) -> Error:
         if not register.writable or self.kind.locked(self, register):
             return Error.ACCESS
         if not register.low <= value <= register.high:
@@ -138,5 +138,5 @@ class Servo:
         return self.reboot()
 
     def fail(self, reason: int) -> None:
-        """Note a hardware error; see `Kind.fail`."""
+        """Note a hardware error; see `ServoSeries.fail`."""
         self.kind.fail(self, Reason(reason))

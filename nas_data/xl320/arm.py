@@ -16,11 +16,11 @@ from nas_data.xl320.control_table import FEEDBACK, FEEDBACK_SIZE, HEALTH, HEALTH
 from nas_data.xl320.fitness import refuse_outside, refuse_unfit
 from nas_data.xl320.joints import Joints
 from nas_data.xl320.port import open_port
-from nas_data.xl320.survey import Found, nobody, survey
+from nas_data.xl320.survey import FoundServo, nobody, survey
 from nas_data.xl320.units import HIGHEST, VOLT
 
 
-class Arm:
+class Xl320Arm:
     """An arm on a port; a context that leaves it without torque.
 
     Attributes:
@@ -61,7 +61,7 @@ class Arm:
         """Names of the joints."""
         return self.joints.names
 
-    def check(self) -> list[Found]:
+    def check(self) -> list[FoundServo]:
         """Look at every servo, and refuse an arm that cannot be used.
 
         Raises:
@@ -227,7 +227,7 @@ class Arm:
         joints = self.joints
         return Reading(when, joints.positions(position), joints.velocities(speed), joints.loads(load), raw, alerts)
 
-    def __enter__(self) -> "Arm":
+    def __enter__(self) -> "Xl320Arm":
         return self
 
     def __exit__(
@@ -261,15 +261,15 @@ class Xl320:
         """Speed that its servos are limited to [rad/s]; 0 for none."""
         return self.configuration.speed
 
-    def open(self, now: Callable[[], float] = time.monotonic) -> Arm:
-        """Open the port; see `Arm`."""
-        return Arm(self.port, self.joints, now, self.configuration)
+    def open(self, now: Callable[[], float] = time.monotonic) -> Xl320Arm:
+        """Open the port; see `Xl320Arm`."""
+        return Xl320Arm(self.port, self.joints, now, self.configuration)
 
     def charge(self) -> dict[str, object]:
         """Return what a guard needs."""
         return {OPENER: f"{__name__}:{open_guarded.__name__}", "port": self.port, "joints": asdict(self.joints)}
 
 
-def open_guarded(port: str, joints: Mapping[str, Sequence[object]]) -> Arm:
+def open_guarded(port: str, joints: Mapping[str, Sequence[object]]) -> Xl320Arm:
     """Open an arm in order to stop it; see `Xl320.charge`."""
-    return Arm(port, Joints(**{key: tuple(value) for key, value in joints.items()}))  # type: ignore[arg-type]
+    return Xl320Arm(port, Joints(**{key: tuple(value) for key, value in joints.items()}))  # type: ignore[arg-type]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from dynamixel_sdk import COMM_SUCCESS, GroupSyncWrite, PacketHandler
 
-from nas_data.arms.port_errors import lost
+from nas_data.arms.port_errors import lost_port_error
 from nas_data.errors import BadReply, ServoRefused, ServoSilent
 from nas_data.xl320.control_table import REGISTERS
 from nas_data.xl320.port import Port
@@ -216,4 +216,4 @@ class Bus:
             self.port.drain()
             yield
         except (OSError, termios.error) as error:
-            raise lost(self.port.port_name) from error
+            raise lost_port_error(self.port.port_name) from error

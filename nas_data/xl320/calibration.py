@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.dataset.staging import put
+from nas_data.dataset.staging import write_synced
 from nas_data.errors import OptionError
 from nas_data.xl320.joints import Joints
 from nas_data.xl320.units import CENTRE
@@ -58,7 +58,7 @@ def write_calibration(path: Path, joints: Joints) -> None:
         }
         for place, name in enumerate(joints.names)
     }
-    put(path, json.dumps(content, indent=4).encode())
+    write_synced(path, json.dumps(content, indent=4).encode())
 
 
 def read_calibration(path: Path, joints: Joints) -> Joints:

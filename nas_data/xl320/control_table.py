@@ -17,7 +17,7 @@ OVERLOAD, OVERHEAT, VOLTAGE = 1, 2, 4  # bits of the hardware error and of what 
 
 
 @dataclass(frozen=True)
-class Register:
+class ControlTableEntry:
     """One entry of the control table.
 
     Attributes:
@@ -42,37 +42,37 @@ class Register:
 REGISTERS = {
     register.name: register
     for register in (
-        Register("model_number", 0, 2, MODEL_NUMBER, writable=False),
-        Register("firmware", 2, 1, 29, writable=False),
-        Register("id", 3, 1, 1, 0, 252),
-        Register("baud_rate", 4, 1, 3, 0, 3),
-        Register("return_delay", 5, 1, 250, 0, 254),
-        Register("cw_limit", 6, 2, 0, 0, 1023),
-        Register("ccw_limit", 8, 2, 1023, 0, 1023),
-        Register("control_mode", 11, 1, 2, 1, 2),
-        Register("temperature_limit", 12, 1, 65, 0, 150),
-        Register("lowest_voltage", 13, 1, 60, 50, 250),
-        Register("highest_voltage", 14, 1, 90, 50, 250),
-        Register("max_torque", 15, 2, 1023, 0, 1023),
-        Register("status_level", 17, 1, 2, 0, 2),
-        Register("shutdown", 18, 1, 3, 0, 7),
-        Register("torque_enable", 24, 1, 0, 0, 1),
-        Register("led", 25, 1, 0, 0, 7),
-        Register("d_gain", 27, 1, 0, 0, 254),
-        Register("i_gain", 28, 1, 0, 0, 254),
-        Register("p_gain", 29, 1, 32, 0, 254),
-        Register("goal_position", 30, 2, 512, 0, 1023),
-        Register("moving_speed", 32, 2, 0, 0, 2047),
-        Register("torque_limit", 35, 2, 1023, 0, 1023),
-        Register("present_position", 37, 2, 512, writable=False),
-        Register("present_speed", 39, 2, 0, writable=False),
-        Register("present_load", 41, 2, 0, writable=False),
-        Register("present_voltage", 45, 1, 74, writable=False),
-        Register("present_temperature", 46, 1, 25, writable=False),
-        Register("registered", 47, 1, 0, writable=False),
-        Register("moving", 49, 1, 0, writable=False),
-        Register("hardware_error", 50, 1, 0, writable=False),
-        Register("punch", 51, 2, 32, 0, 1023),
+        ControlTableEntry("model_number", 0, 2, MODEL_NUMBER, writable=False),
+        ControlTableEntry("firmware", 2, 1, 29, writable=False),
+        ControlTableEntry("id", 3, 1, 1, 0, 252),
+        ControlTableEntry("baud_rate", 4, 1, 3, 0, 3),
+        ControlTableEntry("return_delay", 5, 1, 250, 0, 254),
+        ControlTableEntry("cw_limit", 6, 2, 0, 0, 1023),
+        ControlTableEntry("ccw_limit", 8, 2, 1023, 0, 1023),
+        ControlTableEntry("control_mode", 11, 1, 2, 1, 2),
+        ControlTableEntry("temperature_limit", 12, 1, 65, 0, 150),
+        ControlTableEntry("lowest_voltage", 13, 1, 60, 50, 250),
+        ControlTableEntry("highest_voltage", 14, 1, 90, 50, 250),
+        ControlTableEntry("max_torque", 15, 2, 1023, 0, 1023),
+        ControlTableEntry("status_level", 17, 1, 2, 0, 2),
+        ControlTableEntry("shutdown", 18, 1, 3, 0, 7),
+        ControlTableEntry("torque_enable", 24, 1, 0, 0, 1),
+        ControlTableEntry("led", 25, 1, 0, 0, 7),
+        ControlTableEntry("d_gain", 27, 1, 0, 0, 254),
+        ControlTableEntry("i_gain", 28, 1, 0, 0, 254),
+        ControlTableEntry("p_gain", 29, 1, 32, 0, 254),
+        ControlTableEntry("goal_position", 30, 2, 512, 0, 1023),
+        ControlTableEntry("moving_speed", 32, 2, 0, 0, 2047),
+        ControlTableEntry("torque_limit", 35, 2, 1023, 0, 1023),
+        ControlTableEntry("present_position", 37, 2, 512, writable=False),
+        ControlTableEntry("present_speed", 39, 2, 0, writable=False),
+        ControlTableEntry("present_load", 41, 2, 0, writable=False),
+        ControlTableEntry("present_voltage", 45, 1, 74, writable=False),
+        ControlTableEntry("present_temperature", 46, 1, 25, writable=False),
+        ControlTableEntry("registered", 47, 1, 0, writable=False),
+        ControlTableEntry("moving", 49, 1, 0, writable=False),
+        ControlTableEntry("hardware_error", 50, 1, 0, writable=False),
+        ControlTableEntry("punch", 51, 2, 32, 0, 1023),
     )
 }
 FLEETING = ("registered", "moving", "hardware_error", "goal_position", "led")  # registers that are no settings

@@ -4,11 +4,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from nas_data.errors import ArmError
-from nas_data.xl320.arm import Arm
+from nas_data.xl320.arm import Xl320Arm
 from nas_data.xl320.control_table import MODEL_NUMBER
 from nas_data.xl320.fitness import refuse_outside, refuse_unfit
 from nas_data.xl320.joints import Joints
-from nas_data.xl320.survey import Found, look, nobody, present, refuse_duplicates
+from nas_data.xl320.survey import FoundServo, look, nobody, present, refuse_duplicates
 
 
 @dataclass(frozen=True)
@@ -20,11 +20,11 @@ class Inventory:
         problems: What keeps the arm from being used, one sentence each.
     """
 
-    servos: tuple[Found, ...]
+    servos: tuple[FoundServo, ...]
     problems: tuple[str, ...]
 
 
-def take_inventory(arm: Arm) -> Inventory:
+def take_inventory(arm: Xl320Arm) -> Inventory:
     """Look at everything on an arm's line.
 
     Raises:
@@ -53,7 +53,7 @@ def _absent(joints: Joints, answering: set[int]) -> Iterator[str]:
         yield f"Servo {identity} is no servo of this arm; rename it (--rename {identity}:NEW) or unplug it."
 
 
-def _unfit(arm: Arm, servos: list[Found]) -> Iterator[str]:
+def _unfit(arm: Xl320Arm, servos: list[FoundServo]) -> Iterator[str]:
     """Say which servos must not be used as they are."""
     names = dict(zip(arm.joints.ids, arm.joints.names, strict=True))
     ours = [servo for servo in servos if servo.id in names]

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from nas_data.xl320.units import CENTRE, HIGHEST, LOAD_UNIT, SPEED_UNIT, TICK, signed
+from nas_data.xl320.units import CENTRE, HIGHEST, LOAD_UNIT, SPEED_UNIT, TICK, decode_sign_magnitude
 
 
 @dataclass(frozen=True)
@@ -48,11 +48,11 @@ class Joints:
 
     def velocities(self, raw: np.ndarray) -> np.ndarray:
         """Return velocities [rad/s] for the speed registers, shape (…, n)."""
-        return np.asarray(self.signs * signed(raw) * SPEED_UNIT)
+        return np.asarray(self.signs * decode_sign_magnitude(raw) * SPEED_UNIT)
 
     def loads(self, raw: np.ndarray) -> np.ndarray:
         """Return loads as shares of the largest torque for the load registers, shape (…, n)."""
-        return np.asarray(self.signs * signed(raw) * LOAD_UNIT)
+        return np.asarray(self.signs * decode_sign_magnitude(raw) * LOAD_UNIT)
 
     def raw(self, positions: np.ndarray) -> np.ndarray:
         """Return the nearest ticks for positions [rad], shape (n,), even where a servo cannot count that far."""

@@ -14,7 +14,7 @@ FAULTS = {OVERLOAD: "overload", OVERHEAT: "overheating", VOLTAGE: "voltage"}
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundServo:
     """One servo.
 
     Attributes:
@@ -38,15 +38,15 @@ class Found:
     errors: tuple[str, ...]
 
 
-def look(bus: Bus, identity: int) -> Found:
+def look(bus: Bus, identity: int) -> FoundServo:
     """Read everything about one servo; raises as `Bus.read` does."""
     head = bus.read(identity, 0, 3)
     model = head.register("model_number", 0)
     if model != MODEL_NUMBER:  # another control table: nothing else can be read
-        return Found(identity, model, head.register("firmware", 0), 0.0, 0, 0, False, ())
+        return FoundServo(identity, model, head.register("firmware", 0), 0.0, 0, 0, False, ())
     live = bus.read(identity, FEEDBACK, MOVING_PART)
     error = bus.get(identity, "hardware_error")
-    return Found(
+    return FoundServo(
         id=identity,
         model=model,
         firmware=head.register("firmware", 0),
@@ -58,7 +58,7 @@ def look(bus: Bus, identity: int) -> Found:
     )
 
 
-def survey(bus: Bus, identities: Sequence[int]) -> list[Found]:
+def survey(bus: Bus, identities: Sequence[int]) -> list[FoundServo]:
     """Look at the servos of an arm.
 
     Raises:

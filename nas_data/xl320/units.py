@@ -18,7 +18,7 @@ DELAY_UNIT = 2e-6  # [s] a unit of return delay
 SIGN = 0x400  # bit that says clockwise; the ten below hold the magnitude
 
 
-def signed(raw: np.ndarray) -> np.ndarray:
+def decode_sign_magnitude(raw: np.ndarray) -> np.ndarray:
     """Return what sign-magnitude registers (speed, load) say, counterclockwise positive; any shape."""
     magnitude = raw & (SIGN - 1)
     return np.where(raw & SIGN, -magnitude, magnitude)

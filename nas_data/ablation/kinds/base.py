@@ -9,7 +9,7 @@ from nas_data import registry
 from nas_data.dataset.dataset import Dataset
 from nas_data.models.lstm import DynamicsModel
 from nas_data.models.presets import TrainingOptions
-from nas_data.sources import Source
+from nas_data.sources import SourceModel
 
 if TYPE_CHECKING:
     from nas_data.ablation.naming import NamedSource  # what only trains does not depend on the search
@@ -32,13 +32,13 @@ class Lesson:
 
     data: Dataset
     root: Path
-    source: Source | None
+    source: SourceModel | None
     effects: Path | None
     options: TrainingOptions
     folder: Path
 
     @property
-    def plain(self) -> Source:
+    def plain(self) -> SourceModel:
         """The plain source, of a kind that needs one."""
         assert self.source is not None  # the sweep checks it before anything is learned
         return self.source
@@ -55,12 +55,12 @@ class Learned:
     """
 
     model: DynamicsModel | None
-    source: Source | None
+    source: SourceModel | None
     named: "NamedSource | None" = None
 
 
 @dataclass(frozen=True)
-class Kind:
+class ModelKind:
     """A kind; the file `ablation/kinds/a_b.py` holds the kind `a_b` as `KIND`.
 
     Attributes:
@@ -85,10 +85,10 @@ def kinds() -> tuple[str, ...]:
     return registry.names(FOLDER)
 
 
-def find_kind(name: str) -> Kind:
+def find_kind(name: str) -> ModelKind:
     """Return a kind by its name.
 
     Raises:
         UnknownName: there is no such kind; lists those there are.
     """
-    return registry.value(FOLDER, name, "kind", Kind)
+    return registry.value(FOLDER, name, "kind", ModelKind)

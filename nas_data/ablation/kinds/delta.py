@@ -1,6 +1,6 @@
 """φ: the source, corrected by what the subset teaches."""
 
-from nas_data.ablation.kinds.base import Kind, Learned, Lesson
+from nas_data.ablation.kinds.base import Learned, Lesson, ModelKind
 from nas_data.ablation.training import train
 
 
@@ -10,4 +10,4 @@ def learn(lesson: Lesson) -> Learned:
     return Learned(train("delta", lesson.data, simulator, lesson.options, lesson.folder), lesson.plain)
 
 
-KIND = Kind("source + φ", learn, needs_source=True, needs_pairs=True)
+KIND = ModelKind("source + φ", learn, needs_source=True, needs_pairs=True)

@@ -1,6 +1,6 @@
 """ψ: the next state from state and command, without a source."""
 
-from nas_data.ablation.kinds.base import Kind, Learned, Lesson
+from nas_data.ablation.kinds.base import Learned, Lesson, ModelKind
 from nas_data.ablation.training import train
 
 
@@ -9,4 +9,4 @@ def learn(lesson: Lesson) -> Learned:
     return Learned(train("forward", lesson.data, None, lesson.options, lesson.folder), None)
 
 
-KIND = Kind("ψ", learn)
+KIND = ModelKind("ψ", learn)

@@ -1,6 +1,6 @@
 """Named: the source with the effects that `nas gap` names from the same subset, nothing trained."""
 
-from nas_data.ablation.kinds.base import Kind, Learned, Lesson
+from nas_data.ablation.kinds.base import Learned, Lesson, ModelKind
 from nas_data.ablation.naming import name_effects, read_named
 
 
@@ -14,4 +14,4 @@ def learn(lesson: Lesson) -> Learned:
     return Learned(None, named.source, named)
 
 
-KIND = Kind("named", learn, trains=False, needs_source=True, names=True)
+KIND = ModelKind("named", learn, trains=False, needs_source=True, names=True)

@@ -1,7 +1,7 @@
 """Named + φ: the source with named effects, corrected by what the subset teaches beyond them."""
 
 from nas_data.ablation.kinds import named
-from nas_data.ablation.kinds.base import Kind, Learned, Lesson
+from nas_data.ablation.kinds.base import Learned, Lesson, ModelKind
 from nas_data.ablation.training import train
 from nas_data.pairing import pair
 
@@ -15,4 +15,4 @@ def learn(lesson: Lesson) -> Learned:
     return Learned(train("delta", paired, simulator, lesson.options, lesson.folder), base.source, base.named)
 
 
-KIND = Kind("named + φ", learn, needs_source=True, names=True)
+KIND = ModelKind("named + φ", learn, needs_source=True, names=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from nas_data import registry
-from nas_data.blind.findings import Finding
+from nas_data.blind.findings import ReportedEffect
 from nas_data.blind.fresh import Predict
 
 
@@ -18,13 +18,13 @@ class Claim:
         predict: Commands (E, T, n), first positions and speeds (E, 2n) → positions (E, T, n) [rad].
     """
 
-    findings: tuple[Finding, ...]
+    findings: tuple[ReportedEffect, ...]
     predict: Predict
 
 
-def claim(effect: str, joint: str | None) -> Finding:
+def claim(effect: str, joint: str | None) -> ReportedEffect:
     """Return a name without parameters; a method without a measure of doubt is sure of it."""
-    return Finding((effect, joint), {}, {}, 1.0, ())
+    return ReportedEffect((effect, joint), {}, {}, 1.0, ())
 
 
 def find_baseline(name: str) -> Callable[[Path, Path], Claim]:

@@ -11,7 +11,7 @@ from nas_data.models.augmented import LearnedStepper
 from nas_data.models.lstm import DynamicsModel
 from nas_data.models.presets import preset
 from nas_data.models.run import TrainingRun
-from nas_data.models.training import Training
+from nas_data.models.training import ModelTraining
 from nas_data.pairing import pair
 from nas_data.simulators.mujoco import MujocoSimulator
 
@@ -25,13 +25,13 @@ def answer(dataset: Path, model: Path) -> Claim:
     recorded = read(dataset)
     simulator = MujocoSimulator.load(model, 1 / recorded.fps, recorded.joints, threads=1)
     options = preset("fast", **SMALL)
-    training = Training("delta", pair(recorded, simulator), options, simulator)
+    training = ModelTraining("delta", pair(recorded, simulator), options, simulator)
     with tempfile.TemporaryDirectory() as folder:
         learned = TrainingRun(training, Path(folder) / "phi", report=lambda line: None).run()
-    return Claim((), lambda commands, first: augmented(simulator, learned, commands, first))
+    return Claim((), lambda commands, first: roll_out_corrected(simulator, learned, commands, first))
 
 
-def augmented(
+def roll_out_corrected(
     simulator: MujocoSimulator, learned: DynamicsModel, commands: np.ndarray, first: np.ndarray
 ) -> np.ndarray:
     """Return positions (E, T, n) [rad] of the source corrected by φ after every step."""

@@ -9,7 +9,7 @@ from nas_data.gap.nominal import with_timestep
 from nas_data.gap.problem import Problem
 from nas_data.gap.search.plain_fit import fit_plain
 from nas_data.gap.search.search import Search
-from nas_data.simulators.settled import Hold
+from nas_data.simulators.initial_states import InitialLoad
 
 
 def answer(dataset: Path, model: Path) -> Claim:
@@ -21,7 +21,7 @@ def answer(dataset: Path, model: Path) -> Claim:
     simulator = nominal.simulator(plain.effects, plain.fit.factors)
 
     def predict(commands: np.ndarray, first: np.ndarray) -> np.ndarray:
-        holds = np.full((len(commands), commands.shape[2]), Hold.WEIGHT)
+        holds = np.full((len(commands), commands.shape[2]), InitialLoad.WEIGHT)
         return simulator.rollout(first, commands, holds)[..., : commands.shape[2]]
 
     return Claim((), predict)

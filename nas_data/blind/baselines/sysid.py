@@ -9,7 +9,7 @@ import numpy as np
 from mujoco import minimize
 
 from nas_data.blind.baselines.base import Claim, claim
-from nas_data.blind.recorded import Recorded
+from nas_data.blind.recorded import RecordedCase
 from nas_data.blind.resimulate import Delivered, actuators_of
 from nas_data.simulators.layout import FULLPHYSICS, Layout, RestStates
 
@@ -29,7 +29,7 @@ PARAMETERS = {
 
 
 @dataclass(frozen=True)
-class Fit:
+class SysidProblem:
     """A model whose parameters are all free, and episodes to fit them to.
 
     Attributes:
@@ -41,7 +41,7 @@ class Fit:
 
     model: mujoco.MjModel
     layout: Layout
-    recorded: Recorded
+    recorded: RecordedCase
     substeps: int
 
     def changed(self, logarithms: np.ndarray) -> mujoco.MjModel:
@@ -79,11 +79,11 @@ class Fit:
 
 def answer(dataset: Path, model: Path) -> Claim:
     """Fit gains, damping, friction, rotor inertia and masses; name the parameter farthest out, if any is."""
-    recorded = Recorded.load(dataset)
+    recorded = RecordedCase.load(dataset)
     compiled = mujoco.MjModel.from_xml_path(str(model))
     substeps = int(np.ceil(1 / recorded.rate / compiled.opt.timestep - 1e-6))
     compiled.opt.timestep = 1 / recorded.rate / substeps
-    fit = Fit(compiled, Layout.of(compiled, recorded.joints, str(model)), recorded, substeps)
+    fit = SysidProblem(compiled, Layout.of(compiled, recorded.joints, str(model)), recorded, substeps)
     count = len(PARAMETERS) * len(recorded.joints)
     bounds = [np.full((count, 1), -WIDEST), np.full((count, 1), WIDEST)]
     best, _ = minimize.least_squares(
@@ -101,7 +101,7 @@ def answer(dataset: Path, model: Path) -> Claim:
     return Claim((claim(effect, joint),) if out[worst] > 0 else (), fitted.play)
 
 
-def half_widths(fit: Fit, logarithms: np.ndarray) -> np.ndarray:
+def half_widths(fit: SysidProblem, logarithms: np.ndarray) -> np.ndarray:
     """Return half widths of 95 % intervals, independent residuals assumed, as `mujoco.sysid` has them."""
     around = np.concatenate([np.zeros((len(logarithms), 1)), STEP * np.eye(len(logarithms))], axis=1)
     columns = fit.residual(logarithms[:, None] + around)

@@ -8,8 +8,8 @@ from typing import Protocol, TypeAlias
 import numpy as np
 
 from nas_data import registry
-from nas_data.blind.arms import Arm
-from nas_data.blind.plants.body import Body, stacked
+from nas_data.blind.arms import NominalArm
+from nas_data.blind.plants.body import PlantBody, stack_arms
 from nas_data.blind.plants.chain import Chain
 from nas_data.blind.plants.constants import Constants
 from nas_data.blind.plants.hiding import hide
@@ -25,9 +25,11 @@ SETTLE = 0.5  # [s] for which the first pose is commanded before an episode begi
 Feedback: TypeAlias = Callable[[int, np.ndarray], np.ndarray]
 # states (C, E, T + 1, 2n) of an arm under C truths with commands (E, T, n) from states (E, 2n) at a control period [s];
 # feedback, where there is one, replaces the commands
-Simulate: TypeAlias = Callable[[Arm, Sequence[Truth], np.ndarray, np.ndarray, float, Feedback | None], np.ndarray]
+Simulate: TypeAlias = Callable[
+    [NominalArm, Sequence[Truth], np.ndarray, np.ndarray, float, Feedback | None], np.ndarray
+]
 # the same of C arms alike
-SimulateAlike: TypeAlias = Callable[[list[Body], np.ndarray, np.ndarray, float, Feedback | None], np.ndarray]
+SimulateAlike: TypeAlias = Callable[[list[PlantBody], np.ndarray, np.ndarray, float, Feedback | None], np.ndarray]
 
 
 class Play(Protocol):
@@ -35,7 +37,7 @@ class Play(Protocol):
 
     def __call__(
         self,
-        arm: Arm,
+        arm: NominalArm,
         truths: Sequence[Truth],
         commands: np.ndarray,
         poses: np.ndarray,
@@ -79,7 +81,7 @@ def player(simulate: Simulate) -> Play:
     """Return a plant's `play` from its simulation."""
 
     def play(
-        arm: Arm,
+        arm: NominalArm,
         truths: Sequence[Truth],
         commands: np.ndarray,
         poses: np.ndarray,
@@ -101,7 +103,7 @@ def in_groups(simulate: SimulateAlike) -> Simulate:
     """Return a simulation under any truths from one of arms that are alike."""
 
     def every(
-        arm: Arm,
+        arm: NominalArm,
         truths: Sequence[Truth],
         commands: np.ndarray,
         starts: np.ndarray,
@@ -125,7 +127,7 @@ def with_settling(
     return np.concatenate([np.repeat(poses[:, None], held, axis=1), commands], axis=1), held
 
 
-def alike(arm: Arm, truths: Sequence[Truth]) -> Iterator[tuple[list[int], list[Body]]]:
+def alike(arm: NominalArm, truths: Sequence[Truth]) -> Iterator[tuple[list[int], list[PlantBody]]]:
     """Group truths whose arms have equally many links, so that each group can be stacked."""
     constants = Constants.of(arm.model())
     bodies = [hide(constants, truth) for truth in truths]
@@ -134,14 +136,14 @@ def alike(arm: Arm, truths: Sequence[Truth]) -> Iterator[tuple[list[int], list[B
         yield rows, [bodies[row] for row in rows]
 
 
-def starting(body: Body, starts: np.ndarray) -> np.ndarray:
+def starting(body: PlantBody, starts: np.ndarray) -> np.ndarray:
     """Return the links' first angles, then speeds (E, 2n): the start, and a load that swings hanging straight down."""
     if len(body.masses) == body.driven:
         return starts
     poses, speeds = np.split(starts, 2, axis=1)
     still = np.zeros((len(poses), 1))
     whole = np.concatenate([poses, still], axis=1)
-    rotations = chain_of(stacked([body], len(poses))).frames(whole)[0][:, -1]
+    rotations = chain_of(stack_arms([body], len(poses))).frames(whole)[0][:, -1]
     rod = rotations @ body.centres[-1]
     across = cross(rotations @ body.axes[-1], rod)
     whole[:, -1] = np.arctan2(across @ body.gravity, rod @ body.gravity)
@@ -153,7 +155,7 @@ def chain_of(numbers: dict[str, np.ndarray]) -> Chain:
     return Chain(*(numbers[field.name] for field in fields(Chain)))
 
 
-def told(body: Body, commands: np.ndarray) -> np.ndarray:
+def pad_commands(body: PlantBody, commands: np.ndarray) -> np.ndarray:
     """Return commands (E, T, n) with zeros for links that nothing drives."""
     undriven = len(body.masses) - body.driven
     return np.concatenate([commands, np.zeros((*commands.shape[:2], undriven))], axis=2)

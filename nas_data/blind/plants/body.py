@@ -24,7 +24,7 @@ PENDULUM = {
 
 
 @dataclass
-class Body(Hideable, Servos, Links):
+class PlantBody(Hideable, Servos, Links):
     """One arm with what hides in it.
 
     Attributes:
@@ -34,7 +34,7 @@ class Body(Hideable, Servos, Links):
     driven: int
 
     @classmethod
-    def of(cls, constants: Constants, base: Base) -> "Body":
+    def of(cls, constants: Constants, base: Base) -> "PlantBody":
         """Return the nominal arm with its base parameters multiplied."""
         n = len(constants.joints)
         nominal = {key: np.array(value) for key, value in vars(constants).items() if key != "joints"}
@@ -69,7 +69,7 @@ class Body(Hideable, Servos, Links):
             setattr(self, key, np.concatenate([rows, np.asarray(value, rows.dtype)[None]]))
 
 
-def stacked(bodies: list[Body], repeats: int) -> dict[str, np.ndarray]:
+def stack_arms(bodies: list[PlantBody], repeats: int) -> dict[str, np.ndarray]:
     """Return each number of several arms with a leading axis, every arm repeated: (B, …)."""
-    names = [field.name for field in fields(Body) if field.name != "driven"]
+    names = [field.name for field in fields(PlantBody) if field.name != "driven"]
     return {name: np.repeat(np.stack([getattr(body, name) for body in bodies]), repeats, axis=0) for name in names}

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.blind.plants.base import Feedback, in_groups, player, starting, told
-from nas_data.blind.plants.body import Body, stacked
-from nas_data.blind.plants.drive import LEAD, REFRESH, Drive
-from nas_data.blind.plants.motion import Motion
+from nas_data.blind.plants.base import Feedback, in_groups, pad_commands, player, starting
+from nas_data.blind.plants.body import PlantBody, stack_arms
+from nas_data.blind.plants.motion import PlantState
+from nas_data.blind.plants.servo_model import LEAD, REFRESH, Drive
 from nas_data.blind.plants.urdf import to_urdf
 from nas_data.simulators.bullet_world import import_pybullet, silence
 
@@ -17,13 +17,13 @@ UNBOUNDED = 1e5  # [rad/s] PyBullet's own bound, 100 rad/s, is no physics
 
 
 def simulate(
-    bodies: list[Body], commands: np.ndarray, starts: np.ndarray, period: float, feedback: Feedback | None
+    bodies: list[PlantBody], commands: np.ndarray, starts: np.ndarray, period: float, feedback: Feedback | None
 ) -> np.ndarray:
     """Return states (C, E, T + 1, 2n) of C arms alike under commands (E, T, n) from states (E, 2n)."""
     episodes, steps, n = commands.shape
     first = np.concatenate([starting(body, starts) for body in bodies])
-    drive = Drive.of(stacked(bodies, episodes))
-    motion = Motion(drive, np.tile(told(bodies[0], commands), (len(bodies), 1, 1)), period, first)
+    drive = Drive.of(stack_arms(bodies, episodes))
+    motion = PlantState(drive, np.tile(pad_commands(bodies[0], commands), (len(bodies), 1, 1)), period, first)
     at = np.split(np.concatenate([motion.q, motion.v], axis=1), len(bodies))
     measured = np.empty((len(motion.q), steps + 1, 2 * n))
     measured[:, 0] = motion.state(n)
@@ -31,7 +31,7 @@ def simulate(
         worlds = [open_worlds.enter_context(BulletArms(body, rows)) for body, rows in zip(bodies, at, strict=True)]
         for step in range(steps):
             if feedback is not None:
-                motion.tell(step, told(bodies[0], feedback(step, measured[:, step])[:, None])[:, 0])
+                motion.tell(step, pad_commands(bodies[0], feedback(step, measured[:, step])[:, None])[:, 0])
             for _ in range(round(period / REFRESH)):
                 move(motion, worlds, episodes)
             measured[:, step + 1] = motion.state(n)
@@ -41,7 +41,7 @@ def simulate(
 play = player(in_groups(simulate))
 
 
-def move(motion: Motion, worlds: "list[BulletArms]", episodes: int) -> None:
+def move(motion: PlantState, worlds: "list[BulletArms]", episodes: int) -> None:
     """Move on by `REFRESH`: the drives in their small steps, then one step of each world with their mean torques."""
     rows = [slice(first, first + episodes) for first in range(0, len(motion.q), episodes)]
     mass, bias = together([world.dynamics(world.v) for world in worlds])
@@ -64,7 +64,7 @@ def together(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np
 class BulletArms:
     """One arm per episode in one PyBullet world, where they pass through each other."""
 
-    def __init__(self, body: Body, starts: np.ndarray) -> None:
+    def __init__(self, body: PlantBody, starts: np.ndarray) -> None:
         """Load the arms and put them where they start: angles [rad], then speeds [rad/s], shape (E, 2n).
 
         Raises:

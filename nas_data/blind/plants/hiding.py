@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from nas_data.blind.plants.body import Body
+from nas_data.blind.plants.body import PlantBody
 from nas_data.blind.plants.constants import Constants
 from nas_data.blind.plants.vectors import about
 from nas_data.blind.truth import Hidden, Truth
@@ -14,7 +14,7 @@ Values = Mapping[str, float]
 Joints = slice  # the joint that an effect sits in, or all of them
 
 
-def payload(body: Body, _: Joints, values: Values) -> None:
+def payload(body: PlantBody, _: Joints, values: Values) -> None:
     """A point mass on the last link, x, y, z from its centre of mass; there, where they are left out."""
     place = np.array([values.get(axis, 0.0) for axis in "xyz"])
     share = values["mass"] / (body.masses[-1] + values["mass"])
@@ -24,65 +24,65 @@ def payload(body: Body, _: Joints, values: Values) -> None:
     body.masses[-1] += values["mass"]
 
 
-def base_tilt(body: Body, _: Joints, values: Values) -> None:
+def base_tilt(body: PlantBody, _: Joints, values: Values) -> None:
     """The base is rolled about x, then pitched about the world's y: gravity turns the other way."""
     leaning = about(np.array([0.0, 1, 0]), values["pitch"]) @ about(np.array([1.0, 0, 0]), values["roll"])
     body.gravity = leaning.T @ body.gravity
 
 
-def torque_limit(body: Body, joint: Joints, values: Values) -> None:
+def torque_limit(body: PlantBody, joint: Joints, values: Values) -> None:
     """The servo saturates at this torque."""
     body.force[joint] = (-values["torque"], values["torque"])
 
 
-def stribeck_friction(body: Body, joint: Joints, values: Values) -> None:
+def stribeck_friction(body: PlantBody, joint: Joints, values: Values) -> None:
     """Friction that is largest at rest."""
     body.stribeck[joint] = values["torque"]
     body.kinetic_ratio[joint] = values["kinetic_ratio"]
     body.stribeck_velocity[joint] = values["stribeck_velocity"]
 
 
-def cogging(body: Body, joint: Joints, values: Values) -> None:
+def cogging(body: PlantBody, joint: Joints, values: Values) -> None:
     """A torque with the period of the gear's teeth."""
     body.cogs[joint], body.cog_count[joint] = values["torque"], values["count"]
     body.cog_phase[joint] = values["phase"]
 
 
-def cable(body: Body, joint: Joints, values: Values) -> None:
+def cable(body: PlantBody, joint: Joints, values: Values) -> None:
     """A cable that pulls towards an angle from one side of it, and hangs loose on the other."""
     body.cable[joint], body.cable_angle[joint] = values["stiffness"], values["angle"]
     body.cable_side[joint] = values["side"]
 
 
-def swinging_load(body: Body, _: Joints, values: Values) -> None:
+def swinging_load(body: PlantBody, _: Joints, values: Values) -> None:
     """A weight that swings from the last link."""
     body.hang(values["mass"], values["length"], values["heading"])
 
 
-def adds(field: str, parameter: str) -> Callable[[Body, Joints, Values], None]:
+def adds(field: str, parameter: str) -> Callable[[PlantBody, Joints, Values], None]:
     """Return the rule that adds a parameter to a number of the joint."""
 
-    def apply(body: Body, joint: Joints, values: Values) -> None:
+    def apply(body: PlantBody, joint: Joints, values: Values) -> None:
         getattr(body, field)[joint] += values[parameter]
 
     return apply
 
 
-def becomes(field: str, parameter: str) -> Callable[[Body, Joints, Values], None]:
+def becomes(field: str, parameter: str) -> Callable[[PlantBody, Joints, Values], None]:
     """Return the rule that sets a number of the joint."""
 
-    def apply(body: Body, joint: Joints, values: Values) -> None:
+    def apply(body: PlantBody, joint: Joints, values: Values) -> None:
         getattr(body, field)[joint] = values[parameter]
 
     return apply
 
 
-def servo_stiffness(body: Body, joint: Joints, values: Values) -> None:
+def servo_stiffness(body: PlantBody, joint: Joints, values: Values) -> None:
     """The position gain is another."""
     body.gain[joint] *= values["factor"]
 
 
-RULES: Mapping[str, Callable[[Body, Joints, Values], None]] = {
+RULES: Mapping[str, Callable[[PlantBody, Joints, Values], None]] = {
     "backlash": becomes("play", "half_width"),
     "joint_compliance": becomes("spring", "stiffness"),
     "coulomb_friction": adds("friction", "torque"),
@@ -104,13 +104,13 @@ RULES: Mapping[str, Callable[[Body, Joints, Values], None]] = {
 }
 
 
-def hide(constants: Constants, truth: Truth) -> Body:
+def hide(constants: Constants, truth: Truth) -> PlantBody:
     """Return the arm with its base errors and its hidden effects.
 
     Raises:
         UnknownName: there is no rule for an effect.
     """
-    body = Body.of(constants, truth.base)
+    body = PlantBody.of(constants, truth.base)
     # a swinging load makes the arm longer: what acts on all joints must have acted before
     for hidden in sorted(truth.hidden, key=lambda hidden: hidden.effect == "swinging_load"):
         if hidden.effect not in RULES:

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from nas_data.blind.plants.drive import LEAD, REFRESH, STEP, SWEEPS, Drive
-from nas_data.blind.plants.vectors import bounded
+from nas_data.blind.plants.servo_model import LEAD, REFRESH, STEP, SWEEPS, Drive
+from nas_data.blind.plants.vectors import clip_symmetric
 
 SUBSTEPS = round(REFRESH / STEP)
 
 
-class Motion:
+class PlantState:
     """What B arms remember: angles and speeds of links and motors, the servos' goals, friction torques.
 
     Attributes:
@@ -97,7 +97,7 @@ class Motion:
         """Move motors that turn apart from their links; friction stops them if it can."""
         armature = np.where(self.drive.loose, self.drive.armature, 1.0)
         wanted = speed * armature / STEP + torque  # the torque that friction needs to stop the motor in this step
-        self.speed = STEP * (wanted - bounded(wanted, budget)) / armature
+        self.speed = STEP * (wanted - clip_symmetric(wanted, budget)) / armature
         self.angle = angle + STEP * self.speed
 
     def _stopped(self, free: np.ndarray, mobility: np.ndarray, budget: np.ndarray) -> np.ndarray:
@@ -113,13 +113,13 @@ class Motion:
         """
         if not budget.any():
             return free
-        torque = bounded(self.stopping, budget)
+        torque = clip_symmetric(self.stopping, budget)
         speed = free - (mobility @ torque[..., None])[..., 0]
         for _ in range(SWEEPS):
             for joint in range(free.shape[1]):
                 limit = budget[:, joint]
                 wanted = torque[:, joint] + speed[:, joint] / mobility[:, joint, joint]
-                change = bounded(wanted, limit) - torque[:, joint]
+                change = clip_symmetric(wanted, limit) - torque[:, joint]
                 torque[:, joint] += change
                 speed -= mobility[:, :, joint] * change[:, None]
         self.stopping = torque
@@ -136,5 +136,5 @@ class Motion:
         if not self.slews:
             return told
         way = self.drive.speed * STEP
-        self.goal = self.goal + bounded(told - self.goal, way)
+        self.goal = self.goal + clip_symmetric(told - self.goal, way)
         return self.goal

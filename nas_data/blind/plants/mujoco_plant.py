@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from nas_data.blind.arms import Arm
+from nas_data.blind.arms import NominalArm
 from nas_data.blind.plants.base import Feedback, player
 from nas_data.blind.truth import Base, Truth
 from nas_data.effects.base import make_effect
@@ -16,7 +16,7 @@ from nas_data.simulators.mujoco import MujocoSimulator
 
 
 def simulate(
-    arm: Arm,
+    arm: NominalArm,
     truths: Sequence[Truth],
     commands: np.ndarray,
     starts: np.ndarray,
@@ -32,7 +32,7 @@ def simulate(
     if feedback is None:
         played = np.stack([simulator.rollout(starts, commands) for simulator in built])
     else:
-        played = np.stack([closed_loop(simulator, starts, commands.shape[1], feedback) for simulator in built])
+        played = np.stack([roll_out_closed_loop(simulator, starts, commands.shape[1], feedback) for simulator in built])
     first = np.broadcast_to(starts[:, None], (len(truths), len(starts), 1, starts.shape[1]))
     return np.concatenate([first, played[..., : starts.shape[1]]], axis=2)
 
@@ -40,7 +40,7 @@ def simulate(
 play = player(simulate)
 
 
-def closed_loop(simulator: MujocoSimulator, starts: np.ndarray, steps: int, feedback: Feedback) -> np.ndarray:
+def roll_out_closed_loop(simulator: MujocoSimulator, starts: np.ndarray, steps: int, feedback: Feedback) -> np.ndarray:
     """Return states (E, T, 2n) after each of T control periods under commands that depend on them."""
     stepper, states, rows = simulator.stepper(len(starts)), starts, []
     stepper.reset(starts)
@@ -50,7 +50,7 @@ def closed_loop(simulator: MujocoSimulator, starts: np.ndarray, steps: int, feed
     return np.stack(rows, axis=1)
 
 
-def build(arm: Arm, truth: Truth, period: float) -> MujocoSimulator:
+def build(arm: NominalArm, truth: Truth, period: float) -> MujocoSimulator:
     """Return the arm with its base errors and effects as a simulator on one thread."""
     effects = [make_effect(hidden.effect, hidden.joint, hidden.parameters) for hidden in truth.hidden]
     with tempfile.TemporaryDirectory() as folder:

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from nas_data.blind.plants.body import Body
+from nas_data.blind.plants.body import PlantBody
 
 
-def to_urdf(body: Body) -> str:
+def to_urdf(body: PlantBody) -> str:
     """Write the chain: link 0 is the fixed base, link k is carried by joint k."""
     parts = ['<robot name="arm">', link(0, 0.0, np.zeros(3), np.zeros((3, 3)))]
     for row in range(len(body.masses)):
@@ -25,7 +25,7 @@ def link(number: int, mass: float, centre: np.ndarray, inertia: np.ndarray) -> s
     )
 
 
-def joint(number: int, body: Body, row: int) -> str:
+def joint(number: int, body: PlantBody, row: int) -> str:
     """Write the hinge or slide that carries a link; a lower limit above the upper one is none."""
     kind = "prismatic" if body.sliding[row] else "continuous"
     limit = '<limit lower="1" upper="-1" effort="0" velocity="0"/>' if body.sliding[row] else ""

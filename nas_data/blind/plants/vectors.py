@@ -12,7 +12,7 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return result
 
 
-def bounded(values: np.ndarray, limit: np.ndarray | float) -> np.ndarray:
+def clip_symmetric(values: np.ndarray, limit: np.ndarray | float) -> np.ndarray:
     """Return values within ± a limit; `np.clip` takes four times as long for few of them."""
     return np.asarray(np.minimum(np.maximum(values, -limit), limit))
 

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from nas_data.blind.arms import Arm
+from nas_data.blind.arms import NominalArm
 from nas_data.blind.case import Identity
-from nas_data.blind.catalogue import INSIDE, OUTSIDE, Kind, Rng, Span, Values, load
+from nas_data.blind.catalogue import INSIDE, OUTSIDE, EffectDraw, Rng, Span, Values, load
 from nas_data.blind.conditions import Conditions, Sensor
 from nas_data.blind.designs import draw_design
 from nas_data.blind.motions import SIGNALS, draw_motions
 from nas_data.blind.plants.constants import Constants
-from nas_data.blind.settings.base import Setting
+from nas_data.blind.settings.base import CaseSetting
 
 RATES = (50.0, 100.0, 200.0)  # [Hz]
 EPISODES, FRESH = (10, 25), 8
@@ -20,7 +20,7 @@ QUANTA = (0.0, np.radians(0.088), np.radians(0.29))  # [rad] none, 4096 and 1241
 FINER = (0.1, 0.5)  # noise of a measured speed over that of differences of positions
 
 
-def draw(identity: Identity) -> tuple[Arm, Conditions]:
+def draw(identity: Identity) -> tuple[NominalArm, Conditions]:
     """Draw an arm and under what it is recorded."""
     conditions = draw_conditions(identity)
     return draw_design(identity.stream("arm"), conditions.period), conditions
@@ -49,7 +49,7 @@ def draw_sensor(rng: Rng, rate: float) -> Sensor:
     return Sensor(noise, quantum, floor, float(finer * differenced) if rng.random() < 0.5 else None)
 
 
-def placed_load(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+def draw_payload(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
     """A load anywhere on the last link, which is about twice as long as its centre of mass is far from its joint."""
     centre = constants.centres[-1]
     along = rng.uniform(-0.9, 0.9) * centre
@@ -66,11 +66,11 @@ def swing(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
     }
 
 
-SETTING = Setting(
+SETTING = CaseSetting(
     draw,
     draw_motions,
-    inside={**INSIDE, "payload": Kind(placed_load, per_joint=False, whole_arm=True)},
-    outside={**OUTSIDE, "swinging_load": Kind(swing, per_joint=False, whole_arm=True)},
+    inside={**INSIDE, "payload": EffectDraw(draw_payload, per_joint=False, whole_arm=True)},
+    outside={**OUTSIDE, "swinging_load": EffectDraw(swing, per_joint=False, whole_arm=True)},
     least=4.0,
     most=60.0,
     rounds=200,

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from nas_data import registry
-from nas_data.blind.arms import Arm
+from nas_data.blind.arms import NominalArm
 from nas_data.blind.case import Identity
-from nas_data.blind.catalogue import Kind
+from nas_data.blind.catalogue import EffectDraw
 from nas_data.blind.conditions import Conditions
 from nas_data.blind.truth import Hidden
 
@@ -18,7 +18,7 @@ Episodes = Callable[[Conditions, int, np.ndarray, np.random.Generator], tuple[np
 
 
 @dataclass(frozen=True)
-class Setting:
+class CaseSetting:
     """A sort of cases; the file `settings/xl320.py` holds the setting `xl320` as `SETTING`.
 
     Attributes:
@@ -33,22 +33,22 @@ class Setting:
         given: Draws what hides in every case, whatever its family, for it is what the setting is about.
     """
 
-    draw: Callable[[Identity], tuple[Arm, Conditions]]
+    draw: Callable[[Identity], tuple[NominalArm, Conditions]]
     episodes: Episodes
-    inside: Mapping[str, Kind]
-    outside: Mapping[str, Kind]
+    inside: Mapping[str, EffectDraw]
+    outside: Mapping[str, EffectDraw]
     least: float
     most: float
     rounds: int
     screen: str = "numpy"
-    given: Callable[[Identity, Arm], tuple[Hidden, ...]] = lambda identity, arm: ()
+    given: Callable[[Identity, NominalArm], tuple[Hidden, ...]] = lambda identity, arm: ()
 
 
-def find_setting(name: str) -> Setting:
+def find_setting(name: str) -> CaseSetting:
     """Return a setting by its name.
 
     Raises:
         UnknownName: there is no such setting; lists those there are.
     """
-    setting: Setting = registry.module("blind.settings", name, "setting").SETTING
+    setting: CaseSetting = registry.module("blind.settings", name, "setting").SETTING
     return setting

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from nas_data.blind.arms import Arm
+from nas_data.blind.arms import NominalArm
 from nas_data.blind.case import Identity
 from nas_data.blind.conditions import Conditions
 from nas_data.blind.designs import draw_design, logarithmic
@@ -18,13 +18,13 @@ def excess_of(identity: Identity) -> float:
     return logarithmic(identity.stream("excess"), *EXCESS)
 
 
-def draw(identity: Identity) -> tuple[Arm, Conditions]:
+def draw(identity: Identity) -> tuple[NominalArm, Conditions]:
     """Draw what `any` draws and raise the gains of the model; its damping stays that of the true servos."""
     conditions = any_setting.draw_conditions(identity)
     return draw_design(identity.stream("arm"), conditions.period, excess_of(identity)), conditions
 
 
-def gains(identity: Identity, arm: Arm) -> tuple[Hidden, ...]:
+def gains(identity: Identity, arm: NominalArm) -> tuple[Hidden, ...]:
     """Return what the true servos differ by from the model's."""
     return tuple(Hidden(EFFECT, joint, {"factor": 1 / excess_of(identity)}) for joint in arm.joints)
 

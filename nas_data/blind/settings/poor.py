@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from nas_data.blind.arms import Arm
+from nas_data.blind.arms import NominalArm
 from nas_data.blind.case import Identity
 from nas_data.blind.conditions import Conditions
 from nas_data.blind.designs import draw_design
@@ -14,7 +14,7 @@ EPISODES = 5
 ONE = tuple(signal for signal in SIGNALS if signal != MIXTURE)
 
 
-def draw(identity: Identity) -> tuple[Arm, Conditions]:
+def draw(identity: Identity) -> tuple[NominalArm, Conditions]:
     """Draw what `any` draws, recorded slowly and seldom."""
     rng, usual = identity.stream("poor"), any_setting.draw_conditions(identity)
     sensor = any_setting.draw_sensor(rng, RATE)

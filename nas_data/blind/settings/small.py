@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from nas_data.blind.arms import Arm, random_arm
+from nas_data.blind.arms import NominalArm, random_arm
 from nas_data.blind.case import Identity
 from nas_data.blind.catalogue import INSIDE, OUTSIDE
 from nas_data.blind.conditions import Conditions
 from nas_data.blind.excitation import episodes_of
 from nas_data.blind.plants.base import SETTLE
-from nas_data.blind.settings.base import Setting
+from nas_data.blind.settings.base import CaseSetting
 from nas_data.blind.settings.xl320 import SENSOR
 
 JOINTS = 2
@@ -18,10 +18,10 @@ SECONDS = 0.8
 LEAST = 5.0  # [noise floors] 320 samples a joint show less than the 6000 of xl320
 
 
-def draw(identity: Identity) -> tuple[Arm, Conditions]:
+def draw(identity: Identity) -> tuple[NominalArm, Conditions]:
     """Draw a random arm and a mixture of signals."""
     arm = random_arm(identity.stream("arm"), JOINTS)
     return arm, Conditions(RATE, SECONDS, EPISODES, FRESH, SETTLE, "mixed", SENSOR)
 
 
-SETTING = Setting(draw, episodes_of, INSIDE, OUTSIDE, least=LEAST, most=np.inf, rounds=200, screen="mujoco")
+SETTING = CaseSetting(draw, episodes_of, INSIDE, OUTSIDE, least=LEAST, most=np.inf, rounds=200, screen="mujoco")

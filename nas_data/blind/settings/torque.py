@@ -4,15 +4,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from nas_data.blind.arms import Arm
+from nas_data.blind.arms import NominalArm
 from nas_data.blind.case import Identity
-from nas_data.blind.catalogue import Kind, Rng, Span, Values, armature, limit, share
+from nas_data.blind.catalogue import EffectDraw, Rng, Span, Values, armature, limit, share
 from nas_data.blind.conditions import Conditions, Sensor
 from nas_data.blind.designs import logarithmic
 from nas_data.blind.following import draw_references, reach_of
 from nas_data.blind.machines import USUAL, draw_machine
 from nas_data.blind.plants.constants import Constants
-from nas_data.blind.settings.base import Setting
+from nas_data.blind.settings.base import CaseSetting
 
 RATES = (200.0, 250.0, 500.0, 1000.0)  # [Hz]
 PIECES = (3, 4)  # episodes cut from a motion
@@ -23,7 +23,7 @@ QUANTA = (0.0, 1e-4, 4e-4)  # [rad, m] none, 16 and 14 bits a turn
 FINER = (0.02, 0.2)  # noise of a measured speed over that of differences of positions, which is large at such rates
 
 
-def draw(identity: Identity) -> tuple[Arm, Conditions]:
+def draw(identity: Identity) -> tuple[NominalArm, Conditions]:
     """Draw a machine and under what it is recorded."""
     rng = identity.stream("conditions")
     rate, pieces = float(rng.choice(RATES)), int(rng.integers(PIECES[0], PIECES[1] + 1))
@@ -80,13 +80,13 @@ def cable(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
     }
 
 
-INSIDE: Mapping[str, Kind] = {
-    "coulomb_friction": Kind(share("torque", limit, Span(0.03, 0.25, 0.0005)), apart="dry friction"),
-    "viscous_friction": Kind(share("coefficient", drag, Span(0.03, 0.25, 0.0005))),
-    "rotor_inertia": Kind(share("inertia", armature, Span(1.0, 4.0, 0.02))),
-    "torque_limit": Kind(share("torque", limit, Span(0.3, 0.8, 0.95))),
-    "payload": Kind(load, per_joint=False, whole_arm=True),
+INSIDE: Mapping[str, EffectDraw] = {
+    "coulomb_friction": EffectDraw(share("torque", limit, Span(0.03, 0.25, 0.0005)), apart="dry friction"),
+    "viscous_friction": EffectDraw(share("coefficient", drag, Span(0.03, 0.25, 0.0005))),
+    "rotor_inertia": EffectDraw(share("inertia", armature, Span(1.0, 4.0, 0.02))),
+    "torque_limit": EffectDraw(share("torque", limit, Span(0.3, 0.8, 0.95))),
+    "payload": EffectDraw(load, per_joint=False, whole_arm=True),
 }
-OUTSIDE: Mapping[str, Kind] = {"cogging": Kind(cogs), "cable": Kind(cable)}
+OUTSIDE: Mapping[str, EffectDraw] = {"cogging": EffectDraw(cogs), "cable": EffectDraw(cable)}
 
-SETTING = Setting(draw, draw_references, INSIDE, OUTSIDE, least=4.0, most=np.inf, rounds=60)
+SETTING = CaseSetting(draw, draw_references, INSIDE, OUTSIDE, least=4.0, most=np.inf, rounds=60)

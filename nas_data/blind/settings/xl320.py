@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from nas_data.blind.arms import Arm, draw_arm
+from nas_data.blind.arms import NominalArm, draw_arm
 from nas_data.blind.case import Identity
 from nas_data.blind.catalogue import INSIDE, OUTSIDE
 from nas_data.blind.conditions import Conditions, Sensor
 from nas_data.blind.excitation import SIGNALS, episodes_of
 from nas_data.blind.plants.base import SETTLE
-from nas_data.blind.settings.base import Setting
+from nas_data.blind.settings.base import CaseSetting
 
 RATE = 100.0  # [Hz]
 EPISODES, FRESH = 20, 10
@@ -19,11 +19,11 @@ FLOOR = float(QUANTUM / np.sqrt(12))  # [rad] what rounding alone leaves
 SENSOR = Sensor(float(NOISE), float(QUANTUM), FLOOR)
 
 
-def draw(identity: Identity) -> tuple[Arm, Conditions]:
+def draw(identity: Identity) -> tuple[NominalArm, Conditions]:
     """Draw the Ergo Jr or a random arm of its size, and steps alone or a mixture of signals."""
     arm = draw_arm(identity.stream("arm"))
     signal = str(identity.stream("signal").choice(SIGNALS))
     return arm, Conditions(RATE, SECONDS, EPISODES, FRESH, SETTLE, signal, SENSOR)
 
 
-SETTING = Setting(draw, episodes_of, INSIDE, OUTSIDE, least=3.0, most=np.inf, rounds=40)
+SETTING = CaseSetting(draw, episodes_of, INSIDE, OUTSIDE, least=3.0, most=np.inf, rounds=40)

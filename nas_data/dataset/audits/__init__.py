@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Protocol, cast
 
 from nas_data import registry
-from nas_data.dataset.audits.base import Expected, Finding
+from nas_data.dataset.audits.base import AuditFinding, Expected
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import STATE
 from nas_data.dataset.recording import Recording, recordings
@@ -19,7 +19,7 @@ FIRST = ("finite", "timing")
 class Audit(Protocol):
     """What a file of this folder defines."""
 
-    def check(self, recording: Recording, expected: Expected) -> list[Finding]:
+    def check(self, recording: Recording, expected: Expected) -> list[AuditFinding]:
         """Look at one recording as it was recorded: in SI, nothing resampled."""
 
 
@@ -28,7 +28,7 @@ def find_audit(name: str) -> Audit:
     return cast(Audit, registry.module("dataset.audits", name, "audit"))
 
 
-def audit_dataset(dataset: Dataset) -> tuple[Finding, ...]:
+def audit_dataset(dataset: Dataset) -> tuple[AuditFinding, ...]:
     """Run every audit over each episode of a dataset.
 
     Args:
@@ -41,7 +41,7 @@ def audit_dataset(dataset: Dataset) -> tuple[Finding, ...]:
     return tuple(finding for recording in recordings(dataset) for finding in audit(recording, expected))
 
 
-def audit(recording: Recording, expected: Expected) -> list[Finding]:
+def audit(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Run every audit over one recording.
 
     Returns:
@@ -58,6 +58,6 @@ def others() -> list[str]:
     return [name for name in registry.names("dataset.audits") if name not in FIRST]
 
 
-def run(names: Sequence[str], recording: Recording, expected: Expected) -> list[Finding]:
+def run(names: Sequence[str], recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Run some audits over one recording."""
     return [finding for name in names for finding in find_audit(name).check(recording, expected)]

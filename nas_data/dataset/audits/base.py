@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nas_data.dataset.lateness import LATE
 from nas_data.dataset.recording import Recording
+from nas_data.dataset.timing import LATE
 
 RANGE = np.pi  # [rad] range of a usual hinge, for which the audits' thresholds of angles and speeds are made
 SHORTEST = 0.01  # [m] range below which a slide's readings are noise rather than travel
@@ -42,7 +42,7 @@ class Expected:
 
 
 @dataclass(frozen=True)
-class Finding:
+class AuditFinding:
     """What an audit says of one episode.
 
     Attributes:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nas_data.dataset.audits.base import Expected, Finding
+from nas_data.dataset.audits.base import AuditFinding, Expected
 from nas_data.dataset.recording import Recording
 
 ENOUGH = 20  # rows from which a correlation says something
@@ -12,7 +12,7 @@ DEGREES = 180 / np.pi
 WITHIN = 2.0  # a servo that lags or sags follows with another amplitude, but not by this factor
 
 
-def check(recording: Recording, expected: Expected) -> list[Finding]:
+def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Refuse commands whose amplitude is off by the factor between two units; report opposite signs.
 
     That factor is about 57 between degrees and radians, 1,000 between millimetres and metres.
@@ -37,9 +37,9 @@ def check(recording: Recording, expected: Expected) -> list[Finding]:
                 f"factor between {units}"
             )
             remedy = "correct the unit in [read.command] or [read.position]"
-            found.append(Finding("command_scale", recording.place, what, remedy, error=True))
+            found.append(AuditFinding("command_scale", recording.place, what, remedy, error=True))
         elif likeness <= -ALIKE:
             what = f"the position of {joint} moves against its command (correlation {likeness:.2f})"
             remedy = "check 'sign' in [read.command] and [read.position]"
-            found.append(Finding("command_sign", recording.place, what, remedy))
+            found.append(AuditFinding("command_sign", recording.place, what, remedy))
     return found

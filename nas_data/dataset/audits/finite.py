@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from nas_data.dataset.audits.base import Expected, Finding, row_numbers
+from nas_data.dataset.audits.base import AuditFinding, Expected, row_numbers
 from nas_data.dataset.recording import Recording
 from nas_data.dataset.rows import rows_text
 
 
-def check(recording: Recording, expected: Expected) -> list[Finding]:
+def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Refuse values that are no finite numbers, by quantity and row."""
     columns = {
         "time": recording.time,
@@ -25,5 +25,5 @@ def check(recording: Recording, expected: Expected) -> list[Finding]:
             rows = row_numbers(recording.rows, bad)
             what = f"the {name} is empty, NaN or infinite in {rows_text(rows)}"
             remedy = "take these rows out, or split the log there"
-            found.append(Finding("not_finite", recording.place, what, remedy, rows, error=True))
+            found.append(AuditFinding("not_finite", recording.place, what, remedy, rows, error=True))
     return found

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nas_data.dataset.audits.base import Expected, Finding, radian_at
+from nas_data.dataset.audits.base import AuditFinding, Expected, radian_at
 from nas_data.dataset.recording import Recording
 
 ENOUGH = 20  # rows from which a correlation says something
@@ -12,14 +12,14 @@ UNLIKE = 0.5  # correlation up to which it does not
 CLOSER = 0.5  # how much less a position must differ from another joint's command than from its own
 
 
-def check(recording: Recording, expected: Expected) -> list[Finding]:
+def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Report commands that are the measured positions, and joints that follow another joint's command."""
     if expected.effort or len(recording) < ENOUGH:
         return []
     return _copied(recording) + _swapped(recording, radian_at(recording, expected))
 
 
-def _copied(recording: Recording) -> list[Finding]:
+def _copied(recording: Recording) -> list[AuditFinding]:
     """Report joints whose command equals the position in all rows: no servo is so good, a column is so."""
     same = np.isclose(recording.commands, recording.positions, rtol=0, atol=1e-9).all(axis=0)
     same &= recording.positions.std(axis=0) > 1e-6
@@ -28,10 +28,10 @@ def _copied(recording: Recording) -> list[Finding]:
     names = ", ".join(joint for joint, copied in zip(recording.joints, same, strict=True) if copied)
     what = f"the command of {names} equals the measured position in all rows"
     remedy = "check that [read.command] names the commands, not the positions"
-    return [Finding("command_is_position", recording.place, what, remedy)]
+    return [AuditFinding("command_is_position", recording.place, what, remedy)]
 
 
-def _swapped(recording: Recording, radians: np.ndarray) -> list[Finding]:
+def _swapped(recording: Recording, radians: np.ndarray) -> list[AuditFinding]:
     """Report joints that move with another joint's command and not with their own; `radians` are those at each."""
     found = []
     for index, joint in enumerate(recording.joints):
@@ -47,7 +47,7 @@ def _swapped(recording: Recording, radians: np.ndarray) -> list[Finding]:
                 f"(correlation {own:.2f})"
             )
             remedy = "check the order of the columns in [read.position] and [read.command]"
-            found.append(Finding("joints_swapped", recording.place, what, remedy))
+            found.append(AuditFinding("joints_swapped", recording.place, what, remedy))
     return found
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nas_data.dataset.audits.base import RANGE, Expected, Finding, radian_at, row_numbers
+from nas_data.dataset.audits.base import RANGE, AuditFinding, Expected, radian_at, row_numbers
 from nas_data.dataset.recording import Recording
 from nas_data.dataset.rows import rows_text
 from nas_data.joint_units import unit_at
@@ -11,7 +11,7 @@ FASTEST = 50.0  # [rad/s] that no usual hinge reaches; a slide is not over with 
 WHOLE_TURN = 2 * np.pi  # [rad]
 
 
-def check(recording: Recording, expected: Expected) -> list[Finding]:
+def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Report rows that a joint could only reach faster than the map's `max_speed`."""
     # Rows of one time are judged by the nominal period; the timing audit has reported them.
     steps = np.diff(recording.time)
@@ -36,5 +36,5 @@ def check(recording: Recording, expected: Expected) -> list[Finding]:
                 f"{joint} reaches {speeds[:, index].max():.4g} {unit} in {rows_text(rows)}, "
                 f"more than {limits[index]:.4g} {unit}"
             )
-            found.append(Finding("jump", recording.place, what, hint, rows))
+            found.append(AuditFinding("jump", recording.place, what, hint, rows))
     return found

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nas_data.dataset.audits.base import Expected, Finding, row_numbers
+from nas_data.dataset.audits.base import AuditFinding, Expected, row_numbers
 from nas_data.dataset.recording import Recording
 from nas_data.dataset.rows import rows_text
 from nas_data.joint_units import joint_unit
@@ -10,7 +10,7 @@ from nas_data.joint_units import joint_unit
 TOLERANCE = 1e-6  # [rad; m]; limits and logs are written with so many digits
 
 
-def check(recording: Recording, expected: Expected) -> list[Finding]:
+def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Report rows beyond a limit, by joint."""
     found = []
     for index, joint in enumerate(recording.joints):
@@ -22,7 +22,7 @@ def check(recording: Recording, expected: Expected) -> list[Finding]:
     return found
 
 
-def _beyond(recording: Recording, expected: Expected, index: int, what: str, values: np.ndarray) -> list[Finding]:
+def _beyond(recording: Recording, expected: Expected, index: int, what: str, values: np.ndarray) -> list[AuditFinding]:
     joint = recording.joints[index]
     low, high = expected.limits[joint]
     excess = np.maximum(values - high, low - values)
@@ -34,4 +34,4 @@ def _beyond(recording: Recording, expected: Expected, index: int, what: str, val
         f"the {what} of {joint} is up to {excess.max():.3g} {unit} beyond its limits "
         f"{low:.4g} … {high:.4g} {unit} in {rows_text(rows)}"
     )
-    return [Finding(f"{what}_beyond_limits", recording.place, text, rows=rows)]
+    return [AuditFinding(f"{what}_beyond_limits", recording.place, text, rows=rows)]

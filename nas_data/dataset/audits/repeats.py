@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nas_data.dataset.audits.base import Expected, Finding, radian_at, row_numbers
+from nas_data.dataset.audits.base import AuditFinding, Expected, radian_at, row_numbers
 from nas_data.dataset.audits.torque_off import SIGNAL as TORQUE
 from nas_data.dataset.noise import SMALLEST, quantum
 from nas_data.dataset.recording import Recording
@@ -20,7 +20,7 @@ REGULAR = 0.7  # share of the gaps between repeats that are alike where the devi
 BEATS = 5  # repeats from which a beat can be told
 
 
-def check(recording: Recording, expected: Expected) -> list[Finding]:
+def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Report repeated readings: surely stale ones, and those that stiction could explain as well."""
     same = _same_as_before(recording)
     moving = _moving(recording, expected)
@@ -33,7 +33,7 @@ def check(recording: Recording, expected: Expected) -> list[Finding]:
             f"{_pattern(stale, expected.rate)}"
         )
         minor = len(rows) <= TOLERATED * np.count_nonzero(moving)
-        found.append(Finding("repeated_samples", recording.place, what, rows=rows, minor=minor))
+        found.append(AuditFinding("repeated_samples", recording.place, what, rows=rows, minor=minor))
     held = _held(recording, expected, same & ~stale)
     rows = row_numbers(recording.rows, held)
     if rows:
@@ -42,7 +42,7 @@ def check(recording: Recording, expected: Expected) -> list[Finding]:
             f"the reading stays the same for up to {longest / expected.rate:.2g} s while the command moves, in "
             f"{rows_text(rows)}: a joint that sticks, or stale readings; the log alone cannot tell"
         )
-        found.append(Finding("repeated_samples", recording.place, what, rows=rows, minor=True))
+        found.append(AuditFinding("repeated_samples", recording.place, what, rows=rows, minor=True))
     return found if expected.effort else found + _stuck(recording, expected, held)
 
 
@@ -104,7 +104,7 @@ def _held(recording: Recording, expected: Expected, same: np.ndarray) -> np.ndar
     return held
 
 
-def _stuck(recording: Recording, expected: Expected, said: np.ndarray) -> list[Finding]:
+def _stuck(recording: Recording, expected: Expected, said: np.ndarray) -> list[AuditFinding]:
     """Report joints whose reading alone stands still for long while their own command goes far away and back."""
     found, radians = [], radian_at(recording, expected)
     released = (recording.signals.get(TORQUE, np.ones((len(recording), 1))) == 0).any(axis=1)
@@ -122,5 +122,5 @@ def _stuck(recording: Recording, expected: Expected, said: np.ndarray) -> list[F
                 f"the reading of {joint} stands still in {rows_text(rows)} while its command moves: a servo that is "
                 "blocked or released, or readings that are not fresh"
             )
-            found.append(Finding("frozen_reading", recording.place, what, rows=rows))
+            found.append(AuditFinding("frozen_reading", recording.place, what, rows=rows))
     return found

@@ -1,13 +1,13 @@
 """Torque off: rows in which the commands cannot act because the servo is released."""
 
-from nas_data.dataset.audits.base import Expected, Finding, row_numbers
+from nas_data.dataset.audits.base import AuditFinding, Expected, row_numbers
 from nas_data.dataset.recording import Recording
 from nas_data.dataset.rows import rows_text
 
 SIGNAL = "torque_enable"
 
 
-def check(recording: Recording, expected: Expected) -> list[Finding]:
+def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Report rows in which the log's `torque_enable` signal is zero for some joint."""
     if SIGNAL not in recording.signals:
         return []
@@ -16,4 +16,4 @@ def check(recording: Recording, expected: Expected) -> list[Finding]:
         return []
     what = f"the torque is off in {rows_text(rows)}: the command does not act there"
     remedy = f"nas.{SIGNAL} tells these rows apart"
-    return [Finding("torque_off", recording.place, what, remedy, rows, minor=True)]
+    return [AuditFinding("torque_off", recording.place, what, remedy, rows, minor=True)]

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from nas_data.dataset.audits.base import Expected, Finding, radian_at, row_numbers
-from nas_data.dataset.audits.velocity import LATEST, STEP, Fit, fit_register
+from nas_data.dataset.audits.base import AuditFinding, Expected, radian_at, row_numbers
+from nas_data.dataset.audits.velocity import LATEST, STEP, VelocityFit, fit_register
 from nas_data.dataset.recording import Recording
 from nas_data.dataset.rows import rows_text, spans
 
@@ -16,7 +16,7 @@ CARRIED = 0.1  # [rad] … while the register travels so far, was not measured
 LASTING = 2  # [whiles] one wrong sample spoils one while, a contradiction lasts longer
 
 
-def check(recording: Recording, expected: Expected) -> list[Finding]:
+def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Report rows in which a joint's position does not go where its velocity takes it, or the reverse."""
     once = np.concatenate([[True], np.diff(recording.time) > 0])
     if recording.velocities is None or np.count_nonzero(once) <= LASTING * max(round(WHILE * expected.rate), ROWS):
@@ -28,7 +28,7 @@ def check(recording: Recording, expected: Expected) -> list[Finding]:
             continue
         fit = fit_register(recording, index, 1 / expected.rate)
         delays = [fit.delay] if fit else np.arange(-1.0, LATEST + STEP, STEP).tolist()  # [periods]
-        fits = [Fit(fit.factor if fit else 1.0, delay) for delay in delays]
+        fits = [VelocityFit(fit.factor if fit else 1.0, delay) for delay in delays]
         radian = float(radians[index])
         wrong = min((_contradicting(recording, expected, index, one, radian) for one in fits), key=np.count_nonzero)
         wrong |= _frozen(recording, expected, index, radian)
@@ -39,11 +39,11 @@ def check(recording: Recording, expected: Expected) -> list[Finding]:
                 "another joint's"
             )
             remedy = "check 'columns' in [read.position] and [read.velocity]"
-            found.append(Finding("position_contradicts_velocity", recording.place, what, remedy, rows))
+            found.append(AuditFinding("position_contradicts_velocity", recording.place, what, remedy, rows))
     return found
 
 
-def _contradicting(recording: Recording, expected: Expected, index: int, fit: Fit, radian: float) -> np.ndarray:
+def _contradicting(recording: Recording, expected: Expected, index: int, fit: VelocityFit, radian: float) -> np.ndarray:
     """Return which rows lie in lasting runs of whiles whose mean speeds disagree, shape (N,)."""
     assert recording.velocities is not None
     rows = max(round(WHILE * expected.rate), ROWS)

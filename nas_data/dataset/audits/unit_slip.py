@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nas_data.dataset.audits.base import Expected, Finding, row_numbers
+from nas_data.dataset.audits.base import AuditFinding, Expected, row_numbers
 from nas_data.dataset.joints import LARGEST_ANGLE, LARGEST_LENGTH
 from nas_data.dataset.recording import Recording
 from nas_data.dataset.rows import rows_text
@@ -15,7 +15,7 @@ FURTHEST = {  # by whether a joint is a slide: how far it goes at most, in words
 BEYOND = 0.5  # share of the range by which a measured position cannot exceed its limits
 
 
-def check(recording: Recording, expected: Expected) -> list[Finding]:
+def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Refuse positions and commands that cannot be in the unit that they are said to be in."""
     found = [] if expected.turns else _too_large(recording, expected, "position", recording.positions)
     if not expected.effort and not expected.turns:
@@ -23,7 +23,7 @@ def check(recording: Recording, expected: Expected) -> list[Finding]:
     return found or _far_beyond(recording, expected)
 
 
-def _too_large(recording: Recording, expected: Expected, what: str, values: np.ndarray) -> list[Finding]:
+def _too_large(recording: Recording, expected: Expected, what: str, values: np.ndarray) -> list[AuditFinding]:
     found = []
     for index, joint in enumerate(recording.joints):
         size = np.abs(values[:, index])
@@ -36,11 +36,11 @@ def _too_large(recording: Recording, expected: Expected, what: str, values: np.n
                 f"if the log is in {units}, say so: unit in [read.{what}]; if the joint does go so far, "
                 "add allow = ['unit_slip'] to [audit]"
             )
-            found.append(Finding("unit_slip", recording.place, text, remedy, rows, error=True))
+            found.append(AuditFinding("unit_slip", recording.place, text, remedy, rows, error=True))
     return found
 
 
-def _far_beyond(recording: Recording, expected: Expected) -> list[Finding]:
+def _far_beyond(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """A joint cannot turn far beyond its limits: the number must mean something else."""
     found = []
     for joint, (low, high) in expected.limits.items():
@@ -54,5 +54,5 @@ def _far_beyond(recording: Recording, expected: Expected) -> list[Finding]:
                 f"in {rows_text(rows)}"
             )
             remedy = f"if the log is in {units}, say so: unit in [read.position]"
-            found.append(Finding("unit_slip", recording.place, what, remedy, rows, error=True))
+            found.append(AuditFinding("unit_slip", recording.place, what, remedy, rows, error=True))
     return found

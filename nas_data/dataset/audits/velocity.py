@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nas_data.dataset.audits.base import Expected, Finding, radian_at
+from nas_data.dataset.audits.base import AuditFinding, Expected, radian_at
 from nas_data.dataset.recording import Recording
 from nas_data.joint_units import unit_at
 
@@ -38,7 +38,7 @@ KNOWN_OF_SLIDES = {1000.0: "millimetres and metres, or seconds and milliseconds"
 
 
 @dataclass(frozen=True)
-class Fit:
+class VelocityFit:
     """How one joint's register relates to its differenced position.
 
     Attributes:
@@ -60,7 +60,7 @@ class Fit:
         return self.way > OVERSHOT or (self.way > FAST and 0 < self.factor < 1)
 
 
-def check(recording: Recording, expected: Expected) -> list[Finding]:
+def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Refuse velocities of another unit or sign than the positions; report other factors, and a late register."""
     if recording.velocities is None:
         return []
@@ -83,11 +83,11 @@ def check(recording: Recording, expected: Expected) -> list[Finding]:
             "position"
         )
         remedy = "velocity = 'derive' in the map takes it from the positions instead"
-        found.append(Finding("velocity_lag", recording.place, what, remedy))
+        found.append(AuditFinding("velocity_lag", recording.place, what, remedy))
     return found
 
 
-def fit_register(recording: Recording, index: int, period: float) -> Fit | None:
+def fit_register(recording: Recording, index: int, period: float) -> VelocityFit | None:
     """Fit the register's mean over a while to the mean velocity that the positions have over an earlier one.
 
     Both are means over the same span, so that neither noise nor the span itself makes a difference. Only steady motion
@@ -134,7 +134,7 @@ def fit_register(recording: Recording, index: int, period: float) -> Fit | None:
     way = _way(recording, index)
     if undelayed[0] > TOLD and way <= FAST:  # else both delays look alike
         delay = _delay(time, position, register, period) or delay
-    return Fit(factor, delay / period, way)
+    return VelocityFit(factor, delay / period, way)
 
 
 def _delay(time: np.ndarray, position: np.ndarray, register: np.ndarray, period: float) -> float | None:
@@ -164,7 +164,7 @@ def _fit(earlier: np.ndarray, later: np.ndarray) -> tuple[float, float]:
     return factor, float(np.sqrt(np.mean((later - factor * earlier) ** 2))) / size
 
 
-def _silent(recording: Recording, expected: Expected) -> list[Finding]:
+def _silent(recording: Recording, expected: Expected) -> list[AuditFinding]:
     """Refuse registers that are zero in all rows although their joint moves."""
     assert recording.velocities is not None
     rows = max(round(WHILE * expected.rate), 1)
@@ -180,17 +180,17 @@ def _silent(recording: Recording, expected: Expected) -> list[Finding]:
         f"the velocity of {_names(names)} is zero in all rows although the position moves at up to "
         f"{speeds[silent].max():.2g} {unit_at('rad/s', fastest in expected.slides)}"
     )
-    return [Finding("velocity_scale", recording.place, what, "say velocity = 'derive' in the map", error=True)]
+    return [AuditFinding("velocity_scale", recording.place, what, "say velocity = 'derive' in the map", error=True)]
 
 
-def _scales(recording: Recording, expected: Expected, fits: dict[str, Fit]) -> list[Finding]:
+def _scales(recording: Recording, expected: Expected, fits: dict[str, VelocityFit]) -> list[AuditFinding]:
     """Report joints whose register has another sign or scale than the position."""
     found = []
     wrong = [joint for joint, fit in fits.items() if fit.factor < 0 and not fit.explained()]
     if wrong:
         what = f"the velocity of {_names(wrong)} has the sign opposite to the differenced position"
         remedy = "correct 'sign' in [read.velocity] or [read.position]"
-        found.append(Finding("velocity_scale", recording.place, what, remedy, error=True))
+        found.append(AuditFinding("velocity_scale", recording.place, what, remedy, error=True))
     for joint, fit in fits.items():
         size = abs(fit.factor)
         if 1 / FACTOR_NOTED < size < FACTOR_NOTED:
@@ -203,7 +203,7 @@ def _scales(recording: Recording, expected: Expected, fits: dict[str, Fit]) -> l
         reason = f", the factor between {known}" if known else ""
         what = f"the velocity of {joint} is {size:.3g} times the differenced position{reason}"
         remedy = "correct the unit or 'scale' in [read.velocity], [read.position] or [read.time]"
-        found.append(Finding("velocity_scale", recording.place, what, remedy, error=known is not None))
+        found.append(AuditFinding("velocity_scale", recording.place, what, remedy, error=known is not None))
     return found
 
 

@@ -54,10 +54,10 @@ def partners(model: mujoco.MjModel, geom: int) -> list[int]:
     body = int(model.geom_bodyid[geom])
     others = np.flatnonzero(match != 0)
     apart = model.body_treeid[model.geom_bodyid[others]] != model.body_treeid[body]
-    return [int(other) for other in others[apart] if not excluded(model, body, int(model.geom_bodyid[other]))]
+    return [int(other) for other in others[apart] if not excludes_contact(model, body, int(model.geom_bodyid[other]))]
 
 
-def excluded(model: mujoco.MjModel, first: int, second: int) -> bool:
+def excludes_contact(model: mujoco.MjModel, first: int, second: int) -> bool:
     """Whether the model excludes contacts of two bodies."""
     low, high = sorted((first, second))
     return (low << 16) + high in model.exclude_signature
@@ -66,18 +66,20 @@ def excluded(model: mujoco.MjModel, first: int, second: int) -> bool:
 def add_contact(spec: mujoco.MjSpec, model: mujoco.MjModel, first: int, second: int) -> mujoco.MjsPair:
     """Write out the contact of two named geoms as the engine mixes it from theirs, nothing from a default class."""
     pair = spec.add_pair(geomname1=spec.geoms[first].name, geomname2=spec.geoms[second].name)
-    slide, spin, roll = mixed(model, "friction", first, second, np.maximum)
+    slide, spin, roll = mix_contact_parameter(model, "friction", first, second, np.maximum)
     pair.friction = [slide, slide, spin, roll, roll]
-    pair.condim = int(mixed(model, "condim", first, second, np.maximum))
+    pair.condim = int(mix_contact_parameter(model, "condim", first, second, np.maximum))
     weights = model.geom_solmix[[first, second]]
     mean = partial(soften, share=float(weights[0] / weights.sum()) if weights.sum() > 0 else 0.5)
-    pair.solref, pair.solimp = (mixed(model, field, first, second, mean) for field in ("solref", "solimp"))
+    pair.solref, pair.solimp = (
+        mix_contact_parameter(model, field, first, second, mean) for field in ("solref", "solimp")
+    )
     pair.solreffriction = np.zeros(2)  # as the normal's
     pair.margin, pair.gap = (float(getattr(model, "geom_" + each)[[first, second]].sum()) for each in ("margin", "gap"))
     return pair
 
 
-def mixed(model: mujoco.MjModel, field: str, first: int, second: int, mix: Mix) -> np.ndarray:
+def mix_contact_parameter(model: mujoco.MjModel, field: str, first: int, second: int, mix: Mix) -> np.ndarray:
     """Return a contact's parameter: that of the geom of higher priority, or a mix of both."""
     ranks, values = model.geom_priority[[first, second]], getattr(model, "geom_" + field)[[first, second]]
     return np.asarray(mix(*values) if ranks[0] == ranks[1] else values[int(np.argmax(ranks))])

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import mujoco
 import numpy as np
 
-from nas_data.drives import BAND, DAMPING, GAIN, GOAL, PARTS, REST_SHIFT, driven_joint
+from nas_data.actuator_lookup import BAND, DAMPING, GAIN, GOAL, PARTS, REST_SHIFT, driven_joint
 from nas_data.effects.base import joint_actuator
 from nas_data.errors import ModelFileError
 

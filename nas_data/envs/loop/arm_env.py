@@ -9,8 +9,8 @@ import numpy as np
 
 from nas_data.arrays import Array
 from nas_data.envs.base import SOURCE
-from nas_data.envs.loop.arena import Arena
-from nas_data.envs.loop.plant import Plant
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
+from nas_data.envs.loop.task_batch import TaskBatch
 from nas_data.errors import OptionError
 from nas_data.simulators.base import Stepper
 
@@ -68,9 +68,9 @@ class ArmEnv(gymnasium.Env[Array, Array], gymnasium.utils.EzPickle):
             self, task, dynamics, checkpoint, stepper, render_mode, effects, engine, missed
         )
         model, named = (None if file is None else str(file) for file in (checkpoint, effects))
-        plant = Plant(task, dynamics, model, named, engine, missed)
+        plant = DynamicsSpec(task, dynamics, model, named, engine, missed)
         self.task = plant.task
-        self.arena = Arena(self.task, stepper or plant.stepper(1))
+        self.arena = TaskBatch(self.task, stepper or plant.stepper(1))
         self.observation_space = self.task.observation_space
         self.action_space = self.task.action_space
         self.render_mode = render_mode
@@ -93,7 +93,7 @@ class ArmEnv(gymnasium.Env[Array, Array], gymnasium.utils.EzPickle):
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, object]]:
         """Act for one control period; `info["is_success"]` says whether the goal is reached.
 
-        A simulation that leaves all bounds ends the episode (see `Arena`): `info["diverged"]` says so, and the
+        A simulation that leaves all bounds ends the episode (see `TaskBatch`): `info["diverged"]` says so, and the
         observation is the one before.
 
         Raises:

@@ -8,14 +8,14 @@ import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 
 from nas_data.envs.base import Task
-from nas_data.envs.loop.arena import Arena
+from nas_data.envs.loop.task_batch import TaskBatch
 from nas_data.simulators.base import Stepper
 
 Indices = None | int | Iterable[int]
 
 
 @dataclass(frozen=True)
-class Episode:
+class RunningEpisode:
     """How an episode went.
 
     Attributes:
@@ -37,7 +37,7 @@ class ArmVecEnv(VecEnv):
     Row i after `seed(s)` lives through the same episodes as `ArmEnv` after `reset(seed=s + i)`. A finished row's info
     holds `terminal_observation`, `TimeLimit.truncated`, `is_success` and the `episode`'s return `r` and length `l`;
     `take_episodes` returns the same without the need to look at every step. A simulation that leaves all bounds ends
-    its episode (see `Arena`), whose last observation is then the one before.
+    its episode (see `TaskBatch`), whose last observation is then the one before.
     """
 
     def __init__(self, task: Task, stepper: Stepper) -> None:
@@ -46,10 +46,10 @@ class ArmVecEnv(VecEnv):
         Raises:
             JointMismatch: the simulations have other joints than the task.
         """
-        self.arena = Arena(task, stepper)
+        self.arena = TaskBatch(task, stepper)
         self._rngs = [np.random.default_rng() for _ in range(stepper.size)]
         self._returns = np.zeros(stepper.size)
-        self._ended: list[Episode] = []
+        self._ended: list[RunningEpisode] = []
         self._seen = np.zeros((stepper.size, *task.observation_space.shape), dtype=np.float32)
         self._actions = np.zeros((stepper.size, *task.action_space.shape))
         super().__init__(stepper.size, task.observation_space, task.action_space)
@@ -88,14 +88,14 @@ class ArmVecEnv(VecEnv):
                     "is_success": bool(verdict.success[row]),
                     "episode": {"r": total, "l": length},
                 }
-                self._ended.append(Episode(total, length, bool(verdict.success[row]), bool(lost[row])))
+                self._ended.append(RunningEpisode(total, length, bool(verdict.success[row]), bool(lost[row])))
             self._returns[rows] = 0.0
             self.arena.start([self._rngs[row] for row in rows], rows)
             observations[rows] = self.arena.observe()[rows]
         self._seen = observations.copy()
         return observations, verdict.reward.astype(np.float32), done, infos
 
-    def take_episodes(self) -> list[Episode]:
+    def take_episodes(self) -> list[RunningEpisode]:
         """Return the episodes that ended since the last call, unfinished ones excluded."""
         ended, self._ended = self._ended, []
         return ended

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
+from nas_data.actuator_lookup import BAND, GOAL, goal_joints, servo_actuators
 from nas_data.dataset.features import EFFORT
-from nas_data.drives import BAND, GOAL, goal_joints, servo_actuators
 from nas_data.effects.command_delay import CommandDelay
 from nas_data.envs.loop.ranges import RANGES, Factors, Ranges
 from nas_data.simulators.base import Stepper
-from nas_data.simulators.controls import commanded, control_range, length_feedback
+from nas_data.simulators.controls import control_range, find_command, length_feedback
 from nas_data.simulators.mujoco import MujocoStepper
 
 FIELDS = (
@@ -124,7 +124,7 @@ def largest_torque(model: mujoco.MjModel, joint: str) -> float:
     index = model.joint(joint).id
     if model.jnt_actfrclimited[index]:  # also where a dead band moved the servo's limit to
         return float(np.abs(model.jnt_actfrcrange[index]).max())
-    actuator, control = commanded(model, index, "the model")
+    actuator, control = find_command(model, index, "the model")
     gear = abs(float(model.actuator_gear[actuator, 0]))
     if model.actuator_forcelimited[actuator]:
         return float(np.abs(model.actuator_forcerange[actuator]).max()) * gear

@@ -1,20 +1,20 @@
 """Which code decides each stage of an environment's material: other code's recordings, models and names are refused."""
 
 from nas_data.code_hash import code_hash
-from nas_data.envs.loop.plant import Plant
-from nas_data.experiments.pipeline.material import MaterialPlan
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
+from nas_data.experiments.pipeline.artifacts import MaterialPlan
 from nas_data.gap_code import effect_modules, gap_modules
 
 
 def source_modules(plan: MaterialPlan) -> tuple[str, ...]:
     """Return the modules that decide how the source moves."""
-    return Plant(plan.recipe.environment, plan.source).modules()
+    return DynamicsSpec(plan.recipe.environment, plan.source).modules()
 
 
 def recording_code(plan: MaterialPlan) -> str:
     """Return the hash of what records the target and pairs it with the source."""
     recipe = plan.recipe
-    target = Plant(recipe.environment, recipe.dynamics, engine=recipe.engine).modules()
+    target = DynamicsSpec(recipe.environment, recipe.dynamics, engine=recipe.engine).modules()
     return code_hash(*target, *source_modules(plan), "nas_data.experiments.pipeline.pairs")
 
 

@@ -4,11 +4,11 @@ from functools import partial
 
 from nas_data.effects.base import Effect
 from nas_data.envs.base import SOURCE, Edit, InTurn, Task
-from nas_data.experiments.pipeline.material import Material
+from nas_data.experiments.pipeline.artifacts import Artifacts
 from nas_data.simulators.engines import ENGINE_NAMES
 
 
-def dynamics_of(material: Material) -> str:
+def dynamics_of(material: Artifacts) -> str:
     """Say what the target of a material is."""
     plan = material.plan
     said = describe_dynamics(plan.task, plan.recipe.dynamics, plan.source)
@@ -23,11 +23,15 @@ def describe_dynamics(task: Task, dynamics: str, source: str = SOURCE) -> str:
     Raises:
         UnknownName: the task has no such dynamics; lists those it has.
     """
-    said = f"'{dynamics}' is the plain model with {added(task, dynamics)}."
-    return said if source == SOURCE else f"{said} Its source '{source}' is the plain model with {added(task, source)}."
+    said = f"'{dynamics}' is the plain model with {list_effects(task, dynamics)}."
+    return (
+        said
+        if source == SOURCE
+        else f"{said} Its source '{source}' is the plain model with {list_effects(task, source)}."
+    )
 
 
-def added(task: Task, dynamics: str) -> str:
+def list_effects(task: Task, dynamics: str) -> str:
     """Return the effects of a dynamics, each with its joints, and what it changes in the model beyond them."""
     joints: dict[str, list[str]] = {}
     for effect in task.effects(dynamics):

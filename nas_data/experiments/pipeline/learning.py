@@ -15,7 +15,7 @@ from nas_data.dataset.read import read
 from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.run import CHECKPOINT, HISTORY, STATE, TrainingRun
-from nas_data.models.training import Training
+from nas_data.models.training import ModelTraining
 from nas_data.reports.file import write_whole
 from nas_data.sources import kept_files, locate_source
 
@@ -78,7 +78,7 @@ def train_model(
     claim(job, json.loads(json.dumps(identity)), report)
     history = job.folder / HISTORY
     if not history.is_file() or (job.folder / STATE).exists():
-        training = Training(job.kind, chosen, job.options, source, provenance)
+        training = ModelTraining(job.kind, chosen, job.options, source, provenance)
         TrainingRun(training, job.folder, report, kept_files(job.dataset)).run()
     rows: list[dict[str, float]] = json.loads(history.read_text(encoding="utf-8"))
     return rows

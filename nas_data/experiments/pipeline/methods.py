@@ -3,9 +3,9 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from nas_data.envs.loop.plant import Plant
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import UnknownName
-from nas_data.experiments.pipeline.material import NAMES, PHI, PHI_NAMED, PSI, Material
+from nas_data.experiments.pipeline.artifacts import NAMES, PHI, PHI_NAMED, PSI, Artifacts
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD
 
 
@@ -20,25 +20,25 @@ class Method:
     """
 
     learned_on: str
-    plant: Callable[[Material], Plant]
+    plant: Callable[[Artifacts], DynamicsSpec]
     needs: tuple[str, ...] = ()
 
 
-def target(material: Material) -> Plant:
+def target(material: Artifacts) -> DynamicsSpec:
     """Return what every policy is judged on."""
     recipe = material.plan.recipe
-    return Plant(recipe.environment, recipe.dynamics, engine=recipe.engine)
+    return DynamicsSpec(recipe.environment, recipe.dynamics, engine=recipe.engine)
 
 
 def on_source(
-    material: Material, checkpoint: str | None = None, effects: str | None = None, randomised: bool = False
-) -> Plant:
+    material: Artifacts, checkpoint: str | None = None, effects: str | None = None, randomised: bool = False
+) -> DynamicsSpec:
     """Return the source with something added."""
     plan = material.plan
-    return Plant(plan.recipe.environment, plan.source, checkpoint, effects, randomised=randomised)
+    return DynamicsSpec(plan.recipe.environment, plan.source, checkpoint, effects, randomised=randomised)
 
 
-def named_nas(material: Material) -> Plant:
+def named_nas(material: Artifacts) -> DynamicsSpec:
     """Return the source with names and φ; φ alone where nothing was named, names alone where they explain all."""
     if material.named is None:
         return on_source(material, material.phi)

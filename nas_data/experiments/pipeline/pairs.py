@@ -18,7 +18,7 @@ from nas_data.sources import source_files
 
 
 @dataclass(frozen=True)
-class Recorded:
+class PairedRecording:
     """A paired dataset.
 
     Attributes:
@@ -39,7 +39,7 @@ class Recorded:
 
 
 @dataclass(frozen=True)
-class Body:
+class Predictor:
     """What predicts in a pairing.
 
     Attributes:
@@ -51,12 +51,12 @@ class Body:
     effects: Sequence[Effect] = ()
 
     @classmethod
-    def of(cls, environment: str, dynamics: str = SOURCE) -> "Body":
+    def of(cls, environment: str, dynamics: str = SOURCE) -> "Predictor":
         """Return an environment's robot as one of its dynamics has it."""
         return cls(*find_task(environment).body(dynamics))
 
 
-def record_and_pair(recipe: Recipe, source: Body, name: str, home: Path, folder: str) -> Recorded:
+def record_and_pair(recipe: Recipe, source: Predictor, name: str, home: Path, folder: str) -> PairedRecording:
     """Record a target, and pair the recording with a source as its next version.
 
     Args:
@@ -71,7 +71,7 @@ def record_and_pair(recipe: Recipe, source: Body, name: str, home: Path, folder:
     return pair_again(root, source, name, home, folder)
 
 
-def pair_again(root: Path, source: Body, name: str, home: Path, folder: str) -> Recorded:
+def pair_again(root: Path, source: Predictor, name: str, home: Path, folder: str) -> PairedRecording:
     """Pair a recording with a source, as the next version of a name; see `record_and_pair`."""
     recorded = read(root)
     simulator = load_simulator(source.robot, 1 / recorded.fps, recorded.joints, source.effects)
@@ -84,4 +84,4 @@ def pair_again(root: Path, source: Body, name: str, home: Path, folder: str) -> 
     )
     kept = {f"meta/{file}": content for file, content in source_files(source.robot, source.effects).items()}
     path = versions.new_version(paired, name, provenance, home / folder, kept)
-    return Recorded(str(path.relative_to(home)), content_hash(paired), paired.n_episodes, paired.n_frames)
+    return PairedRecording(str(path.relative_to(home)), content_hash(paired), paired.n_episodes, paired.n_frames)

@@ -7,7 +7,7 @@ import numpy as np
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
 from nas_data.experiments.base import Request
-from nas_data.experiments.pipeline.material import PHI, PSI, Material
+from nas_data.experiments.pipeline.artifacts import PHI, PSI, Artifacts
 from nas_data.experiments.pipeline.stages import describe_stages
 from nas_data.experiments.pipeline.trajectories import compare_models
 from nas_data.models.evaluation import Evaluation
@@ -32,7 +32,7 @@ class Sequence:
         joint: The joint that the source predicts worst in these.
     """
 
-    material: Material
+    material: Artifacts
     dataset: Dataset
     evaluation: Evaluation
     episode: int

@@ -12,7 +12,7 @@ FOR_FEW = ("few", "symmetric")  # presets that learn from few trajectories
 
 
 @dataclass(frozen=True)
-class Recording:
+class RecordingSize:
     """How much of an environment's target is recorded.
 
     Attributes:
@@ -31,11 +31,11 @@ class Recording:
 
 
 # The paper draws a new action every step in simulation, and a new target every second on the arm
-RECORDINGS: Mapping[str, Recording] = {
-    "pusher": Recording(1000, 100, 1, 50),
-    "striker": Recording(5000, 100, 1, 50),
-    "ergo_reacher": Recording(1000, 100, 1, 100),
-    "ergo_shield": Recording(2000, 300, 100, 100),  # the paper's arm has 500, which φ here learns by heart
+RECORDINGS: Mapping[str, RecordingSize] = {
+    "pusher": RecordingSize(1000, 100, 1, 50),
+    "striker": RecordingSize(5000, 100, 1, 50),
+    "ergo_reacher": RecordingSize(1000, 100, 1, 100),
+    "ergo_shield": RecordingSize(2000, 300, 100, 100),  # the paper's arm has 500, which φ here learns by heart
 }
 # Ours is that of the paper's robot experiments, 16 arms side by side in place of 4 processes; in simulation the authors
 # had one process of 2048 steps, 32 minibatches of 64 and 10 epochs (paper, appendix C; facts in reference/paper.md, 5)
@@ -116,7 +116,7 @@ class Sizes:
 
     def recipe(self, environment: str, dynamics: str, engine: str = "mujoco") -> Recipe:
         """Return how an environment's target is recorded."""
-        known = RECORDINGS.get(find_task_file(environment)) or Recording(250, find_task(environment).horizon, 1, 20)
+        known = RECORDINGS.get(find_task_file(environment)) or RecordingSize(250, find_task(environment).horizon, 1, 20)
         count = self.trajectories or known.trajectories
         return Recipe(
             environment=environment,

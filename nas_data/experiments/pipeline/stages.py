@@ -7,9 +7,7 @@ from pathlib import Path
 from nas_data.dataset import versions
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
-from nas_data.experiments.pipeline.code import learning_code, learning_on_names_code, naming_code, recording_code
-from nas_data.experiments.pipeline.learning import ModelJob, train_model
-from nas_data.experiments.pipeline.material import (
+from nas_data.experiments.pipeline.artifacts import (
     DATASETS,
     HELDOUT,
     NAMED,
@@ -18,15 +16,17 @@ from nas_data.experiments.pipeline.material import (
     PHI_NAMED,
     PSI,
     TRAIN,
-    Material,
+    Artifacts,
     MaterialPlan,
 )
-from nas_data.experiments.pipeline.pairs import Body, pair_again, record_and_pair
+from nas_data.experiments.pipeline.code import learning_code, learning_on_names_code, naming_code, recording_code
+from nas_data.experiments.pipeline.learning import ModelJob, train_model
+from nas_data.experiments.pipeline.pairs import Predictor, pair_again, record_and_pair
 from nas_data.gap import workflow
 from nas_data.gap.named import Named
 from nas_data.models.lstm import Kind
 from nas_data.policies.ppo import Calm
-from nas_data.stages import INDENT, Found, Report, Stage, Work, read_done, run_stages
+from nas_data.stages import INDENT, Report, Stage, StageResult, Work, read_done, run_stages
 from nas_data.stages_side_by_side import Part, do_part, run_side_by_side
 
 Job = Work[MaterialPlan]
@@ -35,68 +35,70 @@ PAUSE = 15.0  # [s] between two lines of the search, which says much
 TOLD = ("verdict", "effects", "retuned", "gap")  # what is kept of a gap report beside the report itself
 
 
-def record(job: Job) -> Found:
+def record(job: Job) -> StageResult:
     """Record what is learned from and what judges, and pair both with the source."""
     plan = job.plan
-    source = Body.of(plan.recipe.environment, plan.source)
+    source = Predictor.of(plan.recipe.environment, plan.source)
     held = replace(plan.recipe, episodes=plan.heldout, seed=plan.recipe.seed + 1)
     found = {
         name: record_and_pair(recipe, source, name, job.folder, DATASETS)
         for name, recipe in ((TRAIN, plan.recipe), (HELDOUT, held))
     }
     said = [f"{one.episodes} episodes, {one.frames:,} transitions → {job.folder / one.path}" for one in found.values()]
-    return Found(said, {name: one.describe() for name, one in found.items()})
+    return StageResult(said, {name: one.describe() for name, one in found.items()})
 
 
-def learner(kind: Kind, name: str, folder: str) -> Callable[[Job], Found]:
+def learner(kind: Kind, name: str, folder: str) -> Callable[[Job], StageResult]:
     """Return what trains a model of a kind on the pairs."""
 
-    def learn(job: Job) -> Found:
+    def learn(job: Job) -> StageResult:
         options = job.plan.delta if kind == "delta" else job.plan.forward
-        pairs = Material(job.plan, job.folder).train
-        return learned(ModelJob(kind, pairs, options, job.folder / folder, job.threads), name, job)
+        pairs = Artifacts(job.plan, job.folder).train
+        return run_training(ModelJob(kind, pairs, options, job.folder / folder, job.threads), name, job)
 
     return learn
 
 
-def learned(model: ModelJob, name: str, job: Job) -> Found:
+def run_training(model: ModelJob, name: str, job: Job) -> StageResult:
     """Train a model and say how far it came."""
     history = train_model(model, lambda line: job.report(f"{INDENT}{name}  {line}"))
-    return Found([f"{name} → {model.folder}"], {"validations": len(history), "options": vars(model.options)})
+    return StageResult([f"{name} → {model.folder}"], {"validations": len(history), "options": vars(model.options)})
 
 
-def name_effects(job: Job) -> Found:
+def name_effects(job: Job) -> StageResult:
     """Let `nas gap` name what the source lacks, from the same recordings and nothing else."""
-    material = Material(job.plan, job.folder)
+    material = Artifacts(job.plan, job.folder)
     root = recordings_to_name(job)
     say = Calm(lambda line: job.report(f"{INDENT}names  {line.strip()}"), PAUSE)
     report = workflow.investigate(root, material.train / "meta/source.xml", job.folder / NAMES, say)
     named = Named.read(job.folder / NAMES)
     listed = ", ".join(f"{effect.name()} in {effect.joint or 'the arm'}" for effect in named.effects) or "nothing"
     content = report.to_json()
-    return Found([f"named: {listed}; {report.verdict} → {job.folder / NAMES}"], {key: content[key] for key in TOLD})
+    return StageResult(
+        [f"named: {listed}; {report.verdict} → {job.folder / NAMES}"], {key: content[key] for key in TOLD}
+    )
 
 
 def recordings_to_name(job: Job) -> Path:
     """Return the folder of what `nas gap` is given: all that was recorded, or the first episodes of it."""
-    train = Material(job.plan, job.folder).train
+    train = Artifacts(job.plan, job.folder).train
     dataset, provenance = read(train), read_provenance(train)
     if job.plan.named is None or job.plan.named >= dataset.n_episodes or provenance is None:
         return train
     return versions.new_version(dataset.select(range(job.plan.named)), "to_name", provenance, job.folder / DATASETS)
 
 
-def learn_on_names(job: Job) -> Found:
+def learn_on_names(job: Job) -> StageResult:
     """Pair the recordings with the source that has the names, and train φ on what they leave."""
-    material, plan = Material(job.plan, job.folder), job.plan
+    material, plan = Artifacts(job.plan, job.folder), job.plan
     if material.named is None or material.explained:
         (job.folder / PHI_NAMED).mkdir(exist_ok=True)
         nothing = "nothing was named: φ on the names is φ"
         explained = "what the names leave is at the noise floor: φ has nothing to learn there and is left out"
-        return Found([nothing if material.named is None else explained], {})
+        return StageResult([nothing if material.named is None else explained], {})
     pairs = pair_again(material.train, plan.source_with(material.named), NAMED, job.folder, DATASETS)
     model = ModelJob("delta", job.folder / pairs.path, plan.delta, job.folder / PHI_NAMED, job.threads)
-    return learned(model, "φ on the names", job)
+    return run_training(model, "φ on the names", job)
 
 
 STAGES = {  # side by side those first that others wait for, and of the rest the longest
@@ -153,7 +155,7 @@ STAGES = {  # side by side those first that others wait for, and of the rest the
 }
 
 
-def describe_stages(material: Material) -> dict[str, object]:
+def describe_stages(material: Artifacts) -> dict[str, object]:
     """Return for JSON what each stage of a material that is done cost, when, and by which commit."""
     told = ("seconds", "cpu_seconds", "when", "load", "commit")
     found = {name: read_done(stage, material.folder) for name, stage in STAGES.items()}
@@ -162,7 +164,7 @@ def describe_stages(material: Material) -> dict[str, object]:
 
 def make_material(
     plan: MaterialPlan, folder: Path, needs: Collection[str], report: Report, workers: int = 1
-) -> Material:
+) -> Artifacts:
     """Make what is needed of an environment's material; a stage that is done is not done again.
 
     Args:
@@ -183,7 +185,7 @@ def make_material(
         run_side_by_side(stages, work, workers, make_part)
     else:
         run_stages(stages, work)
-    return Material(plan, folder)
+    return Artifacts(plan, folder)
 
 
 def make_part(part: Part[MaterialPlan]) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
-from nas_data.gap.experiments.room import Room
+from nas_data.gap.experiments.command_limits import Room
 from nas_data.simulators.mujoco import MujocoSimulator
 
 SHARES = (1.0, 0.6, 0.35, 0.2)  # of the way from rest that an experiment may take, tried in this order

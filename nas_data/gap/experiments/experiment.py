@@ -8,12 +8,12 @@ import numpy as np
 
 from nas_data.command_file import write_commands
 from nas_data.effects.base import Effect
-from nas_data.gap.experiments.library import Trial, library
-from nas_data.gap.experiments.rivalry import Rival, as_evidence, concerned_joints, separations
-from nas_data.gap.experiments.room import Room
+from nas_data.gap.experiments.command_limits import Room
+from nas_data.gap.experiments.discrimination import Rival, as_evidence, concerned_joints, separations
+from nas_data.gap.experiments.library import ExperimentDesign, library
 from nas_data.gap.nominal import Nominal
 
-__all__ = ["Experiment", "Rival", "Tried", "next_experiment", "write"]
+__all__ = ["NextExperiment", "Rival", "Tried", "next_experiment", "write"]
 
 VISIBLE = 1.0  # noise floors by which rivals must differ, or the experiment is not worth recording
 
@@ -29,7 +29,7 @@ class Tried:
         seconds: How long it takes [s].
     """
 
-    trial: Trial
+    trial: ExperimentDesign
     separation: float
     joint: str
     seconds: float
@@ -46,7 +46,7 @@ class Tried:
 
 
 @dataclass(frozen=True)
-class Experiment:
+class NextExperiment:
     """The experiment to record next.
 
     Attributes:
@@ -68,7 +68,7 @@ class Experiment:
         return [row.to_json() for row in self.table]
 
 
-def next_experiment(nominal: Nominal, rivals: tuple[Rival, Rival], floor: np.ndarray, seed: int) -> Experiment:
+def next_experiment(nominal: Nominal, rivals: tuple[Rival, Rival], floor: np.ndarray, seed: int) -> NextExperiment:
     """Choose what to record next.
 
     Args:
@@ -93,7 +93,7 @@ def next_experiment(nominal: Nominal, rivals: tuple[Rival, Rival], floor: np.nda
     table = tuple(sorted(rows, key=lambda row: -row.separation))
     names = tuple(joint + kind for joint, kind in zip(nominal.joints, nominal.simulator().kinds, strict=True))
     text = sentence(table[0], rivals, nominal.joints)
-    return Experiment(text, names, table[0].trial.commands, nominal.period, table)
+    return NextExperiment(text, names, table[0].trial.commands, nominal.period, table)
 
 
 def sentence(best: Tried, rivals: tuple[Rival, Rival], joints: Sequence[str]) -> str:
@@ -117,15 +117,15 @@ def claim(rival: Rival, other: Rival) -> str:
     theirs = {(effect.name(), effect.joint) for effect in other.effects}
     own = [effect for effect in rival.effects if (effect.name(), effect.joint) not in theirs]
     names = {effect.name() for effect in other.effects}
-    return " and ".join(called(effect, effect.name() in names) for effect in own) or "no further effect"
+    return " and ".join(describe_effect(effect, effect.name() in names) for effect in own) or "no further effect"
 
 
-def called(effect: Effect, with_joint: bool) -> str:
+def describe_effect(effect: Effect, with_joint: bool) -> str:
     """Return an effect's name as a person says it, with its joint where that is the difference."""
     words = effect.name().replace("_", " ")
     return f"{words} in {effect.joint or 'the whole arm'}" if with_joint else words
 
 
-def write(experiment: Experiment, path: Path) -> None:
+def write(experiment: NextExperiment, path: Path) -> None:
     """Write the commands as the CSV file that `nas record sim --commands` plays."""
     write_commands(path, experiment.names, [experiment.commands])

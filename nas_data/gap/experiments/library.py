@@ -8,8 +8,8 @@ import numpy as np
 from nas_data.excitations.chirp import Chirp
 from nas_data.excitations.steps import Steps
 from nas_data.excitations.triangle import Triangle
+from nas_data.gap.experiments.command_limits import Room, moves
 from nas_data.gap.experiments.contact import without_contact
-from nas_data.gap.experiments.room import Room, moves
 from nas_data.gap.nominal import Nominal
 
 SECONDS = 12.0  # of an experiment, without its approach
@@ -25,7 +25,7 @@ HOLD = 1.0  # [s] at each level
 
 
 @dataclass(frozen=True)
-class Trial:
+class ExperimentDesign:
     """One experiment.
 
     Attributes:
@@ -73,7 +73,7 @@ KINDS: Mapping[str, Draw] = {
 }
 
 
-def library(nominal: Nominal, room: Room, concerned: Sequence[str], seed: int) -> Iterator[Trial]:
+def library(nominal: Nominal, room: Room, concerned: Sequence[str], seed: int) -> Iterator[ExperimentDesign]:
     """Yield experiments for the concerned joints, one at a time, and steps of all joints together.
 
     Args:
@@ -93,4 +93,4 @@ def library(nominal: Nominal, room: Room, concerned: Sequence[str], seed: int) -
             rng = np.random.default_rng([seed, number])
             return part.approached(KINDS[name](part, moves(whole, moved), rng))
 
-        yield Trial(name, moved, without_contact(simulator, room, draw))
+        yield ExperimentDesign(name, moved, without_contact(simulator, room, draw))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nas_data.gap.finding.loads import Loads
-from nas_data.gap.finding.recorded import Recorded
+from nas_data.gap.finding.recorded import RecordedRows
 from nas_data.gap.nominal import Nominal
 from nas_data.simulators.layout import joint_index
 
@@ -16,7 +16,7 @@ SMALLEST_LOAD = 1e-4  # [N·m] between light and heavy postures; less is a joint
 
 
 @dataclass(frozen=True)
-class Setting:
+class ConditionInputs:
     """What conditions are read from.
 
     Attributes:
@@ -26,7 +26,7 @@ class Setting:
         floor: Noise floor [rad], shape (n,).
     """
 
-    recorded: Recorded
+    recorded: RecordedRows
     loads: Loads
     nominal: Nominal
     floor: np.ndarray
@@ -49,14 +49,14 @@ class Condition:
     whole_episodes: bool = False
 
 
-def conditions(setting: Setting) -> tuple[Condition, ...]:
+def conditions(setting: ConditionInputs) -> tuple[Condition, ...]:
     """Return every condition, rows that were not recorded in no bin."""
     counts = setting.recorded.evidence.counts[..., None]
     found = (make(setting) for make in CONDITIONS)
     return tuple(Condition(c.name, c.bins, np.where(counts, c.labels, -1), c.whole_episodes) for c in found)
 
 
-def speed(setting: Setting) -> Condition:
+def speed(setting: ConditionInputs) -> Condition:
     """Divide rows into those at rest and terciles of those in motion."""
     moving = setting.recorded.moving(setting.floor)
     thirds = terciles(np.abs(setting.recorded.motion), moving)
@@ -65,7 +65,7 @@ def speed(setting: Setting) -> Condition:
     )
 
 
-def reversal(setting: Setting) -> Condition:
+def reversal(setting: ConditionInputs) -> Condition:
     """Divide moved rows into those shortly after the motion turned round and the others."""
     sign = last_direction(setting)
     turned = np.zeros(sign.shape, bool)
@@ -76,20 +76,20 @@ def reversal(setting: Setting) -> Condition:
     return Condition("reversal", ("other times", "after a reversal"), np.where(sign == 0, -1, total > earlier))
 
 
-def direction(setting: Setting) -> Condition:
+def direction(setting: ConditionInputs) -> Condition:
     """Divide rows in motion by its sign."""
     moving = setting.recorded.moving(setting.floor)
     return Condition("direction", ("negative", "positive"), np.where(moving, setting.recorded.motion > 0, -1))
 
 
-def load(setting: Setting) -> Condition:
+def load(setting: ConditionInputs) -> Condition:
     """Divide rows by the torque that holds the posture; a joint that gravity never loads is in no bin."""
     size = np.abs(setting.loads.posture)
     labels = terciles(size, setting.recorded.evidence.counts[..., None], SMALLEST_LOAD)
     return Condition("load", ("light", "medium", "heavy"), labels)
 
 
-def command_size(setting: Setting) -> Condition:
+def command_size(setting: ConditionInputs) -> Condition:
     """Divide rows by the distance to the commanded position, or by the size of another command."""
     evidence = setting.recorded.evidence
     positional = setting.nominal.simulator().layout.inputs.positional
@@ -97,13 +97,13 @@ def command_size(setting: Setting) -> Condition:
     return Condition("command size", ("small", "medium", "large"), terciles(size, evidence.counts[..., None]))
 
 
-def saturation(setting: Setting) -> Condition:
+def saturation(setting: ConditionInputs) -> Condition:
     """Divide rows by whether the model's servo gives all it has."""
     labels = np.where(setting.loads.limited, setting.loads.saturated, -1)
     return Condition("saturation", ("below the limit", "at the limit"), labels)
 
 
-def recording_time(setting: Setting) -> Condition:
+def recording_time(setting: ConditionInputs) -> Condition:
     """Divide whole episodes by when they were recorded, to show what drifts."""
     episodes, steps, n = setting.recorded.positions.shape
     third = np.arange(episodes) * 3 // max(episodes, 3)
@@ -111,7 +111,7 @@ def recording_time(setting: Setting) -> Condition:
     return Condition("recording time", ("first third", "middle", "last third"), labels, whole_episodes=True)
 
 
-def joint_limits(setting: Setting) -> Condition:
+def joint_limits(setting: ConditionInputs) -> Condition:
     """Divide rows by whether the joint was near the end of its range."""
     model = setting.nominal.simulator().model
     labels = np.full(setting.recorded.positions.shape, -1)
@@ -126,7 +126,7 @@ def joint_limits(setting: Setting) -> Condition:
     return Condition("joint limits", ("away", "near"), labels)
 
 
-CONDITIONS: tuple[Callable[[Setting], Condition], ...] = (
+CONDITIONS: tuple[Callable[[ConditionInputs], Condition], ...] = (
     speed, reversal, direction, load, command_size, saturation, recording_time, joint_limits,
 )  # fmt: skip
 
@@ -151,7 +151,7 @@ def terciles(sizes: np.ndarray, chosen: np.ndarray, apart: float = 1e-9) -> np.n
     return labels
 
 
-def last_direction(setting: Setting) -> np.ndarray:
+def last_direction(setting: ConditionInputs) -> np.ndarray:
     """Return the sign of each joint's last motion up to each row, 0 before the first; shape (E, T, n)."""
     moving = setting.recorded.moving(setting.floor)
     rows = np.arange(moving.shape[1])[None, :, None]

@@ -4,21 +4,21 @@ import numpy as np
 
 from nas_data.dataset.audits import audit_dataset
 from nas_data.dataset.dataset import Dataset
-from nas_data.gap.evidence import Evidence
+from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.finding.audits import audit
 from nas_data.gap.finding.audits.base import Examined
-from nas_data.gap.finding.conditions import Setting, conditions
-from nas_data.gap.finding.driven import while_driven
+from nas_data.gap.finding.conditions import ConditionInputs, conditions
 from nas_data.gap.finding.joint_gaps import find_joint_gaps
 from nas_data.gap.finding.loads import find_loads
-from nas_data.gap.finding.recorded import Recorded
+from nas_data.gap.finding.recorded import RecordedRows
 from nas_data.gap.finding.regimes import find_regimes
+from nas_data.gap.finding.torque_off import while_driven
 from nas_data.gap.finding.undecidable import undecidable
 from nas_data.gap.nominal import Nominal
-from nas_data.gap.report import Found
+from nas_data.gap.report import GapFindings
 
 
-def find(dataset: Dataset, evidence: Evidence, nominal: Nominal, floor: np.ndarray) -> Found:
+def find(dataset: Dataset, evidence: EpisodeBatch, nominal: Nominal, floor: np.ndarray) -> GapFindings:
     """Compare a recording with a model.
 
     Args:
@@ -34,12 +34,12 @@ def find(dataset: Dataset, evidence: Evidence, nominal: Nominal, floor: np.ndarr
     """
     driven = while_driven(dataset)
     if driven is not dataset:
-        evidence = chosen(Evidence.of(driven).with_objects(driven, nominal.simulator()), evidence.numbers)
-    recorded = Recorded.of(driven, evidence)
+        evidence = select_episodes(EpisodeBatch.of(driven).with_objects(driven, nominal.simulator()), evidence.numbers)
+    recorded = RecordedRows.of(driven, evidence)
     predicted = nominal.predict(evidence)
     loads = find_loads(nominal, recorded)
-    regimes = find_regimes(evidence, predicted, conditions(Setting(recorded, loads, nominal, floor)), floor)
-    return Found(
+    regimes = find_regimes(evidence, predicted, conditions(ConditionInputs(recorded, loads, nominal, floor)), floor)
+    return GapFindings(
         joints=find_joint_gaps(recorded, nominal, floor, predicted),
         regimes=regimes,
         audit=audit(Examined(dataset, audit_dataset(dataset), recorded, nominal, floor, predicted, loads)),
@@ -47,6 +47,6 @@ def find(dataset: Dataset, evidence: Evidence, nominal: Nominal, floor: np.ndarr
     )
 
 
-def chosen(evidence: Evidence, numbers: np.ndarray) -> Evidence:
+def select_episodes(evidence: EpisodeBatch, numbers: np.ndarray) -> EpisodeBatch:
     """Return the episodes with some numbers, as far as there are such."""
     return evidence.select(np.flatnonzero(np.isin(evidence.numbers, numbers)))

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from nas_data.gap.evidence import Evidence
-from nas_data.gap.finding.recorded import Recorded
+from nas_data.gap.episode_batch import EpisodeBatch
+from nas_data.gap.finding.recorded import RecordedRows
 from nas_data.gap.finding.repeatability import repeatability
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.report import JointGap
@@ -11,7 +11,7 @@ from nas_data.joint_units import joint_unit
 
 
 def find_joint_gaps(
-    recorded: Recorded, nominal: Nominal, floor: np.ndarray, predicted: np.ndarray
+    recorded: RecordedRows, nominal: Nominal, floor: np.ndarray, predicted: np.ndarray
 ) -> dict[str, JointGap]:
     """Return the gap of each joint.
 
@@ -45,6 +45,6 @@ def find_joint_gaps(
     }
 
 
-def rmse(evidence: Evidence, predicted: np.ndarray) -> np.ndarray:
+def rmse(evidence: EpisodeBatch, predicted: np.ndarray) -> np.ndarray:
     """Return the root mean squared error of each joint over all recorded rows [rad], shape (n,)."""
     return np.asarray(np.sqrt((evidence.errors(predicted) ** 2).sum((0, 1)) / evidence.counts.sum()))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from nas_data.gap.finding.recorded import Recorded
+from nas_data.gap.finding.recorded import RecordedRows
 from nas_data.gap.nominal import Nominal
 from nas_data.simulators.layout import FULLPHYSICS, actuator_index, joint_index
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -28,7 +28,7 @@ class Loads:
     limited: np.ndarray
 
 
-def find_loads(nominal: Nominal, recorded: Recorded) -> Loads:
+def find_loads(nominal: Nominal, recorded: RecordedRows) -> Loads:
     """Put the model into every measured state, with the command given there."""
     simulator = nominal.simulator()
     simulator.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
@@ -37,10 +37,10 @@ def find_loads(nominal: Nominal, recorded: Recorded) -> Loads:
     posture, force = torques(simulator, states, recorded.evidence.commands[counts])
     low, high = torque_limits(simulator)
     saturated = (force <= low * AT_LIMIT) | (force >= high * AT_LIMIT)
-    return Loads(laid_out(posture, counts), laid_out(saturated, counts), np.isfinite(high))
+    return Loads(scatter_rows(posture, counts), scatter_rows(saturated, counts), np.isfinite(high))
 
 
-def laid_out(rows: np.ndarray, counts: np.ndarray) -> np.ndarray:
+def scatter_rows(rows: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """Return the values of counted rows (N, n) in their places (E, T, n), zero elsewhere."""
     result = np.zeros((*counts.shape, rows.shape[1]), rows.dtype)
     result[counts] = rows

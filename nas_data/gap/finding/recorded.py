@@ -7,14 +7,14 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import TIME
-from nas_data.gap.evidence import Evidence, lengthen
+from nas_data.gap.episode_batch import EpisodeBatch, lengthen
 
 AROUND = 0.05  # [s] on either side of a reading over which its speed is averaged: one quantum is not a motion
 STILL = 4.0  # noise floors; a quantum is √12 of them, and a reading that flickers by one has not moved
 
 
 @dataclass(frozen=True)
-class Recorded:
+class RecordedRows:
     """E episodes of up to T rows of n joints.
 
     Attributes:
@@ -24,13 +24,13 @@ class Recorded:
         times: By the recorder's clock [s], shape (E, T); None where it was not kept.
     """
 
-    evidence: Evidence
+    evidence: EpisodeBatch
     positions: np.ndarray
     velocities: np.ndarray
     times: np.ndarray | None
 
     @classmethod
-    def of(cls, dataset: Dataset, evidence: Evidence) -> "Recorded":
+    def of(cls, dataset: Dataset, evidence: EpisodeBatch) -> "RecordedRows":
         """Take the evidence's episodes out of the dataset that it was made of."""
         n, longest = len(dataset.joints), evidence.commands.shape[1]
         rows = [dataset.episode(int(number)) for number in evidence.numbers]

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from nas_data.gap.evidence import Evidence
+from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.finding.conditions import Condition
 from nas_data.gap.finding.significance import grouped_chance, holm, paired_chance
 from nas_data.gap.report import Bin
@@ -17,7 +17,7 @@ SEED = 0
 
 
 def find_regimes(
-    evidence: Evidence, predicted: np.ndarray, conditions: Sequence[Condition], floor: np.ndarray
+    evidence: EpisodeBatch, predicted: np.ndarray, conditions: Sequence[Condition], floor: np.ndarray
 ) -> tuple[Bin, ...]:
     """Compare every bin with the other bins of its condition, joint by joint.
 
@@ -36,10 +36,10 @@ def find_regimes(
         for number in range(len(condition.bins))
         if (measured := measure(evidence, errors[..., joint], condition, joint, number, float(floor[joint]), rng))
     ]
-    return corrected(found)
+    return correct_for_multiple_tests(found)
 
 
-def corrected(found: Sequence[Bin]) -> tuple[Bin, ...]:
+def correct_for_multiple_tests(found: Sequence[Bin]) -> tuple[Bin, ...]:
     """Decide which bins differ, all that were tested considered."""
     tested = np.array([measured.chance < 1 for measured in found], bool)
     significant = np.zeros(len(found), bool)
@@ -48,7 +48,7 @@ def corrected(found: Sequence[Bin]) -> tuple[Bin, ...]:
 
 
 def measure(
-    evidence: Evidence,
+    evidence: EpisodeBatch,
     errors: np.ndarray,
     condition: Condition,
     joint: int,

@@ -4,12 +4,12 @@ from collections import defaultdict
 
 import numpy as np
 
-from nas_data.gap.evidence import Evidence
+from nas_data.gap.episode_batch import EpisodeBatch
 
 SAME_START = 4.0  # noise floors within which repeats must start; else their paths differ for a known reason
 
 
-def repeatability(evidence: Evidence, floor: np.ndarray) -> np.ndarray | None:
+def repeatability(evidence: EpisodeBatch, floor: np.ndarray) -> np.ndarray | None:
     """Return the standard deviation between repeats of the same commands [rad], shape (n,); None without repeats."""
     squares, freedom = np.zeros(len(floor)), 0
     for group in repeats(evidence, floor):
@@ -20,7 +20,7 @@ def repeatability(evidence: Evidence, floor: np.ndarray) -> np.ndarray | None:
     return np.sqrt(squares / freedom) if freedom else None
 
 
-def repeats(evidence: Evidence, floor: np.ndarray) -> list[list[int]]:
+def repeats(evidence: EpisodeBatch, floor: np.ndarray) -> list[list[int]]:
     """Return groups of episodes that were given the same commands from the same pose."""
     groups: dict[bytes, list[int]] = defaultdict(list)
     for episode in range(len(evidence)):

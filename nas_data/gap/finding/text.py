@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from nas_data.gap.report import Bin, Check, JointGap
-from nas_data.joint_units import SLIDE, JointUnit, table_unit, unit_named
+from nas_data.joint_units import SLIDE, JointUnit, display_unit, table_unit
 
 SHOWN = 3  # regimes a joint
 LARGER = 1.2  # error in a bin over that in the rest from which it is worth naming
@@ -20,7 +20,7 @@ COLUMNS = {
 }
 
 
-def found_text(
+def describe_findings(
     joints: Mapping[str, JointGap], regimes: Sequence[Bin], audit: Sequence[Check], undecidable: Sequence[str]
 ) -> str:
     """Return all of it, the recording first."""
@@ -52,7 +52,7 @@ def joint_table(joints: Mapping[str, JointGap]) -> str:
 
 def cell(value: float | None, unit: str) -> str:
     """Return a position in the unit that is shown, a dash where there is none."""
-    return "–" if value is None else f"{unit_named(unit).factor * value:.3f}"
+    return "–" if value is None else f"{display_unit(unit).factor * value:.3f}"
 
 
 def regime_lines(joints: Mapping[str, JointGap], regimes: Sequence[Bin]) -> str:
@@ -62,7 +62,7 @@ def regime_lines(joints: Mapping[str, JointGap], regimes: Sequence[Bin]) -> str:
         bins = [measured for measured in regimes if measured.joint == joint]
         worst = [b for b in bins if b.significant and b.rmse > LARGER * b.rest]
         worst = sorted(worst, key=lambda measured: -measured.rmse / max(measured.rest, 1e-9))[:SHOWN]
-        unit = unit_named(gap.unit)
+        unit = display_unit(gap.unit)
         said = [place(measured, unit) for measured in worst] + turning(bins, gap.floor, unit)
         if said and gap.ratio_to_noise > VISIBLE:
             lines.append(f"  {joint}  " + "; ".join(said))

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from nas_data.gap.finding.audits.excitation import constant, names, unmoved
-from nas_data.gap.finding.recorded import Recorded
+from nas_data.gap.finding.audits.excitation import constant, find_unmoved_joints, names
+from nas_data.gap.finding.recorded import RecordedRows
 from nas_data.gap.finding.significance import episodes_needed
 from nas_data.gap.report import Bin
 
@@ -13,16 +13,16 @@ SHORT = 5.0  # [s] of recording below which little can be told
 RATES = 0.02  # relative difference between the rates of episodes
 
 
-def undecidable(recorded: Recorded, floor: np.ndarray, regimes: Sequence[Bin]) -> tuple[str, ...]:
+def undecidable(recorded: RecordedRows, floor: np.ndarray, regimes: Sequence[Bin]) -> tuple[str, ...]:
     """Return one sentence for each thing that cannot be decided, with the remedy."""
     said = [*about_motion(recorded, floor), *about_time(recorded), *about_episodes(recorded, regimes)]
     return tuple(said)
 
 
-def about_motion(recorded: Recorded, floor: np.ndarray) -> list[str]:
+def about_motion(recorded: RecordedRows, floor: np.ndarray) -> list[str]:
     """Say about which joints nothing can be told."""
     evidence = recorded.evidence
-    still = unmoved(evidence, floor)
+    still = find_unmoved_joints(evidence, floor)
     if still.all():
         return ["No joint moves in any episode, so no gap can be explained: record the arm in motion."]
     steady = constant(evidence)
@@ -40,7 +40,7 @@ def about_motion(recorded: Recorded, floor: np.ndarray) -> list[str]:
     return said
 
 
-def about_time(recorded: Recorded) -> list[str]:
+def about_time(recorded: RecordedRows) -> list[str]:
     """Say where the recording is too short, or has several rates."""
     said = []
     seconds = float(recorded.evidence.counts.sum()) * recorded.evidence.period
@@ -58,21 +58,21 @@ def about_time(recorded: Recorded) -> list[str]:
     return said
 
 
-def periods(recorded: Recorded) -> np.ndarray | None:
+def periods(recorded: RecordedRows) -> np.ndarray | None:
     """Return the time between rows in control periods, shape (E, T − 1); None without a clock."""
     if recorded.times is None:
         return None
     return np.asarray(np.diff(recorded.times, axis=1) / recorded.evidence.period)
 
 
-def episode_rates(recorded: Recorded, steps: np.ndarray) -> np.ndarray:
+def episode_rates(recorded: RecordedRows, steps: np.ndarray) -> np.ndarray:
     """Return each episode's rate over the dataset's, shape (E,)."""
     pairs = zip(steps, recorded.evidence.counts[:, 1:], strict=True)
     medians = [float(np.median(row[seen])) if seen.any() else 1.0 for row, seen in pairs]
     return 1 / np.maximum(np.array(medians), 1e-3)
 
 
-def about_episodes(recorded: Recorded, regimes: Sequence[Bin]) -> list[str]:
+def about_episodes(recorded: RecordedRows, regimes: Sequence[Bin]) -> list[str]:
     """Say where there are too few episodes."""
     tested = sum(measured.chance < 1 for measured in regimes)
     count, needed = len(recorded.evidence), episodes_needed(tested)

@@ -99,7 +99,7 @@ def is_simple(h: Hypothesis) -> bool:
 
 def is_explained(search: Search, h: Hypothesis) -> bool:
     """Whether every joint that moved is near the noise floor."""
-    return bool(search.ratio(h)[excited(search)].max() <= EXPLAINED)
+    return bool(search.ratio(h)[excited_indices(search)].max() <= EXPLAINED)
 
 
 def apply_moves(search: Search, h: Hypothesis, names: tuple[str, ...], without: Container[str]) -> Hypothesis:
@@ -143,6 +143,6 @@ def is_lost(search: Search, h: Hypothesis, gained_before: float) -> bool:
     return lost and gained - gained_before < LITTLE * gained
 
 
-def excited(search: Search) -> list[int]:
+def excited_indices(search: Search) -> list[int]:
     """Return the indices of the joints that moved."""
     return [place for place, joint in enumerate(search.train.nominal.joints) if joint in search.excited]

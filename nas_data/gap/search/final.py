@@ -10,7 +10,7 @@ from nas_data.effects.base import Effect, Parameter
 from nas_data.gap.nominal_parameters import TOLERANCE, own_size
 from nas_data.gap.search.fit import Fit, fit, normal_equations
 from nas_data.gap.search.hypothesis import Description, reuse_jacobian
-from nas_data.gap.search.objective import Task
+from nas_data.gap.search.objective import FitTask
 from nas_data.joint_units import unit_at
 
 ROUNDS = 2  # fits, each with the correction for finer steps computed where the last one ended
@@ -44,7 +44,7 @@ class Final:
     stable: Mapping[str, bool] = field(default_factory=dict)
 
 
-def finish(task: Task, description: Description, factors: dict[str, float], rounds: int = ROUNDS) -> Final:
+def finish(task: FitTask, description: Description, factors: dict[str, float], rounds: int = ROUNDS) -> Final:
     """Fit a chosen hypothesis to all training episodes.
 
     Args:
@@ -76,7 +76,7 @@ def finish(task: Task, description: Description, factors: dict[str, float], roun
     )
 
 
-def stability(task: Task, found: Fit) -> dict[str, bool]:
+def stability(task: FitTask, found: Fit) -> dict[str, bool]:
     """Return of which joints with effects every other episode and the rest agree on all parameters of the effects.
 
     Around the fit, each half moves the numbers by Δθ = −H⁻¹ g, with its own H = Jᵀ W J + prior and g; no rollout is
@@ -112,7 +112,7 @@ def at_bound(found: Fit) -> frozenset[str]:
     )
 
 
-def conditioning(task: Task, found: Fit) -> float:
+def conditioning(task: FitTask, found: Fit) -> float:
     """Return the condition number of the normal equations, prior included, scaled to a unit diagonal."""
     square, _ = normal_equations(task, found.predicted, found.jacobian)
     square = square + np.diag(found.parameters.prior(found.theta) ** 2)
@@ -120,7 +120,7 @@ def conditioning(task: Task, found: Fit) -> float:
     return float(np.linalg.cond(square * scale[:, None] * scale[None])) if len(square) else 1.0
 
 
-def intervals(task: Task, found: Fit) -> tuple[Mapping[str, tuple[float, float]], ...]:
+def intervals(task: FitTask, found: Fit) -> tuple[Mapping[str, tuple[float, float]], ...]:
     """Return the 95 % intervals of the effects' parameters.
 
     Three doubts are added: the curvature of the loss, with the base free; how differently single episodes pull, which
@@ -139,7 +139,7 @@ def intervals(task: Task, found: Fit) -> tuple[Mapping[str, tuple[float, float]]
     return tuple(result)
 
 
-def deviations(task: Task, found: Fit) -> tuple[np.ndarray, np.ndarray]:
+def deviations(task: FitTask, found: Fit) -> tuple[np.ndarray, np.ndarray]:
     """Return the standard deviations of the numbers by the loss's curvature and by the episodes' pulls, (size,) each.
 
     Errors of a rollout are alike for a while (`CORRELATION`); in the curvature, so many rows count as one.
@@ -155,14 +155,14 @@ def deviations(task: Task, found: Fit) -> tuple[np.ndarray, np.ndarray]:
     return np.sqrt(np.clip(np.diag(inverse), 0.0, None)), by_episode
 
 
-def in_common(task: Task, effect: Effect, parameter: Parameter) -> float:
+def in_common(task: FitTask, effect: Effect, parameter: Parameter) -> float:
     """Return how much of what an effect's first parameter adds to the model has already, in its unit."""
     if not effect.replaces or effect.joint is None or parameter is not effect.parameters[0]:
         return 0.0
     return own_size(task.nominal.spec, effect.joint, effect.replaces)
 
 
-def retuned(final: Final, smallest: float = 0.005) -> list[dict[str, object]]:
+def list_retuned(final: Final, smallest: float = 0.005) -> list[dict[str, object]]:
     """Return the parameters of the model that were changed by half a percent or more, as the report lists them."""
     return [
         {"parameter": name, "factor": round(factor, 4), "at_bound": name in final.at_bound}

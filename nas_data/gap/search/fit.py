@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nas_data.effects.base import Effect
-from nas_data.gap.search.objective import Reach, Score, Task
+from nas_data.gap.search.objective import FitTask, Reach, Score
 from nas_data.gap.search.parameters import STEP, FreeParameters
 from nas_data.gap.side_by_side import side_by_side
 
@@ -37,7 +37,7 @@ class Fit:
     jacobian: np.ndarray
     objective: int
 
-    def select(self, task: Task, episodes: Sequence[int] | np.ndarray) -> "Fit":
+    def select(self, task: FitTask, episodes: Sequence[int] | np.ndarray) -> "Fit":
         """Return the fit as seen on some of its episodes, of which `task` consists."""
         chosen = list(episodes)
         predicted = self.predicted[chosen]
@@ -70,13 +70,13 @@ def penalty(parameters: FreeParameters, theta: np.ndarray) -> float:
     return float(0.5 * ((parameters.prior(theta) * theta) ** 2).sum())
 
 
-def loss(task: Task, parameters: FreeParameters, theta: np.ndarray) -> Score:
+def loss(task: FitTask, parameters: FreeParameters, theta: np.ndarray) -> Score:
     """Return misfit and prior at some numbers; infinite where the model diverges."""
     return Score(task.misfit(task.predict(parameters, theta)) + penalty(parameters, theta), task.objective)
 
 
 def measure_jacobian(
-    task: Task, parameters: FreeParameters, theta: np.ndarray, predicted: np.ndarray, columns: Sequence[int]
+    task: FitTask, parameters: FreeParameters, theta: np.ndarray, predicted: np.ndarray, columns: Sequence[int]
 ) -> np.ndarray:
     """Return finite differences of the positions by some of the numbers, shape (columns, E, T, n).
 
@@ -101,7 +101,7 @@ def measure_jacobian(
     return jacobian
 
 
-def group_columns(task: Task, parameters: FreeParameters, columns: Sequence[int]) -> list[list[int]]:
+def group_columns(task: FitTask, parameters: FreeParameters, columns: Sequence[int]) -> list[list[int]]:
     """Return groups of numbers of which no two move the same joint, as far as the task knows whom they move."""
     groups: list[tuple[list[int], np.ndarray]] = []
     for column in columns:
@@ -115,7 +115,7 @@ def group_columns(task: Task, parameters: FreeParameters, columns: Sequence[int]
     return [group for group, _ in groups]
 
 
-def moved_joints(task: Task, parameters: FreeParameters, column: int) -> np.ndarray | None:
+def moved_joints(task: FitTask, parameters: FreeParameters, column: int) -> np.ndarray | None:
     """Return which joints a number moves, shape (n,); None where that is not known."""
     label = parameters.labels[column]
     if not is_loose(parameters, column):
@@ -129,7 +129,7 @@ def is_loose(parameters: FreeParameters, column: int) -> bool:
     return base < 0 or parameters.base[base].is_free
 
 
-def reach_of_joints(task: Task, parameters: FreeParameters) -> Reach:
+def reach_of_joints(task: FitTask, parameters: FreeParameters) -> Reach:
     """Return which joints are moved by what is changed at each joint, masses apart, by its name."""
     found: dict[str | None, np.ndarray] = {}
     for parameter in parameters.base:
@@ -138,7 +138,7 @@ def reach_of_joints(task: Task, parameters: FreeParameters) -> Reach:
     return found
 
 
-def measure_reach(task: Task, parameters: FreeParameters, predicted: np.ndarray, jacobian: np.ndarray) -> Reach:
+def measure_reach(task: FitTask, parameters: FreeParameters, predicted: np.ndarray, jacobian: np.ndarray) -> Reach:
     """Return which joints each parameter of the model moves, by its name: those with a share of its whole effect."""
     weights = task.weights(predicted) * task.evidence.counts[..., None]
     sizes = np.sqrt(((jacobian * weights) ** 2).sum((1, 2)))
@@ -148,7 +148,7 @@ def measure_reach(task: Task, parameters: FreeParameters, predicted: np.ndarray,
 
 
 def fit(
-    task: Task,
+    task: FitTask,
     parameters: FreeParameters,
     theta: np.ndarray,
     known: Mapping[int, np.ndarray] | None = None,
@@ -212,7 +212,7 @@ def broyden(jacobian: np.ndarray, change: np.ndarray, moved: np.ndarray) -> np.n
     return np.asarray(change[:, None, None, None] * missing[None] / max(float(change @ change), 1e-12))
 
 
-def normal_equations(task: Task, predicted: np.ndarray, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def normal_equations(task: FitTask, predicted: np.ndarray, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return Jᵀ W J and Jᵀ W e of the weighted errors, shapes (size, size) and (size,)."""
     weights = task.weights(predicted) * task.evidence.counts[..., None]
     rows = (jacobian * weights).reshape(len(jacobian), -1)
@@ -221,7 +221,7 @@ def normal_equations(task: Task, predicted: np.ndarray, jacobian: np.ndarray) ->
 
 
 def step(
-    task: Task,
+    task: FitTask,
     parameters: FreeParameters,
     theta: np.ndarray,
     predicted: np.ndarray,
@@ -233,7 +233,7 @@ def step(
     square, pull = normal_equations(task, predicted, jacobian)
 
     def wanted(prior: np.ndarray, damping: float) -> np.ndarray:
-        return constrained(square + np.diag(prior), pull + prior * theta, damping, low - theta, high - theta)
+        return solve_bounded(square + np.diag(prior), pull + prior * theta, damping, low - theta, high - theta)
 
     for damping in DAMPING:
         change = wanted(parameters.prior(theta) ** 2, damping)
@@ -247,7 +247,9 @@ def step(
     return None
 
 
-def constrained(square: np.ndarray, pull: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def solve_bounded(
+    square: np.ndarray, pull: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray
+) -> np.ndarray:
     """Return the damped Gauss-Newton change within bounds: what runs into one stays there, the others go on."""
     size = len(pull)
     change = np.zeros(size)

@@ -8,7 +8,7 @@ import numpy as np
 from nas_data.effects.base import Effect
 from nas_data.gap.nominal_parameters import NominalParameter
 from nas_data.gap.search.fit import Fit
-from nas_data.gap.search.objective import Score, Task
+from nas_data.gap.search.objective import FitTask, Score
 from nas_data.gap.search.parameters import FreeParameters, Label, free_base
 
 PRICE = 12.0  # nats that an effect, or a freed parameter of the model, must bring
@@ -119,7 +119,7 @@ class Hypothesis:
         return ", ".join(parts) or "base only"
 
 
-def excited_joints(task: Task) -> set[str]:
+def excited_joints(task: FitTask) -> set[str]:
     """Return the joints that were commanded to move and moved: a joint that stood still tells no cause."""
     evidence = task.evidence
     commanded = np.ptp(evidence.commands, axis=1).max(0) > 0

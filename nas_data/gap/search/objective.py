@@ -8,10 +8,10 @@ import numpy as np
 
 from nas_data.effects.base import Effect
 from nas_data.errors import ModelFileError
-from nas_data.gap.evidence import Evidence
+from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal, fine_timestep, with_timestep
 from nas_data.gap.search.parameters import FreeParameters
-from nas_data.simulators.settled import Hold
+from nas_data.simulators.initial_states import InitialLoad
 
 BEGINNING = 1.0  # [s] by which the start of an episode is told
 FAMILIAR = 0.8  # mean square of the likeliest start that counts as equal to another's
@@ -68,7 +68,7 @@ class Score:
 
 
 @dataclass(frozen=True)
-class Task:
+class FitTask:
     """What is fitted to what.
 
     Attributes:
@@ -84,7 +84,7 @@ class Task:
     """
 
     nominal: Nominal
-    evidence: Evidence
+    evidence: EpisodeBatch
     floor: np.ndarray
     correction: np.ndarray | float = 0.0
     coarseness: np.ndarray | float = 0.0
@@ -93,17 +93,17 @@ class Task:
     reach_of_joints: Reach = field(default_factory=dict, compare=False)
     objective: int = field(default_factory=lambda: next(OBJECTIVES), compare=False)
 
-    def select(self, episodes: Sequence[int] | np.ndarray) -> "Task":
+    def select(self, episodes: Sequence[int] | np.ndarray) -> "FitTask":
         """Return the task on some of the episodes."""
         correction = self.correction if isinstance(self.correction, float) else self.correction[list(episodes)]
         chosen = self.evidence.select(episodes)
         return replace(self, evidence=chosen, correction=correction).renewed()
 
-    def at_tolerance_of(self, other: "Task") -> "Task":
+    def at_tolerance_of(self, other: "FitTask") -> "FitTask":
         """Return the task with the tolerance and the objective of another, to which its misfit is added."""
         return replace(self, coarseness=other.coarseness, objective=other.objective)
 
-    def renewed(self) -> "Task":
+    def renewed(self) -> "FitTask":
         """Return the task as an objective of its own: what is added to its misfit changes."""
         return replace(self, objective=next(OBJECTIVES))
 
@@ -112,7 +112,7 @@ class Task:
         """Mean square of each joint's errors below which all are alike [rad²], shape (n,)."""
         return np.asarray(self.floor**2 + self.coarseness**2)
 
-    def relinearise(self, parameters: FreeParameters, theta: np.ndarray) -> "Task":
+    def relinearise(self, parameters: FreeParameters, theta: np.ndarray) -> "FitTask":
         """Return the task with initial states, timestep correction and tolerance estimated anew at a hypothesis.
 
         A tenth of the error that is left does not matter yet. Where a joint stands still, a model may be wrong by a
@@ -125,13 +125,13 @@ class Task:
             return task
         return replace(task, coarseness=COARSE * np.sqrt(task.evidence.mean_squares(predicted).mean(0)))
 
-    def restart(self, parameters: FreeParameters, theta: np.ndarray) -> "Task":
+    def restart(self, parameters: FreeParameters, theta: np.ndarray) -> "FitTask":
         """Return the task with initial states and timestep correction estimated anew, as an objective of its own."""
         effects, factors = parameters.effects_at(theta), parameters.factors_at(theta)
         task = self.with_initial_load(effects, factors).with_initial_velocity(effects, factors)
         return task.corrected(effects, factors).renewed()
 
-    def with_initial_load(self, effects: Sequence[Effect], factors: dict[str, float]) -> "Task":
+    def with_initial_load(self, effects: Sequence[Effect], factors: dict[str, float]) -> "FitTask":
         """Return the task with what best explains how each joint of each episode began.
 
         Whether friction held a part of the weight, and on which side a play lay, is measured by nobody; where a
@@ -141,15 +141,15 @@ class Task:
         early = evidence.first(max(1, round(BEGINNING / evidence.period)))
         try:
             if not self.nominal.simulator(effects, factors).remembers:
-                return replace(self, evidence=evidence.begun(Hold.WEIGHT))
-            rolled = [self.nominal.predict(early.begun(hold), effects, factors) for hold in Hold]
+                return replace(self, evidence=evidence.begun(InitialLoad.WEIGHT))
+            rolled = [self.nominal.predict(early.begun(hold), effects, factors) for hold in InitialLoad]
         except ModelFileError:
             return self
         squares = np.stack([early.mean_squares(predicted) for predicted in rolled]) + self.floor**2
-        squares[Hold.WEIGHT] *= FAMILIAR
+        squares[InitialLoad.WEIGHT] *= FAMILIAR
         return replace(self, evidence=evidence.begun(squares.argmin(0)))
 
-    def with_initial_velocity(self, effects: Sequence[Effect], factors: dict[str, float]) -> "Task":
+    def with_initial_velocity(self, effects: Sequence[Effect], factors: dict[str, float]) -> "FitTask":
         """Return the task with initial velocities moved, within their uncertainty, towards what explains the motion.
 
         One Gauss-Newton step of v₀ on ½ Σ w² e² + ½ Σ ((v₀ − v̂₀) / σ)² for each episode by itself; it counts in those
@@ -182,7 +182,7 @@ class Task:
         speeds[moving] += np.where(better[:, None], step, 0.0)
         return replace(self, evidence=replace(told, speeds=speeds))
 
-    def corrected(self, effects: Sequence[Effect], factors: dict[str, float]) -> "Task":
+    def corrected(self, effects: Sequence[Effect], factors: dict[str, float]) -> "FitTask":
         """Return the task with the correction for finer physics steps, computed at a hypothesis.
 
         A model's own timestep delays it by about half a step, more than the noise shows. Simulating everything in
@@ -197,7 +197,7 @@ class Task:
             return replace(self, correction=0.0)
         return replace(self, correction=finer - rough)
 
-    def at_timestep(self, fine: bool, effects: Sequence[Effect], factors: dict[str, float]) -> "Task":
+    def at_timestep(self, fine: bool, effects: Sequence[Effect], factors: dict[str, float]) -> "FitTask":
         """Return the task for finer physics steps than the model's own or for its own; of the same objective."""
         return replace(self, fine=fine).corrected(effects, factors)
 
@@ -230,7 +230,7 @@ class Task:
         squares = self.evidence.mean_squares(predicted)
         return float((0.5 * self.observations * np.log(self.tolerated + squares)).sum())
 
-    def weights(self, predicted: np.ndarray, evidence: Evidence | None = None) -> np.ndarray:
+    def weights(self, predicted: np.ndarray, evidence: EpisodeBatch | None = None) -> np.ndarray:
         """Return the weight of each error in the least squares that the misfit amounts to, shape (E, 1, n).
 
         Args:

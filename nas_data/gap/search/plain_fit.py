@@ -10,11 +10,11 @@ import numpy as np
 from nas_data.effects.base import Effect, Scales, find_effect, make_effect
 from nas_data.effects.edits.servo import stiffness
 from nas_data.effects.joint_offset import JointOffset
-from nas_data.gap.evidence import windows
+from nas_data.gap.episode_batch import windows
 from nas_data.gap.nominal_parameters import MAX_LOG_CHANGE
 from nas_data.gap.search.fit import Fit, fit, is_loose, reach_of_joints
 from nas_data.gap.search.hypothesis import PRICE, Description, Hypothesis, reuse_jacobian
-from nas_data.gap.search.objective import Task
+from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters, Label
 from nas_data.gap.search.screen import screen
 from nas_data.gap.search.search import AT_FLOOR, TRIED, Search
@@ -100,7 +100,7 @@ def begin_on_short_windows(search: Search, description: Description) -> Fit | No
     rows = SHORT_STEPS // nominal.simulator().substeps
     evidence = windows(search.train.evidence, rows, SHORT)
     parameters = description.parameters(nominal.base)
-    task = Task(nominal, evidence, search.train.floor, fine=False)
+    task = FitTask(nominal, evidence, search.train.floor, fine=False)
     starts = [parameters.start(factors) for factors in starting_factors(description.freed)]
     predicted = [task.predict(parameters, start) for start in starts]
     observation = float(task.observations.sum()) * len(task.floor)
@@ -169,7 +169,7 @@ def as_effects(search: Search, plain: Hypothesis) -> Description:
         for effect, (replaced, is_added) in NAMED.items():
             value = added if is_added else factor
             if replaced == kind and value > 0:
-                effects.append(clipped(effect, joint, value))
+                effects.append(make_clipped_effect(effect, joint, value))
                 freed.discard(name)
     return replace(plain.description, effects=tuple(effects), freed=frozenset(freed))
 
@@ -194,7 +194,7 @@ def is_unseen(effect: Effect, floor: Mapping[str, float]) -> bool:
     return isinstance(effect, JointOffset) and abs(effect.offset) < floor[effect.joint or ""]
 
 
-def clipped(name: str, joint: str, value: float) -> Effect:
+def make_clipped_effect(name: str, joint: str, value: float) -> Effect:
     """Return an effect with its first parameter within its bounds."""
     first = find_effect(name).parameters[0]
     return make_effect(name, joint, {first.name: float(np.clip(value, first.low, first.high))})

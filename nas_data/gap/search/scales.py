@@ -5,12 +5,12 @@ import numpy as np
 
 from nas_data.effects.base import Scales, joint_actuator
 from nas_data.effects.edits.servo import damping, stiffness, takes_position
-from nas_data.gap.evidence import Evidence
+from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal
 from nas_data.robots.base import deepest_joint
 
 
-def scales(nominal: Nominal, evidence: Evidence, predicted: np.ndarray) -> tuple[Scales, ...]:
+def scales(nominal: Nominal, evidence: EpisodeBatch, predicted: np.ndarray) -> tuple[Scales, ...]:
     """Return the scales of every joint.
 
     Args:
@@ -26,7 +26,7 @@ def scales(nominal: Nominal, evidence: Evidence, predicted: np.ndarray) -> tuple
 
 
 def joint_scales(
-    nominal: Nominal, model: mujoco.MjModel, evidence: Evidence, predicted: np.ndarray, index: int, mass: float
+    nominal: Nominal, model: mujoco.MjModel, evidence: EpisodeBatch, predicted: np.ndarray, index: int, mass: float
 ) -> Scales:
     """Return the scales of one joint."""
     joint = nominal.joints[index]
@@ -46,7 +46,7 @@ def joint_scales(
     return Scales(gain or max(torque, 1e-4), losses, inertia, mass, max(torque, 1e-4), max(speed, 1e-2))
 
 
-def large_speed(evidence: Evidence, index: int) -> float:
+def large_speed(evidence: EpisodeBatch, index: int) -> float:
     """Return the 98th percentile of a joint's measured speed over 50 ms [rad/s]."""
     gap = max(1, round(0.05 / evidence.period))
     moved = np.abs(evidence.measured[:, gap:, index] - evidence.measured[:, :-gap, index])

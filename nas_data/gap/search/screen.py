@@ -9,8 +9,8 @@ import numpy as np
 from nas_data import registry
 from nas_data.effects.base import Effect, Scales, find_effect, make_effect
 from nas_data.errors import NasError
-from nas_data.gap.search.fit import LONGEST_STEP, Fit, constrained
-from nas_data.gap.search.objective import CORRELATION, Score, Task
+from nas_data.gap.search.fit import LONGEST_STEP, Fit, solve_bounded
+from nas_data.gap.search.objective import CORRELATION, FitTask, Score
 from nas_data.gap.side_by_side import side_by_side
 
 STRETCHES = (0.0, 2.0)  # how far a guess may be stretched along its mark, to first order
@@ -56,7 +56,7 @@ def candidates(joints: Sequence[str], sizes: Sequence[Scales]) -> Iterator[Effec
 
 
 def screen(
-    task: Task,
+    task: FitTask,
     state: Fit,
     sizes: Sequence[Scales],
     joints: Container[str],
@@ -119,7 +119,7 @@ def roughly(values: Mapping[str, object]) -> Iterator[tuple[str, float]]:
             yield name, float(round(ROUGHLY * math.log(abs(value)))) if 0 < abs(value) < math.inf else value
 
 
-def change_of(task: Task, state: Fit, effect: Effect) -> np.ndarray:
+def change_of(task: FitTask, state: Fit, effect: Effect) -> np.ndarray:
     """Return by how much an effect at its first guess moves the positions of a hypothesis [rad; m], shape (E, T, n).
 
     Raises:
@@ -129,7 +129,7 @@ def change_of(task: Task, state: Fit, effect: Effect) -> np.ndarray:
     return np.asarray(predicted - state.predicted)
 
 
-def first_order(task: Task, state: Fit, effect: Effect, idle: float, change: np.ndarray) -> Candidate:
+def first_order(task: FitTask, state: Fit, effect: Effect, idle: float, change: np.ndarray) -> Candidate:
     """Estimate what one candidate beside the state would leave.
 
     To first order the candidate changes the positions by s · c, where c is the change at its guess and s its stretch,
@@ -157,13 +157,13 @@ def first_order(task: Task, state: Fit, effect: Effect, idle: float, change: np.
         rows = np.concatenate([(change * weights)[None], state.jacobian * weights]).reshape(len(shift) + 1, -1)
         square = rows @ rows.T + np.diag([1e-9, *prior**2])
         pull = rows @ (errors * weights).ravel() + np.array([0.0, *(prior**2 * state.theta)])
-        solved = constrained(square, pull, 0.0, np.array([shortest, *low]), np.array([longest, *high]))
+        solved = solve_bounded(square, pull, 0.0, np.array([shortest, *low]), np.array([longest, *high]))
         stretch, shift = float(solved[0]), solved[1:]
         guess = (errors + stretch * change + np.tensordot(shift, state.jacobian, 1)) * counts
     squares = (guess**2).sum(1) / task.evidence.counts.sum(1)[:, None]
     misfit = float((0.5 * task.observations * np.log(task.tolerated + squares)).sum())
     misfit += float(0.5 * ((prior * (state.theta + shift)) ** 2).sum())
-    return Candidate(stretched(effect, stretch, idle), Score(misfit, task.objective), state.theta + shift)
+    return Candidate(stretch_effect(effect, stretch, idle), Score(misfit, task.objective), state.theta + shift)
 
 
 def is_signed(effect: Effect) -> bool:
@@ -171,7 +171,7 @@ def is_signed(effect: Effect) -> bool:
     return effect.parameters[0].low < 0
 
 
-def stretched(effect: Effect, stretch: float, idle: float) -> Effect:
+def stretch_effect(effect: Effect, stretch: float, idle: float) -> Effect:
     """Return an effect whose mark is, to first order, `stretch` times as large; none where it is idle."""
     if not is_signed(effect):
         stretch = max(stretch, SMALLEST_STRETCH)

@@ -16,7 +16,7 @@ from nas_data.gap.search.hypothesis import (
     joints_beyond_prior,
     reuse_jacobian,
 )
-from nas_data.gap.search.objective import Score, Task
+from nas_data.gap.search.objective import FitTask, Score
 from nas_data.gap.search.scales import scales
 from nas_data.gap.search.screen import Candidate, Changes, screen
 from nas_data.gap.search.timestep import choose_timestep
@@ -42,8 +42,8 @@ class Round:
         null: The model with its own parameters fitted.
     """
 
-    sub: Task
-    held: Task
+    sub: FitTask
+    held: FitTask
     nominal: Hypothesis
     null: Hypothesis
 
@@ -62,8 +62,8 @@ class Search:
         changes: What candidates of a screening change.
     """
 
-    train: Task
-    held: Task
+    train: FitTask
+    held: FitTask
     say: Callable[[str], None] = lambda text: None
     rivals: dict[Key, list[Effect]] = field(default_factory=dict)
     settled: set[frozenset[Key]] = field(default_factory=set)
@@ -71,7 +71,7 @@ class Search:
     changes: Changes = field(default_factory=dict)
 
     @classmethod
-    def begin(cls, train: Task, held: Task, say: Callable[[str], None] = lambda text: None) -> "Search":
+    def begin(cls, train: FitTask, held: FitTask, say: Callable[[str], None] = lambda text: None) -> "Search":
         """Start a search: choose the episodes it works on, and fit the model's own parameters a few percent."""
         search = cls(train, held, say)
         parameters = Description().parameters(train.nominal.base)
@@ -97,13 +97,13 @@ class Search:
 
     def __post_init__(self) -> None:
         self._cache: dict[object, Hypothesis | None] = {}
-        self.sub: Task = self.train
+        self.sub: FitTask = self.train
         self.nominal: Hypothesis
         self.null: Hypothesis
         self.sizes: tuple[Scales, ...] = ()
         self.excited: set[str] = set()
 
-    def judge(self, description: Description, found: Fit, held: Task | None = None) -> Hypothesis:
+    def judge(self, description: Description, found: Fit, held: FitTask | None = None) -> Hypothesis:
         """Roll a fit out on the held-out episodes, with the initial states of the search where no others are given."""
         held = held or self.held
         fitted = description.with_effects(found.effects)
@@ -238,7 +238,7 @@ class Search:
         self.say(f"{word}: {h.text()}; score {h.score.nats:.1f}, rest/floor {rest}")
 
 
-def choose_episodes(task: Task) -> np.ndarray:
+def choose_episodes(task: FitTask) -> np.ndarray:
     """Return the numbers of the episodes to search on: some evenly, and the oddest: a limit is reached in few."""
     count, steps = task.evidence.commands.shape[:2]
     wanted = max(SCREENED, SCREENED_ROWS // steps)

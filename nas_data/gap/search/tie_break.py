@@ -3,13 +3,13 @@
 from nas_data.gap.search.fit import Fit, fit
 from nas_data.gap.search.hypothesis import Hypothesis
 from nas_data.gap.search.moves.replace_by_rival import fitted_rivals
-from nas_data.gap.search.objective import Task
+from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.search import Search
 
 NEAR = 8.0  # nats on the episodes of the search within which a rival may still be the better one on all
 
 
-def decide(search: Search, train: Task, kept: Hypothesis) -> Hypothesis:
+def decide(search: Search, train: FitTask, kept: Hypothesis) -> Hypothesis:
     """Return what is kept, or the first near rival that does better on all training episodes at the same tolerance.
 
     The search worked on some of the episodes, which mostly tells causes apart. Where it does not, the others may.
@@ -35,6 +35,6 @@ def decide(search: Search, train: Task, kept: Hypothesis) -> Hypothesis:
     return kept
 
 
-def refit(task: Task, h: Hypothesis) -> Fit | None:
+def refit(task: FitTask, h: Hypothesis) -> Fit | None:
     """Fit a hypothesis to other episodes, from where it is."""
     return fit(task, h.fit.parameters, h.fit.theta, steps=3, jacobian_refreshes=0)

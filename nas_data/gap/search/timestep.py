@@ -2,12 +2,12 @@
 
 from nas_data.gap.nominal import fine_timestep
 from nas_data.gap.search.fit import Fit, fit
-from nas_data.gap.search.objective import Task
+from nas_data.gap.search.objective import FitTask
 
 MARGIN = 10.0  # nats by which the model's own steps must be ahead of finer ones, which are nature's
 
 
-def choose_timestep(task: Task, found: Fit) -> tuple[Task, Fit]:
+def choose_timestep(task: FitTask, found: Fit) -> tuple[FitTask, Fit]:
     """Return the task with the physics steps that leave less once a hypothesis is fitted to them, and that fit.
 
     A real arm knows no steps; a simulated one was simulated with some. What was fitted to either speaks for it, so

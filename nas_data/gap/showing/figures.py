@@ -65,7 +65,7 @@ def draw_joints(axes: Axes, series: Series, models: Models, unit: JointUnit, cho
     for name, values in rows.items():
         draw_dots(axes, name, places, values)
     axes.hlines(floor, places - 0.35, places + 0.35, color=BLACK, linewidth=1.4, label=FLOOR, zorder=3)
-    axes.set_xticks(places, names, rotation=turned(series.joints), ha=anchored(series.joints, "right"))
+    axes.set_xticks(places, names, rotation=label_angle(series.joints), ha=label_anchor(series.joints, "right"))
     axes.set_xlim(-0.6, len(places) - 0.4)
     axes.grid(visible=False, axis="x")
     logarithmic(axes, f"RMSE on held-out episodes [{unit.mark.strip()}]", [stacked.min(), stacked.max(), *floor])
@@ -180,11 +180,11 @@ def logarithmic(axes: Axes, label: str, values: Sequence[float]) -> None:
     )
 
 
-def turned(names: Sequence[str]) -> int:
+def label_angle(names: Sequence[str]) -> int:
     """Return by how many degrees the names along an axis are turned so that they don't overlap."""
     return 30 if sum(len(name) for name in names) > 45 or len(names) > MANY + 4 else 0
 
 
-def anchored(names: Sequence[str], side: Literal["left", "right"]) -> Literal["left", "center", "right"]:
+def label_anchor(names: Sequence[str], side: Literal["left", "right"]) -> Literal["left", "center", "right"]:
     """Return by which end names hang on their ticks: by one side where they are turned."""
-    return side if turned(names) else "center"
+    return side if label_angle(names) else "center"

@@ -14,10 +14,10 @@ from nas_data.gap.showing.page_tables import (
     regimes_table,
     retuned_table,
 )
-from nas_data.gap.showing.page_verdict import error, lead, model, rest, scored
-from nas_data.gap.showing.page_words import capital, finding, friendly, listed, spoken, titled
+from nas_data.gap.showing.page_verdict import error, lead, model, rest, score_basis
+from nas_data.gap.showing.page_words import capital, effect_title, finding, friendly, join_items, spoken
 from nas_data.gap.showing.series import Series
-from nas_data.reports.page import Block, Page, Section, Text
+from nas_data.reports.page import Block, HtmlPage, PageSection, Text
 
 READING = (
     "Gap: every held-out episode is simulated from its first pose with the recorded commands alone (open loop), and "
@@ -35,23 +35,23 @@ READING = (
 )
 
 
-def build(report: GapReport, series: Series) -> Page:
+def build(report: GapReport, series: Series) -> HtmlPage:
     """Return the page."""
     sections = [
-        Section("", opening(report)),
-        Section("What is missing", effects_blocks(report)),
-        Section("What stays unexplained", rest_blocks(report)),
-        Section("What was retuned", retuned_blocks(report)),
-        Section("How the gap shrinks", [*shrinking(report, series), gap_table(series, models(report, series))]),
-        Section("Joint by joint", joint_pictures(report, series)),
-        Section("A wrong name in its place", placebo_blocks(report)),
-        Section("What to record next", next_blocks(report)),
-        Section("Where the gap is", where_blocks(report)),
-        Section("The recording itself", audit_facts(report)),
-        Section("How to read this", [Text(line) for line in (*READING, scored(report))]),
-        Section("What this rests on", [facts(report)]),
+        PageSection("", opening(report)),
+        PageSection("What is missing", effects_blocks(report)),
+        PageSection("What stays unexplained", rest_blocks(report)),
+        PageSection("What was retuned", retuned_blocks(report)),
+        PageSection("How the gap shrinks", [*shrinking(report, series), gap_table(series, models(report, series))]),
+        PageSection("Joint by joint", joint_pictures(report, series)),
+        PageSection("A wrong name in its place", placebo_blocks(report)),
+        PageSection("What to record next", next_blocks(report)),
+        PageSection("Where the gap is", where_blocks(report)),
+        PageSection("The recording itself", audit_facts(report)),
+        PageSection("How to read this", [Text(line) for line in (*READING, score_basis(report))]),
+        PageSection("What this rests on", [facts(report)]),
     ]
-    return Page(f"Gap report of {model(report)}", [section for section in sections if section.blocks])
+    return HtmlPage(f"Gap report of {model(report)}", [section for section in sections if section.blocks])
 
 
 def opening(report: GapReport) -> list[Block]:
@@ -64,7 +64,7 @@ def effects_blocks(report: GapReport) -> list[Block]:
     """Return the table of named effects, and what gives each away."""
     if not report.effects:
         return []
-    more = [(titled(effect), finding(effect)[3:]) for effect in report.effects]
+    more = [(effect_title(effect), finding(effect)[3:]) for effect in report.effects]
     return [effects_table(report), *[Text(f"{capital(name)}. {' '.join(rest)}") for name, rest in more if rest]]
 
 
@@ -92,7 +92,7 @@ def placebo_blocks(report: GapReport) -> list[Block]:
     placebo, gap = report.placebo, report.gap
     if not placebo:
         return []
-    told = spoken(placebo.text).rstrip(".") or listed([titled(effect) for effect in placebo.effects])
+    told = spoken(placebo.text).rstrip(".") or join_items([effect_title(effect) for effect in placebo.effects])
     return [
         Text(
             f"{capital(told)}: with the same freedom to fit, this placebo leaves "

@@ -18,7 +18,7 @@ from nas_data.gap.showing.figures import (
     shares_bar,
 )
 from nas_data.gap.showing.joint_figures import joint_motion, worst_episode
-from nas_data.gap.showing.page_words import friendly, listed
+from nas_data.gap.showing.page_words import friendly, join_items
 from nas_data.gap.showing.regime_figures import regimes
 from nas_data.gap.showing.series import Series
 from nas_data.joint_units import joint_unit
@@ -113,7 +113,9 @@ def joint_picture(report: GapReport, series: Series, joint: int) -> Picture:
     shown, name = shown_of_joint(report, series), series.joints[joint]
     figure = draw_joint(report, series, joint)
     unit = joint_unit(name, series.slides).si
-    errors = listed([f"{label} {friendly(series.by_joint(values)[joint], unit)}" for label, values in shown.items()])
+    errors = join_items(
+        [f"{label} {friendly(series.by_joint(values)[joint], unit)}" for label, values in shown.items()]
+    )
     caption = (
         f"{name} in episode {series.episodes[worst_episode(series, joint)]}, which the model as handed over predicts "
         f"worst of the held-out ones. Over all of them the error of {name} is: {errors}."

@@ -10,15 +10,15 @@ from nas_data.gap.showing.page_words import (
     ENDS,
     beside,
     confidence,
+    effect_title,
     figures,
     friendly,
     interval,
     spoken,
-    titled,
 )
 from nas_data.gap.showing.series import Series
 from nas_data.joint_units import joint_unit
-from nas_data.reports.page import Facts, Table
+from nas_data.reports.page import Facts, HtmlTable
 
 SHOWN = 3  # conditions of a joint that are listed
 LARGER = 1.2  # error under a condition over that under the others from which it is listed
@@ -26,29 +26,29 @@ MANY = 12  # episodes whose numbers are all listed
 NONE = "–"
 
 
-def effects_table(report: GapReport) -> Table:
+def effects_table(report: GapReport) -> HtmlTable:
     """Return a row for each parameter of each named effect."""
     rows = []
     for effect in report.effects:
         errors = effect.evidence
         shrink = " → ".join(friendly(getattr(errors, end), errors.unit) for end in ENDS)
         for number, (name, value) in enumerate(effect.parameters.items()):
-            first = (titled(effect), confidence(effect.confidence), shrink) if number == 0 else ("", "", "")
+            first = (effect_title(effect), confidence(effect.confidence), shrink) if number == 0 else ("", "", "")
             values = spoken(name), beside(value.value, value.unit), interval(value) or NONE
             rows.append((first[0], *values, first[1], first[2]))
     headers = ("", "parameter", "value", "95 % interval", "confidence", "error without → with")
-    return Table(
+    return HtmlTable(
         headers, rows, "Errors on held-out episodes: of the effect's joint, or of all joints of the arm's first kind."
     )
 
 
-def retuned_table(report: GapReport) -> Table:
+def retuned_table(report: GapReport) -> HtmlTable:
     """Return the changed numbers, the largest change first."""
     rows = [change(entry) for entry in sorted(report.retuned, key=by_size)]
-    return Table(("", "factor", "change"), rows, "Of the value in the model as handed over.")
+    return HtmlTable(("", "factor", "change"), rows, "Of the value in the model as handed over.")
 
 
-def gap_table(series: Series, models: Models) -> Table:
+def gap_table(series: Series, models: Models) -> HtmlTable:
     """Return the held-out error of each joint by each model."""
     errors = {name: series.by_joint(predicted) for name, predicted in models.items()}
     last = list(errors.values())[-1]
@@ -62,10 +62,10 @@ def gap_table(series: Series, models: Models) -> Table:
         for place, joint in enumerate(series.joints)
     ]
     headers = ("", *errors, "noise floor", f"{list(errors)[-1]} / noise")
-    return Table(headers, rows, "Open-loop RMSE of positions, over all held-out episodes.")
+    return HtmlTable(headers, rows, "Open-loop RMSE of positions, over all held-out episodes.")
 
 
-def joints_table(report: GapReport) -> list[Table]:
+def joints_table(report: GapReport) -> list[HtmlTable]:
     """Return the gap of the model as handed over beside trivial predictions."""
     found = report.find
     if not found or not found.joints:
@@ -76,7 +76,7 @@ def joints_table(report: GapReport) -> list[Table]:
         "RMSE over the whole recording, model as handed over. One step: set to every measured state anew. Hold "
         "predicts that nothing moves, command that every joint is where it is told to be."
     )
-    return [Table(headers, rows, note)]
+    return [HtmlTable(headers, rows, note)]
 
 
 def joint_row(joint: str, gap: JointGap) -> tuple[str, ...]:
@@ -89,13 +89,13 @@ def joint_row(joint: str, gap: JointGap) -> tuple[str, ...]:
     return (joint, *told, figures(gap.ratio_to_noise))
 
 
-def regimes_table(report: GapReport) -> list[Table]:
+def regimes_table(report: GapReport) -> list[HtmlTable]:
     """Return under which conditions a joint's error is larger than otherwise, beyond chance."""
     found = report.find
     units = {joint: gap.unit for joint, gap in found.joints.items()} if found else {}
     rows = [row(entry, units) for entry in (largest(found.regimes) if found else [])]
     headers = ("", "condition", "error", "otherwise", "share of squared error")
-    return [Table(headers, rows, "Where the error is larger, beyond chance.")] if rows else []
+    return [HtmlTable(headers, rows, "Where the error is larger, beyond chance.")] if rows else []
 
 
 def largest(bins: Sequence[Bin]) -> list[Bin]:
@@ -124,7 +124,7 @@ def audit_facts(report: GapReport) -> list[Facts]:
     return [Facts(entries)] if entries else []
 
 
-def experiments_table(report: GapReport) -> list[Table]:
+def experiments_table(report: GapReport) -> list[HtmlTable]:
     """Return all experiments that were weighed."""
     rows = [
         (
@@ -136,7 +136,7 @@ def experiments_table(report: GapReport) -> list[Table]:
         for entry in report.experiments
     ]
     note = "Difference of the two best explanations in each experiment, after one was fitted to the other."
-    return [Table(("", "joints", "length", "difference"), rows, note)] if rows else []
+    return [HtmlTable(("", "joints", "length", "difference"), rows, note)] if rows else []
 
 
 def facts(report: GapReport) -> Facts:
@@ -146,8 +146,8 @@ def facts(report: GapReport) -> Facts:
         "Dataset": report.dataset,
         "Model": report.model,
         "Gap": f"{report.gap.metric}",
-        "Fitted": counted(episodes.train),
-        "Held out": counted(episodes.heldout),
+        "Fitted": format_episodes(episodes.train),
+        "Held out": format_episodes(episodes.heldout),
         "Seed": str(report.seed),
         "Time": f"{report.seconds:.0f} s",
         "Beside this page": "report.json (these numbers), model.xml, effects.json, series.npz, figures/",
@@ -155,7 +155,7 @@ def facts(report: GapReport) -> Facts:
     return Facts({name: value for name, value in entries.items() if value})
 
 
-def counted(numbers: Sequence[int]) -> str:
+def format_episodes(numbers: Sequence[int]) -> str:
     """Return how many episodes, and which where they are few."""
     which = f": {', '.join(map(str, numbers))}" if 0 < len(numbers) <= MANY else ""
     return f"{len(numbers)} episode{'' if len(numbers) == 1 else 's'}{which}"

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from typing import Literal
 
 from nas_data.gap.report import GapErrors, GapReport, Retuned, Unexplained
-from nas_data.gap.showing.page_words import LIKELY, figures, friendly, listed, titled
+from nas_data.gap.showing.page_words import LIKELY, effect_title, figures, friendly, join_items
 
 
 def lead(report: GapReport) -> str:
@@ -39,7 +39,7 @@ def none(report: GapReport) -> str:
     )
 
 
-def retuned(report: GapReport) -> str:
+def retuned_sentence(report: GapReport) -> str:
     """Say that numbers that the model has were off."""
     count = len(report.retuned)
     numbers = "one number that it already has" if count == 1 else f"{count} numbers that it already has"
@@ -49,7 +49,7 @@ def retuned(report: GapReport) -> str:
     )
 
 
-def explained(report: GapReport) -> str:
+def explained_sentence(report: GapReport) -> str:
     """Say what is missing, and that this is all."""
     return (
         f"{missing(report)} {shrunk(report)}; what is left is close to the noise of the readings, "
@@ -57,7 +57,7 @@ def explained(report: GapReport) -> str:
     )
 
 
-def partly_explained(report: GapReport) -> str:
+def partly_explained_sentence(report: GapReport) -> str:
     """Say what is missing, and that something else is, too."""
     return (
         f"{missing(report)} {shrunk(report)}, while the noise of the readings is "
@@ -65,7 +65,7 @@ def partly_explained(report: GapReport) -> str:
     )
 
 
-def unexplained(report: GapReport) -> str:
+def unexplained_sentence(report: GapReport) -> str:
     """Say that no name fits."""
     gap = report.gap
     how = "when all its smooth parameters are fitted" if gap.delivered == "plain" else "when its own are retuned"
@@ -83,10 +83,10 @@ def other(report: GapReport) -> str:
 
 VERDICTS: Mapping[str, Callable[[GapReport], str]] = {
     "none": none,
-    "retuned": retuned,
-    "explained": explained,
-    "partly_explained": partly_explained,
-    "unexplained": unexplained,
+    "retuned": retuned_sentence,
+    "explained": explained_sentence,
+    "partly_explained": partly_explained_sentence,
+    "unexplained": unexplained_sentence,
 }
 
 
@@ -97,10 +97,10 @@ def model(report: GapReport) -> str:
 
 def missing(report: GapReport) -> str:
     """Return the sentence that names what is missing."""
-    effects = [titled(effect) for effect in report.effects]
+    effects = [effect_title(effect) for effect in report.effects]
     doubt = "probably " if min(effect.confidence for effect in report.effects) < LIKELY else ""
     part = "in part " if report.verdict == "partly_explained" else ""
-    return f"The gap between {model(report)} and the recording {doubt}comes {part}from {listed(effects)}."
+    return f"The gap between {model(report)} and the recording {doubt}comes {part}from {join_items(effects)}."
 
 
 def shrunk(report: GapReport) -> str:
@@ -116,7 +116,7 @@ def shrunk(report: GapReport) -> str:
 def places(report: GapReport) -> str:
     """Return where a rest is, to end a sentence with."""
     joints = [rest.joint for rest in report.unexplained]
-    return f", at {listed(joints)}" if joints else ""
+    return f", at {join_items(joints)}" if joints else ""
 
 
 def widest(report: GapReport) -> float:
@@ -144,7 +144,7 @@ def by_size(factor: Retuned) -> float:
     return -abs(math.log(factor.factor))
 
 
-def scored(report: GapReport) -> str:
+def score_basis(report: GapReport) -> str:
     """Return of what the errors called after are."""
     gap = report.gap
     alone = gap.after if gap.after_model_xml is None else gap.after_model_xml

@@ -60,12 +60,12 @@ def spoken(name: str) -> str:
     return name.replace("_", " ")
 
 
-def titled(effect: EffectName) -> str:
+def effect_title(effect: EffectName) -> str:
     """Return an effect with its place, for example `backlash in m3`."""
     return f"{spoken(effect.name)} in {effect.joint}" if effect.joint else f"{spoken(effect.name)} (whole arm)"
 
 
-def listed(items: Sequence[str]) -> str:
+def join_items(items: Sequence[str]) -> str:
     """Return items as a sentence lists them."""
     return " and ".join([", ".join(items[:-1]), items[-1]] if len(items) > 1 else items)
 
@@ -93,7 +93,7 @@ def finding(effect: NamedEffect) -> list[str]:
     without, with_it = (friendly(getattr(errors, end), errors.unit) for end in ENDS)
     where = f"of {effect.joint}" if effect.joint else "of the arm"
     sentences = [
-        f"{capital(titled(effect))}: {'; '.join(values)}.",
+        f"{capital(effect_title(effect))}: {'; '.join(values)}.",
         f"Confidence in this name: {confidence(effect.confidence)}.",
         f"Without it, the held-out error {where} is {without}, everything else fitted anew; with it, {with_it}.",
         *rivals(effect),
@@ -109,10 +109,10 @@ def finding(effect: NamedEffect) -> list[str]:
 def rivals(effect: NamedEffect) -> list[str]:
     """Return how far the alternatives are behind."""
     unit = effect.evidence.unit
-    told = [f"{titled(other)} ({friendly(other.heldout_error_after, unit)})" for other in effect.alternatives]
-    near = [titled(other) for other in effect.equals]
-    sentences = [f"In its place, this error would be left by {listed(told)}."] if told else []
-    return sentences + ([f"These data cannot tell it from {listed(near)}."] if near else [])
+    told = [f"{effect_title(other)} ({friendly(other.heldout_error_after, unit)})" for other in effect.alternatives]
+    near = [effect_title(other) for other in effect.equals]
+    sentences = [f"In its place, this error would be left by {join_items(told)}."] if told else []
+    return sentences + ([f"These data cannot tell it from {join_items(near)}."] if near else [])
 
 
 def signature(name: str) -> list[str]:

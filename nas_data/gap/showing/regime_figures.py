@@ -7,7 +7,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from nas_data.gap.report import Bin
-from nas_data.gap.showing.figures import anchored, turned
+from nas_data.gap.showing.figures import label_anchor, label_angle
 from nas_data.reports.style import WIDTH, house_style
 
 COLOURS = "YlOrRd"
@@ -36,7 +36,7 @@ def regimes(bins: Sequence[Bin]) -> Figure:
             text = f"{value:.1f}" if value < 100 else f"{value:.0f}"
             mark = "*" if stars[row, column] else ""
             axes.text(column, row, text + mark, ha="center", va="center", fontsize=8, color=colour)
-        axes.set_xticks(range(len(joints)), joints, rotation=turned(joints), ha=anchored(joints, "left"))
+        axes.set_xticks(range(len(joints)), joints, rotation=label_angle(joints), ha=label_anchor(joints, "left"))
         axes.set_yticks(range(len(places)), [f"{regime}: {bin_}" for regime, bin_ in places])
         axes.xaxis.tick_top()
         axes.tick_params(length=0)

@@ -6,8 +6,8 @@ from typing import Protocol, TypeVar, cast
 
 from nas_data import registry
 from nas_data.errors import LogError, NasError
-from nas_data.importing.layout import Layout
-from nas_data.importing.table import Table
+from nas_data.importing.layout import LogLayout
+from nas_data.importing.table import LogTable
 
 Content = TypeVar("Content")
 FORMATS = registry.names("importing.formats")
@@ -19,14 +19,14 @@ class Format(Protocol):
     SUFFIXES: tuple[str, ...]
     FOLDER: str  # what a log that is a folder is called; a module without it reads files only
 
-    def read(self, path: Path, layout: Layout) -> Table:
+    def read(self, path: Path, layout: LogLayout) -> LogTable:
         """Read a file; any of `LogError`, `ValueError`, `OSError` says that it is none of this format."""
 
 
 class Bag(Protocol):
     """What a file of this folder defines whose logs are messages of several topics, in place of `read`."""
 
-    def read_topics(self, path: Path, layout: Layout) -> dict[str, Table]:
+    def read_topics(self, path: Path, layout: LogLayout) -> dict[str, LogTable]:
         """Read the topics that a map names, by the keys of its `[topics]`."""
 
 
@@ -45,7 +45,7 @@ def is_folder_log(path: Path, name: str) -> bool:
     return bool(folder_kind(name)) and path.is_dir() and bool(getattr(find_format(name), "is_log")(path))  # noqa: B009
 
 
-def read_tables(path: Path, layout: Layout) -> dict[str, Table]:
+def read_tables(path: Path, layout: LogLayout) -> dict[str, LogTable]:
     """Read one log that is one file or folder: one table, or one for each topic that the map names.
 
     Raises:
@@ -56,12 +56,12 @@ def read_tables(path: Path, layout: Layout) -> dict[str, Table]:
     return {"": read_table(path, layout)}
 
 
-def read_table(path: Path, layout: Layout) -> Table:
+def read_table(path: Path, layout: LogLayout) -> LogTable:
     """Read one file of a log; raises as `read_tables` does."""
     return _read(path, layout, find_format(layout.format).read)
 
 
-def _read(path: Path, layout: Layout, reader: Callable[[Path, Layout], Content]) -> Content:
+def _read(path: Path, layout: LogLayout, reader: Callable[[Path, LogLayout], Content]) -> Content:
     """Read a file or folder after it was found to be one, and say in a sentence where it cannot be read."""
     known = find_format(layout.format)
     folder = is_folder_log(path, layout.format)

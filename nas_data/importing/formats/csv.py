@@ -8,8 +8,8 @@ import pyarrow as pa
 from pyarrow import csv
 
 from nas_data.errors import LogError
-from nas_data.importing.layout import Layout
-from nas_data.importing.table import Table, refuse_twice
+from nas_data.importing.layout import LogLayout
+from nas_data.importing.table import LogTable, refuse_twice
 
 SUFFIXES = (".csv", ".tsv", ".txt")
 DELIMITERS = {",": "','", ";": "';'", "\t": "'\\t'"}  # as they are written in a map
@@ -17,7 +17,7 @@ NOT_UTF_8 = "cannot be read as csv: it is not in UTF-8; save it in that encoding
 UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
-def read(path: Path, layout: Layout) -> Table:
+def read(path: Path, layout: LogLayout) -> LogTable:
     """Read a file; a cell stays text until its column is asked for, so that no type is guessed from the first rows."""
     _check_start(path, layout.delimiter)
     parsing = csv.ParseOptions(delimiter=layout.delimiter)
@@ -32,7 +32,7 @@ def read(path: Path, layout: Layout) -> Table:
             raise LogError(f"{path} {NOT_UTF_8}") from None
         _refuse_ragged(path, layout.delimiter)
         raise
-    return Table(path, {name.strip(): table.column(i).combine_chunks() for i, name in enumerate(names)})
+    return LogTable(path, {name.strip(): table.column(i).combine_chunks() for i, name in enumerate(names)})
 
 
 def _check_start(path: Path, delimiter: str) -> None:

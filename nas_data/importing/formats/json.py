@@ -6,17 +6,17 @@ from pathlib import Path
 import pyarrow as pa
 
 from nas_data.errors import LogError, MapError
-from nas_data.importing.layout import Layout
-from nas_data.importing.table import Table
+from nas_data.importing.layout import LogLayout
+from nas_data.importing.table import LogTable
 
 SUFFIXES = (".json",)
 
 
-def read(path: Path, layout: Layout) -> Table:
+def read(path: Path, layout: LogLayout) -> LogTable:
     """Read a file."""
     content = _parse(path)
     if isinstance(content, list):
-        return Table(path, _from_rows(path, content))
+        return LogTable(path, _from_rows(path, content))
     if not isinstance(content, dict):
         raise LogError(f"{path} holds a {type(content).__name__}; an object or a list of rows is needed.")
     if layout.entries and layout.entries not in content:
@@ -25,10 +25,10 @@ def read(path: Path, layout: Layout) -> Table:
         )
     if layout.entries:
         columns = _from_rows(path, content[layout.entries])
-        return Table(path, columns, {key: value for key, value in content.items() if key != layout.entries})
+        return LogTable(path, columns, {key: value for key, value in content.items() if key != layout.entries})
     lists = {key: value for key, value in content.items() if isinstance(value, list)}
     columns = {key: _column(path, key, value) for key, value in lists.items()}
-    return Table(path, columns, {key: value for key, value in content.items() if key not in lists})
+    return LogTable(path, columns, {key: value for key, value in content.items() if key not in lists})
 
 
 def _parse(path: Path) -> object:

@@ -8,8 +8,8 @@ from nas_data.dataset.layout import INFO
 from nas_data.dataset.read import read as read_dataset
 from nas_data.dataset.read import read_stamps
 from nas_data.dataset.versions import list_versions, resolve
-from nas_data.importing.layout import Layout
-from nas_data.importing.table import Table
+from nas_data.importing.layout import LogLayout
+from nas_data.importing.table import LogTable
 
 SUFFIXES = ()
 FOLDER = "a LeRobot dataset"
@@ -20,7 +20,7 @@ def is_log(path: Path) -> bool:
     return (path / INFO).is_file() or bool(list_versions(path))
 
 
-def read(path: Path, layout: Layout) -> Table:
+def read(path: Path, layout: LogLayout) -> LogTable:
     """Read a dataset's vectors, its time stamps, and the number and the task of each row's episode."""
     root = resolve(path)
     dataset = read_dataset(root)
@@ -29,4 +29,4 @@ def read(path: Path, layout: Layout) -> Table:
     columns["episode_index"] = np.repeat(np.arange(dataset.n_episodes), dataset.lengths)
     columns["task"] = np.repeat(np.array(dataset.tasks, dtype=object), dataset.lengths)
     names = {key: feature.names for key, feature in dataset.features.items()}
-    return Table(path, columns, {"fps": dataset.fps, "robot_type": dataset.robot_type}, names=names)
+    return LogTable(path, columns, {"fps": dataset.fps, "robot_type": dataset.robot_type}, names=names)

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.errors import LogError
-from nas_data.importing.layout import Layout
-from nas_data.importing.table import Table
+from nas_data.importing.layout import LogLayout
+from nas_data.importing.table import LogTable
 
 SUFFIXES = (".mat",)
 
 
-def read(path: Path, layout: Layout) -> Table:
+def read(path: Path, layout: LogLayout) -> LogTable:
     """Read a file; nothing in it is run."""
     from scipy.io import loadmat
     from scipy.io.matlab import MatReadError
@@ -32,7 +32,7 @@ def read(path: Path, layout: Layout) -> Table:
             constants[name] = value.item()
         else:
             columns[name] = value.ravel() if value.ndim == 2 and 1 in value.shape else value
-    return Table(path, columns, constants)
+    return LogTable(path, columns, constants)
 
 
 def _variables(variables: dict[str, np.ndarray], inside: str = "") -> Iterator[tuple[str, np.ndarray]]:

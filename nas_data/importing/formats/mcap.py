@@ -11,14 +11,14 @@ from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory as Ros2
 
 from nas_data.errors import LogError
-from nas_data.importing.layout import Layout
+from nas_data.importing.layout import LogLayout
 from nas_data.importing.messages import to_tables
-from nas_data.importing.table import Table
+from nas_data.importing.table import LogTable
 
 SUFFIXES = (".mcap",)
 
 
-def read_topics(path: Path, layout: Layout) -> dict[str, Table]:
+def read_topics(path: Path, layout: LogLayout) -> dict[str, LogTable]:
     """Read the topics that a map names."""
     try:
         return to_tables(path, dict(layout.topics), _messages(path, layout))
@@ -30,7 +30,7 @@ def read_topics(path: Path, layout: Layout) -> dict[str, Table]:
         ) from None
 
 
-def _messages(path: Path, layout: Layout) -> Iterator[tuple[str, int, object]]:
+def _messages(path: Path, layout: LogLayout) -> Iterator[tuple[str, int, object]]:
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[Ros2(), _Json()])
         there = {channel.topic for channel in summary.channels.values()} if (summary := reader.get_summary()) else set()

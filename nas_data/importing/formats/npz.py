@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.errors import LogError
-from nas_data.importing.layout import Layout
-from nas_data.importing.table import Table
+from nas_data.importing.layout import LogLayout
+from nas_data.importing.table import LogTable
 
 SUFFIXES = (".npz",)
 ZIP = b"PK\x03\x04"  # how a ZIP archive begins
 OBJECTS = "holds Python objects, which are not read from files; save it as numbers, for example with astype(float)"
 
 
-def read(path: Path, layout: Layout) -> Table:
+def read(path: Path, layout: LogLayout) -> LogTable:
     """Read a file without unpickling anything: arrays of objects are refused where the map names them."""
     if not zipfile.is_zipfile(path):
         if path.read_bytes()[: len(ZIP)] == ZIP:
@@ -29,7 +29,7 @@ def read(path: Path, layout: Layout) -> Table:
     found = {name: array for name, array in arrays.items() if array is not None}
     columns = {name: array for name, array in found.items() if array.ndim}
     constants = {name: array.item() for name, array in found.items() if not array.ndim}
-    return Table(path, columns, constants, dict.fromkeys(arrays.keys() - found.keys(), OBJECTS))
+    return LogTable(path, columns, constants, dict.fromkeys(arrays.keys() - found.keys(), OBJECTS))
 
 
 def _array(archive: np.lib.npyio.NpzFile, name: str) -> np.ndarray | None:

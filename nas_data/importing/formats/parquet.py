@@ -5,14 +5,14 @@ from pathlib import Path
 from pyarrow import parquet
 
 from nas_data.errors import LogError
-from nas_data.importing.layout import Layout
-from nas_data.importing.table import Table, number_or_text, refuse_twice
+from nas_data.importing.layout import LogLayout
+from nas_data.importing.table import LogTable, number_or_text, refuse_twice
 
 SUFFIXES = (".parquet", ".pq")
 MAGIC = b"PAR1"  # how a Parquet file begins and ends
 
 
-def read(path: Path, layout: Layout) -> Table:
+def read(path: Path, layout: LogLayout) -> LogTable:
     """Read a file; its own key-value metadata are the log's constants."""
     content = path.read_bytes()
     if content.startswith(MAGIC) and not content.endswith(MAGIC):
@@ -24,4 +24,4 @@ def read(path: Path, layout: Layout) -> Table:
     metadata = table.schema.metadata or {}
     constants = {key.decode(): number_or_text(value.decode(errors="replace")) for key, value in metadata.items()}
     columns = {name: table.column(name).combine_chunks() for name in table.column_names}
-    return Table(path, columns, constants)
+    return LogTable(path, columns, constants)

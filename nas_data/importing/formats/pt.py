@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.errors import LogError
-from nas_data.importing.layout import Layout
-from nas_data.importing.table import Table
+from nas_data.importing.layout import LogLayout
+from nas_data.importing.table import LogTable
 
 SUFFIXES = (".pt", ".pth")
 REMEDY = "save plain tensors: torch.save({'q': q, 't': t}, path)"
 
 
-def read(path: Path, layout: Layout) -> Table:
+def read(path: Path, layout: LogLayout) -> LogTable:
     """Read a file without running anything that it holds: objects beside tensors, numbers and texts are refused."""
     import torch
 
@@ -32,7 +32,7 @@ def read(path: Path, layout: Layout) -> Table:
             columns[name] = array
         else:
             constants[name] = array.item()
-    return Table(path, columns, constants)
+    return LogTable(path, columns, constants)
 
 
 def _values(content: Mapping[object, object], inside: str = "") -> Iterator[tuple[str, object]]:

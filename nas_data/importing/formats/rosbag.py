@@ -9,10 +9,10 @@ from rosbags.rosbag2 import ReaderError as Reader2Error
 from rosbags.typesys import Stores, get_typestore
 
 from nas_data.errors import LogError
-from nas_data.importing.layout import Layout
+from nas_data.importing.layout import LogLayout
 from nas_data.importing.messages import to_tables
-from nas_data.importing.table import Table
-from nas_data.visible import visible
+from nas_data.importing.table import LogTable
+from nas_data.visible_files import visible
 
 SUFFIXES = (".bag",)
 FOLDER = "a ROS 2 bag"
@@ -23,7 +23,7 @@ def is_log(path: Path) -> bool:
     return any(file.name == "metadata.yaml" or file.suffix in (".db3", ".mcap") for file in visible(path))
 
 
-def read_topics(path: Path, layout: Layout) -> dict[str, Table]:
+def read_topics(path: Path, layout: LogLayout) -> dict[str, LogTable]:
     """Read the topics that a map names."""
     try:
         return to_tables(path, dict(layout.topics), _messages(path, layout))
@@ -33,7 +33,7 @@ def read_topics(path: Path, layout: Layout) -> dict[str, Table]:
         raise LogError(f"{path} cannot be read as a bag: {reason}; copy it again, or run '{command}'.") from None
 
 
-def _messages(path: Path, layout: Layout) -> Iterator[tuple[str, int, object]]:
+def _messages(path: Path, layout: LogLayout) -> Iterator[tuple[str, int, object]]:
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
         wanted = [connection for connection in reader.connections if connection.topic in layout.topics.values()]
         there = sorted({connection.topic for connection in reader.connections})

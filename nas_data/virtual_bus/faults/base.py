@@ -7,7 +7,7 @@ import numpy as np
 from nas_data import registry
 from nas_data.errors import OptionError
 from nas_data.virtual_bus.arm import VirtualArm
-from nas_data.virtual_bus.servo import Servo
+from nas_data.virtual_bus.servo import VirtualServo
 
 
 class LineGone(Exception):
@@ -49,7 +49,7 @@ class Fault:
         return 0.0
 
 
-def struck(arm: VirtualArm, identity: int) -> Servo:
+def struck(arm: VirtualArm, identity: int) -> VirtualServo:
     """Return the servo that a fault names.
 
     Raises:

@@ -7,7 +7,7 @@ from nas_data.virtual_bus.faults.base import Fault, struck
 
 
 @dataclass(frozen=True, kw_only=True)
-class DuplicateId(Fault):
+class DuplicateIdFault(Fault):
     """One servo takes the identity of another.
 
     Attributes:

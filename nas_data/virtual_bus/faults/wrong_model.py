@@ -9,7 +9,7 @@ XL330_M077 = 1190  # model number, ROBOTIS e-manual
 
 
 @dataclass(frozen=True, kw_only=True)
-class WrongModel(Fault):
+class WrongModelFault(Fault):
     """One servo is not what it should be.
 
     Attributes:

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 
 from nas_data import registry
 from nas_data.virtual_bus.packet import ALERT, Error, Instruction
-from nas_data.virtual_bus.protocols import PROTOCOL_2, Protocol
-from nas_data.xl320.control_table import Register
+from nas_data.virtual_bus.protocols import PROTOCOL_2, PacketProtocol
+from nas_data.xl320.control_table import ControlTableEntry
 
 if TYPE_CHECKING:
-    from nas_data.virtual_bus.servo import Servo
+    from nas_data.virtual_bus.servo import VirtualServo
 
 ANSWERS_ALL = 2  # status level from which everything is answered, and what is answered from a lower one on
 LEVELS: dict[int, int] = {Instruction.PING: 0, Instruction.READ: 1}
@@ -32,7 +32,7 @@ class Reason(IntFlag):
 
 
 @dataclass(frozen=True)
-class Drive:
+class ServoDrive:
     """What a servo's registers make of it.
 
     Attributes:
@@ -97,7 +97,7 @@ class Bounds:
     seconds: float
 
 
-class Kind(ABC):
+class ServoSeries(ABC):
     """A series of servos; it remembers nothing, for all that a servo remembers is in its registers.
 
     Every table has the registers id, model_number, torque_enable, return_delay, status_level, baud_rate,
@@ -115,7 +115,7 @@ class Kind(ABC):
         protocol: How it speaks.
     """
 
-    registers: Mapping[str, Register]
+    registers: Mapping[str, ControlTableEntry]
     tick: float
     supply: float
     stall_current: float
@@ -123,7 +123,7 @@ class Kind(ABC):
     baud: Mapping[int, int]
     bits: Mapping[Reason, int]
     unloads: str | None = None
-    protocol: Protocol = PROTOCOL_2
+    protocol: PacketProtocol = PROTOCOL_2
 
     @cached_property
     def size(self) -> int:
@@ -131,63 +131,63 @@ class Kind(ABC):
         return max(register.address + register.size for register in self.registers.values())
 
     @cached_property
-    def at_byte(self) -> dict[int, Register]:
+    def at_byte(self) -> dict[int, ControlTableEntry]:
         """Which register a byte belongs to; addresses without one read as zero."""
         return {r.address + k: r for r in self.registers.values() for k in range(r.size)}
 
     @abstractmethod
-    def lasts(self, register: Register) -> bool:
+    def lasts(self, register: ControlTableEntry) -> bool:
         """Whether a register outlives a loss of power."""
 
     @abstractmethod
-    def drive(self, servo: "Servo") -> Drive:
+    def drive(self, servo: "VirtualServo") -> ServoDrive:
         """Read the physics off the registers."""
 
     @abstractmethod
-    def sense(self, servo: "Servo", felt: Sensation) -> None:
+    def sense(self, servo: "VirtualServo", felt: Sensation) -> None:
         """Write what is felt into the registers."""
 
-    def overload(self, servo: "Servo") -> tuple[float, float]:
+    def overload(self, servo: "VirtualServo") -> tuple[float, float]:
         """Return the share of the largest torque that counts as stalled, and for how long it is borne [s]."""
         return OVERLOAD
 
-    def bounds(self, servo: "Servo") -> Bounds:
+    def bounds(self, servo: "VirtualServo") -> Bounds:
         """Return what a servo bears."""
         lowest, highest = (servo.get(name) * VOLT for name in ("lowest_voltage", "highest_voltage"))
         return Bounds(lowest, highest, float(servo.get("temperature_limit")), *self.overload(servo))
 
-    def fail(self, servo: "Servo", reason: Reason) -> None:
+    def fail(self, servo: "VirtualServo", reason: Reason) -> None:
         """Note a hardware error; a servo that shuts down lets go."""
         bits = sum(self.bits[one] for one in reason)
         servo.put("hardware_error", servo.get("hardware_error") | bits)
         if self.unloads and servo.get("shutdown") & bits:
             servo.put(self.unloads, 0)
 
-    def locked(self, servo: "Servo", register: Register) -> bool:
+    def locked(self, servo: "VirtualServo", register: ControlTableEntry) -> bool:
         """Whether a register must not be written now: what lasts, while the torque is on."""
         return self.lasts(register) and bool(servo.get("torque_enable"))
 
-    def judge(self, servo: "Servo", register: Register, value: int) -> Error:
+    def judge(self, servo: "VirtualServo", register: ControlTableEntry, value: int) -> Error:
         """Say what a register refuses beside values out of its range."""
         return Error.NONE
 
-    def started(self, servo: "Servo") -> None:  # noqa: B027  # many have nothing to do
+    def started(self, servo: "VirtualServo") -> None:  # noqa: B027  # many have nothing to do
         """Do what is done when the power comes on."""
 
-    def error_byte(self, servo: "Servo", error: Error) -> int:
+    def error_byte(self, servo: "VirtualServo", error: Error) -> int:
         """Return the error byte of an answer."""
         return error | (ALERT if servo.get("hardware_error") else 0)
 
-    def answers(self, servo: "Servo", instruction: int) -> bool:
+    def answers(self, servo: "VirtualServo", instruction: int) -> bool:
         """Whether a servo answers an instruction, by its status level."""
         return servo.get("status_level") >= LEVELS.get(instruction, ANSWERS_ALL)
 
 
-def find_kind(name: str) -> Kind:
+def find_kind(name: str) -> ServoSeries:
     """Return a series of servos by its name.
 
     Raises:
         UnknownName: there is none; lists those there are.
     """
-    kind: Kind = registry.module("virtual_bus.kinds", name, "virtual servo").KIND
+    kind: ServoSeries = registry.module("virtual_bus.kinds", name, "virtual servo").KIND
     return kind

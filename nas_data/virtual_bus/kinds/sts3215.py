@@ -8,13 +8,13 @@ force is not documented: there the acceleration is taken to be unlimited, and th
 import math
 from typing import TYPE_CHECKING
 
-from nas_data.virtual_bus.kinds.base import STILL, VOLT, Drive, Kind, Reason, Sensation
+from nas_data.virtual_bus.kinds.base import STILL, VOLT, Reason, Sensation, ServoDrive, ServoSeries
 from nas_data.virtual_bus.packet import Error, Instruction
 from nas_data.virtual_bus.protocols import FEETECH
-from nas_data.xl320.control_table import Register
+from nas_data.xl320.control_table import ControlTableEntry
 
 if TYPE_CHECKING:
-    from nas_data.virtual_bus.servo import Servo
+    from nas_data.virtual_bus.servo import VirtualServo
 
 TURN = 4096  # units of position in a turn
 TICK = 2 * math.pi / TURN  # [rad]
@@ -27,12 +27,12 @@ RAM, FACTORY = 40, 80  # addresses between which a loss of power forgets
 POSITION_SIGN, OFFSET_SIGN, LOAD_SIGN = 15, 11, 10  # bits that say minus
 
 
-def _register(name: str, address: int, size: int = 1, initial: int = 0, high: int | None = None) -> Register:
-    return Register(name, address, size, initial, 0, 256**size - 1 if high is None else high)
+def _register(name: str, address: int, size: int = 1, initial: int = 0, high: int | None = None) -> ControlTableEntry:
+    return ControlTableEntry(name, address, size, initial, 0, 256**size - 1 if high is None else high)
 
 
-def _read_only(name: str, address: int, size: int = 1, initial: int = 0) -> Register:
-    return Register(name, address, size, initial, 0, 256**size - 1, writable=False)
+def _read_only(name: str, address: int, size: int = 1, initial: int = 0) -> ControlTableEntry:
+    return ControlTableEntry(name, address, size, initial, 0, 256**size - 1, writable=False)
 
 
 REGISTERS = {
@@ -98,7 +98,7 @@ REGISTERS = {
 }
 
 
-def signed(value: int, bit: int) -> int:
+def decode_sign_magnitude(value: int, bit: int) -> int:
     """Return what a sign-magnitude register says."""
     magnitude = value & ((1 << bit) - 1)
     return -magnitude if value >> bit & 1 else magnitude
@@ -110,7 +110,7 @@ def magnitude(value: float, bit: int, highest: int | None = None) -> int:
     return min(most, round(abs(value))) | ((1 << bit) if value < 0 else 0)
 
 
-class Sts3215(Kind):
+class Sts3215(ServoSeries):
     """Positions are encoder counts less the homing offset, speeds counts a second."""
 
     registers = REGISTERS
@@ -122,26 +122,26 @@ class Sts3215(Kind):
     bits = {Reason.OVERLOAD: 32, Reason.OVERHEAT: 4, Reason.VOLTAGE: 1}  # noqa: RUF012
     protocol = FEETECH
 
-    def lasts(self, register: Register) -> bool:
-        """See `Kind.lasts`."""
+    def lasts(self, register: ControlTableEntry) -> bool:
+        """See `ServoSeries.lasts`."""
         return register.address < RAM or register.address >= FACTORY
 
-    def locked(self, servo: "Servo", register: Register) -> bool:
+    def locked(self, servo: "VirtualServo", register: ControlTableEntry) -> bool:
         """Refuse nothing: the lock keeps a value from outliving the power, not from being written."""
         return False
 
-    def drive(self, servo: "Servo") -> Drive:
-        """See `Kind.drive`; goals beyond the limits are cut."""
-        goal = signed(servo.get("goal_position"), POSITION_SIGN)
+    def drive(self, servo: "VirtualServo") -> ServoDrive:
+        """See `ServoSeries.drive`; goals beyond the limits are cut."""
+        goal = decode_sign_magnitude(servo.get("goal_position"), POSITION_SIGN)
         low, high = servo.get("lowest_position"), servo.get("highest_position")
-        speed, acceleration = signed(servo.get("goal_speed"), POSITION_SIGN), servo.get("acceleration")
+        speed, acceleration = decode_sign_magnitude(servo.get("goal_speed"), POSITION_SIGN), servo.get("acceleration")
         unloaded = servo.get("hardware_error") & servo.get("unloading")
         strength = servo.get("torque_limit") / THOUSAND
         if unloaded & self.bits[Reason.OVERLOAD]:
             strength = min(strength, servo.get("protective_torque") / HUNDRED)
-        return Drive(
+        return ServoDrive(
             powered=servo.get("torque_enable") == 1 and not unloaded & ~self.bits[Reason.OVERLOAD],
-            goal=min(max(goal, low), high) + signed(servo.get("homing_offset"), OFFSET_SIGN),
+            goal=min(max(goal, low), high) + decode_sign_magnitude(servo.get("homing_offset"), OFFSET_SIGN),
             speed=abs(speed) * TICK if speed else math.inf,
             acceleration=acceleration * ACCELERATION_UNIT if 0 < acceleration < FASTEST else math.inf,
             stiffness=servo.get("p_gain") / GAIN,
@@ -149,9 +149,9 @@ class Sts3215(Kind):
             deadband=max(servo.get("cw_dead_zone"), servo.get("ccw_dead_zone")) * TICK,
         )
 
-    def sense(self, servo: "Servo", felt: Sensation) -> None:
-        """See `Kind.sense`."""
-        counted = (felt.position - signed(servo.get("homing_offset"), OFFSET_SIGN)) % TURN
+    def sense(self, servo: "VirtualServo", felt: Sensation) -> None:
+        """See `ServoSeries.sense`."""
+        counted = (felt.position - decode_sign_magnitude(servo.get("homing_offset"), OFFSET_SIGN)) % TURN
         servo.put("present_position", counted)
         servo.put("present_speed", magnitude(felt.speed / TICK, POSITION_SIGN))
         servo.put("present_load", magnitude(felt.effort * THOUSAND, LOAD_SIGN, THOUSAND))
@@ -160,20 +160,20 @@ class Sts3215(Kind):
         servo.put("present_current", round(abs(felt.effort) * self.stall_current / CURRENT_UNIT))
         servo.put("moving", int(abs(felt.speed) > STILL))
 
-    def overload(self, servo: "Servo") -> tuple[float, float]:
-        """See `Kind.overload`."""
+    def overload(self, servo: "VirtualServo") -> tuple[float, float]:
+        """See `ServoSeries.overload`."""
         return servo.get("overload_torque") / HUNDRED, servo.get("protection_time") * PROTECTION_UNIT
 
-    def started(self, servo: "Servo") -> None:
+    def started(self, servo: "VirtualServo") -> None:
         """Take the torque limit over from what lasts."""
         servo.put("torque_limit", servo.get("max_torque"))
 
-    def error_byte(self, servo: "Servo", error: Error) -> int:
+    def error_byte(self, servo: "VirtualServo", error: Error) -> int:
         """Return the status: this protocol does not say why an instruction was not followed."""
         return servo.get("hardware_error")
 
-    def answers(self, servo: "Servo", instruction: int) -> bool:
-        """See `Kind.answers`."""
+    def answers(self, servo: "VirtualServo", instruction: int) -> bool:
+        """See `ServoSeries.answers`."""
         return bool(servo.get("status_level")) or instruction in (Instruction.PING, Instruction.READ)
 
 

@@ -3,19 +3,19 @@
 import math
 from typing import TYPE_CHECKING
 
-from nas_data.virtual_bus.kinds.base import STILL, VOLT, Drive, Kind, Reason, Sensation
+from nas_data.virtual_bus.kinds.base import STILL, VOLT, Reason, Sensation, ServoDrive, ServoSeries
 from nas_data.virtual_bus.packet import Error
-from nas_data.xl320.control_table import OVERHEAT, OVERLOAD, RAM, REGISTERS, VOLTAGE, Register
+from nas_data.xl320.control_table import OVERHEAT, OVERLOAD, RAM, REGISTERS, VOLTAGE, ControlTableEntry
 from nas_data.xl320.units import HIGHEST, LOAD_UNIT, SPEED_UNIT, TICK, sign_magnitude
 
 if TYPE_CHECKING:
-    from nas_data.virtual_bus.servo import Servo
+    from nas_data.virtual_bus.servo import VirtualServo
 
 GAIN = 32  # value of the P register at which the servo is as stiff as the model
 FULL = 1023
 
 
-class Xl320Kind(Kind):
+class Xl320Kind(ServoSeries):
     """Six of them make an ErgoJr; the integral and derivative gain, which the model lacks, do nothing."""
 
     registers = REGISTERS
@@ -27,14 +27,14 @@ class Xl320Kind(Kind):
     bits = {Reason.OVERLOAD: OVERLOAD, Reason.OVERHEAT: OVERHEAT, Reason.VOLTAGE: VOLTAGE}  # noqa: RUF012
     unloads = "torque_limit"
 
-    def lasts(self, register: Register) -> bool:
-        """See `Kind.lasts`."""
+    def lasts(self, register: ControlTableEntry) -> bool:
+        """See `ServoSeries.lasts`."""
         return register.address < RAM
 
-    def drive(self, servo: "Servo") -> Drive:
-        """See `Kind.drive`."""
+    def drive(self, servo: "VirtualServo") -> ServoDrive:
+        """See `ServoSeries.drive`."""
         speed = servo.get("moving_speed") & FULL
-        return Drive(
+        return ServoDrive(
             powered=bool(servo.get("torque_enable")),
             goal=servo.get("goal_position"),
             speed=speed * SPEED_UNIT if speed else math.inf,
@@ -42,8 +42,8 @@ class Xl320Kind(Kind):
             strength=min(servo.get("torque_limit"), servo.get("max_torque")) / FULL,
         )
 
-    def sense(self, servo: "Servo", felt: Sensation) -> None:
-        """See `Kind.sense`."""
+    def sense(self, servo: "VirtualServo", felt: Sensation) -> None:
+        """See `ServoSeries.sense`."""
         servo.put("present_position", max(0, min(HIGHEST, felt.position)))
         servo.put("present_speed", sign_magnitude(felt.speed / SPEED_UNIT))
         servo.put("present_load", sign_magnitude(felt.effort / LOAD_UNIT))
@@ -51,13 +51,13 @@ class Xl320Kind(Kind):
         servo.put("present_temperature", felt.degrees_celsius)
         servo.put("moving", int(abs(felt.speed) > STILL))
 
-    def judge(self, servo: "Servo", register: Register, value: int) -> Error:
+    def judge(self, servo: "VirtualServo", register: ControlTableEntry, value: int) -> Error:
         """Refuse goals beyond the angle limits."""
         within = servo.get("cw_limit") <= value <= servo.get("ccw_limit")
         refused = register.name == "goal_position" and not within and servo.get("control_mode") == 2
         return Error.DATA_LIMIT if refused else Error.NONE
 
-    def started(self, servo: "Servo") -> None:
+    def started(self, servo: "VirtualServo") -> None:
         """Take the torque limit over from what lasts."""
         servo.put("torque_limit", servo.get("max_torque"))
 

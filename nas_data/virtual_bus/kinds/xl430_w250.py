@@ -3,12 +3,12 @@
 import math
 from typing import TYPE_CHECKING
 
-from nas_data.virtual_bus.kinds.base import STILL, VOLT, Drive, Kind, Reason, Sensation
+from nas_data.virtual_bus.kinds.base import STILL, VOLT, Reason, Sensation, ServoDrive, ServoSeries
 from nas_data.virtual_bus.packet import Error
-from nas_data.xl320.control_table import Register
+from nas_data.xl320.control_table import ControlTableEntry
 
 if TYPE_CHECKING:
-    from nas_data.virtual_bus.servo import Servo
+    from nas_data.virtual_bus.servo import VirtualServo
 
 TURN = 4096  # units of position in a turn
 TICK = 2 * math.pi / TURN  # [rad]
@@ -19,12 +19,12 @@ FULL = 885  # the whole of a PWM
 POSITION = 3  # operating mode in which the position limits hold
 
 
-def signed(value: int, size: int) -> int:
+def decode_twos_complement(value: int, size: int) -> int:
     """Return what a two's complement register of some bytes says."""
     return value - 256**size if value >> (8 * size - 1) else value
 
 
-class XSeries(Kind):
+class XSeries(ServoSeries):
     """Positions are encoder counts plus the homing offset; the derivative and integral gain do nothing."""
 
     tick = TICK
@@ -56,25 +56,26 @@ class XSeries(Kind):
         self.registers = {register.name: register for register in _table(model, gain, voltages)}
         self.supply, self.stall_torque, self.stall_current, self._gain = supply, torque, current, gain
 
-    def lasts(self, register: Register) -> bool:
-        """See `Kind.lasts`."""
+    def lasts(self, register: ControlTableEntry) -> bool:
+        """See `ServoSeries.lasts`."""
         return register.address < RAM
 
-    def drive(self, servo: "Servo") -> Drive:
-        """See `Kind.drive`."""
+    def drive(self, servo: "VirtualServo") -> ServoDrive:
+        """See `ServoSeries.drive`."""
         speed, acceleration = servo.get("profile_velocity"), servo.get("profile_acceleration")
-        return Drive(
+        return ServoDrive(
             powered=bool(servo.get("torque_enable")),
-            goal=signed(servo.get("goal_position"), 4) - signed(servo.get("homing_offset"), 4),
+            goal=decode_twos_complement(servo.get("goal_position"), 4)
+            - decode_twos_complement(servo.get("homing_offset"), 4),
             speed=speed * SPEED_UNIT if speed else math.inf,
             acceleration=acceleration * ACCELERATION_UNIT if acceleration else math.inf,
             stiffness=servo.get("p_gain") / self._gain,
             strength=min(servo.get("pwm_limit"), servo.get("goal_pwm")) / FULL,
         )
 
-    def sense(self, servo: "Servo", felt: Sensation) -> None:
-        """See `Kind.sense`."""
-        servo.put("present_position", (felt.position + signed(servo.get("homing_offset"), 4)) % 256**4)
+    def sense(self, servo: "VirtualServo", felt: Sensation) -> None:
+        """See `ServoSeries.sense`."""
+        servo.put("present_position", (felt.position + decode_twos_complement(servo.get("homing_offset"), 4)) % 256**4)
         servo.put("present_speed", round(felt.speed / SPEED_UNIT) % 256**4)
         servo.put("present_pwm", round(felt.effort * FULL) % 256**2)
         servo.put("present_current", round(felt.effort * self.stall_current * 1000) % 256**2)
@@ -82,17 +83,17 @@ class XSeries(Kind):
         servo.put("present_temperature", felt.degrees_celsius)
         servo.put("moving", int(abs(felt.speed) > STILL))
 
-    def judge(self, servo: "Servo", register: Register, value: int) -> Error:
+    def judge(self, servo: "VirtualServo", register: ControlTableEntry, value: int) -> Error:
         """Refuse goals beyond the position limits, and the torque of a servo that shut down."""
         if register.name == "torque_enable" and value and servo.get("hardware_error") & servo.get("shutdown"):
             return Error.RESULT_FAIL
         if register.name != "goal_position" or servo.get("operating_mode") != POSITION:
             return Error.NONE
-        within = servo.get("lowest_position") <= signed(value, 4) <= servo.get("highest_position")
+        within = servo.get("lowest_position") <= decode_twos_complement(value, 4) <= servo.get("highest_position")
         return Error.NONE if within else Error.DATA_LIMIT
 
 
-def _table(model: int, gain: int, voltages: tuple[int, int]) -> tuple[Register, ...]:
+def _table(model: int, gain: int, voltages: tuple[int, int]) -> tuple[ControlTableEntry, ...]:
     return (
         _read_only("model_number", 0, 2, model),
         _read_only("model_information", 2, 4),
@@ -149,12 +150,12 @@ def _table(model: int, gain: int, voltages: tuple[int, int]) -> tuple[Register, 
     )
 
 
-def _register(name: str, address: int, size: int, initial: int = 0, high: int | None = None) -> Register:
-    return Register(name, address, size, initial, 0, 256**size - 1 if high is None else high)
+def _register(name: str, address: int, size: int, initial: int = 0, high: int | None = None) -> ControlTableEntry:
+    return ControlTableEntry(name, address, size, initial, 0, 256**size - 1 if high is None else high)
 
 
-def _read_only(name: str, address: int, size: int = 1, initial: int = 0) -> Register:
-    return Register(name, address, size, initial, 0, 256**size - 1, writable=False)
+def _read_only(name: str, address: int, size: int = 1, initial: int = 0) -> ControlTableEntry:
+    return ControlTableEntry(name, address, size, initial, 0, 256**size - 1, writable=False)
 
 
 KIND = XSeries(model=1060, gain=800, voltages=(60, 140), supply=12.0, torque=1.5, current=1.4)

@@ -12,16 +12,16 @@ from nas_data.gap.report import Check
 FIRST = ("timing", "repeated_samples", "command_shift", "velocities", "readings")  # time before everything else
 
 
-class Audit(Protocol):
+class GapAudit(Protocol):
     """What a file of this folder defines."""
 
     def check(self, examined: Examined) -> Check:
         """Look at one recording."""
 
 
-def find_audit(name: str) -> Audit:
+def find_audit(name: str) -> GapAudit:
     """Return an audit by its name."""
-    return cast(Audit, registry.module("gap.finding.audits", name, "audit"))
+    return cast(GapAudit, registry.module("gap.finding.audits", name, "audit"))
 
 
 def audit(examined: Examined) -> tuple[Check, ...]:

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nas_data.dataset.audits.base import Finding
+from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.dataset import Dataset
 from nas_data.gap.finding.loads import Loads
-from nas_data.gap.finding.recorded import Recorded
+from nas_data.gap.finding.recorded import RecordedRows
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.report import Check
 
@@ -28,15 +28,15 @@ class Examined:
     """
 
     dataset: Dataset
-    findings: tuple[Finding, ...]
-    recorded: Recorded
+    findings: tuple[AuditFinding, ...]
+    recorded: RecordedRows
     nominal: Nominal
     floor: np.ndarray
     predicted: np.ndarray
     loads: Loads
 
 
-def summarized(name: str, examined: Examined, checks: Sequence[str], sound: str, advice: str = "") -> Check:
+def summarise_audits(name: str, examined: Examined, checks: Sequence[str], sound: str, advice: str = "") -> Check:
     """Return what some audits of every recording say, one sentence for each kind of finding.
 
     Args:
@@ -46,7 +46,7 @@ def summarized(name: str, examined: Examined, checks: Sequence[str], sound: str,
         sound: What is said where there are none.
         advice: What to do where a finding is more than minor.
     """
-    kinds: dict[str, list[Finding]] = {}
+    kinds: dict[str, list[AuditFinding]] = {}
     for finding in examined.findings:
         if finding.check in checks:
             kinds.setdefault(finding.check, []).append(finding)
@@ -59,7 +59,7 @@ def summarized(name: str, examined: Examined, checks: Sequence[str], sound: str,
     return Check(name, " ".join(said), ok)
 
 
-def sentence_of(members: Sequence[Finding], episodes: int) -> str:
+def sentence_of(members: Sequence[AuditFinding], episodes: int) -> str:
     """Return the first finding of a kind that is more than minor, and in how many episodes there is such a one."""
     grave = [finding for finding in members if not finding.minor] or list(members)
     places = len({finding.file for finding in grave})
@@ -68,7 +68,7 @@ def sentence_of(members: Sequence[Finding], episodes: int) -> str:
     return f"In {first.file} {first.what}{more}."
 
 
-def listed(items: list[str]) -> str:
+def join_names(items: list[str]) -> str:
     """Return names as people write them: `a`, `a and b`, `a, b and c`."""
     return " and ".join([", ".join(items[:-1]), items[-1]] if len(items) > 1 else items)
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from nas_data.errors import ModelFileError
-from nas_data.gap.evidence import Evidence
-from nas_data.gap.finding.audits.base import Examined, listed
+from nas_data.gap.episode_batch import EpisodeBatch
+from nas_data.gap.finding.audits.base import Examined, join_names
 from nas_data.gap.report import Check
 
 NAME = "command shift"
@@ -29,16 +29,16 @@ def check(examined: Examined) -> Check:
     for shift in np.unique(best[best != 0]).tolist():
         alike = (np.sign(best) == np.sign(shift)) & (best <= SLIPS)
         slip = shift <= SLIPS and 2 * alike.sum() > visible.sum()
-        said.append(sentence(named(examined, best == shift), shift, slip, examined.nominal.period))
+        said.append(sentence(select_names(examined, best == shift), shift, slip, examined.nominal.period))
         ok &= not slip
     return Check(NAME, " ".join(said), ok)
 
 
-def named(examined: Examined, chosen: np.ndarray) -> str:
+def select_names(examined: Examined, chosen: np.ndarray) -> str:
     """Return the names of chosen joints (n,)."""
     if chosen.all():
         return "all joints"
-    return listed([joint for joint, is_chosen in zip(examined.nominal.joints, chosen, strict=True) if is_chosen])
+    return join_names([joint for joint, is_chosen in zip(examined.nominal.joints, chosen, strict=True) if is_chosen])
 
 
 def sentence(joints: str, shift: int, slip: bool, period: float) -> str:
@@ -82,10 +82,10 @@ def best_shifts(examined: Examined) -> tuple[np.ndarray, np.ndarray]:
 
 def shift_errors(examined: Examined, shift: int) -> np.ndarray:
     """Return the error of the motion over a short window with shifted commands [rad], shape (E, n)."""
-    evidence = shortened(examined.recorded.evidence)
+    evidence = shorten_episodes(examined.recorded.evidence)
     positional = examined.nominal.simulator().layout.inputs.positional
     try:
-        predicted = examined.nominal.predict(shifted(evidence, shift, positional))
+        predicted = examined.nominal.predict(shift_commands(evidence, shift, positional))
     except ModelFileError:
         return np.full(evidence.starts.shape, np.inf)
     rows = max(1, round(WINDOW / evidence.period))
@@ -95,14 +95,14 @@ def shift_errors(examined: Examined, shift: int) -> np.ndarray:
     return np.sqrt((moves**2).sum(1) / seen) + np.finfo(float).eps
 
 
-def shortened(evidence: Evidence) -> Evidence:
+def shorten_episodes(evidence: EpisodeBatch) -> EpisodeBatch:
     """Return the beginnings of some episodes, enough to tell a shift."""
     chosen = np.unique(np.linspace(0, len(evidence) - 1, min(len(evidence), EPISODES)).round().astype(int))
     part, rows = evidence.select(chosen), slice(0, round(SECONDS / evidence.period))
     return replace(part, commands=part.commands[:, rows], measured=part.measured[:, rows], counts=part.counts[:, rows])
 
 
-def shifted(evidence: Evidence, shift: int, positional: np.ndarray) -> Evidence:
+def shift_commands(evidence: EpisodeBatch, shift: int, positional: np.ndarray) -> EpisodeBatch:
     """Return episodes whose commands act some rows later; before the first, the first pose was commanded.
 
     Joints that are not commanded positions, `positional` (n,), had their first command.

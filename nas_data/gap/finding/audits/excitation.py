@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from nas_data.gap.evidence import Evidence
-from nas_data.gap.finding.audits.base import Examined, listed
+from nas_data.gap.episode_batch import EpisodeBatch
+from nas_data.gap.finding.audits.base import Examined, join_names
 from nas_data.gap.finding.recorded import STILL
 from nas_data.gap.report import Check
 
@@ -14,7 +14,7 @@ STEADY = 1e-6  # [rad or N·m] within which a command is constant
 def check(examined: Examined) -> Check:
     """Name the joints about which the recording says nothing or little."""
     evidence = examined.recorded.evidence
-    steady, still = constant(evidence), unmoved(evidence, examined.floor)
+    steady, still = constant(evidence), find_unmoved_joints(evidence, examined.floor)
     found = [(steady, "the command never changes"), (still & ~steady, "the joint never moves although commanded to")]
     said = [f"{names(evidence, chosen)}: {text}" for chosen, text in found if chosen.any()]
     if said:
@@ -22,17 +22,17 @@ def check(examined: Examined) -> Check:
     return Check(NAME, "Every joint is commanded to move, and moves.")
 
 
-def names(evidence: Evidence, chosen: np.ndarray) -> str:
+def names(evidence: EpisodeBatch, chosen: np.ndarray) -> str:
     """Return the names of chosen joints (n,)."""
-    return listed([joint for joint, is_chosen in zip(evidence.joints, chosen, strict=True) if is_chosen])
+    return join_names([joint for joint, is_chosen in zip(evidence.joints, chosen, strict=True) if is_chosen])
 
 
-def constant(evidence: Evidence) -> np.ndarray:
+def constant(evidence: EpisodeBatch) -> np.ndarray:
     """Return which joints were given one command all the time, shape (n,)."""
     return np.asarray(np.ptp(evidence.commands[evidence.counts], axis=0) <= STEADY)
 
 
-def unmoved(evidence: Evidence, floor: np.ndarray) -> np.ndarray:
+def find_unmoved_joints(evidence: EpisodeBatch, floor: np.ndarray) -> np.ndarray:
     """Return which joints stay where they are in every episode, shape (n,)."""
     span = np.ptp(np.concatenate([evidence.starts[:, None], evidence.measured], axis=1), axis=1)
     return np.asarray(span.max(axis=0) <= STILL * floor)

@@ -1,6 +1,6 @@
 """Readings: jumps and wraps, units, signs, and joints that follow another joint's command."""
 
-from nas_data.gap.finding.audits.base import Examined, summarized
+from nas_data.gap.finding.audits.base import Examined, summarise_audits
 from nas_data.gap.report import Check
 
 NAME = "readings"
@@ -9,4 +9,4 @@ CHECKS = ("jump", "unit_slip", "command_scale", "command_sign", "command_is_posi
 
 def check(examined: Examined) -> Check:
     """Say which readings and commands cannot be what they are called."""
-    return summarized(NAME, examined, CHECKS, "No reading jumps, and positions and commands belong together.")
+    return summarise_audits(NAME, examined, CHECKS, "No reading jumps, and positions and commands belong together.")

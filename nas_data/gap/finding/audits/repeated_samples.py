@@ -1,6 +1,6 @@
 """Repeated samples: readings that stand still while the arm moves, because the device is slower than the recorder."""
 
-from nas_data.gap.finding.audits.base import Examined, summarized
+from nas_data.gap.finding.audits.base import Examined, summarise_audits
 from nas_data.gap.report import Check
 
 NAME = "repeated samples"
@@ -8,6 +8,6 @@ NAME = "repeated samples"
 
 def check(examined: Examined) -> Check:
     """Say which readings are not fresh."""
-    return summarized(
+    return summarise_audits(
         NAME, examined, ("repeated_samples", "frozen_reading"), "No reading repeats the one before while the arm moves."
     )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nas_data.gap.finding.audits.base import Examined, listed, percent
+from nas_data.gap.finding.audits.base import Examined, join_names, percent
 from nas_data.gap.report import Check
 from nas_data.simulators.limits import command_limits
 
@@ -36,7 +36,7 @@ def check(examined: Examined) -> Check:
 def shares(examined: Examined, values: np.ndarray) -> str:
     """Return joints with their shares of the rows, those worth a word."""
     pairs = zip(examined.nominal.joints, values, strict=True)
-    return listed([f"{percent(value)} of the rows of {joint}" for joint, value in pairs if value > NOTED])
+    return join_names([f"{percent(value)} of the rows of {joint}" for joint, value in pairs if value > NOTED])
 
 
 def beyond_range(examined: Examined) -> np.ndarray:

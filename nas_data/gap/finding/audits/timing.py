@@ -1,7 +1,7 @@
 """Timing: rows that came late, and a clock that runs at another rate than the dataset says."""
 
 from nas_data.dataset.features import TIME
-from nas_data.gap.finding.audits.base import Examined, summarized
+from nas_data.gap.finding.audits.base import Examined, summarise_audits
 from nas_data.gap.report import Check
 
 NAME = "timing"
@@ -13,4 +13,4 @@ def check(examined: Examined) -> Check:
     if TIME not in examined.dataset.columns:
         return Check(NAME, "The recorder's clock was not kept (nas.time): rows are taken as evenly spaced.")
     advice = "import the recording again with [resample] in its map"
-    return summarized(NAME, examined, CHECKS, "The rows came evenly, at the dataset's rate.", advice)
+    return summarise_audits(NAME, examined, CHECKS, "The rows came evenly, at the dataset's rate.", advice)

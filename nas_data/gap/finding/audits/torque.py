@@ -1,7 +1,7 @@
 """Torque off: rows in which the servos were released, which no command explains."""
 
 from nas_data.gap.finding.audits.base import Examined, percent
-from nas_data.gap.finding.driven import TORQUE, torque_on
+from nas_data.gap.finding.torque_off import TORQUE, torque_on
 from nas_data.gap.report import Check
 
 NAME = "torque off"

@@ -1,7 +1,7 @@
 """Velocities: whether the recorded ones belong to the recorded positions, in size and in time."""
 
 from nas_data.dataset.recording import are_derived
-from nas_data.gap.finding.audits.base import Examined, summarized
+from nas_data.gap.finding.audits.base import Examined, summarise_audits
 from nas_data.gap.report import Check
 
 NAME = "velocities"
@@ -14,4 +14,4 @@ def check(examined: Examined) -> Check:
         return Check(NAME, "Velocities were derived from the positions; one-step errors carry their noise.")
     advice = "one-step predictions start where the arm never was: import again with velocity = 'derive'"
     sound = "The recorded velocities are those of the positions, in size and in time."
-    return summarized(NAME, examined, CHECKS, sound, advice)
+    return summarise_audits(NAME, examined, CHECKS, sound, advice)

@@ -31,7 +31,7 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
     better = add_best(search, h, ranked if h.effects else look_ahead(search, h, ranked))
     if better is h and around is not h.fit:
         better = add_best(search, h, extensions(search, h, h.fit))
-    return add_best(search, h, overlooked(search, h)) if better is h else better
+    return add_best(search, h, fit_worst_joints(search, h)) if better is h else better
 
 
 def add_best(search: Search, kept: Hypothesis, ranked: Sequence[Hypothesis]) -> Hypothesis:
@@ -84,7 +84,7 @@ def shortlist(found: Sequence[Candidate], reach: float, slack: float) -> list[Ca
     return sorted(chosen, key=lambda candidate: candidate.loss)
 
 
-def overlooked(search: Search, kept: Hypothesis) -> list[Hypothesis]:
+def fit_worst_joints(search: Search, kept: Hypothesis) -> list[Hypothesis]:
     """Return what every effect of the worst joints makes, best first: the first order is blind to some.
 
     A dead band beside dry friction does nothing until it is wide enough, and a model fitted without an effect bends

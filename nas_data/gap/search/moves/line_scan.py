@@ -8,11 +8,11 @@ import numpy as np
 
 from nas_data.gap.search.fit import Fit, loss
 from nas_data.gap.search.hypothesis import PRICE, Hypothesis
-from nas_data.gap.search.objective import Score, Task
+from nas_data.gap.search.objective import FitTask, Score
 from nas_data.gap.search.parameters import FreeParameters
 from nas_data.gap.search.search import ROUNDS, Search
 from nas_data.gap.side_by_side import side_by_side
-from nas_data.simulators.settled import Hold
+from nas_data.simulators.initial_states import InitialLoad
 
 UNEXPLAINED = 5.0  # noise floors of rest from which a joint is far from explained
 # Between neighbouring values and how far either way, in logarithms: first as wide apart as the dips of a play's width
@@ -46,14 +46,14 @@ def scan_parameters(search: Search, h: Hypothesis, anyway: bool = False) -> Hypo
         h: Hypothesis; as it is where all joints are near, the arm is not chaotic, or no scan leads much further.
         anyway: Scan even where the arm is not chaotic, though not closely: slopes lead on from there.
     """
-    columns = concerned(search, h)
+    columns = scanned_columns(search, h)
     scans = SCANS if columns and is_chaotic(search.sub, h) else SCANS[:1] if anyway else ()
     if not columns or not scans:
         return h
     parameters, theta = h.fit.parameters, h.fit.theta
     own = np.where(np.arange(parameters.size) < len(parameters.of_effects), theta, 0.0)
     task = replace(search.sub.select(np.arange(0, len(search.sub.evidence), 2)), correction=0.0)
-    settled = replace(task, evidence=task.evidence.begun(Hold.WEIGHT))
+    settled = replace(task, evidence=task.evidence.begun(InitialLoad.WEIGHT))
     before = loss(task, parameters, theta)
     starts = ((task, theta), (settled, own))
     ends = [scan(each, parameters, first, columns, scans) for each, first in starts]
@@ -70,7 +70,7 @@ def scan_parameters(search: Search, h: Hypothesis, anyway: bool = False) -> Hypo
     return found
 
 
-def concerned(search: Search, h: Hypothesis) -> list[int]:
+def scanned_columns(search: Search, h: Hypothesis) -> list[int]:
     """Return the numbers that are scanned: those of effects in joints that are far from explained."""
     joints = unexplained_joints(search, h)
     own = [
@@ -79,7 +79,7 @@ def concerned(search: Search, h: Hypothesis) -> list[int]:
     return [column for column, places in enumerate(own) if places & {*joints} or (joints and None in places)]
 
 
-def is_chaotic(task: Task, h: Hypothesis) -> bool:
+def is_chaotic(task: FitTask, h: Hypothesis) -> bool:
     """Whether starts off by less than encoders tell change rollouts of a hypothesis as other numbers might."""
     nudged = replace(task, evidence=replace(task.evidence, starts=task.evidence.starts + NUDGE))
     one, other = (each.predict(h.fit.parameters, h.fit.theta) for each in (task, nudged))
@@ -89,7 +89,7 @@ def is_chaotic(task: Task, h: Hypothesis) -> bool:
 
 
 def scan(
-    task: Task,
+    task: FitTask,
     parameters: FreeParameters,
     theta: np.ndarray,
     columns: Sequence[int],

@@ -7,7 +7,7 @@ from functools import partial
 from nas_data.effects.base import Effect, make_effect
 from nas_data.gap.search.fit import Fit, fit
 from nas_data.gap.search.hypothesis import PRICE, Hypothesis, reuse_jacobian
-from nas_data.gap.search.objective import Task
+from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters
 from nas_data.gap.search.search import AT_FLOOR, ROUNDS, Search
 from nas_data.gap.side_by_side import side_by_side
@@ -41,7 +41,7 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
     return there
 
 
-def walk(task: Task, near: Fit, timestep: float) -> Fit | None:
+def walk(task: FitTask, near: Fit, timestep: float) -> Fit | None:
     """Return the best fit that shifts lead to, one after the other; None where none helps, or the model diverges."""
     best = before = fit_briefly(task, near, near.effects)
     for _ in range(ROUNDS):
@@ -57,7 +57,7 @@ def walk(task: Task, near: Fit, timestep: float) -> Fit | None:
     return None if best is before else best
 
 
-def fit_briefly(task: Task, near: Fit, effects: tuple[Effect, ...]) -> Fit | None:
+def fit_briefly(task: FitTask, near: Fit, effects: tuple[Effect, ...]) -> Fit | None:
     """Return a short fit of effects from where another fit ended, with its Jacobian but for what is shifted."""
     parameters = FreeParameters(effects, near.parameters.base, near.parameters.shared)
     known = reuse_jacobian(near, parameters)

@@ -1,0 +1,149 @@
+"""What a dataset made from others takes over from them: provenance and attached files."""
+
+import hashlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TypeVar
+
+from nas_data.dataset import layout
+from nas_data.dataset.content import content_hash
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.provenance import Parent, Provenance, read_provenance
+from nas_data.dataset.read import read
+from nas_data.dataset.versions import identity, resolve
+from nas_data.visible_files import visible
+
+Item = TypeVar("Item")
+OWN_FILES = {layout.INFO, layout.STATS, layout.TASKS, layout.PROVENANCE}
+
+
+@dataclass(frozen=True)
+class Original:
+    """A dataset on disk that another is made from.
+
+    Attributes:
+        root: Its folder.
+        dataset: Its content.
+        provenance: Where it comes from; None where LeRobot's tools lost it.
+    """
+
+    root: Path
+    dataset: Dataset
+    provenance: Provenance | None
+
+    @classmethod
+    def read(cls, path: Path) -> "Original":
+        """Read a dataset, or the newest version of a name.
+
+        Raises:
+            DatasetNotFound: there is no dataset at the path.
+            DatasetInvalid: it is damaged.
+        """
+        root = resolve(path)
+        return cls(root, read(root), read_provenance(root))
+
+    @cached_property
+    def parent(self) -> Parent:
+        """How provenance names it."""
+        return Parent(identity(self.root), content_hash(self.dataset))
+
+    @cached_property
+    def attachments(self) -> dict[str, bytes]:
+        """Files beside LeRobot's own, such as the source model; those that were altered are not among them."""
+        return attachments(self.root, self.provenance)
+
+    def remarks(self) -> Iterator[str]:
+        """Say what is lost or doubtful when something is made from it, one sentence each."""
+        if self.provenance is None:
+            yield (
+                f"{self.root} has no provenance (LeRobot wrote it, or LeRobot's tools made it): "
+                "where it comes from is unknown, its content hash is recorded from here on."
+            )
+        elif self.provenance.content_hash != self.parent.content_hash:
+            yield (
+                f"{self.root} was changed after nas wrote it (LeRobot appended episodes?): "
+                "its provenance may not hold for all episodes."
+            )
+
+
+@dataclass(frozen=True)
+class Derived:
+    """A dataset that is to be written.
+
+    Attributes:
+        dataset: Its content.
+        provenance: Where it comes from.
+        attachments: Further files by their path in the dataset.
+    """
+
+    dataset: Dataset
+    provenance: Provenance
+    attachments: Mapping[str, bytes]
+
+
+def attachments(root: Path, provenance: Provenance | None) -> dict[str, bytes]:
+    """Return the files of a dataset that are not LeRobot's, by their path, as far as they are unaltered.
+
+    Only files below `meta/` count, whatever paths the provenance names: it may come from a stranger.
+    """
+    recorded = provenance.files if provenance else {}
+    found = {}
+    for path in visible(root / "meta", "**/*"):
+        name = path.relative_to(root).as_posix()
+        if name not in recorded or name in OWN_FILES or name.startswith("meta/episodes/") or path.is_symlink():
+            continue
+        content = path.read_bytes()
+        if hashlib.sha256(content).hexdigest() == recorded[name]:
+            found[name] = content
+    return found
+
+
+def inherit(originals: Sequence[Original], deed: str) -> Provenance:
+    """Return the provenance of a dataset made from others by moving episodes about.
+
+    What all of them share (source, target, signal) stays; what differs is found through the parents.
+
+    Args:
+        originals: What it is made from, at least one.
+        deed: What was done, for people.
+    """
+    before = [original.provenance or unknown_provenance(original.dataset) for original in originals]
+    return Provenance(
+        how="edited",
+        robot=common(item.robot for item in before) or originals[0].dataset.robot_type,
+        source=common(item.source for item in before),
+        target=common(item.target for item in before),
+        signal=common(item.signal for item in before),
+        seeds=_once(seed for item in before for seed in item.seeds),
+        parents=_once(original.parent for original in originals),
+        derived=_joined(item.derived for item in before),
+        contiguous=all(item.contiguous for item in before),
+        notes="\n".join(_once(line for note in [*(item.notes for item in before), deed] for line in note.splitlines())),
+    )
+
+
+def unknown_provenance(dataset: Dataset) -> Provenance:
+    """Return what is known of a dataset that carries no provenance."""
+    return Provenance(how="lerobot", robot=dataset.robot_type)
+
+
+def common(values: Iterable[Item | None]) -> Item | None:
+    """Return the value that all share, None where they differ."""
+    first, *others = values
+    return first if all(value == first for value in others) else None
+
+
+def _once(values: Iterable[Item]) -> tuple[Item, ...]:
+    """Return each value once, in the order of first appearance."""
+    return tuple(dict.fromkeys(values))
+
+
+def _joined(mappings: Iterable[Mapping[str, str]]) -> dict[str, str]:
+    """Join texts by key; each text once."""
+    texts: dict[str, list[str]] = {}
+    for mapping in mappings:
+        for key, text in mapping.items():
+            texts.setdefault(key, []).append(text)
+    return {key: "; or ".join(_once(found)) for key, found in texts.items()}

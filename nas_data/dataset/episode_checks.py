@@ -1,0 +1,117 @@
+"""Which episodes of a damaged dataset can be trusted: whole, finite, and of the values that were recorded."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.dataset import layout
+from nas_data.dataset.checks import LARGEST
+from nas_data.dataset.features import Feature
+from nas_data.dataset.parquet import read_parquet
+from nas_data.dataset.read_damaged import Salvage
+from nas_data.errors import DatasetInvalid
+
+TOLERANCE = 1e-4  # share of a value; LeRobot's statistics pass through float32
+CHECKED = ("min", "max", "mean")  # statistics that both LeRobot versions and nas compute alike
+
+
+@dataclass(frozen=True)
+class Listed:
+    """What `meta/episodes` says of an episode.
+
+    Attributes:
+        length: Number of frames.
+        tasks: What it does.
+        statistics: `<feature>/<statistic>` → values.
+    """
+
+    length: int
+    tasks: tuple[str, ...]
+    statistics: Mapping[str, np.ndarray]
+
+
+def judge(found: Salvage, features: Mapping[str, Feature], known: Mapping[int, Listed]) -> dict[int, str]:
+    """Return the episodes that cannot be trusted, and why.
+
+    Args:
+        found: What could be read.
+        features: Features of the dataset.
+        known: What `meta/episodes` says, as far as it can be read.
+    """
+    return dict([*_wrong_values(found, known), *_wrong_rows(found, features), *_wrong_length(found, known)])
+
+
+def read_episode_table(root: Path, features: Mapping[str, Feature]) -> dict[int, Listed]:
+    """Return what can still be read of `meta/episodes`, by episode."""
+    checked = [f"{key}/{name}" for key in features for name in CHECKED]
+    found = {}
+    for path in layout.episode_files(root):
+        try:
+            rows = read_parquet(path).to_pylist()
+        except (DatasetInvalid, UnicodeDecodeError):
+            continue
+        for row in rows:
+            episode, length = row.get("episode_index"), row.get("length")
+            if episode is None or length is None:
+                continue
+            stored = {key: row.get(f"stats/{key}") for key in checked}
+            found[int(episode)] = Listed(
+                length=int(length),
+                tasks=tuple(sorted(map(str, row.get("tasks") or ()))),
+                statistics={key: np.ravel(np.asarray(value, np.float64)) for key, value in stored.items() if value},
+            )
+    return found
+
+
+def _wrong_rows(found: Salvage, features: Mapping[str, Feature]) -> Iterator[tuple[int, str]]:
+    """Find episodes with missing or repeated frames, or with values that are not finite."""
+    place = found.places()
+    starts = np.cumsum(found.lengths) - found.lengths
+    due = np.arange(len(place)) - starts[place]
+    torn = found.columns["frame_index"][:, 0] != due
+    for episode in found.episodes[np.unique(place[torn])].tolist():
+        yield episode, "has missing or repeated frames"
+    for key in features:
+        column = found.columns[key]
+        if column.dtype.kind == "f":
+            wild = ~(np.abs(column.astype(np.float64)) <= LARGEST).all(axis=1)
+            for episode in found.episodes[np.unique(place[wild])].tolist():
+                yield episode, f"has values of '{key}' that are not finite"
+
+
+def _wrong_length(found: Salvage, known: Mapping[int, Listed]) -> Iterator[tuple[int, str]]:
+    """Find episodes with other numbers of frames than `meta/episodes` promises."""
+    for episode, length in zip(found.episodes.tolist(), found.lengths.tolist(), strict=True):
+        if episode in known and known[episode].length != length:
+            yield episode, f"has {length} frames, meta/episodes promises {known[episode].length}"
+
+
+def _wrong_values(found: Salvage, known: Mapping[int, Listed]) -> Iterator[tuple[int, str]]:
+    """Find episodes whose values are not those of which `meta/episodes` holds the statistics."""
+    starts = np.cumsum(found.lengths) - found.lengths
+    for key, column in found.columns.items():
+        if key in layout.AUTOMATIC or not len(column):
+            continue
+        exact = column.astype(np.float64)
+        measured = {
+            "min": np.minimum.reduceat(exact, starts),
+            "max": np.maximum.reduceat(exact, starts),
+            "mean": np.add.reduceat(exact, starts) / found.lengths[:, None],
+        }
+        for row, episode in enumerate(found.episodes.tolist()):
+            if episode in known and not _agree(key, known[episode].statistics, measured, row):
+                yield episode, f"has other values of '{key}' than when its statistics were made"
+
+
+def _agree(key: str, recorded: Mapping[str, np.ndarray], measured: Mapping[str, np.ndarray], row: int) -> bool:
+    """Whether the statistics of a feature in an episode are those that were recorded, as far as they were."""
+    scale = np.maximum(np.abs(measured["min"][row]), np.abs(measured["max"][row]))
+    for name, values in measured.items():
+        stored = recorded.get(f"{key}/{name}")
+        if stored is None or stored.shape != values[row].shape:
+            continue
+        if not (np.abs(stored - values[row]) <= TOLERANCE * scale).all():  # so that NaN does not agree
+            return False
+    return True

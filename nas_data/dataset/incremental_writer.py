@@ -1,0 +1,152 @@
+"""A dataset that grows by whole episodes, each of them on the disk and readable before it is called saved.
+
+At every moment, whatever kills the writer, the folder is a LeRobot dataset of the episodes that were saved: it is a
+symbolic link, and saving episodes makes a second folder (hard links to the old files, and the new ones) to which the
+link is turned by one rename.
+"""
+
+import os
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.dataset import layout
+from nas_data.dataset.arrow import numbers
+from nas_data.dataset.content import stored_column
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.provenance import Provenance
+from nas_data.dataset.read import read_tasks
+from nas_data.dataset.staging import flush_folder, refuse_existing, write_synced
+from nas_data.dataset.statistics import statistics
+from nas_data.dataset.write import (
+    automatic_columns,
+    data_file,
+    episode_table,
+    fill,
+    info_of,
+    json_bytes,
+    parquet,
+)
+from nas_data.errors import DatasetInvalid
+
+REWRITTEN = {layout.INFO, layout.STATS, layout.CARD, layout.PROVENANCE}
+
+
+class Growing:
+    """The folder of a recording that is under way.
+
+    Attributes:
+        root: The folder; absent until the first episode is saved.
+    """
+
+    def __init__(self, root: Path) -> None:
+        """Go on where a recording stopped, or begin one; what a killed writer had not finished is removed.
+
+        Raises:
+            OutputExists: something else is there.
+        """
+        self.root = root
+        if not root.is_symlink():
+            refuse_existing(root)
+        for folder in self._generations():
+            if not root.is_symlink() or folder.resolve() != root.resolve():
+                shutil.rmtree(folder)
+
+    @property
+    def episodes(self) -> int:
+        """Number of episodes that are saved."""
+        return layout.total(layout.read_info(self.root), "total_episodes") if self.root.is_symlink() else 0
+
+    def append(self, episodes: Dataset, provenance: Provenance, attachments: dict[str, bytes] | None = None) -> None:
+        """Save episodes, all of them or none; when this returns, they outlive everything but the disk.
+
+        Args:
+            episodes: A dataset of at least one episode, of the same features and the same task each time.
+            provenance: Where the episodes come from.
+            attachments: Further files by their path, stored with the first episodes.
+        """
+        number = self.episodes
+        self.root.parent.mkdir(parents=True, exist_ok=True)
+        folder = self._generation(number + episodes.n_episodes)
+        shutil.rmtree(folder, ignore_errors=True)
+        if number:
+            self._extend(folder, episodes, provenance)
+        else:
+            fill(folder, episodes, provenance, attachments or {})
+            (folder / layout.STATS).unlink()  # statistics of the whole are made at the end
+        for path in [folder, *(path for path in folder.rglob("*") if path.is_dir())]:
+            flush_folder(path)
+        self._turn_to(folder)
+        if number:
+            shutil.rmtree(self._generation(number), ignore_errors=True)
+
+    def remove(self) -> None:
+        """Delete the recording, once it is a dataset of its own."""
+        self.root.unlink(missing_ok=True)
+        for folder in self._generations():
+            shutil.rmtree(folder)
+
+    def _extend(self, folder: Path, episodes: Dataset, provenance: Provenance) -> None:
+        """Make a folder of the old files and of more episodes."""
+        info = layout.read_info(self.root)
+        number, rows = layout.total(info, "total_episodes"), layout.total(info, "total_frames")
+        features, tasks = layout.vector_features(info), list(read_tasks(self.root).values())
+        if features != dict(episodes.features) or [*dict.fromkeys(episodes.tasks)] != tasks:
+            raise DatasetInvalid(
+                f"{self.root} has other features or another task than the episode to be added; choose another name."
+            )
+        _link(self.root.resolve(), folder)
+        columns = {key: stored_column(episodes, key) for key in episodes.features}
+        columns |= automatic_columns(episodes, tasks)
+        columns["episode_index"] = columns["episode_index"] + number
+        columns["index"] = columns["index"] + rows
+        content = data_file(columns, episodes.lengths, range(episodes.n_episodes))
+        write_synced(folder / layout.numbered_path(layout.DATA_TEMPLATE, number), content)
+        write_synced(
+            folder / layout.numbered_path(layout.EPISODES_TEMPLATE, number),
+            self._entries(episodes, columns, number, rows),
+        )
+        whole = info_of(episodes, layout.total(info, "total_tasks"))
+        count = number + episodes.n_episodes
+        whole |= {"total_episodes": count, "total_frames": rows + episodes.n_frames, "splits": {"train": f"0:{count}"}}
+        write_synced(folder / layout.INFO, json_bytes(whole))
+        write_synced(folder / layout.PROVENANCE, json_bytes(replace(provenance, files={}).to_json()))
+
+    def _entries(self, episodes: Dataset, columns: dict[str, np.ndarray], number: int, rows: int) -> memoryview:
+        """Return the file of the episode table that speaks of more episodes."""
+        table = episode_table(episodes, [range(episodes.n_episodes)], statistics(columns, episodes.lengths))
+        chunk, file = (np.full(episodes.n_episodes, part) for part in divmod(number, layout.FILES_PER_CHUNK))
+        first = rows + episodes.starts
+        places: dict[str, np.ndarray] = {"data/chunk_index": chunk, "data/file_index": file}
+        places["episode_index"] = number + np.arange(episodes.n_episodes)
+        places |= {"dataset_from_index": first, "dataset_to_index": first + episodes.lengths}
+        for key, values in places.items():
+            table = table.set_column(table.column_names.index(key), key, numbers(values))
+        for key, values in {"meta/episodes/chunk_index": chunk, "meta/episodes/file_index": file}.items():
+            table = table.append_column(key, numbers(values))
+        return parquet(table)
+
+    def _turn_to(self, folder: Path) -> None:
+        """Let the name mean another folder, in one step."""
+        link = self.root.with_name(f".{self.root.name}.link")
+        link.unlink(missing_ok=True)
+        link.symlink_to(folder.name)
+        link.rename(self.root)
+        flush_folder(self.root.parent)
+
+    def _generation(self, episodes: int) -> Path:
+        return self.root.with_name(f".{self.root.name}-{episodes:06d}")
+
+    def _generations(self) -> list[Path]:
+        return sorted(self.root.parent.glob(f".{self.root.name}-[0-9]*"))
+
+
+def _link(old: Path, new: Path) -> None:
+    """Give every file that stays as it is a second name in a new folder."""
+    for path in old.rglob("*"):
+        name = path.relative_to(old)
+        if path.is_file() and name.as_posix() not in REWRITTEN:
+            (new / name).parent.mkdir(parents=True, exist_ok=True)
+            os.link(path, new / name)

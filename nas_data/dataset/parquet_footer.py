@@ -1,0 +1,164 @@
+"""A Parquet file whose writer was killed gets the footer that it lacks, for the row groups that are whole.
+
+Parquet writes the pages of each row group at once and their directory (the footer) last; LeRobot writes a row group
+at the end of each episode and the footer at the end of the session. A kill in between leaves every saved episode on
+the disk and no directory. But each page carries a header with its size and its number of values, so that the
+directory can be made again by walking from page to page, given the columns: those of a whole file of the same
+columns, which serves as template. Formats: https://parquet.apache.org/docs/file-format/ (parquet.thrift) and Thrift's
+compact protocol, https://github.com/apache/thrift/blob/master/doc/specs/thrift-compact-protocol.md.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from nas_data.dataset.parquet_thrift import I64, LIST, Fields, Items, Struct, Value, parse, serialize
+
+MAGIC = b"PAR1"
+DATA_PAGE, DICTIONARY_PAGE, DATA_PAGE_V2 = 0, 2, 3  # PageType
+ROW_GROUPS, NUM_ROWS = 4, 3  # fields of FileMetaData
+MOST_PAGES = 1000  # of one column in one episode; more would be a billion rows
+
+
+@dataclass(frozen=True)
+class ParquetPage:
+    """A page in a file.
+
+    Attributes:
+        start: Its first byte, that of its header.
+        stop: The byte after its last.
+        values: Number of values, 0 for a dictionary.
+        unpacked: Its size before compression, header included [bytes].
+        dictionary: Whether it is a dictionary, which only the first page of a column is.
+    """
+
+    start: int
+    stop: int
+    values: int
+    unpacked: int
+    dictionary: bool
+
+
+def mend(content: bytes, template: bytes, widths: Sequence[int]) -> tuple[bytes, int]:
+    """Return a Parquet file's whole row groups with a footer.
+
+    Args:
+        content: The file, as far as it was written.
+        template: A whole Parquet file of the same columns with at least one row group.
+        widths: Values per row of each of its leaf columns.
+
+    Returns:
+        The mended file, and the number of its row groups; it may have none.
+
+    Raises:
+        ValueError: the template is no such file.
+    """
+    footer = _footer(template)
+    groups = footer[ROW_GROUPS][1]
+    if not isinstance(groups, Items) or not groups.values or not content.startswith(MAGIC):
+        return content, 0
+    pattern = groups.values[0]
+    assert isinstance(pattern, Struct)
+    pages = list(walk(content))
+    made: list[Value] = []
+    place, rows = 0, 0
+    while found := _row_group(pages, place, widths):
+        columns, length = found
+        made.append(_describe(pattern, columns, length, len(made)))
+        place, rows = place + sum(len(column) for column in columns), rows + length
+    end = pages[place - 1].stop if place else len(MAGIC)
+    tail = serialize(Struct({**footer, NUM_ROWS: (I64, rows), ROW_GROUPS: (LIST, Items(groups.kind, made))}))
+    return content[:end] + tail + len(tail).to_bytes(4, "little") + MAGIC, len(made)
+
+
+def walk(content: bytes) -> Iterator[ParquetPage]:
+    """Iterate over the pages from the first on, up to one that is cut off or no page."""
+    place = len(MAGIC)
+    while place < len(content):
+        try:
+            header, body = parse(content, place)
+            kind, unpacked, packed = (_integer(header, key) for key in (1, 2, 3))
+            details = header[{DATA_PAGE: 5, DICTIONARY_PAGE: 7, DATA_PAGE_V2: 8}[kind]][1]
+            assert isinstance(details, Struct)
+            values = _integer(details.fields, 1)
+        except (LookupError, ValueError, AssertionError):
+            return
+        stop = body + packed
+        if packed < 0 or stop > len(content):
+            return
+        is_dictionary = kind == DICTIONARY_PAGE
+        yield ParquetPage(place, stop, 0 if is_dictionary else values, unpacked + body - place, is_dictionary)
+        place = stop
+
+
+def _row_group(
+    pages: Sequence[ParquetPage], place: int, widths: Sequence[int]
+) -> tuple[list[Sequence[ParquetPage]], int] | None:
+    """Return the pages of each column of the row group that begins at a page, and its rows; None where it is cut off.
+
+    The number of rows is not written before the footer: the shortest one that all columns agree on is taken.
+    """
+    values = 0
+    for count in range(1, MOST_PAGES):
+        if place + count > len(pages):
+            return None
+        values += pages[place + count - 1].values
+        if not values or values % widths[0]:
+            continue
+        columns = _columns(pages, place, [values // widths[0] * width for width in widths])
+        if columns:
+            return columns, values // widths[0]
+    return None
+
+
+def _columns(pages: Sequence[ParquetPage], place: int, values: Sequence[int]) -> list[Sequence[ParquetPage]] | None:
+    """Return the pages of each column that hold exactly so many values; None where they do not."""
+    columns = []
+    for wanted in values:
+        start, held = place, 0
+        while held < wanted:
+            if place >= len(pages) or (pages[place].dictionary and place > start):
+                return None
+            held += pages[place].values
+            place += 1
+        if held > wanted:
+            return None
+        columns.append(pages[start:place])
+    return columns
+
+
+def _describe(pattern: Struct, columns: Sequence[Sequence[ParquetPage]], rows: int, number: int) -> Struct:
+    """Return the directory entry of a row group, as the template's has it."""
+    chunks = pattern.fields[1][1]
+    assert isinstance(chunks, Items)
+    described: list[Value] = [_chunk(chunk, pages) for chunk, pages in zip(chunks.values, columns, strict=True)]
+    unpacked = sum(page.unpacked for pages in columns for page in pages)
+    return Struct({1: (LIST, Items(chunks.kind, described)), 2: (I64, unpacked), 3: (I64, rows)})
+
+
+def _chunk(pattern: Value, pages: Sequence[ParquetPage]) -> Struct:
+    """Return the directory entry of a column in a row group."""
+    assert isinstance(pattern, Struct)
+    kept = pattern.fields[3][1]
+    assert isinstance(kept, Struct)
+    data = next(page for page in pages if not page.dictionary)
+    meta: Fields = {key: kept.fields[key] for key in (1, 2, 3, 4)}  # type, encodings, path, codec
+    meta[5] = (I64, sum(page.values for page in pages))
+    meta[6] = (I64, sum(page.unpacked for page in pages))
+    meta[7] = (I64, pages[-1].stop - pages[0].start)
+    meta[9] = (I64, data.start)
+    if pages[0].dictionary:
+        meta[11] = (I64, pages[0].start)
+    return Struct({2: (I64, pages[-1].stop), 3: (pattern.fields[3][0], Struct(meta))})
+
+
+def _footer(content: bytes) -> Fields:
+    """Return the footer of a whole file."""
+    if content[-4:] != MAGIC:
+        raise ValueError("the template has no footer")
+    return parse(content, len(content) - 8 - int.from_bytes(content[-8:-4], "little"))[0]
+
+
+def _integer(fields: Fields, key: int) -> int:
+    value = fields[key][1]
+    assert isinstance(value, int)
+    return value

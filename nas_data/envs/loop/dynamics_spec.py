@@ -1,0 +1,156 @@
+"""Where a policy lives: a task on a simulator, on a target, or on what was learned about it."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from nas_data.environment_ids import environment_id
+from nas_data.envs.base import SOURCE, Task, find_task, find_task_file
+from nas_data.errors import OptionError
+from nas_data.simulators.base import Simulator, Stepper
+
+if TYPE_CHECKING:
+    from nas_data.gap.named import Named
+
+
+@dataclass(frozen=True)
+class DynamicsSpec:
+    """A task, the dynamics of its robot, and what was named or learned about them.
+
+    Attributes:
+        environment: Name of the environment.
+        dynamics: Which of the task's dynamics the physics has; `source` is the plain model.
+        checkpoint: Learned model: φ corrects that physics after each step, ψ takes its place.
+        effects: Gap report, or its `effects.json`, whose named effects and retuned base the physics has as well.
+        engine: What computes the physics, `mujoco` or `bullet`; a gap that nobody designed lies between them.
+        missed: Share of the touches that ErgoShield does not notice.
+        randomised: Whether the physics' parameters are drawn anew for every episode (domain randomisation).
+    """
+
+    environment: str
+    dynamics: str = SOURCE
+    checkpoint: str | None = None
+    effects: str | None = None
+    engine: str = "mujoco"
+    missed: float = 0.0
+    randomised: bool = False
+
+    @property
+    def task(self) -> Task:
+        """The task.
+
+        Raises:
+            UnknownName: there is no such environment.
+            OptionError: the missed touches are no share, or the task knows no touches.
+        """
+        task = find_task(self.environment)
+        if not self.missed:
+            return task
+        if not 0 < self.missed <= 1:
+            raise OptionError(f"Missed touches are {self.missed}; they are a share in 0 … 1.")
+        if "missed" not in vars(task):
+            raise OptionError(f"{self.environment} has no touches that could be missed; ErgoShield has.")
+        return replace(task, missed=self.missed)  # type: ignore[call-arg]  # a field of tasks with touches
+
+    def simulator(self) -> Simulator:
+        """Return the physics.
+
+        Raises:
+            UnknownName: there is no such environment or engine, or it has no such dynamics.
+            OptionError: the effects cannot be read.
+            JointMismatch: the effects belong to another robot.
+        """
+        return self.task.simulator(self.dynamics, self._named(), self.engine)
+
+    def stepper(self, size: int) -> Stepper:
+        """Return B simulations.
+
+        Raises:
+            UnknownName: there is no such environment or engine, or it has no such dynamics.
+            OptionError: the effects cannot be read, or a plant is to be both randomised and learned or named.
+            CheckpointError: the checkpoint is damaged or does not fit the environment.
+            JointMismatch: the effects or the checkpoint belong to another robot.
+        """
+        if self.randomised:
+            return self._randomised(size)
+        simulator = self.simulator()
+        if self.checkpoint is None:
+            return simulator.stepper(size)
+        from nas_data.envs.loop.learned import load_model
+        from nas_data.models.augmented import LearnedStepper
+
+        return LearnedStepper(simulator.stepper(size), load_model(Path(self.checkpoint), simulator))
+
+    def describe(self) -> dict[str, object]:
+        """Return what provenance records: equal for plants that behave alike, wherever their files lie.
+
+        Raises:
+            UnknownName: there is no such environment or engine, or it has no such dynamics.
+            OptionError: the effects cannot be read.
+            CheckpointError: there is no such checkpoint.
+        """
+        named = self._named()
+        described: dict[str, object] = {
+            "environment": environment_id(find_task_file(self.environment)),
+            "dynamics": self.dynamics,
+            "simulator": self.simulator().describe(),  # the effects' content is in here
+            "model": self._describe_model(),
+        }
+        described |= {"missed": self.missed} if self.missed else {}
+        if self.randomised:
+            from nas_data.envs.loop.ranges import RANGES
+
+            described["randomised"] = RANGES.describe()
+        return described if named is None else {**described, "retuned": dict(named.retuned)}
+
+    def modules(self) -> tuple[str, ...]:
+        """Return the modules of this package that decide what happens here, for `code_hash`.
+
+        `code_hash` follows no import inside the functions of this module: what an option needs stands here.
+        """
+        named = self._named()
+        effects = (*self.task.effects(self.dynamics), *(() if named is None else named.effects))
+        return (
+            __name__,
+            f"nas_data.envs.{find_task_file(self.environment)}",
+            "nas_data.envs.loop.task_batch",
+            f"nas_data.simulators.{self.engine}",
+            *(type(effect).__module__ for effect in effects),
+            *(["nas_data.envs.loop.learned", "nas_data.models.augmented"] if self.checkpoint else []),
+            *(["nas_data.gap.named"] if self.effects else []),
+            *(["nas_data.envs.loop.randomised"] if self.randomised else []),
+        )
+
+    def check(self) -> None:
+        """Say what is wrong before hours are spent; raises what `stepper` does."""
+        self.stepper(1)
+
+    def _randomised(self, size: int) -> Stepper:
+        """Return B simulations of the plain physics, whose parameters are drawn anew for every episode."""
+        from nas_data.envs.loop.randomised import RandomisedStepper, delay_line
+        from nas_data.simulators.mujoco import MujocoSimulator
+
+        if self.checkpoint or self.effects or self.engine != "mujoco":
+            raise OptionError("Only the plain physics in MuJoCo is randomised: without checkpoint and named effects.")
+        robot, effects = self.task.body(self.dynamics)
+        simulator = MujocoSimulator(robot, self.task.period, self.task.joints, (*effects, delay_line()))
+        return RandomisedStepper(simulator.stepper(size))
+
+    def _named(self) -> "Named | None":
+        if self.effects is None:
+            return None
+        from nas_data.gap.named import Named
+
+        named = Named.read(self.effects)
+        if not named.effects and not named.retuned:
+            raise OptionError(f"{named.path} names no effect and retunes nothing: that is the plain source.")
+        return named
+
+    def _describe_model(self) -> dict[str, object] | None:
+        if self.checkpoint is None:
+            return None
+        from nas_data.envs.loop.learned import checkpoint_sha256
+        from nas_data.models.checkpoint import find, load_frozen
+
+        folder = Path(self.checkpoint)
+        return {"kind": load_frozen(find(folder)).kind, "sha256": checkpoint_sha256(folder)}

@@ -1,0 +1,124 @@
+"""A task on a batch of simulations, or on a robot: who is where in which episode."""
+
+from collections.abc import Sequence
+
+import gymnasium
+import numpy as np
+
+from nas_data.envs.base import Task, Verdict
+from nas_data.errors import JointMismatch, OptionError, SimulationDiverged
+from nas_data.simulators.base import Redrawn, Stepper
+
+
+class TaskBatch:
+    """A task on B simulations: who is where in which episode.
+
+    Each row has its own random generator, so its episodes depend neither on B nor on what happens in other rows.
+
+    A row whose simulation leaves all bounds ends its episode without success, and no policy can gain by that: for this
+    step and each that the episode would have had, it is given the least reward that any row has had since all began,
+    or zero where that is less. Where rewards are negative, an early end would otherwise be a prize.
+
+    Attributes:
+        lost: Which simulations left all bounds in the last step, shape (B,).
+        least: Least reward that any row has had; infinite before the first.
+    """
+
+    def __init__(self, task: Task, stepper: Stepper) -> None:
+        """Bring a task and simulations together.
+
+        Raises:
+            JointMismatch: the simulations have other joints than the task.
+        """
+        if tuple(stepper.joints) != task.joints:
+            raise JointMismatch(
+                f"The task moves the joints {', '.join(task.joints)}; the simulation has {', '.join(stepper.joints)}."
+            )
+        self.task = task
+        self.stepper = stepper
+        self.size = stepper.size
+        self.elapsed = np.zeros(self.size, dtype=int)
+        self.lost = np.zeros(self.size, dtype=bool)
+        self.least = np.inf
+        self._goals: np.ndarray | None = None
+
+    @property
+    def goals(self) -> np.ndarray:
+        """What the episodes are about and what is remembered of them, shape (B, k)."""
+        if self._goals is None:
+            raise gymnasium.error.ResetNeeded("Call reset() before step().")
+        return self._goals
+
+    def start(self, rngs: Sequence[np.random.Generator], rows: np.ndarray | None = None) -> None:
+        """Begin new episodes.
+
+        Args:
+            rngs: One generator per row that starts.
+            rows: Which rows start, shape (rows,); all where None.
+        """
+        starts = [self.task.start(rng) for rng in rngs]
+        goals = np.stack([start.goal for start in starts])
+        if self._goals is None:
+            self._goals = np.zeros((self.size, goals.shape[1]))
+        if rows is None:
+            self.least = np.inf
+        chosen = slice(None) if rows is None else rows
+        self._goals[chosen] = goals
+        self.elapsed[chosen] = 0
+        if isinstance(self.stepper, Redrawn):
+            self.stepper.redraw(rngs, rows)
+        self.stepper.reset(np.stack([np.concatenate([start.state, start.objects]) for start in starts]), rows)
+
+    def observe(self) -> np.ndarray:
+        """Return the observations (B, o), float32."""
+        return self.task.observe(self.stepper, self.goals)
+
+    def step(self, actions: np.ndarray) -> tuple[Verdict, np.ndarray]:
+        """Act for one control period.
+
+        Args:
+            actions: Shape (B, a); clipped to the action space.
+
+        Returns:
+            The task's verdict, and which episodes reached the horizon without being terminated, shape (B,).
+
+        Raises:
+            OptionError: an action is not finite, or the actions have another shape.
+            SimulationDiverged: every simulation left all bounds in the very first step.
+        """
+        goals = self.goals
+        self._check(actions)
+        actions = np.clip(actions, self.task.action_space.low, self.task.action_space.high)
+        states = self.stepper.step(self.task.command(actions))
+        self.lost = ~np.isfinite(states).all(axis=1)
+        self.elapsed += 1
+        self._goals = self.task.follow(self.stepper, goals, self.elapsed)
+        verdict = self.task.judge(self.stepper, self._goals, actions)
+        self.least = min(self.least, float(verdict.reward[~self.lost].min(initial=np.inf)))
+        if self.lost.any():
+            verdict = self._without_lost(verdict)
+        return verdict, (self.elapsed >= self.task.horizon) & ~verdict.terminated
+
+    def _check(self, actions: np.ndarray) -> None:
+        """Refuse actions that no command could be made of; to clip an infinite one would hide a policy's fault."""
+        wanted = (self.size, *self.task.action_space.shape)
+        if np.shape(actions) != wanted:
+            raise OptionError(f"The actions have the shape {np.shape(actions)[1:]}; {wanted[1:]} is needed.")
+        wrong = np.argwhere(~np.isfinite(actions))
+        if len(wrong):
+            row, place = (int(index) for index in wrong[0])
+            raise OptionError(f"Number {place} of the action is {actions[row, place]}; finite numbers are needed.")
+
+    def _without_lost(self, verdict: Verdict) -> Verdict:
+        """Return a verdict in which the rows that left all bounds have ended badly."""
+        if not np.isfinite(self.least):
+            raise SimulationDiverged(
+                f"The simulation of {self.task.robot} left all bounds in its first step; "
+                "its model or checkpoint is not stable for these commands."
+            )
+        due = self.task.horizon - self.elapsed + 1  # control steps, this one included
+        return Verdict(
+            reward=np.where(self.lost, due * min(self.least, 0.0), verdict.reward),
+            terminated=verdict.terminated | self.lost,
+            success=verdict.success & ~self.lost,
+        )

@@ -1,0 +1,298 @@
+"""What was measured, as whole episodes: first pose, commands and the positions that followed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.start_velocities import find_start_velocities, fit_velocity
+from nas_data.errors import DatasetInvalid
+from nas_data.gap.finding.torque_off import count_rows_with_torque
+from nas_data.gap.gains import relative_gains
+from nas_data.pairing import object_states
+from nas_data.simulators.base import Simulator
+from nas_data.simulators.initial_states import InitialLoad
+
+EARLIER = 0.5  # [s] of commands before a window that a delay may still hold
+SHORTEST = 10  # control steps below which an episode says nothing about dynamics
+WINDOW = 5.0  # [s] into which longer episodes are cut: errors of a servoed arm do not grow with time
+WHOLE = 1.5  # times as long an episode may be and is not cut
+STILLER = 0.5  # [s] around an even spacing in which the stillest moment is taken as a window's start
+# what there is of each episode
+PARTS = (
+    "starts", "commands", "measured", "counts", "numbers", "speeds", "told", "doubts", "rates", "holds", "gains",
+    "driven", "objects", "earlier",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class EpisodeBatch:
+    """E episodes of up to T control steps of n joints.
+
+    Attributes:
+        joints: Names of the measured joints.
+        period: Control period [s].
+        starts: First measured positions [rad], shape (E, n).
+        commands: Shape (E, T, n); the last one repeated where an episode is shorter.
+        measured: Positions after each command [rad], shape (E, T, n).
+        counts: Whether a row was recorded, shape (E, T).
+        numbers: Numbers of the episodes in the dataset, shape (E,).
+        speeds: Velocities [rad/s] at the start, shape (E, n); zero where an episode starts at rest.
+        told: The same as the recording tells them; `speeds` may be nearer to what a model makes of the motion.
+        doubts: Standard deviations of `told` [rad/s], shape (E, n); 0 where an episode starts at rest.
+        rates: Measured velocities after each command [rad/s], shape (E, T, n); NaN where none were measured.
+        noise: Standard deviation of the position readings [rad], shape (n,).
+        holds: What held each joint before, which nobody measured (a `InitialLoad`), shape (E, n).
+        gains: Position gain of each joint's servo as a multiple of the model's, shape (E, n).
+        driven: Rows after which the torque was off and the arm fell, shape (E,); T where it stayed on.
+        earlier: Commands of the control periods before the first, shape (E, L, n); NaN where not known.
+        objects: Measured states of the model's objects before each command, shape (E, T, m); m is 0 without objects.
+    """
+
+    joints: tuple[str, ...]
+    period: float
+    starts: np.ndarray
+    commands: np.ndarray
+    measured: np.ndarray
+    counts: np.ndarray
+    numbers: np.ndarray
+    speeds: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    told: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    doubts: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    rates: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 0)))
+    noise: np.ndarray = field(default_factory=lambda: np.empty(0))
+    holds: np.ndarray = field(default_factory=lambda: np.empty((0, 0), int))
+    gains: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    driven: np.ndarray = field(default_factory=lambda: np.empty(0, int))
+    objects: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 0)))
+    earlier: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 0)))
+
+    def __post_init__(self) -> None:
+        if not self.speeds.size:
+            object.__setattr__(self, "speeds", np.zeros_like(self.starts, dtype=float))
+        if not self.told.size:
+            object.__setattr__(self, "told", self.speeds)
+        if not self.doubts.size:
+            object.__setattr__(self, "doubts", np.zeros_like(self.speeds))
+        if not self.rates.size:
+            object.__setattr__(self, "rates", np.full(self.commands.shape, np.nan))
+        if not self.noise.size:
+            object.__setattr__(self, "noise", np.zeros(len(self.joints)))
+        if not self.holds.size:
+            object.__setattr__(self, "holds", np.full(self.starts.shape, InitialLoad.WEIGHT))
+        if not self.gains.size:
+            object.__setattr__(self, "gains", np.ones(self.starts.shape))
+        if not self.driven.size:
+            object.__setattr__(self, "driven", np.full(len(self.starts), self.commands.shape[1]))
+        if not self.earlier.size:
+            object.__setattr__(self, "earlier", np.full((len(self.starts), 0, self.starts.shape[1]), np.nan))
+        if not self.objects.size:
+            object.__setattr__(self, "objects", np.empty((*self.commands.shape[:2], 0)))
+
+    @classmethod
+    def of(cls, dataset: Dataset) -> "EpisodeBatch":
+        """Join a dataset's transitions into episodes, with their gains and how long the torque was on.
+
+        Args:
+            dataset: Transitions.
+
+        Raises:
+            DatasetInvalid: no episode is long enough.
+        """
+        n = len(dataset.joints)
+        chosen = [index for index in range(dataset.n_episodes) if dataset.lengths[index] >= SHORTEST]
+        if not chosen:
+            raise DatasetInvalid(
+                f"No episode has {SHORTEST} frames; a gap cannot be named from isolated transitions: record episodes."
+            )
+        rows = [dataset.episode(index) for index in chosen]
+        longest = max(part.stop - part.start for part in rows)
+        driven, lengths = count_rows_with_torque(dataset)[chosen], dataset.lengths[chosen]
+        begun = find_start_velocities(dataset)
+        rates = np.stack([lengthen(dataset.next_states[part, n:], longest) for part in rows])
+        return cls(
+            joints=dataset.joints,
+            period=1 / dataset.fps,
+            starts=np.stack([dataset.states[part.start, :n] for part in rows]).astype(float),
+            commands=np.stack([lengthen(dataset.commands[part], longest) for part in rows]),
+            measured=np.stack([lengthen(dataset.next_states[part, :n], longest) for part in rows]),
+            counts=np.stack([np.arange(longest) < part.stop - part.start for part in rows]),
+            numbers=np.array(chosen),
+            speeds=begun.values[chosen],
+            doubts=begun.deviations[chosen],
+            rates=np.where(begun.derived, np.nan, rates),
+            noise=begun.noise,
+            gains=relative_gains(dataset)[chosen],
+            driven=np.where(driven < lengths, driven, longest),
+        )
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    @property
+    def initial(self) -> np.ndarray:
+        """First states, positions [rad] then velocities [rad/s], then the objects', shape (E, 2n + m)."""
+        return np.concatenate([self.starts, self.speeds, self.objects[:, 0]], axis=1)
+
+    def with_objects(self, dataset: Dataset, simulator: Simulator) -> "EpisodeBatch":
+        """Return the episodes with what was measured of a model's objects.
+
+        Args:
+            dataset: Transitions that the episodes are from.
+            simulator: The model; where the dataset lacks one of its objects, they start in its reference posture.
+        """
+        states = object_states(dataset, simulator)
+        rows = [dataset.episode(int(number)) for number in self.numbers]
+        return replace(self, objects=np.stack([lengthen(states[part], self.commands.shape[1]) for part in rows]))
+
+    def begun(self, holds: np.ndarray | InitialLoad) -> "EpisodeBatch":
+        """Return the episodes with what held the joints before."""
+        return replace(self, holds=np.broadcast_to(np.asarray(holds), self.starts.shape))
+
+    def select(self, episodes: Sequence[int] | np.ndarray) -> "EpisodeBatch":
+        """Return some of the episodes, by their place here."""
+        chosen = list(episodes)
+        return replace(self, **{name: getattr(self, name)[chosen] for name in PARTS})
+
+    def first(self, rows: int) -> "EpisodeBatch":
+        """Return the first rows of every episode."""
+        early = slice(0, rows)
+        return replace(
+            self,
+            commands=self.commands[:, early],
+            measured=self.measured[:, early],
+            counts=self.counts[:, early],
+            rates=self.rates[:, early],
+            driven=np.minimum(self.driven, rows),
+            objects=self.objects[:, early],
+        )
+
+    def errors(self, predicted: np.ndarray) -> np.ndarray:
+        """Return predicted minus measured positions [rad], shape (E, T, n); zero beyond an episode's end."""
+        return np.where(self.counts[..., None], predicted - self.measured, 0.0)
+
+    def mean_squares(self, predicted: np.ndarray) -> np.ndarray:
+        """Return the mean squared error of each episode and joint [rad²], shape (E, n)."""
+        return np.asarray((self.errors(predicted) ** 2).sum(1) / self.counts.sum(1)[:, None])
+
+
+def lengthen(rows: np.ndarray, steps: int) -> np.ndarray:
+    """Repeat the last row up to a number of rows, as float64."""
+    return np.concatenate([rows, np.repeat(rows[-1:], steps - len(rows), axis=0)]).astype(float)
+
+
+def divide(evidence: EpisodeBatch, share: float = 1 / 3) -> tuple[EpisodeBatch, EpisodeBatch]:
+    """Divide episodes into those that are fitted and those held out, evenly over the recording.
+
+    Args:
+        evidence: All episodes; at least two.
+        share: Part that is held out.
+    """
+    count = len(evidence)
+    held = max(1, round(share * count))
+    places = np.unique(np.floor((np.arange(held) + 0.5) * count / held).astype(int))
+    rest = np.setdiff1d(np.arange(count), places)
+    return evidence.select(rest), evidence.select(places)
+
+
+def windows(evidence: EpisodeBatch, rows: int, seconds: float = WINDOW) -> EpisodeBatch:
+    """Return stretches of about so many seconds, evenly over the recording, of `rows` rows in all.
+
+    An episode gives as many stretches as it has room for side by side, at least one: what is counted twice would
+    only seem to be known better. Where no episode is much longer than a stretch, all stay whole.
+
+    Args:
+        evidence: Episodes.
+        rows: How many rows are wanted at most; at least two stretches are returned if there are as many.
+        seconds: How long a stretch is to be [s].
+    """
+    longest, steps = evidence.commands.shape[1], round(seconds / evidence.period)
+    if longest <= WHOLE * steps:
+        return evidence.select(thin_evenly(len(evidence), rows // longest))
+    places = [place for number in range(len(evidence)) for place in stretches(evidence, number, steps)]
+    chosen = [places[index] for index in thin_evenly(len(places), rows // steps)]
+    return join_episodes([window(evidence, number, first, steps) for number, first in chosen])
+
+
+def thin_evenly(count: int, wanted: int) -> np.ndarray:
+    """Return which of a number of things to take where some are wanted, evenly spaced; at least two."""
+    return np.unique(np.linspace(0, count - 1, min(count, max(2, wanted))).round().astype(int))
+
+
+def stretches(evidence: EpisodeBatch, number: int, steps: int) -> list[tuple[int, int]]:
+    """Return an episode's number and the first row of each stretch of some steps that it is cut into."""
+    last = max(0, int(evidence.counts[number].sum()) - steps)
+    count = max(1, round((last + steps) / steps))
+    offsets = np.linspace(0, last, count).round().astype(int)
+    return [(number, stillest(evidence, number, int(offset), last)) for offset in offsets]
+
+
+def stillest(evidence: EpisodeBatch, episode: int, offset: int, last: int) -> int:
+    """Return the row near an offset at which the joints move least."""
+    reach = round(STILLER / evidence.period)
+    low, high = max(0, offset - reach), min(last, offset + reach)
+    if low == 0:
+        return 0  # an episode's own start is at rest
+    speeds = np.abs(velocities(evidence, episode)).max(1)
+    return low + int(speeds[low : high + 1].argmin())
+
+
+def velocities(evidence: EpisodeBatch, episode: int) -> np.ndarray:
+    """Return an episode's velocities by central differences over 100 ms [rad/s], shape (T, n)."""
+    reach = max(1, round(0.05 / evidence.period))
+    rows = evidence.measured[episode]
+    padded = np.concatenate([np.repeat(rows[:1], reach, 0), rows, np.repeat(rows[-1:], reach, 0)])
+    return np.asarray((padded[2 * reach :] - padded[: -2 * reach]) / (2 * reach * evidence.period))
+
+
+def velocity_before(evidence: EpisodeBatch, episode: int, row: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the velocities before a row's command and their standard deviations [rad/s], shape (n,) each."""
+    if row == 0:
+        return evidence.speeds[episode], evidence.doubts[episode]
+    length, rate = int(evidence.counts[episode].sum()), 1 / evidence.period
+    positions = np.concatenate([evidence.starts[episode][None], evidence.measured[episode, :length]])
+    fitted = [
+        fit_velocity(positions[:, joint], row, float(evidence.noise[joint]), rate)
+        for joint in range(len(evidence.joints))
+    ]
+    values, doubts = np.array(fitted).T
+    measured = evidence.rates[episode, row - 1]
+    told = np.isfinite(measured)
+    return np.where(told, measured, values), doubts
+
+
+def window(evidence: EpisodeBatch, episode: int, first: int, steps: int) -> EpisodeBatch:
+    """Return a stretch of one episode."""
+    rows = slice(first, first + steps)
+    part = evidence.select([episode])
+    start = part.starts if first == 0 else part.measured[:, first - 1]
+    speed, doubt = (values[None] for values in velocity_before(evidence, episode, first))
+    return replace(
+        part,
+        starts=start,
+        commands=part.commands[:, rows],
+        measured=part.measured[:, rows],
+        counts=part.counts[:, rows],
+        speeds=speed,
+        told=speed,
+        doubts=doubt,
+        rates=part.rates[:, rows],
+        driven=np.clip(part.driven - first, 0, steps),
+        objects=part.objects[:, rows],
+        earlier=commands_before(part, first),
+    )
+
+
+def commands_before(episode: EpisodeBatch, row: int) -> np.ndarray:
+    """Return the commands of the control periods before a row of one episode, shape (1, L, n); NaN before its first."""
+    count = max(1, round(EARLIER / episode.period))
+    known = episode.commands[:, max(0, row - count) : row]
+    if not row:
+        return np.full((1, count, known.shape[2]), np.nan)
+    return np.concatenate([np.repeat(known[:, :1], count - known.shape[1], axis=1), known], axis=1)
+
+
+def join_episodes(parts: Sequence[EpisodeBatch]) -> EpisodeBatch:
+    """Return episodes of the same number of rows as one."""
+    return replace(parts[0], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in PARTS})

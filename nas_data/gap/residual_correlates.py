@@ -1,0 +1,70 @@
+"""What an unexplained error goes with: position, speed, direction, load, command or time."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from nas_data.gap.episode_batch import EpisodeBatch
+
+MOVING = 0.25  # [rad/s] above which a joint has a direction: a reading that flickers by 0.3° in 40 ms is slower
+BINS = 24  # positions between which the mean error is compared
+
+
+def goes_with(evidence: EpisodeBatch, errors: np.ndarray, joint: int) -> str:
+    """Name the quantity that explains most of a joint's error.
+
+    Args:
+        evidence: Episodes.
+        errors: Predicted minus measured positions [rad], shape (E, T, n).
+        joint: Which joint.
+
+    Returns:
+        `position`, `speed`, `direction`, `acceleration`, `command`, `other joints` or `time`.
+    """
+    seen = evidence.counts[:, 2:-2].ravel()
+    wanted = errors[:, 2:-2, joint].ravel()[seen]
+    shares = {name: explained_variance(wanted, rows[seen]) for name, rows in quantities(evidence, joint).items()}
+    return max(shares, key=lambda name: shares[name])
+
+
+def quantities(evidence: EpisodeBatch, joint: int) -> Mapping[str, np.ndarray]:
+    """Return what errors may go with, each as columns of shape (rows, columns)."""
+    q = evidence.measured
+    speed = (q[:, 4:] - q[:, :-4]) / (4 * evidence.period)
+    acceleration = (q[:, 4:] - 2 * q[:, 2:-2] + q[:, :-4]) / (2 * evidence.period) ** 2
+    middle = q[:, 2:-2]
+    others = [i for i in range(q.shape[2]) if i != joint]
+    time = np.broadcast_to(np.arange(middle.shape[1])[None, :, None] * evidence.period, middle[..., :1].shape)
+    positions = position_bins(middle[..., joint])
+
+    def flat(rows: np.ndarray) -> np.ndarray:
+        return rows.reshape(rows.shape[0] * rows.shape[1], rows.shape[2])
+
+    own = speed[..., [joint]]
+    return {
+        "position": positions,
+        "speed": flat(np.concatenate([own, own * np.abs(own)], -1)),
+        "direction": flat(np.sign(own) * (np.abs(own) > MOVING)),
+        "acceleration": flat(acceleration[..., [joint]]),
+        "command": flat((evidence.commands[:, 2:-2] - middle)[..., [joint]]),
+        "other joints": flat(np.concatenate([speed[..., others], acceleration[..., others]], -1)),
+        "time": flat(np.concatenate([time, time**2], -1)),
+    }
+
+
+def position_bins(positions: np.ndarray) -> np.ndarray:
+    """Return one column a stretch of the joint's range: whatever shape an error has along the joint, they follow it."""
+    low, high = positions.min(), positions.max()
+    bins = np.minimum((BINS * (positions.ravel() - low) / max(high - low, 1e-9)).astype(int), BINS - 1)
+    return np.eye(BINS)[bins]
+
+
+def explained_variance(wanted: np.ndarray, columns: np.ndarray) -> float:
+    """Return the share of variance that a linear fit explains, less what as many random columns would."""
+    centred = wanted - wanted.mean()
+    rows = np.concatenate([columns, np.ones((len(columns), 1))], axis=1)
+    solved, *_ = np.linalg.lstsq(rows, centred, rcond=None)
+    rest = centred - rows @ solved
+    count = max(len(wanted) / 15, columns.shape[1] + 2)
+    share = 1 - float(rest @ rest) / max(float(centred @ centred), 1e-18)
+    return 1 - (1 - share) * (count - 1) / max(count - columns.shape[1] - 1, 1.0)

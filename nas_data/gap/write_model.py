@@ -1,0 +1,97 @@
+"""Add the named effects to the model, as a file that loads in plain MuJoCo."""
+
+import json
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+
+import mujoco
+
+from nas_data.dataset.features import POSITION
+from nas_data.effects.base import Effect, add_effects
+from nas_data.errors import OptionError
+from nas_data.gap.export import write_portable
+from nas_data.gap.keyframes import keep_keyframes
+from nas_data.gap.nominal import Nominal, fine_timestep
+
+MODEL, EFFECTS = "model.xml", "effects.json"
+
+
+def write_model(
+    folder: Path,
+    nominal: Nominal,
+    effects: Sequence[Effect],
+    factors: Mapping[str, float],
+    timestep: float | None = None,
+) -> tuple[Path, Path]:
+    """Write `model.xml`, with the files that it needs, and `effects.json`.
+
+    The model keeps names and order of joints and actuators and has one sensor `<joint>.pos` per measured joint. Its
+    physics step is the one given [s], or so fine that it is below the noise. Effects that MJCF cannot express are only
+    in `effects.json`.
+
+    Returns:
+        Paths of both files.
+    """
+    spec = nominal.edited(factors)
+    spec.option.timestep = timestep or fine_timestep(nominal)
+    before = spec.copy().compile()
+    add_effects(spec, [effect for effect in effects if effect.in_model])
+    keep_keyframes(spec, before)
+    for joint in nominal.joints:
+        measure(spec, joint)
+    written = write_effects(
+        folder, effects, factors, slides=nominal.slides
+    )  # first: it marks the folder as a report's, whoever is killed now
+    write_portable(spec, nominal.robot.mjcf, folder / MODEL)
+    return folder / MODEL, written
+
+
+def write_effects(
+    folder: Path,
+    effects: Sequence[Effect],
+    factors: Mapping[str, float],
+    whole: bool = False,
+    slides: Collection[str] = (),
+) -> Path:
+    """Write the named effects and the retuned base parameters; `nas record sim --effects` and `nas pair` read it.
+
+    Args:
+        folder: Where.
+        effects: Effects.
+        factors: Retuned base parameters.
+        whole: Whether the model file holds also those that edits alone do not express.
+        slides: Joints of the model that are slides, which decides the units.
+    """
+    entries = [{**effect.to_json(slides), "in_model_xml": whole or effect.in_model} for effect in effects]
+    content = {"schema": 1, "effects": entries, "retuned": dict(factors)}
+    path = folder / EFFECTS
+    path.write_text(json.dumps(content, indent=1), encoding="utf-8")
+    return path
+
+
+def read_factors(path: Path) -> dict[str, float]:
+    """Return the retuned base parameters of an effects file or of a report, none where it has none.
+
+    A `report.json` lists those that changed by half a percent or more, rounded; `effects.json` holds all, exactly.
+
+    Raises:
+        OptionError: they are no numbers.
+    """
+    content = json.loads(path.read_text(encoding="utf-8"))
+    retuned = content.get("retuned", {}) if isinstance(content, dict) else {}
+    try:
+        if isinstance(retuned, list):
+            retuned = {entry["parameter"]: entry["factor"] for entry in retuned}
+        return {str(name): float(factor) for name, factor in retuned.items()}
+    except (AttributeError, KeyError, TypeError, ValueError):
+        raise OptionError(f"'retuned' in {path} must hold one factor per parameter; see `nas gap name`.") from None
+
+
+def measure(spec: mujoco.MjSpec, joint: str) -> None:
+    """Give a joint its sensor where no effect and no author did."""
+    if spec.sensor(joint + POSITION) is not None:
+        return
+    sensor = spec.add_sensor(name=joint + POSITION)
+    sensor.type = mujoco.mjtSensor.mjSENS_JOINTPOS
+    sensor.objtype = mujoco.mjtObj.mjOBJ_JOINT
+    sensor.objname = joint

@@ -1,0 +1,69 @@
+"""What a source that remembers (play, a setpoint under way) predicts along motions while its memory is kept."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import SIM_STATE, state_feature
+from nas_data.models.episodes import Episode
+from nas_data.pairing import scene_states
+from nas_data.simulators.base import Simulator, Stepper
+
+BATCH = 64  # episodes stepped together
+
+
+def with_memory(dataset: Dataset, simulator: Simulator) -> Dataset:
+    """Return a dataset with the predictions of a source that is set to each measured state, not reset to it.
+
+    That is what φ meets in a closed loop: the source's measured joints are corrected, its hidden ones are its own.
+    """
+    predicted = np.empty_like(dataset.states)
+    episodes = list(dataset.episodes())
+    for first in range(0, len(episodes), BATCH):
+        starts = np.array([rows.start for rows in episodes[first : first + BATCH]])
+        lengths = np.array([rows.stop - rows.start for rows in episodes[first : first + BATCH]])
+        stepper = simulator.stepper(len(starts))
+        stepper.reset(scene_states(dataset, simulator, starts).astype(float))
+        for step in range(lengths.max()):
+            rows = starts + np.minimum(step, lengths - 1)
+            after = follow(stepper, dataset.states[rows], dataset.commands[rows])
+            predicted[rows[step < lengths]] = after[step < lengths]
+    return dataset.with_column(SIM_STATE, state_feature(dataset.joints, dataset.slides), predicted)
+
+
+def start_windows(simulator: Simulator, episodes: Sequence[Episode], starts: np.ndarray, longest: int) -> Stepper:
+    """Return simulations that stand where windows start, having followed what was measured before.
+
+    Args:
+        simulator: Source.
+        episodes: Episode of each of W windows.
+        starts: Their first frames, shape (W,).
+        longest: Frames to follow before a window at most.
+    """
+    stepper = simulator.stepper(len(episodes))
+    runs = np.minimum(starts, longest)
+    scenes = [torch.cat([episode.states, episode.objects], dim=1) for episode in episodes]
+    first = gather(scenes, starts - runs)
+    stepper.reset(first)
+    for step in range(runs.max() - 1, -1, -1):
+        waiting = np.flatnonzero(runs <= step)  # theirs have not begun
+        frames = starts - np.minimum(runs, step + 1)
+        states, commands = ([getattr(episode, name) for episode in episodes] for name in ("states", "commands"))
+        follow(stepper, gather(states, frames), gather(commands, frames))
+        if len(waiting):
+            stepper.reset(first[waiting], waiting)
+    return stepper
+
+
+def follow(stepper: Stepper, states: np.ndarray, commands: np.ndarray) -> np.ndarray:
+    """Take one step from measured states (B, 2n), hidden memories kept; return the states after it."""
+    stepper.set_states(states.astype(float))
+    return stepper.step(commands.astype(float))
+
+
+def gather(columns: Sequence[Tensor], frames: np.ndarray) -> np.ndarray:
+    """Return one frame of each column, shape (W, …), float64."""
+    return np.stack([column[frame].double().numpy() for column, frame in zip(columns, frames, strict=True)])
