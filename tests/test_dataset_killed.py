@@ -177,11 +177,11 @@ def killed_while_writing(folder, part, dataset="recorded()"):
         "from dataset_samples import recorded\n"
         "from nas_data.dataset import write as writing, versions\n"
         "from nas_data.dataset.provenance import Provenance\n"
-        "put = writing.put\n"
+        "put = writing.write_synced\n"
         "def deadly(path, content):\n"
         f"    if {part!r} in str(path): os.kill(os.getpid(), signal.SIGKILL)\n"
         "    put(path, content)\n"
-        "writing.put = deadly\n"
+        "writing.write_synced = deadly\n"
         "provenance = Provenance(how='simulated', robot='ergojr')\n"
         f"versions.new_version({dataset}, 'arm', provenance, attachments={{'meta/source.xml': b'x'}})\n"
     )
