@@ -24,9 +24,9 @@ class View(ShowsEpisode):
             raise OptionError(f"--out {self.out} must end in .rrd, by which Rerun knows its recordings.")
         if self.out is not None and self.out.exists():
             raise OutputExists(f"{self.out} exists; choose another --out.")
-        from nas_data.films.rerun_log import Recording
+        from nas_data.films.rerun_log import RerunLog
 
-        recording = Recording(self.dataset.name, self.episode, self.out)
+        recording = RerunLog(self.dataset.name, self.episode, self.out)
         root, motion = self.motion()
         recording.log(motion)
         arms = [ghost.name for ghost in motion.ghosts]

@@ -34,7 +34,7 @@ def load_rerun() -> ModuleType:
     return rerun
 
 
-class Recording:
+class RerunLog:
     """A recording of one episode, in a window or in a file."""
 
     def __init__(self, name: str, episode: int, path: Path | None = None) -> None:
