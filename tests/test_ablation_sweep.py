@@ -162,7 +162,7 @@ def test_results_by_other_code_are_not_used_and_not_removed(place, tmp_path, edi
     swept = planned(place, tmp_path, amounts=(Amount(2, "episodes"),))
     first = run_sweep(swept, here_and_now, 1, False, told.append)
     assert all(record["commit"] == commit() and len(record["question"]["code"]) == 64 for record in first)
-    edited("nas_data.models.training", "class Training", "class Renamed")
+    edited("nas_data.models.training", "class ModelTraining", "class Renamed")
     again = planned(place, tmp_path, amounts=(Amount(2, "episodes"),))
     assert not {trial.path for trial in swept} & {trial.path for trial in again}
     second = run_sweep(again, here_and_now, 1, False, told.append)

@@ -14,7 +14,7 @@ from blind_samples import PERIOD, arms, positions, steps
 from nas_data.blind import plants
 from nas_data.blind.arms import NominalArm
 from nas_data.blind.catalogue import INSIDE, OUTSIDE
-from nas_data.blind.plants.base import chain_of, stacked
+from nas_data.blind.plants.base import chain_of, stack_arms
 from nas_data.blind.plants.body import PlantBody
 from nas_data.blind.plants.constants import Constants
 from nas_data.blind.plants.servo_model import STEP
@@ -78,7 +78,7 @@ def test_an_independent_plant_does_not_even_load_the_effects(plant):
 @pytest.mark.parametrize("arm", arms(), ids=lambda arm: arm.name)
 def test_rigid_body_dynamics_equal_mujocos(arm):
     model, rng = arm.model(), np.random.default_rng(0)
-    chain = chain_of(stacked([PlantBody.of(Constants.of(model), Base.nominal(6))], 4))
+    chain = chain_of(stack_arms([PlantBody.of(Constants.of(model), Base.nominal(6))], 4))
     q, v = rng.uniform(-1.5, 1.5, (4, 6)), rng.uniform(-5, 5, (4, 6))
     mass, bias = chain.dynamics(q, v)
     for row in range(4):

@@ -89,9 +89,8 @@ def small(tmp_path_factory):
     """Judge the small cases; pictures and the next experiment decide no name, and are left out."""
     out = tmp_path_factory.mktemp("small")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(workflow, "show", lambda *_: None, raising=False)
-        nothing = {"next_experiment": None, "experiments": []}
-        patch.setattr(workflow, "propose_experiment", lambda *_: nothing, raising=False)
+        patch.setattr(workflow, "show", lambda *_: None)
+        patch.setattr(workflow, "propose_experiment", lambda *_: workflow.Proposal())
         return run_cases(identities(SMALL), Judge(investigate), out, print)
 
 
