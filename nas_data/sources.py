@@ -10,11 +10,11 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.layout import PROVENANCE, SOURCE, SOURCE_EFFECTS, read_json
 from nas_data.effects.base import Effect, read_effects
 from nas_data.errors import ModelFileError
+from nas_data.mjcf.strip_meshes import colliding_shapes, exact_xml, meshless, needs_files
 from nas_data.pairing import check_source
 from nas_data.robots.base import Robot, slide_joints
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.engines import ENGINES, load_simulator
-from nas_data.strip_meshes import colliding_shapes, exact_xml, meshless, needs_files
 
 MODEL, EFFECTS = Path(SOURCE).name, Path(SOURCE_EFFECTS).name
 

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.blind.arms import NominalArm, ergojr, random_arm
-from nas_data.blind.case import Case, Identity
-from nas_data.blind.conditions import Conditions
-from nas_data.blind.draw import draw_case, scripts
-from nas_data.blind.plants.base import find_plant
-from nas_data.blind.plants.constants import Constants
-from nas_data.blind.plants.mujoco_plant import multiply
-from nas_data.blind.settings import any as any_setting
-from nas_data.blind.settings import torque, xl320
-from nas_data.blind.tape import Tape
-from nas_data.blind.truth import Base, Truth
+from nas_data.benchmarks.blind.arms import NominalArm, ergojr, random_arm
+from nas_data.benchmarks.blind.case import Case, Identity
+from nas_data.benchmarks.blind.conditions import Conditions
+from nas_data.benchmarks.blind.draw import draw_case, scripts
+from nas_data.benchmarks.blind.plants.base import find_plant
+from nas_data.benchmarks.blind.plants.constants import Constants
+from nas_data.benchmarks.blind.plants.mujoco_plant import multiply
+from nas_data.benchmarks.blind.settings import any as any_setting
+from nas_data.benchmarks.blind.settings import torque, xl320
+from nas_data.benchmarks.blind.tape import Tape
+from nas_data.benchmarks.blind.truth import Base, Truth
 from nas_data.effects.base import add_effects, make_effect
 from nas_data.robots.base import read_spec
 
@@ -69,7 +69,7 @@ def shorten(monkeypatch) -> None:
 
     Motions under torque commands are cut in two pieces of half a second, two motions handed over and one kept back.
     """
-    monkeypatch.setattr("nas_data.blind.run_case.draw_case", shortened)
+    monkeypatch.setattr("nas_data.benchmarks.blind.run_case.draw_case", shortened)
     monkeypatch.setattr(xl320, "EPISODES", 3)
     monkeypatch.setattr(xl320, "FRESH", 2)
     monkeypatch.setattr(xl320, "SECONDS", 0.5)

@@ -9,9 +9,9 @@ from command_samples import Place, furnish
 from hypothesis import settings
 from recording_samples import paired_pendulum
 
-from nas_data import code_hash
 from nas_data.dataset.dataset import Dataset
 from nas_data.recorders import watchdog
+from nas_data.runs import code_hash
 
 # The same draws every time, so that a change is judged by itself; --hypothesis-profile=default draws new ones.
 settings.register_profile("repeatable", derandomize=True)

@@ -3,9 +3,9 @@
 from dataclasses import replace
 from pathlib import Path
 
-from nas_data.experiments.base import Request
-from nas_data.experiments.pipeline.sizes import QUICK, Sizes
 from nas_data.models.presets import preset
+from nas_data.studies.experiments.base import Request
+from nas_data.studies.experiments.pipeline.sizes import QUICK, Sizes
 
 NETWORK = preset("fast", hidden=8, layers=1, updates=4, horizon=20, frames=200)
 TINY = replace(

@@ -5,13 +5,13 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from nas_data.arms.line import open_line
+from nas_data.hardware.arms.line import open_line
+from nas_data.hardware.virtual_bus.options import Options
+from nas_data.hardware.virtual_bus.process import VirtualBus
 from nas_data.recorders.lerobot_arm import LeRobotDriver
 from nas_data.recorders.lerobot_frame import frame_of
 from nas_data.recorders.lerobot_robot import Wish, make_robot, virtual_arm
 from nas_data.robots.base import find_robot
-from nas_data.virtual_bus.options import Options
-from nas_data.virtual_bus.process import VirtualBus
 
 ROBOT = find_robot("so101_follower")
 PERIOD = 0.02

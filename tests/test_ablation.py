@@ -10,20 +10,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nas_data import registry
-from nas_data.ablation.amount import Amount, parse
-from nas_data.ablation.executors.base import FOLDER as EXECUTORS
-from nas_data.ablation.executors.base import find_executor
-from nas_data.ablation.inflation import Inflation
-from nas_data.ablation.kinds.base import ModelKind, find_kind, kinds
-from nas_data.ablation.subsets import divide, draw
-from nas_data.ablation.summary import ENOUGH, Spread, SweepSummary
-from nas_data.ablation.table import markdown, rows, text
-from nas_data.ablation.write import write
 from nas_data.dataset.dataset import Dataset
 from nas_data.errors import OptionError
 from nas_data.models.split import rows_of
 from nas_data.reports.ablation_figure import AblationCurve, error_over_amount
 from nas_data.reports.style import to_png
+from nas_data.studies.ablation.amount import Amount, parse
+from nas_data.studies.ablation.executors.base import FOLDER as EXECUTORS
+from nas_data.studies.ablation.executors.base import find_executor
+from nas_data.studies.ablation.inflation import Inflation
+from nas_data.studies.ablation.kinds.base import ModelKind, find_kind, kinds
+from nas_data.studies.ablation.subsets import divide, draw
+from nas_data.studies.ablation.summary import ENOUGH, Spread, SweepSummary
+from nas_data.studies.ablation.table import markdown, rows, text
+from nas_data.studies.ablation.write import write
 
 RATE = 5.0  # [Hz] a low rate: stretches of ten seconds in short columns
 MANY = settings(max_examples=60, deadline=None)

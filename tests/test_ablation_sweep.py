@@ -17,23 +17,23 @@ from recording_samples import GAP, pendulum, recorded_on, wander
 from test_gap_workflow import ARM, recorded
 from training_samples import same
 
-from nas_data.ablation import trial as trials
-from nas_data.ablation.amount import Amount
-from nas_data.ablation.inflation import Inflation, Probe, cost, inflation_of, keep, order, probes
-from nas_data.ablation.inflation import read as read_inflation
-from nas_data.ablation.kinds.base import Lesson, find_kind
-from nas_data.ablation.material import SweepData
-from nas_data.ablation.subsets import divide, draw
-from nas_data.ablation.sweep import SweepPlan, run_sweep
-from nas_data.ablation.trial import UNFINISHED, do_trial
 from nas_data.dataset.read import read
 from nas_data.dataset.versions import new_version
 from nas_data.effects.base import parse
-from nas_data.environment_info import commit
 from nas_data.errors import DatasetInvalid, WorkerLost
 from nas_data.gap.write_model import write_effects
 from nas_data.models.presets import preset
 from nas_data.models.split import hold_out, rows_of
+from nas_data.runs.environment_info import commit
+from nas_data.studies.ablation import trial as trials
+from nas_data.studies.ablation.amount import Amount
+from nas_data.studies.ablation.inflation import Inflation, Probe, cost, inflation_of, keep, order, probes
+from nas_data.studies.ablation.inflation import read as read_inflation
+from nas_data.studies.ablation.kinds.base import Lesson, find_kind
+from nas_data.studies.ablation.material import SweepData
+from nas_data.studies.ablation.subsets import divide, draw
+from nas_data.studies.ablation.sweep import SweepPlan, run_sweep
+from nas_data.studies.ablation.trial import UNFINISHED, do_trial
 
 SAMPLE = Path(__file__).parents[1] / "datasets/ergojr_sample"
 BRIEF = ("--hidden", "8", "--updates", "2", "--horizon", "20")
@@ -184,12 +184,12 @@ def test_only_code_that_decides_a_kind_makes_its_trials_other_ones(place, tmp_pa
         return {kind for kind, code in codes().items() if code != before[kind]}
 
     every = {"delta", "forward", "named", "named_delta"}
-    assert changed("nas_data.ablation.subsets", "def draw") == every
+    assert changed("nas_data.studies.ablation.subsets", "def draw") == every
     assert changed("nas_data.simulators.mujoco", "class MujocoSimulator") == every
     assert changed("nas_data.gap.name", "def name") == {"named", "named_delta"}
     assert changed("nas_data.effects.deadband", "half_width") == {"named", "named_delta"}
     assert changed("nas_data.models.fitting", "def prepare") == every - {"named"}
-    assert changed("nas_data.ablation.table", "def text") == set()
+    assert changed("nas_data.studies.ablation.table", "def text") == set()
 
 
 def test_a_worker_with_other_code_than_the_sweep_does_nothing(place, tmp_path):

@@ -8,15 +8,15 @@ import pytest
 from blind_samples import arms, positions, shorten, steps
 
 from nas_data import registry
-from nas_data.blind.baselines import one_step, phi, sysid
-from nas_data.blind.baselines.base import find_baseline
-from nas_data.blind.case import Episodes
-from nas_data.blind.draw import draw_case
-from nas_data.blind.fresh import Fresh
-from nas_data.blind.oracle_error import least_error
-from nas_data.blind.settings.xl320 import SENSOR
-from nas_data.blind.truth import Base, Hidden, Truth
-from nas_data.blind.write import ANSWER, DATASET, NOMINAL, write_case
+from nas_data.benchmarks.blind.baselines import one_step, phi, sysid
+from nas_data.benchmarks.blind.baselines.base import find_baseline
+from nas_data.benchmarks.blind.case import Episodes
+from nas_data.benchmarks.blind.draw import draw_case
+from nas_data.benchmarks.blind.fresh import Fresh
+from nas_data.benchmarks.blind.oracle_error import least_error
+from nas_data.benchmarks.blind.settings.xl320 import SENSOR
+from nas_data.benchmarks.blind.truth import Base, Hidden, Truth
+from nas_data.benchmarks.blind.write import ANSWER, DATASET, NOMINAL, write_case
 from nas_data.dataset.layout import read_json
 
 
@@ -42,8 +42,8 @@ def written_case(folder: Path) -> Path:
 
 
 def test_every_baseline_can_be_found_by_its_name():
-    assert registry.names("blind.baselines") == ("one_step", "phi", "plain", "sysid")
-    assert all(callable(find_baseline(name)) for name in registry.names("blind.baselines"))
+    assert registry.names("benchmarks.blind.baselines") == ("one_step", "phi", "plain", "sysid")
+    assert all(callable(find_baseline(name)) for name in registry.names("benchmarks.blind.baselines"))
 
 
 def test_fitting_all_parameters_closes_the_gap_and_blames_one_of_them(weak_servo, monkeypatch):

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from blind_samples import shorten, shortened
 
-from nas_data.blind.case import EVERY, FAMILIES, Identity
-from nas_data.blind.catalogue import EVERYWHERE, INSIDE, OUTSIDE
-from nas_data.blind.draw import draw_case
-from nas_data.blind.plants.hiding import RULES
-from nas_data.blind.sampling import UNLIKE, Hider
-from nas_data.blind.settings.base import find_setting
-from nas_data.blind.settings.xl320 import FLOOR, QUANTUM
-from nas_data.blind.write import ANSWER, DATASET, FRESH, NOMINAL, write_case
+from nas_data.benchmarks.blind.case import EVERY, FAMILIES, Identity
+from nas_data.benchmarks.blind.catalogue import EVERYWHERE, INSIDE, OUTSIDE
+from nas_data.benchmarks.blind.draw import draw_case
+from nas_data.benchmarks.blind.plants.hiding import RULES
+from nas_data.benchmarks.blind.sampling import UNLIKE, Hider
+from nas_data.benchmarks.blind.settings.base import find_setting
+from nas_data.benchmarks.blind.settings.xl320 import FLOOR, QUANTUM
+from nas_data.benchmarks.blind.write import ANSWER, DATASET, FRESH, NOMINAL, write_case
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
 from nas_data.effects.base import find_effect, make_effect

@@ -8,13 +8,13 @@ import pytest
 from blind_samples import drawn, shorten
 from test_blind_plants import INDEPENDENT, reference
 
-from nas_data.blind.motions import SIGNALS
-from nas_data.blind.plants.base import find_plant
-from nas_data.blind.plants.body import PlantBody
-from nas_data.blind.plants.constants import Constants
-from nas_data.blind.plants.hiding import hide
-from nas_data.blind.settings.base import find_setting
-from nas_data.blind.truth import Base, Hidden, Truth
+from nas_data.benchmarks.blind.motions import SIGNALS
+from nas_data.benchmarks.blind.plants.base import find_plant
+from nas_data.benchmarks.blind.plants.body import PlantBody
+from nas_data.benchmarks.blind.plants.constants import Constants
+from nas_data.benchmarks.blind.plants.hiding import hide
+from nas_data.benchmarks.blind.settings.base import find_setting
+from nas_data.benchmarks.blind.truth import Base, Hidden, Truth
 from nas_data.effects.base import make_effect
 
 OTHER = find_setting("any")

@@ -5,17 +5,17 @@ import pytest
 from blind_samples import entry_of, know_everything, know_nothing, report_of, shorten
 from test_blind_plants import INDEPENDENT
 
-from nas_data.blind.benchmark import BlindPlan, run
-from nas_data.blind.case import FAMILIES, Identity
-from nas_data.blind.designs import draw_design
-from nas_data.blind.draw import draw_case
-from nas_data.blind.grade import grade_names
-from nas_data.blind.plants.base import find_plant
-from nas_data.blind.plants.constants import Constants
-from nas_data.blind.sampling import Hider
-from nas_data.blind.settings.base import find_setting
-from nas_data.blind.settings.far import EXCESS, excess_of
-from nas_data.blind.truth import Base, Truth
+from nas_data.benchmarks.blind.benchmark import BlindPlan, run
+from nas_data.benchmarks.blind.case import FAMILIES, Identity
+from nas_data.benchmarks.blind.designs import draw_design
+from nas_data.benchmarks.blind.draw import draw_case
+from nas_data.benchmarks.blind.grade import grade_names
+from nas_data.benchmarks.blind.plants.base import find_plant
+from nas_data.benchmarks.blind.plants.constants import Constants
+from nas_data.benchmarks.blind.sampling import Hider
+from nas_data.benchmarks.blind.settings.base import find_setting
+from nas_data.benchmarks.blind.settings.far import EXCESS, excess_of
+from nas_data.benchmarks.blind.truth import Base, Truth
 
 FAR = find_setting("far")
 

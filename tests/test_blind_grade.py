@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from blind_samples import entry_of, know_everything, know_nothing, report_of, shorten
 
-from nas_data.blind.benchmark import BlindPlan, run
-from nas_data.blind.code import case_code
-from nas_data.blind.grade import grade_names
-from nas_data.blind.print_tables import print_tables
-from nas_data.blind.resimulate import Delivered
-from nas_data.blind.run_case import store_record
-from nas_data.blind.tables import reliability, tables
+from nas_data.benchmarks.blind.benchmark import BlindPlan, run
+from nas_data.benchmarks.blind.code import case_code
+from nas_data.benchmarks.blind.grade import grade_names
+from nas_data.benchmarks.blind.print_tables import print_tables
+from nas_data.benchmarks.blind.resimulate import Delivered
+from nas_data.benchmarks.blind.run_case import store_record
+from nas_data.benchmarks.blind.tables import reliability, tables
 from nas_data.cli import main
-from nas_data.environment_info import commit
 from nas_data.errors import DatasetInvalid, ModelFileError, OutputExists, UnknownName
+from nas_data.runs.environment_info import commit
 
 ANSWER = {
     "family": "two",
@@ -161,9 +161,9 @@ def test_a_record_names_the_code_that_decided_it(small, tmp_path, edited):
     for module, old in (
         ("nas_data.gap.workflow", "def investigate"),  # what names
         ("nas_data.effects.deadband", "half_width"),  # what may be named
-        ("nas_data.blind.grade", "CONFIDENT = 0.8"),  # what grades
-        ("nas_data.blind.settings.xl320", "RATE = 100.0"),  # what is drawn
-        ("nas_data.blind.plants.numpy_plant", "def simulate"),  # what moves
+        ("nas_data.benchmarks.blind.grade", "CONFIDENT = 0.8"),  # what grades
+        ("nas_data.benchmarks.blind.settings.xl320", "RATE = 100.0"),  # what is drawn
+        ("nas_data.benchmarks.blind.plants.numpy_plant", "def simulate"),  # what moves
     ):
         edited(module, old, f"{old}1")
         assert case_code(identity) != record["code"], module
@@ -173,7 +173,7 @@ def test_cases_that_other_code_judged_are_refused_and_left_alone(small, tmp_path
     plan = BlindPlan(("none", "one"), ("numpy",), 1, 0)
     run(plan, tmp_path, know_nothing, lambda line: None)
     before = {path: path.read_bytes() for path in (tmp_path / "results").glob("*.json")}
-    edited("nas_data.blind.grade", "CONFIDENT = 0.8", "CONFIDENT = 0.9")
+    edited("nas_data.benchmarks.blind.grade", "CONFIDENT = 0.8", "CONFIDENT = 0.9")
     more = BlindPlan(("none", "one"), ("numpy",), 2, 0)
     with pytest.raises(OutputExists, match=r"holds 2 cases judged by other code of nas_data .* choose another --out"):
         run(more, tmp_path, know_nothing, lambda line: None)
@@ -196,7 +196,7 @@ def test_a_baseline_of_other_code_is_refused_too(small, tmp_path, edited):
     plan = BlindPlan(("none",), ("numpy",), 1, 0, baselines=("one_step",))
     (record,) = run(plan, tmp_path, know_nothing, lambda line: None)
     assert len(record["baselines"]["one_step"]["code"]) == 64
-    edited("nas_data.blind.baselines.one_step", "LEAST = 0.02", "LEAST = 0.03")
+    edited("nas_data.benchmarks.blind.baselines.one_step", "LEAST = 0.02", "LEAST = 0.03")
     with pytest.raises(OutputExists, match="other code of nas_data"):
         run(plan, tmp_path, know_nothing, lambda line: None)
 

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from blind_samples import PERIOD, arms, positions, steps
 
-from nas_data.blind import plants
-from nas_data.blind.arms import NominalArm
-from nas_data.blind.catalogue import INSIDE, OUTSIDE
-from nas_data.blind.plants.base import chain_of, stack_arms
-from nas_data.blind.plants.body import PlantBody
-from nas_data.blind.plants.constants import Constants
-from nas_data.blind.plants.servo_model import STEP
-from nas_data.blind.truth import Base, Hidden, Truth
+from nas_data.benchmarks.blind import plants
+from nas_data.benchmarks.blind.arms import NominalArm
+from nas_data.benchmarks.blind.catalogue import INSIDE, OUTSIDE
+from nas_data.benchmarks.blind.plants.base import chain_of, stack_arms
+from nas_data.benchmarks.blind.plants.body import PlantBody
+from nas_data.benchmarks.blind.plants.constants import Constants
+from nas_data.benchmarks.blind.plants.servo_model import STEP
+from nas_data.benchmarks.blind.truth import Base, Hidden, Truth
 
 FOLDER = Path(plants.__file__).parent
 NATIVE = "mujoco_plant.py"
@@ -70,7 +70,7 @@ def test_no_plant_but_the_native_one_imports_the_effects(path):
 
 @pytest.mark.parametrize("plant", INDEPENDENT)
 def test_an_independent_plant_does_not_even_load_the_effects(plant):
-    code = f"import sys, nas_data.blind.plants.{plant}_plant; print(*sys.modules)"
+    code = f"import sys, nas_data.benchmarks.blind.plants.{plant}_plant; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.split()
     assert not [name for name in loaded if name.startswith("nas_data.effects")]
 

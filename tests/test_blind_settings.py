@@ -8,14 +8,14 @@ import pytest
 from blind_samples import drawn, entry_of, know_everything, report_of, shorten
 
 from nas_data import registry
-from nas_data.blind.benchmark import BlindPlan, run
-from nas_data.blind.case import Case, Identity
-from nas_data.blind.draw import draw_case
-from nas_data.blind.grade import grade_names
-from nas_data.blind.motions import MIXTURE, SIGNALS
-from nas_data.blind.settings.base import find_setting
-from nas_data.blind.settings.xl320 import QUANTUM
-from nas_data.blind.write import DATASET, write_case
+from nas_data.benchmarks.blind.benchmark import BlindPlan, run
+from nas_data.benchmarks.blind.case import Case, Identity
+from nas_data.benchmarks.blind.draw import draw_case
+from nas_data.benchmarks.blind.grade import grade_names
+from nas_data.benchmarks.blind.motions import MIXTURE, SIGNALS
+from nas_data.benchmarks.blind.settings.base import find_setting
+from nas_data.benchmarks.blind.settings.xl320 import QUANTUM
+from nas_data.benchmarks.blind.write import DATASET, write_case
 from nas_data.cli import main
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
@@ -67,7 +67,7 @@ def test_the_default_setting_draws_what_it_drew_before_there_were_others(name, b
 
 
 def test_every_setting_can_be_found_and_no_other():
-    assert registry.names("blind.settings") == ("any", "far", "poor", "small", "torque", "xl320")
+    assert registry.names("benchmarks.blind.settings") == ("any", "far", "poor", "small", "torque", "xl320")
     with pytest.raises(UnknownName, match="setting"):
         draw_case("none", "numpy", 0, 0, setting="all")
     with pytest.raises(UnknownName, match="setting"):
@@ -167,8 +167,8 @@ def test_who_knows_everything_is_right_about_those_cases_too(family, setting, tm
 @pytest.mark.parametrize("setting", ["any", "far", "poor", "torque"])
 def test_every_baseline_answers_on_other_arms(setting, tmp_path, monkeypatch):
     small = {"updates": 1, "frames": 50, "horizon": 10, "hidden": 8, "shortcut": False}
-    monkeypatch.setattr("nas_data.blind.baselines.phi.SMALL", small)
-    names = registry.names("blind.baselines")
+    monkeypatch.setattr("nas_data.benchmarks.blind.baselines.phi.SMALL", small)
+    names = registry.names("benchmarks.blind.baselines")
     plan = BlindPlan(("one",), ("numpy",), 1, 4, baselines=names, setting=setting)
     record = run(plan, tmp_path, know_everything, print)[0]
     for name in names:
@@ -189,4 +189,4 @@ def test_the_command_knows_its_settings(capsys, tmp_path):
     with pytest.raises(SystemExit):
         main(["benchmark", "gap", "--help"])
     told = capsys.readouterr().out
-    assert all(name in told for name in ("--setting", *registry.names("blind.settings")))
+    assert all(name in told for name in ("--setting", *registry.names("benchmarks.blind.settings")))

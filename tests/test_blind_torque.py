@@ -8,20 +8,20 @@ import pytest
 from blind_samples import entry_of, followed, know_everything, know_nothing, report_of, shorten
 from test_blind_plants import INDEPENDENT
 
-from nas_data.blind.arms import NominalArm
-from nas_data.blind.benchmark import BlindPlan, run
-from nas_data.blind.case import Identity
-from nas_data.blind.draw import draw_case
-from nas_data.blind.following import reach_of
-from nas_data.blind.grade import grade_names
-from nas_data.blind.indistinct import equals_of
-from nas_data.blind.plants.base import chain_of, find_plant
-from nas_data.blind.plants.body import PlantBody, stack_arms
-from nas_data.blind.plants.constants import Constants
-from nas_data.blind.settings.base import find_setting
-from nas_data.blind.tape import Tape
-from nas_data.blind.truth import Base, Hidden, Truth
-from nas_data.blind.write import DATASET, FRESH, write_case
+from nas_data.benchmarks.blind.arms import NominalArm
+from nas_data.benchmarks.blind.benchmark import BlindPlan, run
+from nas_data.benchmarks.blind.case import Identity
+from nas_data.benchmarks.blind.draw import draw_case
+from nas_data.benchmarks.blind.following import reach_of
+from nas_data.benchmarks.blind.grade import grade_names
+from nas_data.benchmarks.blind.indistinct import equals_of
+from nas_data.benchmarks.blind.plants.base import chain_of, find_plant
+from nas_data.benchmarks.blind.plants.body import PlantBody, stack_arms
+from nas_data.benchmarks.blind.plants.constants import Constants
+from nas_data.benchmarks.blind.settings.base import find_setting
+from nas_data.benchmarks.blind.tape import Tape
+from nas_data.benchmarks.blind.truth import Base, Hidden, Truth
+from nas_data.benchmarks.blind.write import DATASET, FRESH, write_case
 from nas_data.dataset.read import read
 from nas_data.dataset.transitions import estimate_velocities
 from nas_data.dataset.verify import verify

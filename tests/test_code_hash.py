@@ -5,17 +5,17 @@ import json
 
 import pytest
 
-from nas_data import code_hash, environment_info
 from nas_data.envs.ergo_reacher import TASK
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import OutputExists
-from nas_data.experiments.pipeline.learning import TRAINED_BY
-from nas_data.gap_code import gap_modules
 from nas_data.models.checkpoint import save
 from nas_data.models.lstm import DynamicsModel
 from nas_data.policies.compare import Run, Study, compare
 from nas_data.policies.learner import Hyperparameters, PolicyTraining
 from nas_data.policies.policy import CONFIG
+from nas_data.runs import code_hash, environment_info
+from nas_data.runs.gap_code import gap_modules
+from nas_data.studies.experiments.pipeline.learning import TRAINED_BY
 
 SMALL = Hyperparameters(arms=2, rollout=32, minibatches=2, epochs=1)
 
@@ -136,21 +136,21 @@ def test_imports_are_found_in_every_block_but_not_those_for_type_checkers():
 
 
 SCATTERED = """
-import nas_data.stages, nas_data.errors, numpy
+import nas_data.runs.stages, nas_data.errors, numpy
 from typing import TYPE_CHECKING
 if TYPE_CHECKING:
-    from nas_data.bake_inertia import explicit
+    from nas_data.mjcf.bake_inertia import explicit
 else:
-    from nas_data import default_servos
+    from nas_data.mjcf import default_servos
 class Thing:
     def load(self):
         try:
             from nas_data.metrics import Errors
         except ImportError:
-            from nas_data.actuator_lookup import driven_joint
+            from nas_data.mjcf.actuator_lookup import driven_joint
         finally:
             with open("x"):
-                from nas_data.parallel import run_jobs
+                from nas_data.runs.parallel import run_jobs
         match self:
             case None:
                 import nas_data.sources as there

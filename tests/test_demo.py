@@ -16,16 +16,16 @@ from command_samples import Answer, nas
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
-from nas_data.demo import naming
-from nas_data.demo.naming import FOLDER
-from nas_data.demo.pipeline import STAGES
-from nas_data.demo.plan import FULL, NAMED, QUICK, Demo
-from nas_data.demo.recording import DATASETS, HELDOUT, TRAIN, newest
 from nas_data.effects.base import parse
 from nas_data.errors import OutputExists
 from nas_data.gap.report import GapReport
 from nas_data.gap.write_model import write_effects
-from nas_data.stages import Stage, StageResult, claim, read_done, run_stages
+from nas_data.runs.stages import Stage, StageResult, claim, read_done, run_stages
+from nas_data.studies.demo import naming
+from nas_data.studies.demo.naming import FOLDER
+from nas_data.studies.demo.pipeline import STAGES
+from nas_data.studies.demo.plan import FULL, NAMED, QUICK, Demo
+from nas_data.studies.demo.recording import DATASETS, HELDOUT, TRAIN, newest
 
 NAMES = [stage.name for stage in STAGES]
 ROW = r"<tr><th>([\w ]+ in [\w ]+)</th>(.*?)</tr>"  # of the table of what hides and what was named

@@ -12,13 +12,13 @@ from nas_data.envs.loop.arm_vec_env import ArmVecEnv
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.envs.loop.task_batch import TaskBatch
 from nas_data.errors import JobsFailed, SimulationDiverged, UnknownName
-from nas_data.parallel import run_jobs
 from nas_data.policies import compare as comparing
 from nas_data.policies import evaluate
 from nas_data.policies.compare import Study, compare
 from nas_data.policies.learner import Hyperparameters, PolicyTraining
 from nas_data.policies.policy import read_progress
 from nas_data.policies.ppo import train
+from nas_data.runs.parallel import run_jobs
 
 BAD = 1.2  # [rad] commands of the first joint beyond this are not borne
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from effect_samples import PERIOD, SIGNALS, Lever, effect, rms_degrees, simulate
 
-from nas_data.actuator_lookup import driven_joint
 from nas_data.effects.base import Effect, add_effects, make_effect
 from nas_data.effects.load_friction import PressedFriction
 from nas_data.errors import ModelFileError
+from nas_data.mjcf.actuator_lookup import driven_joint
 from nas_data.robots.base import find_robot
 from nas_data.simulators.lock_joints import hold_others
 from nas_data.simulators.mujoco import MujocoSimulator

@@ -8,13 +8,13 @@ import pytest
 from effect_samples import PERIOD
 from test_effects import NAMES, OF_OBJECTS, typical
 
-from nas_data.bake_inertia import explicit
 from nas_data.effects.base import Effect, add_effects, find_effect
 from nas_data.errors import ModelFileError
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.nominal_parameters import base_parameters
 from nas_data.gap.search.scales import scales
+from nas_data.mjcf.bake_inertia import explicit
 from nas_data.robots.base import find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
 

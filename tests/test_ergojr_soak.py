@@ -24,11 +24,11 @@ from nas_data.dataset.features import STATE
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
-from nas_data.virtual_bus import ports
-from nas_data.virtual_bus.options import Options
-from nas_data.virtual_bus.process import VirtualBus
-from nas_data.xl320.arm import Xl320Arm
-from nas_data.xl320.ergojr import ergojr_joints
+from nas_data.hardware.virtual_bus import ports
+from nas_data.hardware.virtual_bus.options import Options
+from nas_data.hardware.virtual_bus.process import VirtualBus
+from nas_data.hardware.xl320.arm import Xl320Arm
+from nas_data.hardware.xl320.ergojr import ergojr_joints
 
 JOINTS = ergojr_joints()
 FAULTS = 10_000

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from nas_data.errors import WayBlocked
+from nas_data.hardware.virtual_bus.arm import LYING
 from nas_data.recorders.arm_ways import Ways
 from nas_data.robots.base import find_robot
 from nas_data.simulators.contact import contact_counts, touches
 from nas_data.simulators.mujoco import MujocoSimulator
-from nas_data.virtual_bus.arm import LYING
 
 ROBOT = find_robot("ergojr")
 SIMULATOR = MujocoSimulator(ROBOT, 0.01, threads=1)

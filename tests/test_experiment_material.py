@@ -6,11 +6,11 @@ import pytest
 from experiment_samples import NETWORK, TINY, times, tiny
 
 from nas_data.errors import OutputExists
-from nas_data.experiments.pipeline.artifacts import PHI, Artifacts
-from nas_data.experiments.pipeline.learning import ModelJob, train_model
 from nas_data.models.run import STATE
+from nas_data.runs.stages import read_stage
 from nas_data.simulators import mujoco
-from nas_data.stages import read_stage
+from nas_data.studies.experiments.pipeline.artifacts import PHI, Artifacts
+from nas_data.studies.experiments.pipeline.learning import ModelJob, train_model
 
 
 @pytest.fixture(scope="module")

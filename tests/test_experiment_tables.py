@@ -12,22 +12,22 @@ from nas_data.envs.base import find_task
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.envs.pusher import TORQUE
 from nas_data.errors import JobsFailed, OptionError, UnknownName
-from nas_data.experiments import figure6
-from nas_data.experiments.pipeline import compare_methods, run, stages
-from nas_data.experiments.pipeline.artifacts import Artifacts, MaterialPlan
-from nas_data.experiments.pipeline.authors import RETURNS, remarks
-from nas_data.experiments.pipeline.compare_methods import hyperparameters
-from nas_data.experiments.pipeline.dynamics import describe_dynamics
-from nas_data.experiments.pipeline.methods import METHODS
-from nas_data.experiments.pipeline.naming import stem_of
-from nas_data.experiments.pipeline.run import conduct
-from nas_data.experiments.pipeline.sizes import FULL, PPO
-from nas_data.experiments.pipeline.table_notes import describe_paired, describe_return_differences, on_intervals
 from nas_data.policies.compare import Comparison, Study
 from nas_data.policies.intervals import median_interval
 from nas_data.policies.share import stake
 from nas_data.recorders.recipe import CommandKind, Recipe
 from nas_data.reports.prediction_figures import growth, quartiles
+from nas_data.studies.experiments import figure6
+from nas_data.studies.experiments.pipeline import compare_methods, run, stages
+from nas_data.studies.experiments.pipeline.artifacts import Artifacts, MaterialPlan
+from nas_data.studies.experiments.pipeline.authors import RETURNS, remarks
+from nas_data.studies.experiments.pipeline.compare_methods import hyperparameters
+from nas_data.studies.experiments.pipeline.dynamics import describe_dynamics
+from nas_data.studies.experiments.pipeline.methods import METHODS
+from nas_data.studies.experiments.pipeline.naming import stem_of
+from nas_data.studies.experiments.pipeline.run import conduct
+from nas_data.studies.experiments.pipeline.sizes import FULL, PPO
+from nas_data.studies.experiments.pipeline.table_notes import describe_paired, describe_return_differences, on_intervals
 
 ENDS = ("expert", "source")
 

@@ -17,18 +17,18 @@ from nas_data.dataset.verify import verify
 from nas_data.effects.base import parse
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import OptionError, OutputExists, UnknownName
-from nas_data.experiments import figure6
-from nas_data.experiments.base import Experiment, experiments, find_experiment
-from nas_data.experiments.figure6 import smallest
-from nas_data.experiments.pipeline import authors, sample_size, stages
-from nas_data.experiments.pipeline.artifacts import Artifacts, MaterialPlan
-from nas_data.experiments.pipeline.methods import METHODS, needs_of
-from nas_data.experiments.pipeline.naming import stem_of
-from nas_data.experiments.pipeline.run import conduct
-from nas_data.experiments.pipeline.sizes import FULL, QUICK, RECORDINGS
-from nas_data.experiments.table1 import PREDICTORS, differences, statistics
 from nas_data.gap.side_by_side import shares_cores
 from nas_data.gap.write_model import write_effects
+from nas_data.studies.experiments import figure6
+from nas_data.studies.experiments.base import Experiment, experiments, find_experiment
+from nas_data.studies.experiments.figure6 import smallest
+from nas_data.studies.experiments.pipeline import authors, sample_size, stages
+from nas_data.studies.experiments.pipeline.artifacts import Artifacts, MaterialPlan
+from nas_data.studies.experiments.pipeline.methods import METHODS, needs_of
+from nas_data.studies.experiments.pipeline.naming import stem_of
+from nas_data.studies.experiments.pipeline.run import conduct
+from nas_data.studies.experiments.pipeline.sizes import FULL, QUICK, RECORDINGS
+from nas_data.studies.experiments.table1 import PREDICTORS, differences, statistics
 
 CHEAP = ("expert", "source", "nas", "randomised")  # without `nas gap`, which takes minutes
 PART = "figure5-Pusher-backlash-tiny-methods-expert-source-nas-randomised"
@@ -403,7 +403,7 @@ def test_figure8_counts_hits_and_draws_a_response(tmp_path):
     ],
 )
 def test_each_command_makes_its_experiment(tmp_path, monkeypatch, name, end, options):
-    monkeypatch.setattr("nas_data.experiments.pipeline.sizes.QUICK", TINY)
+    monkeypatch.setattr("nas_data.studies.experiments.pipeline.sizes.QUICK", TINY)
     answer = nas("experiment", name, "--quick", "--out", tmp_path, "--json", *options)
     assert answer.code == 0, answer.err
     assert answer.json["experiment"] == name

@@ -14,11 +14,11 @@ from simulator_samples import CONTACTS, PLAY
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.versions import new_version
 from nas_data.errors import MissingPackage, OptionError
-from nas_data.films.film import Film, frames_between
-from nas_data.films.motion import follow, names_of
-from nas_data.films.scene import COLOURS, Scene
 from nas_data.metrics import Errors
 from nas_data.models.evaluation import open_loop_source
+from nas_data.reports.films.film import Film, frames_between
+from nas_data.reports.films.motion import follow, names_of
+from nas_data.reports.films.scene import COLOURS, Scene
 from nas_data.simulators.mujoco import MujocoSimulator
 from nas_data.simulators.offscreen import Pictures
 

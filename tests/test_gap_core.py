@@ -9,7 +9,6 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from nas_data.bake_inertia import explicit
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.noise import median, noise_of_differences, quantum
 from nas_data.dataset.read import read
@@ -26,6 +25,7 @@ from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters
 from nas_data.gap.verdict import verdict
 from nas_data.gap.write_model import write_model
+from nas_data.mjcf.bake_inertia import explicit
 from nas_data.recorders.recipe import Recipe
 from nas_data.robots.base import find_robot
 from nas_data.simulators.initial_states import InitialLoad

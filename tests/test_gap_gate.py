@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from nas_data.blind.benchmark import run_cases, tell
-from nas_data.blind.case import Identity
-from nas_data.blind.run_case import Judge
-from nas_data.blind.tables import median, rest, share
+from nas_data.benchmarks.blind.benchmark import run_cases, tell
+from nas_data.benchmarks.blind.case import Identity
+from nas_data.benchmarks.blind.run_case import Judge
+from nas_data.benchmarks.blind.tables import median, rest, share
 from nas_data.commands.benchmark_gap import investigate
 from nas_data.gap import workflow
 

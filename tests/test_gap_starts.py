@@ -11,7 +11,6 @@ from test_gap_core import QUANTUM, commanded
 from nas_data.dataset.features import ENVIRONMENT
 from nas_data.effects.base import Effect, parse
 from nas_data.envs.base import find_task
-from nas_data.experiments.pipeline.sizes import RECORDINGS
 from nas_data.gap.episode_batch import EpisodeBatch, window
 from nas_data.gap.finding.joint_gaps import find_joint_gaps
 from nas_data.gap.finding.recorded import RecordedRows
@@ -23,6 +22,7 @@ from nas_data.gap.search.objective import FitTask
 from nas_data.gap.write_model import write_model
 from nas_data.recorders.recipe import Recipe
 from nas_data.simulators.initial_states import InitialLoad
+from nas_data.studies.experiments.pipeline.sizes import RECORDINGS
 
 FLOOR = np.full(6, QUANTUM / np.sqrt(12))
 

@@ -16,10 +16,10 @@ from nas_data.dataset.features import ACTION, NEXT_STATE, STATE
 from nas_data.dataset.read import read
 from nas_data.dataset.transitions import as_transitions
 from nas_data.errors import NobodyAnswers, OptionError
-from nas_data.xl320.arm import Xl320Arm
-from nas_data.xl320.calibration import read_calibration
-from nas_data.xl320.ergojr import ergojr_joints
-from nas_data.xl320.units import TICK
+from nas_data.hardware.xl320.arm import Xl320Arm
+from nas_data.hardware.xl320.calibration import read_calibration
+from nas_data.hardware.xl320.ergojr import ergojr_joints
+from nas_data.hardware.xl320.units import TICK
 
 pytest.importorskip("lerobot")
 JOINTS = ergojr_joints()
@@ -138,7 +138,7 @@ def test_a_person_calibrates_with_the_arm_held_upright(robot_on, monkeypatch):
 
 
 def test_an_arm_that_is_not_there_is_refused_and_nothing_stays_open(robot_on, tmp_path, monkeypatch):
-    monkeypatch.setattr("nas_data.xl320.port.LENIENCE", 0.002)  # no answer comes, however long one waits
+    monkeypatch.setattr("nas_data.hardware.xl320.port.LENIENCE", 0.002)  # no answer comes, however long one waits
     with virtual("lost_packet:share=1") as bus:
         (tmp_path / "ergojr.json").write_text(calibration((0,) * 6))
         robot = robot_on(bus.port)

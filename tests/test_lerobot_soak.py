@@ -21,8 +21,8 @@ from nas_data.cli import main
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
+from nas_data.hardware.virtual_bus.process import VirtualBus
 from nas_data.robots.base import find_robot
-from nas_data.virtual_bus.process import VirtualBus
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(7200)]
 

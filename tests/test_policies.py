@@ -16,7 +16,6 @@ from nas_data import cli
 from nas_data.envs.ergo_reacher import TASK
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import CheckpointError, OutputExists, SimulationDiverged, WorkerLost
-from nas_data.parallel import run_jobs
 from nas_data.policies import evaluate, learner
 from nas_data.policies.compare import Study, compare, read_result
 from nas_data.policies.folder import STATE, save_policy
@@ -24,6 +23,7 @@ from nas_data.policies.learner import Hyperparameters, Learner, PolicyTraining
 from nas_data.policies.policy import CONFIG, WEIGHTS, find_policies, load_policy, read_progress
 from nas_data.policies.ppo import train
 from nas_data.policies.share import share
+from nas_data.runs.parallel import run_jobs
 
 SMALL = Hyperparameters(arms=4, rollout=512, minibatches=4, epochs=2)
 BRIEF = replace(SMALL, rollout=128, minibatches=2, epochs=1)

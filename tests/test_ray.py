@@ -9,10 +9,10 @@ import ray
 from command_samples import nas
 from test_ablation_sweep import BRIEF, answers, here_and_now, planned, silent
 
-from nas_data.ablation.amount import Amount
-from nas_data.ablation.executors import ray as executor
-from nas_data.ablation.sweep import run_sweep
 from nas_data.errors import MissingPackage, UnknownName, WorkerLost
+from nas_data.studies.ablation.amount import Amount
+from nas_data.studies.ablation.executors import ray as executor
+from nas_data.studies.ablation.sweep import run_sweep
 
 pytestmark = pytest.mark.timeout(180)
 

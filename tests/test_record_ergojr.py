@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from xl320_samples import be_patient, torques, virtual
 
-from nas_data.arms.base import Reading
 from nas_data.cli import main
 from nas_data.command_file import write_commands
 from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, TIME
@@ -26,6 +25,13 @@ from nas_data.dataset.write_lock import alone
 from nas_data.effects.base import make_effect
 from nas_data.errors import BeingWritten, GuardLost, ServoSilent
 from nas_data.excitations.base import parse
+from nas_data.hardware.arms.base import Reading
+from nas_data.hardware.virtual_bus.options import Options
+from nas_data.hardware.virtual_bus.process import VirtualBus
+from nas_data.hardware.xl320.arm import Xl320, Xl320Arm
+from nas_data.hardware.xl320.ergojr import ergojr_joints
+from nas_data.hardware.xl320.port import LENIENCE
+from nas_data.hardware.xl320.units import SPEED_UNIT, TICK
 from nas_data.recorders.arm_dataset import LATE, LOAD, REPEATED, TEMPERATURE, VOLTAGE
 from nas_data.recorders.arm_motion import ArmEpisode
 from nas_data.recorders.arm_plan import MotionPlan, draw_plan, free_of_contact
@@ -35,12 +41,6 @@ from nas_data.recorders.watchdog import DIED, HUNG, Watchdog, Words, rescue, wat
 from nas_data.robots.base import find_robot
 from nas_data.simulators.contact import contact_counts
 from nas_data.simulators.mujoco import MujocoSimulator
-from nas_data.virtual_bus.options import Options
-from nas_data.virtual_bus.process import VirtualBus
-from nas_data.xl320.arm import Xl320, Xl320Arm
-from nas_data.xl320.ergojr import ergojr_joints
-from nas_data.xl320.port import LENIENCE
-from nas_data.xl320.units import SPEED_UNIT, TICK
 
 JOINTS = ergojr_joints()
 ROBOT = find_robot("ergojr")

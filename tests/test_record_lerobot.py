@@ -15,7 +15,6 @@ pytest.importorskip("lerobot")
 from lerobot_arm_samples import PERIOD, ROBOT, driver, torques, virtual
 
 from nas_data import errors
-from nas_data.arms.line import Register
 from nas_data.cli import main
 from nas_data.commands.record_lerobot import RecordLerobot
 from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, TIME
@@ -23,6 +22,7 @@ from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
 from nas_data.effects.base import make_effect
+from nas_data.hardware.arms.line import Register
 from nas_data.recorders.arm_dataset import LATE, LOAD, TEMPERATURE, VOLTAGE
 from nas_data.recorders.arm_settings import Settings
 from nas_data.recorders.lerobot_arm import LeRobotDriver

@@ -27,24 +27,24 @@ from nas_data.envs.base import find_task
 from nas_data.envs.ergo_shield import GUARD
 from nas_data.envs.ergo_shield import touches as geometric_touches
 from nas_data.errors import OptionError
+from nas_data.hardware.virtual_bus.options import Options
+from nas_data.hardware.virtual_bus.process import VirtualBus
+from nas_data.hardware.xl320.arm import Xl320
+from nas_data.hardware.xl320.ergojr import ergojr_joints
+from nas_data.hardware.xl320.units import TICK
 from nas_data.policies.evaluate import SEED
+from nas_data.policies.rollouts import recorded
+from nas_data.policies.rollouts.keyboard import EVENT, KEY_EVENT, KEY_S, Keyboard
+from nas_data.policies.rollouts.robot_stepper import RobotStepper
+from nas_data.policies.rollouts.rollout import judgements
+from nas_data.policies.rollouts.two_arms import ways_of_two
 from nas_data.recorders.arm_ways import Ways
 from nas_data.recorders.guarded import GuardedArm, Setup
 from nas_data.recorders.schedule import SteppedClock
 from nas_data.recorders.watchdog import Watchdog
 from nas_data.robots.base import find_robot
-from nas_data.rollouts import recorded
-from nas_data.rollouts.keyboard import EVENT, KEY_EVENT, KEY_S, Keyboard
-from nas_data.rollouts.robot_stepper import RobotStepper
-from nas_data.rollouts.rollout import judgements
-from nas_data.rollouts.two_arms import ways_of_two
 from nas_data.simulators.contact import contact_counts
 from nas_data.simulators.mujoco import MujocoSimulator
-from nas_data.virtual_bus.options import Options
-from nas_data.virtual_bus.process import VirtualBus
-from nas_data.xl320.arm import Xl320
-from nas_data.xl320.ergojr import ergojr_joints
-from nas_data.xl320.units import TICK
 
 JOINTS = ergojr_joints()
 LOCKSTEP = ("--on", "ergojr", "--port", "virtual", "--lockstep")
@@ -444,7 +444,7 @@ def test_a_rollout_is_saved_with_all_its_bouts_or_not_at_all(capsys, monkeypatch
             raise KeyboardInterrupt
         return np.array([(len(calls) - 1) % 60 in (0, 20, 40)])  # the first is as if in touch already
 
-    monkeypatch.setattr("nas_data.rollouts.arm_setup.touches", touched)
+    monkeypatch.setattr("nas_data.policies.rollouts.arm_setup.touches", touched)
     options = (policy("ErgoShield", (0.0,) * 6), "--episodes", "2", *DUEL, "--record", "rolled")
     assert main(["policy", "evaluate", *options]) == 130
     assert read(UNDER_WAY).lengths.tolist() == [21, 20, 19], "the second has touched once, and is not over"

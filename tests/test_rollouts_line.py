@@ -14,12 +14,12 @@ from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
 from nas_data.errors import BadReply, GuardLost, NobodyAnswers, ServoSilent
+from nas_data.hardware.xl320.arm import Reading, Xl320Arm
+from nas_data.hardware.xl320.ergojr import ergojr_joints
+from nas_data.policies.rollouts.robot_stepper import RobotStepper
 from nas_data.recorders.arm_dataset import LATE
 from nas_data.recorders.schedule import SteppedClock
 from nas_data.recorders.tolerance import TRIES, Tolerance
-from nas_data.rollouts.robot_stepper import RobotStepper
-from nas_data.xl320.arm import Reading, Xl320Arm
-from nas_data.xl320.ergojr import ergojr_joints
 
 JOINTS = ergojr_joints()
 ERRORS = (BadReply, ServoSilent, NobodyAnswers)

@@ -8,10 +8,10 @@ import pytest
 from test_gap_core import commanded
 
 from nas_data.effects.base import parse
-from nas_data.engine_warnings import heard_warnings
 from nas_data.gap import side_by_side as module
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.side_by_side import shares_cores, side_by_side
+from nas_data.mjcf.engine_warnings import heard_warnings
 
 
 @pytest.fixture(autouse=True)

@@ -10,10 +10,10 @@ from experiment_samples import tiny
 from safetensors.numpy import load_file
 
 from nas_data.errors import SimulationDiverged
-from nas_data.experiments.pipeline.artifacts import PHI, PSI
-from nas_data.stages import STAGES as NOTES
-from nas_data.stages import Stage, StageResult, Work, read_stage
-from nas_data.stages_side_by_side import Part, do_part, prerequisites, run_side_by_side
+from nas_data.runs.stages import STAGES as NOTES
+from nas_data.runs.stages import Stage, StageResult, Work, read_stage
+from nas_data.runs.stages_side_by_side import Part, do_part, prerequisites, run_side_by_side
+from nas_data.studies.experiments.pipeline.artifacts import PHI, PSI
 
 PATIENCE = 60.0  # [s] to wait for another process
 

@@ -18,12 +18,12 @@ from nas_data.envs.loop.arm_vec_env import ArmVecEnv
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.envs.loop.task_batch import TaskBatch
 from nas_data.errors import ModelFileError, OptionError
-from nas_data.experiments.pipeline.authors import DIFFERENCES
 from nas_data.models.checkpoint import save
 from nas_data.models.lstm import DynamicsModel
 from nas_data.recorders.recipe import Recipe
 from nas_data.robots.base import find_robot
 from nas_data.robots.ergo_shield import DEFENDERS_JOINTS
+from nas_data.studies.experiments.pipeline.authors import DIFFERENCES
 
 GENTLE = 0.3  # actions that throw no joint against its stop, which multiplies the last bits of a network's output
 CLOSE = {"atol": 1e-6, "rtol": 1e-5}  # rad and m; fast joints differ by more than 1e-6 rad/s in single precision

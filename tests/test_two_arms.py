@@ -11,17 +11,17 @@ from xl320_samples import torques, virtual
 
 from nas_data.envs.base import find_task
 from nas_data.errors import WayBlocked
+from nas_data.hardware.xl320.arm import Xl320
+from nas_data.hardware.xl320.configuration import Configuration
+from nas_data.hardware.xl320.ergojr import ergojr_joints
+from nas_data.hardware.xl320.units import TICK
+from nas_data.policies.rollouts.approach import Approach
+from nas_data.policies.rollouts.arm_setup import CLEARANCE, ArmSetup, ways
+from nas_data.policies.rollouts.robot_stepper import RobotStepper, RolloutTally
+from nas_data.policies.rollouts.two_arm_planner import WaysOfTwo
+from nas_data.policies.rollouts.two_arms import ways_of_two
 from nas_data.recorders.guarded import Setup
 from nas_data.recorders.schedule import SteppedClock
-from nas_data.rollouts.approach import Approach
-from nas_data.rollouts.arm_setup import CLEARANCE, ArmSetup, ways
-from nas_data.rollouts.robot_stepper import RobotStepper, RolloutTally
-from nas_data.rollouts.two_arm_planner import WaysOfTwo
-from nas_data.rollouts.two_arms import ways_of_two
-from nas_data.xl320.arm import Xl320
-from nas_data.xl320.configuration import Configuration
-from nas_data.xl320.ergojr import ergojr_joints
-from nas_data.xl320.units import TICK
 
 JOINTS = ergojr_joints()
 ZERO = np.zeros(6)

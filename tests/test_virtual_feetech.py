@@ -5,15 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from nas_data.hardware.virtual_bus.arm import Mounted, VirtualArm
+from nas_data.hardware.virtual_bus.chain import ServoChain
+from nas_data.hardware.virtual_bus.feetech_packet import FeetechPacket, FeetechReader, decode, status
+from nas_data.hardware.virtual_bus.kinds.base import Reason, find_kind
+from nas_data.hardware.virtual_bus.kinds.sts3215 import ACCELERATION_UNIT, TICK, decode_sign_magnitude, magnitude
+from nas_data.hardware.virtual_bus.packet import Packet
+from nas_data.hardware.virtual_bus.servo import VirtualServo
+from nas_data.hardware.virtual_bus.wire import transmit
 from nas_data.robots.base import find_robot
-from nas_data.virtual_bus.arm import Mounted, VirtualArm
-from nas_data.virtual_bus.chain import ServoChain
-from nas_data.virtual_bus.feetech_packet import FeetechPacket, FeetechReader, decode, status
-from nas_data.virtual_bus.kinds.base import Reason, find_kind
-from nas_data.virtual_bus.kinds.sts3215 import ACCELERATION_UNIT, TICK, decode_sign_magnitude, magnitude
-from nas_data.virtual_bus.packet import Packet
-from nas_data.virtual_bus.servo import VirtualServo
-from nas_data.virtual_bus.wire import transmit
 
 # Example packets of Feetech's protocol manual: identity, instruction or error, parameters, bytes on the wire.
 EXAMPLES = {

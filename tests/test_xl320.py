@@ -14,15 +14,15 @@ from xl320_samples import be_patient, connected, virtual
 
 from nas_data import errors, registry
 from nas_data.cli import main
-from nas_data.virtual_bus.faults.base import find_fault, parse
-from nas_data.virtual_bus.options import Options
-from nas_data.virtual_bus.process import VirtualBus
-from nas_data.xl320.arm import Reading, Xl320Arm
-from nas_data.xl320.calibration import default_path, read_calibration, write_calibration
-from nas_data.xl320.configuration import Configuration
-from nas_data.xl320.control_table import REGISTERS
-from nas_data.xl320.ergojr import ergojr_joints
-from nas_data.xl320.units import CENTRE, SPEED_UNIT, TICK, decode_sign_magnitude, sign_magnitude
+from nas_data.hardware.virtual_bus.faults.base import find_fault, parse
+from nas_data.hardware.virtual_bus.options import Options
+from nas_data.hardware.virtual_bus.process import VirtualBus
+from nas_data.hardware.xl320.arm import Reading, Xl320Arm
+from nas_data.hardware.xl320.calibration import default_path, read_calibration, write_calibration
+from nas_data.hardware.xl320.configuration import Configuration
+from nas_data.hardware.xl320.control_table import REGISTERS
+from nas_data.hardware.xl320.ergojr import ergojr_joints
+from nas_data.hardware.xl320.units import CENTRE, SPEED_UNIT, TICK, decode_sign_magnitude, sign_magnitude
 
 JOINTS = ergojr_joints()
 BOUND = 3.0  # [s] within which every refusal has come, on a machine that does other things
@@ -334,7 +334,7 @@ def test_what_the_system_refuses_has_a_name(monkeypatch, code, error):
     def refuse(*_: object, **__: object) -> None:
         raise OSError(code, os.strerror(code))
 
-    monkeypatch.setattr("nas_data.xl320.port.serial.Serial", refuse)
+    monkeypatch.setattr("nas_data.hardware.xl320.port.serial.Serial", refuse)
     with pytest.raises(error):
         Xl320Arm("/dev/null", JOINTS)
 
@@ -494,7 +494,7 @@ def test_bad_input_costs_one_sentence(folder, capfd, options, words):
 # Faults
 
 
-@pytest.mark.parametrize("name", registry.names("virtual_bus.faults"))
+@pytest.mark.parametrize("name", registry.names("hardware.virtual_bus.faults"))
 def test_each_fault_says_what_it_is(name):
     fault = parse(name)
     assert type(fault) is find_fault(name)

@@ -23,7 +23,6 @@ from torch import nn
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ENVIRONMENT, NEXT_ENVIRONMENT
-from nas_data.environment_info import commit, versions
 from nas_data.envs import pusher
 from nas_data.envs.base import Task, find_task, in_turn
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
@@ -33,6 +32,7 @@ from nas_data.policies.learner import PolicyTraining
 from nas_data.policies.policy import load_policy
 from nas_data.policies.ppo import train
 from nas_data.recorders.recipe import Recipe
+from nas_data.runs.environment_info import commit, versions
 from nas_data.simulators.base import Stepper
 
 SEEN = 10  # three angles [rad], three speeds [rad/s], x and y [m] of gripper and puck

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from pages import HERE, Row, markdown_table, number, numbers, read_table, render, write_page
 
-from nas_data.experiments.pipeline.authors import DIFFERENCES, RETURN_BY_COUNT, RETURNS
 from nas_data.policies.intervals import ENDS, median_interval, resample_medians
 from nas_data.policies.share import share
 from nas_data.reports.experiment_figures import Panel, return_over_count, returns_by_method
 from nas_data.reports.prediction_figures import trajectory
 from nas_data.reports.style import to_png
+from nas_data.studies.experiments.pipeline.authors import DIFFERENCES, RETURN_BY_COUNT, RETURNS
 
 GIVEN = {"0.15", "0.12", "0.05", "1.745"}  # what a target or a model is made of, not a result
 METHODS = {

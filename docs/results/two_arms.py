@@ -19,12 +19,12 @@ import numpy as np
 import tyro
 
 from nas_data.cli import main as nas
+from nas_data.policies.rollouts.approach import Approach
+from nas_data.policies.rollouts.robot_stepper import RobotStepper
+from nas_data.policies.rollouts.two_arm_planner import WaysOfTwo
+from nas_data.policies.rollouts.two_arms import ways_of_two
 from nas_data.recorders.arm_ways import Ways
 from nas_data.robots.ergo_shield import DEFENDER
-from nas_data.rollouts.approach import Approach
-from nas_data.rollouts.robot_stepper import RobotStepper
-from nas_data.rollouts.two_arm_planner import WaysOfTwo
-from nas_data.rollouts.two_arms import ways_of_two
 from nas_data.simulators.contact import touches
 
 LOCKSTEP = ("--on", "ergojr", "--port", "virtual", "--defender-port", "virtual", "--lockstep", "--json")

@@ -10,17 +10,17 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 
 from lerobot_robot_ergojr.config_ergojr import ErgoJrConfig
 from nas_data.dataset.features import position_feature, state_feature
+from nas_data.hardware.virtual_bus.ports import VIRTUAL, port_of
+from nas_data.hardware.xl320.arm import Xl320, Xl320Arm
+from nas_data.hardware.xl320.calibration import offsets_at_zero, read_calibration, write_calibration
+from nas_data.hardware.xl320.configuration import Configuration
+from nas_data.hardware.xl320.ergojr import ergojr_joints
+from nas_data.hardware.xl320.joints import Joints
 from nas_data.recorders.arm_motion import ArmMotion
 from nas_data.recorders.arm_ways import Ways
 from nas_data.recorders.guarded import GuardedArm, Setup
 from nas_data.recorders.schedule import MonotonicClock
 from nas_data.robots.ergojr import JOINTS, ROBOT
-from nas_data.virtual_bus.ports import VIRTUAL, port_of
-from nas_data.xl320.arm import Xl320, Xl320Arm
-from nas_data.xl320.calibration import offsets_at_zero, read_calibration, write_calibration
-from nas_data.xl320.configuration import Configuration
-from nas_data.xl320.ergojr import ergojr_joints
-from nas_data.xl320.joints import Joints
 
 POSITIONS, STATE = position_feature(JOINTS).names, state_feature(JOINTS).names
 

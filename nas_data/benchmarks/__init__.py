@@ -1,1 +1,1 @@
-"""Speeds as ratios: two ways of the same work, timed in turns within one run."""
+"""Benchmarks: speeds of two ways of the same work, and `blind`, which counts right names on sealed cases."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 from nas_data.commands.base import Command, CommandResult
 
 if TYPE_CHECKING:
-    from nas_data.experiments.pipeline.sizes import Sizes
+    from nas_data.studies.experiments.pipeline.sizes import Sizes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,9 +32,9 @@ class ExperimentCommand(Command):
 
     def run(self) -> CommandResult:
         """Make the experiment, or go on with it."""
-        from nas_data.experiments.base import Request, find_experiment
-        from nas_data.experiments.pipeline.run import conduct
-        from nas_data.experiments.pipeline.sizes import FULL, QUICK
+        from nas_data.studies.experiments.base import Request, find_experiment
+        from nas_data.studies.experiments.pipeline.run import conduct
+        from nas_data.studies.experiments.pipeline.sizes import FULL, QUICK
 
         known = find_experiment(self.experiment).environments
         request = Request(
@@ -53,7 +53,7 @@ class ExperimentCommand(Command):
 
     def sizes(self) -> "Sizes":
         """Return how large everything is."""
-        from nas_data.experiments.pipeline.sizes import FULL, QUICK
+        from nas_data.studies.experiments.pipeline.sizes import FULL, QUICK
 
         return QUICK if self.quick else FULL
 

@@ -9,7 +9,7 @@ import tyro
 from nas_data.commands._actuators import TakesModel
 
 if TYPE_CHECKING:
-    from nas_data.films.motion import Motion
+    from nas_data.reports.films.motion import Motion
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +32,7 @@ class ShowsEpisode(TakesModel):
         from nas_data.dataset import versions
         from nas_data.dataset.dataset import Dataset
         from nas_data.errors import OptionError
-        from nas_data.films.motion import follow
+        from nas_data.reports.films.motion import follow
 
         if self.actuators != "position" and not self.model:
             raise OptionError("--actuators is for a URDF given with --model; without one, leave it out.")

@@ -15,9 +15,9 @@ from nas_data.commands.base import Command, CommandResult
 from nas_data.errors import OptionError
 
 if TYPE_CHECKING:
-    from nas_data.arms.base import Driver
     from nas_data.dataset.incremental_writer import Growing
     from nas_data.dataset.provenance import Provenance
+    from nas_data.hardware.arms.base import Driver
     from nas_data.recorders.arm_plan import MotionPlan
     from nas_data.recorders.session import PlaybackProtocol
     from nas_data.robots.base import Robot

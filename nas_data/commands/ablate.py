@@ -13,9 +13,9 @@ from nas_data.commands.base import CommandResult
 from nas_data.errors import OptionError
 
 if TYPE_CHECKING:
-    from nas_data.ablation.amount import Amount
-    from nas_data.ablation.sweep import SweepPlan
     from nas_data.models.presets import TrainingOptions
+    from nas_data.studies.ablation.amount import Amount
+    from nas_data.studies.ablation.sweep import SweepPlan
 
 HEARTBEAT = 30.0  # [s] between two signs of life while trials run
 USUAL = (10, 25, 50, 100, 250, 500, 1000)  # training episodes, as far as they reach
@@ -76,11 +76,11 @@ class Ablate(TakesModel):
 
     def run(self) -> CommandResult:
         """Check, sweep and summarise."""
-        from nas_data.ablation import inflation, summary, table, write
-        from nas_data.ablation.checks import check
-        from nas_data.ablation.executors.base import find_executor
-        from nas_data.ablation.sweep import open_sweep, run_sweep
-        from nas_data.environment_info import commit
+        from nas_data.runs.environment_info import commit
+        from nas_data.studies.ablation import inflation, summary, table, write
+        from nas_data.studies.ablation.checks import check
+        from nas_data.studies.ablation.executors.base import find_executor
+        from nas_data.studies.ablation.sweep import open_sweep, run_sweep
 
         if self.workers < 1:
             raise OptionError(f"--workers is {self.workers}; at least one is needed.")
@@ -110,10 +110,10 @@ class Ablate(TakesModel):
 
     def _plan(self) -> "SweepPlan":
         """Read the options."""
-        from nas_data.ablation.amount import words
-        from nas_data.ablation.material import SweepData
-        from nas_data.ablation.sweep import SweepPlan
         from nas_data.dataset import versions
+        from nas_data.studies.ablation.amount import words
+        from nas_data.studies.ablation.material import SweepData
+        from nas_data.studies.ablation.sweep import SweepPlan
 
         test = versions.resolve(self.test) if self.test else None
         material = SweepData(versions.resolve(self.dataset), test, self.actuated(self.model), self.engine, self.effects)
@@ -133,8 +133,8 @@ class Ablate(TakesModel):
         """Return how much each trial learns from; `all` episodes as their number, so that no trial is done twice."""
         from dataclasses import replace
 
-        from nas_data.ablation.amount import parse
-        from nas_data.ablation.subsets import divide
+        from nas_data.studies.ablation.amount import parse
+        from nas_data.studies.ablation.subsets import divide
 
         if self.counts and self.minutes:
             raise OptionError("Give either --counts or --minutes, not both.")

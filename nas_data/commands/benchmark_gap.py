@@ -41,10 +41,10 @@ class BenchmarkGap(Command):
 
     def run(self) -> CommandResult:
         """Run what is not finished, then tabulate everything."""
-        from nas_data.blind.benchmark import BlindPlan, run
-        from nas_data.blind.print_tables import print_tables
-        from nas_data.blind.tables import tables
-        from nas_data.environment_info import commit
+        from nas_data.benchmarks.blind.benchmark import BlindPlan, run
+        from nas_data.benchmarks.blind.print_tables import print_tables
+        from nas_data.benchmarks.blind.tables import tables
+        from nas_data.runs.environment_info import commit
 
         families, plants, baselines = (words(text) for text in (self.families, self.plants, self.baselines))
         plan = BlindPlan(families, plants, self.cases, self.seed, self.power, baselines, self.keep, self.setting)

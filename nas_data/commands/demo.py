@@ -26,8 +26,8 @@ class Demo(Command):
 
     def run(self) -> CommandResult:
         """Run every stage that is not done yet."""
-        from nas_data.demo.pipeline import run_demo
-        from nas_data.demo.plan import FULL, NAMED, QUICK
+        from nas_data.studies.demo.pipeline import run_demo
+        from nas_data.studies.demo.plan import FULL, NAMED, QUICK
 
         plan = QUICK if self.quick else FULL
         results = run_demo(replace(plan, named=NAMED) if self.names else plan, self.out, report)

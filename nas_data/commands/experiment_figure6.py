@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 from nas_data.commands._experiment import PolicyExperimentCommand
 
 if TYPE_CHECKING:
-    from nas_data.experiments.pipeline.sizes import Sizes
+    from nas_data.studies.experiments.pipeline.sizes import Sizes
 
 
 @dataclass(frozen=True, kw_only=True)

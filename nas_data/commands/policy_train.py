@@ -45,10 +45,10 @@ class PolicyTrain(Command):
     def run(self) -> CommandResult:
         """Train every seed."""
         trainings = self._trainings()
-        from nas_data.parallel import run_jobs
         from nas_data.policies.policy import load_policy, read_progress
         from nas_data.policies.ppo import train_job
         from nas_data.policies.tables import align_columns
+        from nas_data.runs.parallel import run_jobs
 
         what = "named-augmented" if self.on == "augmented" and self.effects else self.on
         folder = self.out or Path("runs/policy") / f"{self.env.removeprefix('nas/')}-{what}"

@@ -10,10 +10,10 @@ from nas_data.commands._record_arm import VIRTUAL, RecordArm
 from nas_data.errors import OptionError
 
 if TYPE_CHECKING:
-    from nas_data.arms.base import Driver
+    from nas_data.hardware.arms.base import Driver
+    from nas_data.hardware.xl320.configuration import Configuration
+    from nas_data.hardware.xl320.joints import Joints
     from nas_data.robots.base import Robot
-    from nas_data.xl320.configuration import Configuration
-    from nas_data.xl320.joints import Joints
 
 NAME = "ergojr"
 
@@ -77,8 +77,8 @@ class RecordErgojr(RecordArm):
     @contextmanager
     def driver(self) -> "Iterator[Driver]":
         """See `RecordArm`."""
-        from nas_data.virtual_bus.ports import port_of
-        from nas_data.xl320.arm import Xl320
+        from nas_data.hardware.virtual_bus.ports import port_of
+        from nas_data.hardware.xl320.arm import Xl320
 
         configuration = self._configuration()
         with port_of(self.port, self.effect, self.fault, self.lockstep) as port:
@@ -89,15 +89,15 @@ class RecordErgojr(RecordArm):
         return "virtual XL-320 servos"
 
     def _configuration(self) -> "Configuration":
-        from nas_data.xl320.configuration import Configuration
+        from nas_data.hardware.xl320.configuration import Configuration
 
         return Configuration(
             p_gain=self.p_gain, i_gain=self.i_gain, d_gain=self.d_gain, speed=self.speed, torque=self.torque
         )
 
     def _joints(self) -> "Joints":
-        from nas_data.xl320.calibration import joints_of
-        from nas_data.xl320.ergojr import ergojr_joints
+        from nas_data.hardware.xl320.calibration import joints_of
+        from nas_data.hardware.xl320.ergojr import ergojr_joints
 
         if self.virtual and not self.calibration:
             return ergojr_joints()

@@ -11,7 +11,7 @@ from nas_data.commands._record_arm import VIRTUAL, RecordArm
 from nas_data.errors import OptionError
 
 if TYPE_CHECKING:
-    from nas_data.arms.base import Driver
+    from nas_data.hardware.arms.base import Driver
     from nas_data.recorders.lerobot_robot import Wish
     from nas_data.robots.base import Robot
 

@@ -45,7 +45,7 @@ class Render(ShowsEpisode):
         for file in filter(None, (picture, film_file)):
             if file.exists():
                 raise OutputExists(f"{file} exists; choose another --out.")
-        from nas_data.films.film import Film, frame_at, frames_between, write_mp4, write_png
+        from nas_data.reports.films.film import Film, frame_at, frames_between, write_mp4, write_png
 
         root, motion = self.motion()
         chosen = frames_between(motion, self.start, self.seconds, self.rate, self.speed)

@@ -11,9 +11,9 @@ from nas_data.commands.base import Command, CommandResult
 from nas_data.errors import OptionError
 
 if TYPE_CHECKING:
-    from nas_data.xl320.arm import Xl320Arm
-    from nas_data.xl320.inventory import Inventory
-    from nas_data.xl320.survey import FoundServo
+    from nas_data.hardware.xl320.arm import Xl320Arm
+    from nas_data.hardware.xl320.inventory import Inventory
+    from nas_data.hardware.xl320.survey import FoundServo
 
 NAME = "ergojr"
 
@@ -47,10 +47,10 @@ class RobotErgojr(Command):
 
     def run(self) -> CommandResult:
         """Look, and do what is asked for."""
-        from nas_data.virtual_bus.ports import VIRTUAL, port_of
-        from nas_data.xl320.arm import Xl320Arm
-        from nas_data.xl320.calibration import default_path, joints_of
-        from nas_data.xl320.ergojr import ergojr_joints
+        from nas_data.hardware.virtual_bus.ports import VIRTUAL, port_of
+        from nas_data.hardware.xl320.arm import Xl320Arm
+        from nas_data.hardware.xl320.calibration import default_path, joints_of
+        from nas_data.hardware.xl320.ergojr import ergojr_joints
 
         path = self.calibration or (None if self.port == VIRTUAL else default_path(NAME, self.id))
         joints = ergojr_joints()
@@ -68,7 +68,7 @@ class RobotErgojr(Command):
                 arm.close()
 
     def _look(self, arm: "Xl320Arm", path: Path | None) -> CommandResult:
-        from nas_data.xl320.inventory import take_inventory
+        from nas_data.hardware.xl320.inventory import take_inventory
 
         if self.rename:
             self._rename(arm, self.rename)
@@ -90,7 +90,7 @@ class RobotErgojr(Command):
         """Store the present pose as zero."""
         import numpy as np
 
-        from nas_data.xl320.calibration import offsets_at_zero, write_calibration
+        from nas_data.hardware.xl320.calibration import offsets_at_zero, write_calibration
 
         raw = np.array([arm.bus.get(identity, "present_position") for identity in arm.joints.ids])
         joints = arm.joints.calibrated(offsets_at_zero(arm.joints, raw))
@@ -99,7 +99,7 @@ class RobotErgojr(Command):
 
     def _rename(self, arm: "Xl320Arm", text: str) -> None:
         """Give one servo another identity."""
-        from nas_data.xl320.survey import refuse_duplicates
+        from nas_data.hardware.xl320.survey import refuse_duplicates
 
         old, _, new = text.partition(":")
         if not (old.isdecimal() and new.isdecimal() and int(old) <= 252 and int(new) <= 252):

@@ -24,7 +24,7 @@ class View(ShowsEpisode):
             raise OptionError(f"--out {self.out} must end in .rrd, by which Rerun knows its recordings.")
         if self.out is not None and self.out.exists():
             raise OutputExists(f"{self.out} exists; choose another --out.")
-        from nas_data.films.rerun_log import RerunLog
+        from nas_data.reports.films.rerun_log import RerunLog
 
         recording = RerunLog(self.dataset.name, self.episode, self.out)
         root, motion = self.motion()

@@ -6,9 +6,9 @@ from typing import ClassVar
 
 import mujoco
 
-from nas_data.actuator_lookup import WIDEST_PLAY
 from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.effects.edits.series import add_series_joint, angle
+from nas_data.mjcf.actuator_lookup import WIDEST_PLAY
 
 HARD_STOP = (0.99, 0.999, 0.001, 0.5, 2.0)  # impedance: under the servo's torque the stop gives way by under 1e-4 rad
 

@@ -10,11 +10,11 @@ from typing import ClassVar, Self
 import mujoco
 
 from nas_data import registry
-from nas_data.actuator_lookup import driven_joint
 from nas_data.effects.edits.damping_ratio import settle_damping
 from nas_data.effects.edits.hook import StepHook
 from nas_data.errors import JointMismatch, NasError, OptionError
 from nas_data.joint_units import unit_at
+from nas_data.mjcf.actuator_lookup import driven_joint
 
 HARDLY = 1e-3  # of its spread by which a detail is put beside its neutral zero to be sought
 

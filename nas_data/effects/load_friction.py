@@ -7,12 +7,12 @@ from typing import ClassVar, Self
 import mujoco
 import numpy as np
 
-from nas_data.actuator_lookup import leverage, servo_actuators
 from nas_data.effects.base import Effect, Parameter, Scales, joint_actuator
 from nas_data.effects.coulomb_friction import CoulombFriction
 from nas_data.effects.edits.holding import hold_firmly
 from nas_data.effects.edits.hook import StepForces, StepHook
 from nas_data.effects.edits.press import press_pad
+from nas_data.mjcf.actuator_lookup import leverage, servo_actuators
 
 
 @dataclass(frozen=True, kw_only=True)

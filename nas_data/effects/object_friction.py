@@ -7,7 +7,7 @@ import mujoco
 
 from nas_data.effects.base import Effect, Parameter
 from nas_data.effects.edits.objects import add_contact, collides, find_objects, partners
-from nas_data.unique_name import free_name
+from nas_data.mjcf.unique_name import free_name
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,8 +9,8 @@ import numpy as np
 
 from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.errors import ModelFileError
+from nas_data.mjcf.unique_name import free_name
 from nas_data.robots.base import actuated_joints, deepest_joint
-from nas_data.unique_name import free_name
 
 NAME = "payload"
 NEAR = 0.05  # [m] from the last link's centre of mass; what is carried by a hand is rarely further

@@ -8,8 +8,8 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from nas_data.actuator_lookup import BAND
 from nas_data.effects.base import Effect, Parameter, Scales, joint_actuator
+from nas_data.mjcf.actuator_lookup import BAND
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from nas_data.errors import ModelFileError
-from nas_data.strip_meshes import colliding_shapes, exact_xml, meshless, needs_files
+from nas_data.mjcf.strip_meshes import colliding_shapes, exact_xml, meshless, needs_files
 
 ASSETS = "assets"
 OTHER_MODELS = re.compile(r"<(?:model|include)\b[^>]*\bfile\s*=\s*[\"']([^\"']+)[\"']")

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from nas_data.actuator_lookup import GOAL, goal_joints
+from nas_data.mjcf.actuator_lookup import GOAL, goal_joints
 
 
 def keep_keyframes(spec: mujoco.MjSpec, before: mujoco.MjModel) -> None:

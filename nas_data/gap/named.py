@@ -7,11 +7,11 @@ from pathlib import Path
 
 import mujoco
 
-from nas_data.bake_inertia import explicit
 from nas_data.effects.base import Effect, read_effects
 from nas_data.errors import JointMismatch, OptionError
 from nas_data.gap.nominal_parameters import apply_base, base_parameters
 from nas_data.gap.write_model import EFFECTS, read_factors
+from nas_data.mjcf.bake_inertia import explicit
 from nas_data.robots.base import Robot
 
 

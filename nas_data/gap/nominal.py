@@ -7,7 +7,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from nas_data.bake_inertia import explicit
 from nas_data.effects.base import Effect
 from nas_data.effects.edits.damping_ratio import settle_damping
 from nas_data.effects.edits.servo import position_servo, scale_stiffness
@@ -15,10 +14,11 @@ from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.integrator import FINE, make_implicit, whole_step
 from nas_data.gap.nominal_parameters import NominalParameter, apply_base, base_parameters
 from nas_data.gap.side_by_side import shares_cores
+from nas_data.mjcf.bake_inertia import explicit
+from nas_data.mjcf.strip_meshes import colliding_shapes, meshless, needs_files
 from nas_data.robots.base import Robot, find_robot, slide_joints
 from nas_data.simulators.lock_joints import hold_others
 from nas_data.simulators.mujoco import MujocoSimulator
-from nas_data.strip_meshes import colliding_shapes, meshless, needs_files
 
 
 @dataclass(frozen=True)

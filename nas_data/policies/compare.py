@@ -8,10 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.code_hash import code_hash
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import OptionError, SimulationDiverged
-from nas_data.parallel import run_jobs
 from nas_data.policies.evaluate import score_policy, summarise_spread
 from nas_data.policies.folder import write
 from nas_data.policies.learner import Hyperparameters, PolicyTraining
@@ -19,6 +17,8 @@ from nas_data.policies.policy import load_policy, read_progress
 from nas_data.policies.ppo import Report, check_folder, to_stderr, train
 from nas_data.policies.share import Share, Stake, share, share_heading, stake
 from nas_data.policies.tables import align_columns
+from nas_data.runs.code_hash import code_hash
+from nas_data.runs.parallel import run_jobs
 
 RESULT = "result.json"
 SOURCE_METHOD, EXPERT_METHOD = "source", "expert"  # the two ends of the distance that a method closes a share of

@@ -12,13 +12,13 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from nas_data.code_hash import code_hash
-from nas_data.environment_info import commit, versions
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import SimulationDiverged
 from nas_data.policies import folder as files
 from nas_data.policies.actor_critic import ActorCritic
+from nas_data.runs.code_hash import code_hash
+from nas_data.runs.environment_info import commit, versions
 from nas_data.simulators.base import Stepper
 
 TRAINED_BY = "nas_data.policies.ppo"  # it takes the steps of this module

@@ -6,10 +6,10 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from nas_data.arms.base import Arm, Driver
 from nas_data.dataset.incremental_writer import Growing
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.errors import ArmError
+from nas_data.hardware.arms.base import Arm, Driver
 from nas_data.recorders.arm_dataset import to_dataset
 from nas_data.recorders.arm_motion import ArmEpisode, ArmMotion
 from nas_data.recorders.arm_plan import MotionPlan

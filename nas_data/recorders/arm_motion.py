@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from nas_data.arms.base import Arm, Health, Reading
 from nas_data.dataset.timing import late_readings
+from nas_data.hardware.arms.base import Arm, Health, Reading
 from nas_data.recorders.arm_ways import Ways
 from nas_data.recorders.schedule import Clock
 from nas_data.recorders.tolerance import Tolerance

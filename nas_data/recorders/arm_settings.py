@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Self
 
-from nas_data.arms.base import Registers
+from nas_data.hardware.arms.base import Registers
 
 KEY = "registers"  # under which provenance holds them, in the target
 

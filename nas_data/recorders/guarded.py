@@ -6,9 +6,9 @@ from types import TracebackType
 
 import numpy as np
 
-from nas_data.arms.base import Driver
-from nas_data.arms.safety import make_safe
 from nas_data.errors import GuardLost
+from nas_data.hardware.arms.base import Driver
+from nas_data.hardware.arms.safety import make_safe
 from nas_data.recorders.arm_motion import ArmMotion
 from nas_data.recorders.arm_ways import Ways
 from nas_data.recorders.schedule import Clock

@@ -10,10 +10,10 @@ from lerobot.motors.motors_bus import SerialMotorsBus
 from lerobot.robots import Robot as LeRobot
 from lerobot.utils.errors import DeviceNotConnectedError
 
-from nas_data.arms.base import Health, Reading
-from nas_data.arms.line import ATTEMPTS, Line, Register, charge, report_lost_port
-from nas_data.arms.port_errors import lost_port_error, refusal
 from nas_data.errors import ArmError, BadReply, ServoSilent
+from nas_data.hardware.arms.base import Health, Reading
+from nas_data.hardware.arms.line import ATTEMPTS, Line, Register, charge, report_lost_port
+from nas_data.hardware.arms.port_errors import lost_port_error, refusal
 from nas_data.recorders.lerobot_checks import (
     VOLTAGE,
     nobody,

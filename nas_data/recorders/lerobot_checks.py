@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nas_data.arms.base import Health
 from nas_data.errors import (
     ArmError,
     DuplicateId,
@@ -17,7 +16,8 @@ from nas_data.errors import (
     SupplyLow,
     WrongModel,
 )
-from nas_data.xl320.fitness import MARGIN
+from nas_data.hardware.arms.base import Health
+from nas_data.hardware.xl320.fitness import MARGIN
 
 if TYPE_CHECKING:
     from nas_data.recorders.lerobot_arm import LeRobotArm

@@ -16,13 +16,13 @@ from lerobot.robots import Robot as LeRobot
 from lerobot.robots import RobotConfig, make_robot_from_config
 
 from nas_data.errors import OptionError, UnknownName
+from nas_data.hardware.virtual_bus.arm import Mounted
+from nas_data.hardware.virtual_bus.options import Options
+from nas_data.hardware.virtual_bus.ports import VIRTUAL, port_of
 from nas_data.recorders.lerobot_arm import LeRobotDriver
 from nas_data.recorders.lerobot_frame import Frame, frame_of, full_range, refuse_other_joints
 from nas_data.recorders.lerobot_servos import family_of
 from nas_data.robots.base import Robot
-from nas_data.virtual_bus.arm import Mounted
-from nas_data.virtual_bus.options import Options
-from nas_data.virtual_bus.ports import VIRTUAL, port_of
 
 ASIDE = 0.1  # [rad] from its rest as a hand left the virtual arm
 SPREAD, STEP = 1001, 317  # counts by which the virtual horns are off: a number of its own for every servo

@@ -7,8 +7,8 @@ import numpy as np
 from lerobot.motors import MotorNormMode
 from lerobot.motors.motors_bus import SerialMotorsBus
 
-from nas_data.arms.line import Register, StopRegisters
 from nas_data.errors import OptionError
+from nas_data.hardware.arms.line import Register, StopRegisters
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,9 @@ import time
 from collections.abc import Mapping
 from types import TracebackType
 
-from nas_data.arms.base import Driver
-from nas_data.arms.safety import make_safe, open_charge
 from nas_data.errors import ArmError, GuardLost
+from nas_data.hardware.arms.base import Driver
+from nas_data.hardware.arms.safety import make_safe, open_charge
 
 ALL_WELL = b"all is well"
 HANG = 1.0  # [s] beyond the time that was promised after which a process that says nothing is taken to hang

@@ -12,12 +12,12 @@ from pathlib import Path
 import mujoco
 
 from nas_data import registry
-from nas_data.actuator_lookup import driven_joint
-from nas_data.check_angle_units import angle_doubts
-from nas_data.default_servos import add_position_servos, add_torque_motors, motor_joints
-from nas_data.engine_warnings import heard_warnings, pass_on
 from nas_data.errors import ModelFileError
-from nas_data.floating_base import falling_bases, hold_bases
+from nas_data.mjcf.actuator_lookup import driven_joint
+from nas_data.mjcf.check_angle_units import angle_doubts
+from nas_data.mjcf.default_servos import add_position_servos, add_torque_motors, motor_joints
+from nas_data.mjcf.engine_warnings import heard_warnings, pass_on
+from nas_data.mjcf.floating_base import falling_bases, hold_bases
 from nas_data.visible_files import visible
 from nas_data.warn_once import say_once
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from nas_data.actuator_lookup import goal_joints
 from nas_data.effects.base import Effect
 from nas_data.effects.edits.hook import StepForces
 from nas_data.errors import ModelFileError, SimulationDiverged
+from nas_data.mjcf.actuator_lookup import goal_joints
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.bullet_world import BulletWorld
 from nas_data.simulators.compiled import Compiled

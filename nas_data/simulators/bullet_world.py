@@ -13,8 +13,8 @@ from types import ModuleType
 import mujoco
 import numpy as np
 
-from nas_data.actuator_lookup import HELD
 from nas_data.errors import MissingPackage, ModelFileError
+from nas_data.mjcf.actuator_lookup import HELD
 from nas_data.simulators.urdf import ROTOR, link_name, to_urdf
 
 RIGID = 1e9  # [N·m] no gear slips

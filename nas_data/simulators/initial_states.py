@@ -6,7 +6,7 @@ from enum import IntEnum
 import mujoco
 import numpy as np
 
-from nas_data.actuator_lookup import BAND, GAIN, GOAL, servo_actuators
+from nas_data.mjcf.actuator_lookup import BAND, GAIN, GOAL, servo_actuators
 from nas_data.simulators.controls import CONTROLLERS, length_feedback
 from nas_data.simulators.layout import Layout, settle_actuator
 

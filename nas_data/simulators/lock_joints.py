@@ -6,12 +6,12 @@ from collections.abc import Iterator, Sequence
 import mujoco
 import numpy as np
 
-from nas_data.actuator_lookup import HELD, WIDEST_PLAY, goal_joints, pad_joints
 from nas_data.dataset.features import POSITION
 from nas_data.errors import ModelFileError
+from nas_data.mjcf.actuator_lookup import HELD, WIDEST_PLAY, goal_joints, pad_joints
+from nas_data.mjcf.unique_name import free_name
 from nas_data.simulators.controls import UntoldControl, length_control, length_feedback
 from nas_data.simulators.layout import Layout
-from nas_data.unique_name import free_name
 
 RIGID = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # impedance, the engine's largest
 STILL = 1e-6  # [rad] or [m] off its reference to which a servo without a command may go

@@ -12,8 +12,8 @@ import mujoco.rollout
 import numpy as np
 
 from nas_data.effects.base import Effect
-from nas_data.engine_warnings import heard_instability
 from nas_data.errors import ModelFileError
+from nas_data.mjcf.engine_warnings import heard_instability
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.compiled import Compiled
 from nas_data.simulators.hooks import HookedBatch, Switching, roll_hooked

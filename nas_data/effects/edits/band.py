@@ -3,12 +3,12 @@
 import mujoco
 import numpy as np
 
-from nas_data.actuator_lookup import BAND, DAMPING, DRIVE, GAIN, GOAL, PARTS
 from nas_data.effects.edits.passive import add_passive
 from nas_data.effects.edits.pristine import clear_joint, clear_tendon
 from nas_data.effects.edits.servo import feedback, limit_torque, multiply_servo, torque_limits
 from nas_data.errors import ModelFileError
-from nas_data.unique_name import free_name
+from nas_data.mjcf.actuator_lookup import BAND, DAMPING, DRIVE, GAIN, GOAL, PARTS
+from nas_data.mjcf.unique_name import free_name
 
 SHARE = 1e-4  # stiffness that the servo leaves to the joint over the one with which it moves the goal
 QUICK = 1 / 200  # of the goal's damping · timestep is its inertia: it arrives within one physics step

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from nas_data.effects.edits.passive import add_passive
-from nas_data.unique_name import free_name
+from nas_data.mjcf.unique_name import free_name
 
 REST = 1e-3  # part of the bristles' friction that stays at speed; the engine divides by it
 STIFF = 2.0  # stiffness times timestep²/inertia: at 1 a load may tear them off too soon, at 4 they would swing for ever

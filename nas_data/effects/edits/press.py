@@ -3,11 +3,11 @@
 import mujoco
 import numpy as np
 
-from nas_data.actuator_lookup import PAD, PARTS, PRESSED
 from nas_data.effects.base import joint_actuator
 from nas_data.effects.edits.pristine import clear_joint, clear_tendon
 from nas_data.errors import ModelFileError
-from nas_data.unique_name import free_name
+from nas_data.mjcf.actuator_lookup import PAD, PARTS, PRESSED
+from nas_data.mjcf.unique_name import free_name
 
 # Tried on servos of XL-320 size and on ones four times as quick (up to 22 rad/s), at a step of 0.5 ms and ratios of 0.1
 # to 0.6: within 0.1° and 0.4° of the equation. Files made for 0.5 ms are within 0.2° and 0.5° at 1 ms and jam at 2 ms.

@@ -6,10 +6,10 @@ import re
 import mujoco
 import numpy as np
 
-from nas_data.actuator_lookup import driven_joint
 from nas_data.dataset.features import POSITION
 from nas_data.effects.edits.pristine import JOINT, clear_joint, clear_tendon
-from nas_data.unique_name import free_name
+from nas_data.mjcf.actuator_lookup import driven_joint
+from nas_data.mjcf.unique_name import free_name
 
 SMALLEST = 2e-5  # [kg m²] a hinge that carries less inertia than this rings at 2 ms
 STOP = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # impedance that on the lightest link still holds the motor behind it

@@ -5,9 +5,9 @@ from collections.abc import Iterable
 import mujoco
 import numpy as np
 
-from nas_data.actuator_lookup import BAND, DAMPING, GAIN, GOAL, PARTS, REST_SHIFT, driven_joint
 from nas_data.effects.base import joint_actuator
 from nas_data.errors import ModelFileError
+from nas_data.mjcf.actuator_lookup import BAND, DAMPING, GAIN, GOAL, PARTS, REST_SHIFT, driven_joint
 
 
 def position_servo(spec: mujoco.MjSpec, joint: str, effect: str) -> mujoco.MjsActuator:

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from nas_data.actuator_lookup import BAND, GOAL, goal_joints, servo_actuators
 from nas_data.dataset.features import EFFORT
 from nas_data.effects.command_delay import CommandDelay
 from nas_data.envs.loop.ranges import RANGES, Factors, Ranges
+from nas_data.mjcf.actuator_lookup import BAND, GOAL, goal_joints, servo_actuators
 from nas_data.simulators.base import Stepper
 from nas_data.simulators.controls import control_range, find_command, length_feedback
 from nas_data.simulators.mujoco import MujocoStepper

@@ -1,0 +1,119 @@
+"""The blind benchmark: every family on every plant, one JSON file a finished case, which is never done again."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from nas_data.benchmarks.blind.baselines.base import find_baseline
+from nas_data.benchmarks.blind.case import DEFAULT, FAMILIES, Identity
+from nas_data.benchmarks.blind.code import check_code
+from nas_data.benchmarks.blind.plants.base import find_plant
+from nas_data.benchmarks.blind.run_case import Investigate, Judge, Record, read_record, store_record
+from nas_data.benchmarks.blind.settings.base import find_setting
+from nas_data.errors import OptionError, UnknownName
+
+RESULTS, FOLDERS = "results", "cases"
+
+
+@dataclass(frozen=True)
+class BlindPlan:
+    """What is run.
+
+    Attributes:
+        families: Families of cases.
+        plants: Plants that play them.
+        cases: Cases of each family on each plant.
+        seed: Master seed.
+        faint: Whether effects too small to be named may hide, for the power curve.
+        baselines: Methods that are given the same cases.
+        keep: Whether the datasets stay.
+        setting: What the cases look like.
+    """
+
+    families: tuple[str, ...]
+    plants: tuple[str, ...]
+    cases: int
+    seed: int
+    faint: bool = False
+    baselines: tuple[str, ...] = ()
+    keep: bool = False
+    setting: str = DEFAULT
+
+    def check(self) -> None:
+        """Say what is wrong before hours are spent.
+
+        Raises:
+            UnknownName: there is no such family, plant, baseline or setting.
+            OptionError: there is nothing to do.
+        """
+        for family in self.families:
+            if family not in FAMILIES:
+                raise UnknownName("family", family, FAMILIES)
+        for plant in self.plants:
+            find_plant(plant)
+        for name in self.baselines:
+            find_baseline(name)
+        find_setting(self.setting)
+        if self.cases < 1 or not self.families or not self.plants:
+            raise OptionError("The benchmark needs at least one family, one plant and one case.")
+
+    def identities(self) -> Iterator[Identity]:
+        """Return the cases, families in turn, so that an interrupted benchmark has some of each."""
+        for number in range(self.cases):
+            for family in self.families:
+                for plant in self.plants:
+                    yield Identity(family, plant, number, self.seed, self.faint, self.setting)
+
+
+def run(plan: BlindPlan, out: Path, investigate: Investigate, report: Callable[[str], None]) -> list[Record]:
+    """Run every case that is not finished yet and return the records of all.
+
+    Args:
+        plan: What is run.
+        out: `results/` holds a JSON file a finished case, `cases/` their folders.
+        investigate: The workflow under test.
+        report: Told of each case in a sentence.
+
+    Raises:
+        UnknownName, OptionError: the plan cannot be run.
+        OutputExists: finished cases were judged by other code.
+    """
+    plan.check()
+    return run_cases(list(plan.identities()), Judge(investigate, plan.baselines, plan.keep), out, report)
+
+
+def run_cases(identities: Sequence[Identity], judge: Judge, out: Path, report: Callable[[str], None]) -> list[Record]:
+    """Run those of some cases that are not finished yet and return the records of all; see `run`."""
+    paths = {identity: out / RESULTS / f"{identity.name}.json" for identity in identities}
+    known = {identity: record for identity, path in paths.items() if (record := read_record(path)) is not None}
+    check_code(known, out)
+    records, began, judged = [], time.monotonic(), 0
+    for done, (identity, path) in enumerate(paths.items(), start=1):
+        record = known.get(identity)
+        if record is None or not judge.is_done(record):
+            record = store_record(path, judge.judge(identity, out / FOLDERS / identity.name, record))
+            judged += 1
+            left = (time.monotonic() - began) / judged * (len(paths) - done)
+            report(f"{done} of {len(paths)}, about {left / 60:.0f} min left: {tell(record)}")
+        records.append(record)
+    return records
+
+
+def tell(record: Record) -> str:
+    """Return a finished case in one line."""
+    if "fault" in record:
+        return f"{record['case']}: {record['fault']}"
+    fresh = record["fresh"]
+    assert isinstance(fresh, dict)
+    after, floor = fresh["after"], fresh["floor"]
+    rest = "no usable model" if after is None else f"{after / floor:.1f} floors left"
+    right = "right" if record["exact"] else "CONFIDENTLY WRONG" if record["confident_wrong"] else "not exact"
+    names = f"{words(record['true'])} → {words(record['named'])}"
+    return f"{record['case']}: {right}, {record['verdict']}, {rest}, {record['seconds']:.0f} s: {names}"
+
+
+def words(names: object) -> str:
+    """Return effects as words."""
+    assert isinstance(names, list)
+    return ", ".join(f"{effect} {joint}" if joint else str(effect) for effect, joint in names) or "nothing"

@@ -1,0 +1,130 @@
+"""One case of the benchmark: everything in it follows from its family, plant, number and the master seed."""
+
+import hashlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from nas_data.benchmarks.blind.arms import NominalArm
+from nas_data.benchmarks.blind.conditions import Conditions
+from nas_data.benchmarks.blind.indistinct import equals_of
+from nas_data.benchmarks.blind.plants.constants import Constants
+from nas_data.benchmarks.blind.truth import Truth
+from nas_data.errors import UnknownName
+
+EVERY = "every"  # family whose effect hides in every joint
+# how many effects of the contract's table hide in a case of each family
+FAMILIES = {"none": 0, "one": 1, "two": 2, "three": 3, "outside": 1, EVERY: 1}
+DEFAULT = "xl320"  # setting whose cases are named without it, as they were before there were others
+
+
+@dataclass(frozen=True)
+class Identity:
+    """What names a case.
+
+    Attributes:
+        family: One of `FAMILIES`.
+        plant: What plays it.
+        number: Its number in the family, from zero.
+        seed: Master seed of the benchmark.
+        faint: Whether effects too small to be named may hide, for the power curve.
+        setting: File of `settings/` that draws it.
+    """
+
+    family: str
+    plant: str
+    number: int
+    seed: int
+    faint: bool = False
+    setting: str = DEFAULT
+
+    def __post_init__(self) -> None:
+        if self.family not in FAMILIES:
+            raise UnknownName("family", self.family, FAMILIES)
+
+    @property
+    def name(self) -> str:
+        """Name of its folder."""
+        sort = f"{'power-' if self.faint else ''}{'' if self.setting == DEFAULT else f'{self.setting}-'}"
+        return f"{sort}{self.family}-{self.plant}-{self.seed}-{self.number:04d}"
+
+    def stream(self, purpose: str) -> np.random.Generator:
+        """Return a source of randomness of its own for one purpose, by SHA-256."""
+        digest = hashlib.sha256(f"{self.name}/{purpose}".encode()).digest()
+        return np.random.default_rng(np.frombuffer(digest, np.uint32).tolist())
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """Commands and what the plant did.
+
+    Attributes:
+        commands: Commanded positions [rad] or torques [N m], shape (E, T, n).
+        poses: Commanded before each episode, or where it begins [rad], shape (E, n).
+        positions: Where the links were before the first command and after each [rad], shape (E, T + 1, n).
+        readings: The same as the sensors reported it [rad].
+        speeds: As they were reported [rad/s], shape (E, T + 1, n); None where they are to be differenced.
+        start_speeds: How fast the links were before the first command [rad/s], shape (E, n); None where they rested.
+    """
+
+    commands: np.ndarray
+    poses: np.ndarray
+    positions: np.ndarray
+    readings: np.ndarray
+    speeds: np.ndarray | None = None
+    start_speeds: np.ndarray | None = None
+
+    @property
+    def starts(self) -> np.ndarray:
+        """Where who plays an episode starts, positions [rad] then speeds [rad/s], shape (E, 2n).
+
+        At the first reading, at rest; where the episode began in motion, at what was true: an error of the start would
+        stay, for no position is commanded, and the model is judged, not the start.
+        """
+        if self.start_speeds is None:
+            return np.concatenate([self.readings[:, 0], np.zeros_like(self.poses)], axis=1)
+        return np.concatenate([self.positions[:, 0], self.start_speeds], axis=1)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A case with its sealed answer.
+
+    Attributes:
+        identity: What names it.
+        arm: Nominal arm.
+        conditions: Under what it was recorded.
+        truth: What hides in the plant.
+        marks: What each hidden effect does to the positions, as a multiple of the noise floor.
+        marked_joints: Joint on which each mark was measured.
+        recorded: Episodes that are handed over.
+        fresh: Episodes that are never handed over.
+    """
+
+    identity: Identity
+    arm: NominalArm
+    conditions: Conditions
+    truth: Truth
+    marks: tuple[float, ...]
+    marked_joints: tuple[str, ...]
+    recorded: Episodes
+    fresh: Episodes
+
+    def answer(self) -> dict[str, object]:
+        """Return the sealed answer."""
+        constants = Constants.of(self.arm.model())
+        effects = [
+            {**hidden.to_json(), "mark": mark, "marked_joint": joint}
+            | ({"equals": others} if (others := equals_of(constants, hidden)) else {})
+            for hidden, mark, joint in zip(self.truth.hidden, self.marks, self.marked_joints, strict=True)
+        ]
+        return {
+            "case": self.identity.name,
+            **vars(self.identity),
+            "arm": self.arm.name,
+            "joints": list(self.arm.joints),
+            "excitation": self.conditions.signal,
+            "conditions": self.conditions.to_json(),
+            "effects": effects,
+            "base": self.truth.base.to_json(),
+        }

@@ -1,0 +1,61 @@
+"""Which code decides a case's record: records of other code are refused, so that no table mixes them."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TypeAlias
+
+from nas_data.benchmarks.blind.case import Identity
+from nas_data.benchmarks.blind.findings import mapping
+from nas_data.benchmarks.blind.plants.base import SUFFIX
+from nas_data.benchmarks.blind.sampling import SCREEN
+from nas_data.benchmarks.blind.settings.base import find_setting
+from nas_data.errors import OutputExists
+from nas_data.runs.code_hash import code_hash
+from nas_data.runs.gap_code import gap_modules
+
+Record: TypeAlias = Mapping[str, object]  # of a finished case
+
+
+def case_code(identity: Identity) -> str:
+    """Return the hash of what draws a case, plays it, names what hides in it and grades the names."""
+    played_on = {identity.plant, SCREEN, find_setting(identity.setting).screen}
+    plants = (f"nas_data.benchmarks.blind.plants.{plant}{SUFFIX}" for plant in played_on)
+    setting = f"nas_data.benchmarks.blind.settings.{identity.setting}"
+    return code_hash(*gap_modules(), *plants, setting, "nas_data.benchmarks.blind.run_case")
+
+
+def baseline_code(name: str) -> str:
+    """Return the hash of what a baseline answers; what grades it is the case's."""
+    return code_hash(f"nas_data.benchmarks.blind.baselines.{name}")
+
+
+def check_code(records: Mapping[Identity, Record], folder: Path) -> None:
+    """Refuse records of other code, before hours are spent.
+
+    Args:
+        records: Finished cases.
+        folder: Where they lie.
+
+    Raises:
+        OutputExists: some were judged by other code, or by code that they do not name.
+    """
+    other = [record for identity, record in records.items() if not is_by_this_code(identity, record)]
+    if other:
+        raise OutputExists(
+            f"{folder} holds {len(other)} case{'s' * (len(other) > 1)} judged by other code of nas_data "
+            f"({tell_commits(other)}): the search, the cases or the grading were changed since; "
+            f"remove {folder} or choose another --out."
+        )
+
+
+def is_by_this_code(identity: Identity, record: Record) -> bool:
+    """Whether a case and all baselines on it were judged by the present code."""
+    answers = {name: mapping(answer) for name, answer in mapping(record.get("baselines", {})).items()}
+    same = all(answer.get("code") == baseline_code(name) for name, answer in answers.items())
+    return same and record.get("code") == case_code(identity)
+
+
+def tell_commits(records: Sequence[Record]) -> str:
+    """Name the commits of records."""
+    commits = sorted({str(record["commit"])[:12] for record in records if record.get("commit")})
+    return f"commit {', '.join(commits)}" if commits else "they name no commit"

@@ -1,0 +1,64 @@
+"""What is left of a case by who knows the answer: the true effects and base, in a model file like any other."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from nas_data.benchmarks.blind.findings import mapping, number, read_list, sequence
+from nas_data.benchmarks.blind.fresh import Fresh
+from nas_data.benchmarks.blind.plants.mujoco_plant import multiply
+from nas_data.benchmarks.blind.truth import Base
+from nas_data.benchmarks.blind.write import NOMINAL
+from nas_data.effects.base import Effect, Scales, add_effects, from_json, joint_actuator
+from nas_data.effects.edits.series import measured_tendon
+from nas_data.effects.edits.servo import stiffness, torque_limits
+from nas_data.errors import ModelFileError, UnknownName
+
+WINDOW = 0.05  # [s] over which speeds are taken
+LEAN = 0.5  # [rad] of error at which a servo without limits gives a large torque
+FINE = 0.0005  # [s] physics step at which what a step costs is below the noise
+
+
+def least_error(folder: Path, answer: Mapping[str, object], fresh: Fresh) -> float | None:
+    """Return the RMSE [rad] on the fresh episodes of a case's model with the true effects, at the true base.
+
+    Fresh episodes start at the first measured pose, whatever was commanded before. Who names everything rightly still
+    errs until a play, a band or a delayed command has been forgotten; nobody should be asked for less.
+
+    Returns:
+        None where the answer is outside the catalogue, or beyond a model file.
+    """
+    try:
+        effects = [from_json(entry) for entry in read_list(answer["effects"])]
+    except UnknownName:
+        return None
+    spec = mujoco.MjSpec.from_file(str(folder / NOMINAL))
+    spec.option.timestep = min(spec.option.timestep, FINE)
+    base = {
+        name: tuple(number(value) for value in sequence(values)) for name, values in mapping(answer["base"]).items()
+    }
+    multiply(spec, fresh.joints, Base(**base))
+    forms = [effect.written(sizes(spec, effect, fresh)) for effect in effects]
+    try:
+        add_effects(spec, [form for form in forms if form is not None])
+    except ModelFileError:
+        return None
+    for joint in fresh.joints:
+        measured_tendon(spec, joint)
+    return None if None in forms else fresh.error_of(spec.compile(), folder / NOMINAL)
+
+
+def sizes(spec: mujoco.MjSpec, effect: Effect, fresh: Fresh) -> Scales:
+    """Return what is large at an effect's joint, by model and fresh episodes; at the first one for the arm's effects.
+
+    A load friction's form in a file is made for a torque and a speed, and for nothing else.
+    """
+    joint = fresh.joints[0] if effect.joint is None else effect.joint
+    gap = max(1, round(WINDOW * fresh.rate))
+    moved = np.abs(fresh.positions[:, gap:] - fresh.positions[:, :-gap])[..., fresh.joints.index(joint)]
+    speed = float(np.percentile(moved, 98)) * fresh.rate / gap
+    limits = torque_limits(joint_actuator(spec, joint))
+    torque = max(map(abs, limits)) if limits else stiffness(spec, joint) * LEAN
+    return Scales(stiffness(spec, joint), 0.0, 0.0, 0.0, torque, speed)

@@ -1,0 +1,130 @@
+"""The same drives on PyBullet's multibody: its dynamics and its integration, our servos, friction and transmissions."""
+
+import tempfile
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.benchmarks.blind.plants.base import Feedback, in_groups, pad_commands, player, starting
+from nas_data.benchmarks.blind.plants.body import PlantBody, stack_arms
+from nas_data.benchmarks.blind.plants.motion import PlantState
+from nas_data.benchmarks.blind.plants.servo_model import LEAD, REFRESH, Drive
+from nas_data.benchmarks.blind.plants.urdf import to_urdf
+from nas_data.simulators.bullet_world import import_pybullet, silence
+
+UNBOUNDED = 1e5  # [rad/s] PyBullet's own bound, 100 rad/s, is no physics
+
+
+def simulate(
+    bodies: list[PlantBody], commands: np.ndarray, starts: np.ndarray, period: float, feedback: Feedback | None
+) -> np.ndarray:
+    """Return states (C, E, T + 1, 2n) of C arms alike under commands (E, T, n) from states (E, 2n)."""
+    episodes, steps, n = commands.shape
+    first = np.concatenate([starting(body, starts) for body in bodies])
+    drive = Drive.of(stack_arms(bodies, episodes))
+    motion = PlantState(drive, np.tile(pad_commands(bodies[0], commands), (len(bodies), 1, 1)), period, first)
+    at = np.split(np.concatenate([motion.q, motion.v], axis=1), len(bodies))
+    measured = np.empty((len(motion.q), steps + 1, 2 * n))
+    measured[:, 0] = motion.state(n)
+    with ExitStack() as open_worlds:
+        worlds = [open_worlds.enter_context(BulletArms(body, rows)) for body, rows in zip(bodies, at, strict=True)]
+        for step in range(steps):
+            if feedback is not None:
+                motion.tell(step, pad_commands(bodies[0], feedback(step, measured[:, step])[:, None])[:, 0])
+            for _ in range(round(period / REFRESH)):
+                move(motion, worlds, episodes)
+            measured[:, step + 1] = motion.state(n)
+    return measured.reshape(len(bodies), episodes, steps + 1, 2 * n)
+
+
+play = player(in_groups(simulate))
+
+
+def move(motion: PlantState, worlds: "list[BulletArms]", episodes: int) -> None:
+    """Move on by `REFRESH`: the drives in their small steps, then one step of each world with their mean torques."""
+    rows = [slice(first, first + episodes) for first in range(0, len(motion.q), episodes)]
+    mass, bias = together([world.dynamics(world.v) for world in worlds])
+    before, (_, middle) = motion.v, motion.middle()
+    if motion.drive.motors:
+        motion.advance(*together([world.dynamics(middle[part]) for world, part in zip(worlds, rows, strict=True)]))
+    else:
+        motion.advance(mass, bias)
+    # what the drives gave the links on average, less what their rotors took, which PyBullet knows nothing of
+    torques = (mass @ ((motion.v - before) / REFRESH)[..., None])[..., 0] + bias
+    motion.q, motion.v = together([world.step(torques[part]) for world, part in zip(worlds, rows, strict=True)])
+
+
+def together(parts: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Return pairs of arrays as one pair."""
+    first, second = zip(*parts, strict=True)
+    return np.concatenate(first), np.concatenate(second)
+
+
+class BulletArms:
+    """One arm per episode in one PyBullet world, where they pass through each other."""
+
+    def __init__(self, body: PlantBody, starts: np.ndarray) -> None:
+        """Load the arms and put them where they start: angles [rad], then speeds [rad/s], shape (E, 2n).
+
+        Raises:
+            MissingPackage: PyBullet is not installed.
+        """
+        self.bullet = import_pybullet()
+        self.joints = list(range(len(body.masses)))
+        angles, self.v = np.split(starts, 2, axis=1)
+        self.q = angles + LEAD * self.v  # PyBullet's own, which run ahead
+        with silence():
+            self.client = self.bullet.connect(self.bullet.DIRECT)
+            self.bullet.setGravity(*body.gravity.tolist(), physicsClientId=self.client)
+            self.bullet.setPhysicsEngineParameter(fixedTimeStep=REFRESH, physicsClientId=self.client)
+            with tempfile.TemporaryDirectory() as folder:
+                file = Path(folder) / "arm.urdf"
+                file.write_text(to_urdf(body), encoding="utf-8")
+                both = zip(self.q.tolist(), self.v.tolist(), strict=True)
+                self.arms = [self._load(str(file), *row) for row in both]
+
+    def __enter__(self) -> "BulletArms":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.bullet.disconnect(physicsClientId=self.client)
+
+    def dynamics(self, speeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return PyBullet's mass matrices (E, n, n) and bias torques (E, n) where the arms are, at speeds (E, n)."""
+        bullet, client, still = self.bullet, self.client, [0.0] * len(self.joints)
+        mass, bias = [], []
+        for arm, angles, rates in zip(self.arms, self.q.tolist(), speeds.tolist(), strict=True):
+            mass.append(bullet.calculateMassMatrix(arm, angles, physicsClientId=client))
+            bias.append(bullet.calculateInverseDynamics(arm, angles, rates, still, physicsClientId=client))
+        return np.array(mass), np.array(bias)
+
+    def step(self, torques: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Apply joint torques (E, n) [N m] for one step.
+
+        Returns:
+            Angles [rad], set back by what they run ahead, and speeds [rad/s], shape (E, n) each.
+        """
+        bullet, client = self.bullet, self.client
+        for arm, row in zip(self.arms, torques.tolist(), strict=True):
+            bullet.setJointMotorControlArray(
+                arm, self.joints, bullet.TORQUE_CONTROL, forces=row, physicsClientId=client
+            )
+        bullet.stepSimulation(physicsClientId=client)
+        states = [bullet.getJointStates(arm, self.joints, physicsClientId=client) for arm in self.arms]
+        values = np.array([[state[:2] for state in row] for row in states])
+        self.q, self.v = values[..., 0], values[..., 1]
+        return self.q - LEAD * self.v, self.v
+
+    def _load(self, file: str, angles: list[float], speeds: list[float]) -> int:
+        """Load one arm without motors, drag and shapes."""
+        bullet, client = self.bullet, self.client
+        arm = int(
+            bullet.loadURDF(file, useFixedBase=True, flags=bullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client)
+        )
+        free = {"linearDamping": 0, "angularDamping": 0, "jointDamping": 0, "maxJointVelocity": UNBOUNDED}
+        for joint, (angle, speed) in enumerate(zip(angles, speeds, strict=True)):
+            bullet.changeDynamics(arm, joint, **free, physicsClientId=client)
+            bullet.setJointMotorControl2(arm, joint, bullet.VELOCITY_CONTROL, force=0, physicsClientId=client)
+            bullet.resetJointState(arm, joint, angle, speed, physicsClientId=client)
+        return arm

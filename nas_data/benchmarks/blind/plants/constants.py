@@ -1,0 +1,93 @@
+"""The constants of a serial arm as its compiled nominal model has them: links, axes and servos."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from nas_data.benchmarks.blind.plants.numbers import Links, Servos
+from nas_data.benchmarks.blind.plants.vectors import rotation
+from nas_data.errors import ModelFileError
+
+
+@dataclass
+class Constants(Servos, Links):
+    """A serial arm of n hinges and slides, each with a position servo or a motor.
+
+    Attributes:
+        joints: Names, from the base on.
+    """
+
+    joints: tuple[str, ...]
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel) -> "Constants":
+        """Read a compiled model.
+
+        Raises:
+            ModelFileError: it is no plain serial arm of hinges and slides with one position servo or motor each.
+        """
+        bodies = serial_bodies(model)
+        turned = [rotation(model.body_iquat[body]) for body in bodies]
+        inertias = [
+            turn @ np.diag(model.body_inertia[body]) @ turn.T for turn, body in zip(turned, bodies, strict=True)
+        ]
+        servos = np.array([servo_of(model, joint) for joint in range(model.njnt)])
+        force, control = model.actuator_forcerange[servos].copy(), model.actuator_ctrlrange[servos].copy()
+        force[model.actuator_forcelimited[servos] == 0] = (-np.inf, np.inf)
+        control[model.actuator_ctrllimited[servos] == 0] = (-np.inf, np.inf)
+        return cls(
+            joints=tuple(model.joint(joint).name for joint in range(model.njnt)),
+            offsets=model.body_pos[bodies].copy(),
+            sliding=model.jnt_type == int(mujoco.mjtJoint.mjJNT_SLIDE),
+            turns=np.stack([rotation(model.body_quat[body]) for body in bodies]),
+            axes=model.jnt_axis.copy(),
+            masses=model.body_mass[bodies].copy(),
+            centres=model.body_ipos[bodies].copy(),
+            inertias=np.stack(inertias),
+            gravity=model.opt.gravity.copy(),
+            damping=first_coefficients(model.dof_damping, model.nv),
+            armature=model.dof_armature.copy(),
+            friction=model.dof_frictionloss.copy(),
+            gain=-model.actuator_biasprm[servos, 1],
+            motor=np.where(model.actuator_biasprm[servos, 1] == 0, model.actuator_gainprm[servos, 0], 0.0),
+            servo_damping=-model.actuator_biasprm[servos, 2],
+            force=force,
+            control=control,
+        )
+
+
+def first_coefficients(values: np.ndarray, count: int) -> np.ndarray:
+    """Return the linear coefficient of each degree of freedom where the model may hold a polynomial."""
+    return np.asarray(values, float).reshape(count, -1)[:, 0].copy()
+
+
+def serial_bodies(model: mujoco.MjModel) -> list[int]:
+    """Return the bodies of a serial chain from the base on.
+
+    Raises:
+        ModelFileError: the moving bodies are no chain of one joint each, or the base is not at the origin.
+    """
+    bodies = [body for body in range(1, model.nbody) if model.body_jntnum[body]]
+    for before, body in zip([None, *bodies[:-1]], bodies, strict=True):
+        parent = int(model.body_parentid[body])
+        rooted = before is None and not model.body_weldid[parent] and not model.body_pos[parent].any()
+        if (parent != before and not rooted) or model.body_jntnum[body] != 1:
+            raise ModelFileError("A plant is a serial chain of bodies with one joint each, on a base at the origin.")
+    kinds = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+    if not np.isin(model.jnt_type, kinds).all() or model.jnt_pos.any():
+        raise ModelFileError("A plant has hinges and slides at the origins of their bodies, and no other joints.")
+    return bodies
+
+
+def servo_of(model: mujoco.MjModel, joint: int) -> int:
+    """Return the position servo or motor of a joint.
+
+    Raises:
+        ModelFileError: there is not exactly one.
+    """
+    drives = (model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)) & (model.actuator_trnid[:, 0] == joint)
+    found = np.flatnonzero(drives)
+    if len(found) != 1 or model.actuator_biasprm[found[0], 1] > 0:
+        raise ModelFileError(f"The joint '{model.joint(joint).name}' of a plant needs exactly one servo or motor.")
+    return int(found[0])

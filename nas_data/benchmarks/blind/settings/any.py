@@ -1,0 +1,77 @@
+"""Two to seven joints of any size, at any usual rate and resolution, under any usual command: other people's arms."""
+
+import numpy as np
+
+from nas_data.benchmarks.blind.arms import NominalArm
+from nas_data.benchmarks.blind.case import Identity
+from nas_data.benchmarks.blind.catalogue import INSIDE, OUTSIDE, EffectDraw, Rng, Span, Values, load
+from nas_data.benchmarks.blind.conditions import Conditions, Sensor
+from nas_data.benchmarks.blind.designs import draw_design
+from nas_data.benchmarks.blind.motions import SIGNALS, draw_motions
+from nas_data.benchmarks.blind.plants.constants import Constants
+from nas_data.benchmarks.blind.settings.base import CaseSetting
+
+RATES = (50.0, 100.0, 200.0)  # [Hz]
+EPISODES, FRESH = (10, 25), 8
+SECONDS = (2.5, 5.0)
+SETTLE = 1.5  # [s] three times an XL-320's: a damped loop of 2.5 Hz takes as long
+NOISE = (np.radians(0.03), np.radians(0.2))  # [rad] standard deviation before rounding
+QUANTA = (0.0, np.radians(0.088), np.radians(0.29))  # [rad] none, 4096 and 1241 steps a turn
+FINER = (0.1, 0.5)  # noise of a measured speed over that of differences of positions
+
+
+def draw(identity: Identity) -> tuple[NominalArm, Conditions]:
+    """Draw an arm and under what it is recorded."""
+    conditions = draw_conditions(identity)
+    return draw_design(identity.stream("arm"), conditions.period), conditions
+
+
+def draw_conditions(identity: Identity) -> Conditions:
+    """Draw under what an arm is recorded."""
+    rng = identity.stream("conditions")
+    rate = float(rng.choice(RATES))
+    return Conditions(
+        rate=rate,
+        seconds=float(rng.uniform(*SECONDS)),
+        episodes=int(rng.integers(EPISODES[0], EPISODES[1] + 1)),
+        fresh=FRESH,
+        settle=SETTLE,
+        signal=str(rng.choice(SIGNALS)),
+        sensor=draw_sensor(rng, rate),
+    )
+
+
+def draw_sensor(rng: Rng, rate: float) -> Sensor:
+    """Draw what the servos report at a rate [Hz]; half of them measure speed."""
+    noise, quantum = float(rng.uniform(*NOISE)), float(rng.choice(QUANTA))
+    floor = float(np.hypot(noise, quantum / np.sqrt(12)))
+    differenced, finer = np.sqrt(2) * floor * rate, rng.uniform(*FINER)
+    return Sensor(noise, quantum, floor, float(finer * differenced) if rng.random() < 0.5 else None)
+
+
+def draw_payload(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+    """A load anywhere on the last link, which is about twice as long as its centre of mass is far from its joint."""
+    centre = constants.centres[-1]
+    along = rng.uniform(-0.9, 0.9) * centre
+    aside = 0.2 * np.linalg.norm(centre) * rng.uniform(-1, 1, 3)
+    return {**load(rng, constants, joint, faint), **dict(zip("xyz", (along + aside).tolist(), strict=True))}
+
+
+def swing(rng: Rng, constants: Constants, joint: int, faint: bool) -> Values:
+    """A weight of a tenth to a half of the arm's moving mass on a string of a third to all of the last link."""
+    return {
+        "mass": float(constants.masses.sum()) * Span(0.1, 0.5, 0.01).draw(rng, faint),
+        "length": float(2 * np.linalg.norm(constants.centres[-1]) * rng.uniform(0.33, 1.0)),
+        "heading": float(rng.uniform(0, 2 * np.pi)),
+    }
+
+
+SETTING = CaseSetting(
+    draw,
+    draw_motions,
+    inside={**INSIDE, "payload": EffectDraw(draw_payload, per_joint=False, whole_arm=True)},
+    outside={**OUTSIDE, "swinging_load": EffectDraw(swing, per_joint=False, whole_arm=True)},
+    least=4.0,
+    most=60.0,
+    rounds=200,
+)

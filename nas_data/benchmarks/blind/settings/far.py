@@ -1,0 +1,37 @@
+"""Arms of the setting `any` whose model has a position gain of 3 to 50 times the true one in every joint."""
+
+from dataclasses import replace
+
+from nas_data.benchmarks.blind.arms import NominalArm
+from nas_data.benchmarks.blind.case import Identity
+from nas_data.benchmarks.blind.conditions import Conditions
+from nas_data.benchmarks.blind.designs import draw_design, logarithmic
+from nas_data.benchmarks.blind.settings import any as any_setting
+from nas_data.benchmarks.blind.truth import Hidden
+
+EXCESS = (3.0, 50.0)  # the model's gain over the true one: such gains are made up to hold still
+EFFECT = "servo_stiffness"
+
+
+def excess_of(identity: Identity) -> float:
+    """Return a case's gain of the model over the true one."""
+    return logarithmic(identity.stream("excess"), *EXCESS)
+
+
+def draw(identity: Identity) -> tuple[NominalArm, Conditions]:
+    """Draw what `any` draws and raise the gains of the model; its damping stays that of the true servos."""
+    conditions = any_setting.draw_conditions(identity)
+    return draw_design(identity.stream("arm"), conditions.period, excess_of(identity)), conditions
+
+
+def gains(identity: Identity, arm: NominalArm) -> tuple[Hidden, ...]:
+    """Return what the true servos differ by from the model's."""
+    return tuple(Hidden(EFFECT, joint, {"factor": 1 / excess_of(identity)}) for joint in arm.joints)
+
+
+SETTING = replace(
+    any_setting.SETTING,
+    draw=draw,
+    inside={name: kind for name, kind in any_setting.SETTING.inside.items() if name != EFFECT},
+    given=gains,
+)

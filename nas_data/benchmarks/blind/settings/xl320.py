@@ -1,0 +1,29 @@
+"""Six joints of an XL-320's size, 100 Hz, 20 episodes of 3 s, readings of 0.29 degrees: cases that all look alike."""
+
+import numpy as np
+
+from nas_data.benchmarks.blind.arms import NominalArm, draw_arm
+from nas_data.benchmarks.blind.case import Identity
+from nas_data.benchmarks.blind.catalogue import INSIDE, OUTSIDE
+from nas_data.benchmarks.blind.conditions import Conditions, Sensor
+from nas_data.benchmarks.blind.excitation import SIGNALS, episodes_of
+from nas_data.benchmarks.blind.plants.base import SETTLE
+from nas_data.benchmarks.blind.settings.base import CaseSetting
+
+RATE = 100.0  # [Hz]
+EPISODES, FRESH = 20, 10
+SECONDS = 3.0
+QUANTUM = np.radians(0.29)  # [rad] XL-320 e-manual
+NOISE = np.radians(0.05)  # [rad] standard deviation before rounding
+FLOOR = float(QUANTUM / np.sqrt(12))  # [rad] what rounding alone leaves
+SENSOR = Sensor(float(NOISE), float(QUANTUM), FLOOR)
+
+
+def draw(identity: Identity) -> tuple[NominalArm, Conditions]:
+    """Draw the Ergo Jr or a random arm of its size, and steps alone or a mixture of signals."""
+    arm = draw_arm(identity.stream("arm"))
+    signal = str(identity.stream("signal").choice(SIGNALS))
+    return arm, Conditions(RATE, SECONDS, EPISODES, FRESH, SETTLE, signal, SENSOR)
+
+
+SETTING = CaseSetting(draw, episodes_of, INSIDE, OUTSIDE, least=3.0, most=np.inf, rounds=40)

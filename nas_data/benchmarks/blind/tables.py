@@ -1,0 +1,159 @@
+"""The tables of the blind benchmark: rates by family and plant, confusions, reliability of confidence, power."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from nas_data.benchmarks.blind.findings import mapping, number, read_list, sequence, text
+from nas_data.benchmarks.blind.run_case import Record
+
+CONFIDENCES = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
+MARKS = (0.3, 1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0)
+NOTHING = "nothing"
+
+Row = dict[str, object]
+
+
+def tables(records: Sequence[Record]) -> dict[str, list[Row]]:
+    """Return every table of finished cases as rows.
+
+    Args:
+        records: One a case, as `judge` stores them.
+    """
+    named = [record for record in records if "fault" not in record]
+    result = {
+        "families": [family_row(*group) for group in group_by_family(records)],
+        "confusions": confusions(named),
+        "reliability": reliability(named),
+        "power": power(named),
+    }
+    return result | {"baselines": baseline_rows(records)}
+
+
+def group_by_family(records: Sequence[Record]) -> Iterable[tuple[str, str, list[Record]]]:
+    """Group by family and plant, in the order in which they first appear."""
+    groups: dict[tuple[str, str], list[Record]] = {}
+    for record in records:
+        groups.setdefault((str(record["family"]), str(record["plant"])), []).append(record)
+    return [(family, plant, group) for (family, plant), group in groups.items()]
+
+
+def family_row(family: str, plant: str, records: Sequence[Record]) -> Row:
+    """Summarise one family on one plant; what failed is wrong, but not confidently so."""
+    done = [record for record in records if "fault" not in record]
+    errors = [entry for record in done for entry in read_list(record["parameters"])]
+    return {
+        "family": family,
+        "plant": plant,
+        "cases": len(records),
+        "failed": len(records) - len(done),
+        "exact": share(record.get("exact") for record in records),
+        "confident_wrong": share(record.get("confident_wrong", False) for record in records),
+        "abstained": share(record.get("abstained", False) for record in records),
+        "verdict_right": share(record.get("verdict_right", False) for record in records),
+        "verdicts": dict(Counter(str(record["verdict"]) for record in records)),
+        "rest_over_floor": median(rest(record) for record in done),
+        "least_over_floor": median(rest(record, "least") for record in done if mapping(record["fresh"]).get("least")),
+        "before_over_floor": median(rest(record, "before") for record in done),
+        "parameter_error": median(number(entry["relative_error"]) for entry in errors),
+        "covered": share(entry["covered"] for entry in errors if entry["covered"] is not None),
+        "unexplained_joint_named": share(
+            record["unexplained_joint_named"] for record in done if record["unexplained_joint_named"] is not None
+        ),
+        "seconds": median(number(record["seconds"]) for record in done),
+    }
+
+
+def rest(record: Record, key: str = "after") -> float:
+    """Return the error on fresh episodes as a multiple of the floor; infinite where the model was of no use."""
+    fresh = mapping(record["fresh"])
+    return number(fresh.get(key), np.inf) / number(fresh["floor"])
+
+
+def share(values: Iterable[object]) -> float | None:
+    """Return the share of true values; None of none."""
+    flags = [bool(value) for value in values]
+    return sum(flags) / len(flags) if flags else None
+
+
+def median(values: Iterable[float]) -> float | None:
+    """Return the median; None of none."""
+    known = [value for value in values if not np.isnan(value)]
+    return float(np.median(known)) if known else None
+
+
+def confusions(records: Sequence[Record]) -> list[Row]:
+    """Count, for cases that hide one effect, what was named: effects by name, joints aside."""
+    rows: dict[str, Counter[str]] = {}
+    for record in records:
+        true, named = sequence(record["true"]), sequence(record["named"])
+        if len(true) > 1:
+            continue
+        row = rows.setdefault(effect_of(true[0]) if true else NOTHING, Counter())
+        row.update([effect_of(name) for name in named] or [NOTHING])
+    return [{"true": effect, "named": dict(rows[effect].most_common())} for effect in sorted(rows)]
+
+
+def effect_of(name: object) -> str:
+    """Return the effect of a stored name, a list of effect and joint."""
+    return str(text(sequence(name)[0]))
+
+
+def reliability(records: Sequence[Record]) -> list[Row]:
+    """Compare the confidence of findings with how often they were right."""
+    findings = [entry for record in records for entry in read_list(record["confidences"])]
+    known = [(number(entry["confidence"]), bool(entry["right"])) for entry in findings]
+    rows: list[Row] = []
+    for low, high in pairwise(CONFIDENCES):
+        inside = [pair for pair in known if low <= pair[0] < high or (high == 1.0 and pair[0] == 1.0)]
+        if inside:
+            said, right = (float(np.mean(values)) for values in zip(*inside, strict=True))
+            rows.append({"from": low, "to": high, "findings": len(inside), "confidence": said, "right": right})
+    return rows
+
+
+def power(records: Sequence[Record]) -> list[Row]:
+    """Return how often single effects were found by how much they show, as multiples of the noise floor."""
+    single = [record for record in records if len(sequence(record["true"])) == 1 and record["family"] != "outside"]
+    seen = [(number(sequence(record["marks"])[0]), record) for record in single]
+    rows: list[Row] = []
+    for low, high in pairwise((*MARKS, np.inf)):
+        inside = [record for mark, record in seen if low <= mark < high]
+        if inside:
+            row: Row = {"from": low, "to": high, "cases": len(inside)}
+            for key in ("exact", "confident_wrong", "abstained"):
+                row[key] = share(record[key] for record in inside)
+            rows.append(row)
+    return rows
+
+
+def baseline_rows(records: Sequence[Record]) -> list[Row]:
+    """Summarise the baselines by family, over all plants, beside the workflow's own rest."""
+    rows: list[Row] = []
+    names = dict.fromkeys(name for record in records for name in mapping(record.get("baselines", {})))
+    for name in names:
+        for family in dict.fromkeys(str(record["family"]) for record in records):
+            answers = [
+                mapping(mapping(record["baselines"])[name])
+                for record in records
+                if record["family"] == family and name in mapping(record.get("baselines", {}))
+            ]
+            rows.append(baseline_row(name, family, answers))
+    return rows
+
+
+def baseline_row(name: str, family: str, answers: Sequence[Mapping[str, object]]) -> Row:
+    """Summarise one baseline on one family."""
+    done = [dict(answer) for answer in answers if "fault" not in answer]
+    return {
+        "baseline": name,
+        "family": family,
+        "cases": len(answers),
+        "failed": len(answers) - len(done),
+        "exact": share(answer.get("exact") for answer in answers),
+        "confident_wrong": share(answer.get("confident_wrong", False) for answer in answers),
+        "rest_over_floor": median(rest(answer) for answer in done),
+        "seconds": median(number(answer["seconds"]) for answer in done),
+    }

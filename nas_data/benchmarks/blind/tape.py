@@ -1,0 +1,31 @@
+"""What is played to a plant: commands, and how each episode begins."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from nas_data.benchmarks.blind.truth import Truth
+
+
+@dataclass(frozen=True)
+class Tape:
+    """Commands of E episodes of n joints.
+
+    Attributes:
+        commands: Positions [rad] or torques [N m], shape (E, T, n).
+        poses: Commanded before each episode, or where it begins [rad], shape (E, n).
+        start_speeds: How fast the links are when it begins [rad/s], shape (E, n); None where they rest.
+    """
+
+    commands: np.ndarray
+    poses: np.ndarray
+    start_speeds: np.ndarray | None = None
+
+    def __getitem__(self, episodes: slice) -> "Tape":
+        """Return some of the episodes."""
+        speeds = None if self.start_speeds is None else self.start_speeds[episodes]
+        return Tape(self.commands[episodes], self.poses[episodes], speeds)
+
+
+Script = Callable[[str, Truth], Tape]  # plant, truth → what is played; a controller's commands depend on both

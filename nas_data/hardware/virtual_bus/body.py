@@ -1,0 +1,166 @@
+"""What the simulated servos move: any simulator of the arm, driven by their registers, read back into them."""
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from nas_data.hardware.virtual_bus.electrics import Electrics
+from nas_data.hardware.virtual_bus.kinds.base import Sensation, ServoDrive
+from nas_data.hardware.virtual_bus.servo import VirtualServo
+from nas_data.robots.base import Robot
+from nas_data.simulators.base import Simulator
+from nas_data.simulators.layout import actuator_index, joint_index
+
+LONGEST = 2.0  # [s] that a body catches up with after its process stood still
+
+
+class Mounting(Protocol):
+    """How joints and encoders go together."""
+
+    @property
+    def signs(self) -> np.ndarray:
+        """1 where a joint turns as its servo does, −1 otherwise, shape (n,)."""
+
+    def raw(self, positions: np.ndarray) -> np.ndarray:
+        """Return encoder counts for positions [rad], shape (n,)."""
+
+    def positions(self, raw: np.ndarray) -> np.ndarray:
+        """Return positions [rad] for encoder counts, shape (n,)."""
+
+
+class SimulatedBody:
+    """An arm in a simulator, at rest at first.
+
+    A servo's gain and torque limit act on the command that the simulator is given. Without torque the command follows
+    the joint, so that friction alone holds it.
+
+    Attributes:
+        servos: One a joint.
+        joints: How their positions are counted.
+        electrics: Their supply and warmth.
+        time: Until when the arm has moved [s].
+        renewal: Time between two renewals of the servos' readings [s]; with every step where 0.
+    """
+
+    def __init__(self, simulator: Simulator, robot: Robot, servos: Sequence[VirtualServo], joints: Mounting) -> None:
+        """Put servos into an arm.
+
+        Args:
+            simulator: The arm; its period is the step by which the arm advances.
+            robot: Its model, which says how strong and stiff the servos are.
+            servos: One a joint, in the order of the joints.
+            joints: How their positions are counted.
+        """
+        self._stepper = simulator.stepper(1)
+        self.servos, self.joints = list(servos), joints
+        self.electrics = Electrics([servo.kind for servo in self.servos])
+        self.time = self._renewed = 0.0
+        self.renewal = 0.0
+        self._step_time = simulator.period
+        self._gain, self._strength = gains_and_strengths(robot, self.servos)
+        self._duty = np.zeros(len(self.servos))
+        self._goal: np.ndarray = self.positions.copy()
+        self._pace: np.ndarray = np.zeros(len(self.servos))
+        self._drives: list[ServoDrive] = []
+        self.sense()
+
+    @property
+    def positions(self) -> np.ndarray:
+        """Where the joints are [rad], shape (n,)."""
+        return np.asarray(self._stepper.states[0, : len(self.servos)])
+
+    def place(self, state: np.ndarray) -> None:
+        """Put the arm into a state, positions [rad] then velocities [rad/s], shape (2n,)."""
+        self._stepper.reset(state[None])
+        self._goal, self._pace = self.positions.copy(), np.zeros(len(self.servos))
+        self.sense()
+
+    def advance_to(self, time: float) -> None:
+        """Let the arm move until a time [s] on its own clock, then renew the servos' readings."""
+        if time - self.time > LONGEST:
+            self.time = time - LONGEST
+        steps = int((time - self.time) / self._step_time + 1e-9)
+        for _ in range(steps):
+            self._step()
+        self.time += steps * self._step_time
+        if self.time - self._renewed >= max(self.renewal, self._step_time) - 1e-9:
+            self._renewed = self.time
+            self.sense()
+
+    def sense(self) -> None:
+        """Write what the servos measure into their registers, and let them fail where they must."""
+        n = len(self.servos)
+        states = self._stepper.states[0]
+        raw = self.joints.raw(states[:n])
+        speeds = self.joints.signs * states[n:]
+        efforts = self.joints.signs * self._duty
+        for place, servo in enumerate(self.servos):
+            felt = Sensation(
+                position=int(raw[place]),
+                speed=float(speeds[place]),
+                effort=float(efforts[place]),
+                voltage=self.electrics.volts(place),
+                temperature=float(self.electrics.temperature[place]),
+            )
+            servo.kind.sense(servo, felt)
+            reasons = self.electrics.reasons(place, servo.kind.bounds(servo))
+            if reasons:
+                servo.fail(reasons)
+
+    def _step(self) -> None:
+        """Advance by one step under the goals, gains and limits that the servos hold now."""
+        self._read_drives()
+        positions, most = self.positions, self._most
+        self._approach(positions)
+        error = self._stiffness * (self._goal - positions)
+        error = np.where(np.abs(error) <= self._stiffness * self._deadband, 0.0, error)
+        reach = most * self._strength / self._gain
+        limited = np.where((most < 1) | (self._stiffness != 1), np.clip(error, -reach, reach), error)
+        limited = np.where(self._powered, limited, 0.0)
+        self._duty = np.clip(limited * self._gain / self._strength, -1, 1)
+        self._stepper.step((positions + limited)[None])
+        self.electrics.advance(self._duty, self._strain, self._step_time)
+
+    def _read_drives(self) -> None:
+        """Renew what the registers say, where one has changed."""
+        drives = [servo.drive for servo in self.servos]
+        if len(drives) == len(self._drives) and all(a is b for a, b in zip(drives, self._drives, strict=True)):
+            return
+        self._drives = drives
+        self._powered = np.array([drive.powered for drive in drives])
+        self._wanted = self.joints.positions(np.array([drive.goal for drive in drives]))
+        self._speed = np.array([drive.speed for drive in drives])
+        self._acceleration = np.array([drive.acceleration for drive in drives])
+        self._stiffness = np.array([drive.stiffness for drive in drives])
+        self._most = np.array([drive.strength for drive in drives])
+        self._deadband = np.array([drive.deadband for drive in drives])
+        self._strain = np.array([servo.kind.bounds(servo).strain for servo in self.servos])
+
+    def _approach(self, positions: np.ndarray) -> None:
+        """Move the servos' inner goals towards those in the registers, as fast as speed and acceleration allow.
+
+        A goal that is approached under an acceleration a can be braked for from a distance d at sqrt(2·a·d).
+        """
+        step, left = self._step_time, self._wanted - self._goal
+        ramped = np.isfinite(self._acceleration)
+        change = np.where(ramped, self._acceleration, 0.0) * step
+        braked = np.sqrt(2 * np.where(ramped, self._acceleration, 0.0) * np.abs(left))
+        wanted = np.sign(left) * np.minimum(self._speed, braked)
+        ramp = np.clip(wanted, self._pace - change, self._pace + change) * step
+        ramp = np.where(np.sign(ramp) == np.sign(left), np.sign(left) * np.minimum(np.abs(ramp), np.abs(left)), ramp)
+        plain = np.clip(left, -self._speed * step, self._speed * step)
+        moved = np.where(self._powered, np.where(ramped, ramp, plain), 0.0)
+        self._goal, self._pace = np.where(self._powered, self._goal + moved, positions), moved / step
+
+
+def gains_and_strengths(robot: Robot, servos: Sequence[VirtualServo]) -> tuple[np.ndarray, np.ndarray]:
+    """Return gain [N m/rad] and largest torque [N m] of each joint's servo in the model, shape (n,) each.
+
+    A model that does not limit a torque gets that at which the servo stalls.
+    """
+    model, name = robot.spec().compile(), robot.name
+    places = [actuator_index(model, joint_index(model, joint, name), name) for joint in robot.joints]
+    stall = [servo.kind.stall_torque for servo in servos]
+    limits = np.where(model.actuator_forcelimited[places], model.actuator_forcerange[places, 1], stall)
+    return model.actuator_gainprm[places, 0].copy(), limits

@@ -1,0 +1,148 @@
+"""Servos on one line: who answers an instruction, in which order, after which pause."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from nas_data.hardware.virtual_bus.packet import BROADCAST, Error, Instruction, Packet
+from nas_data.hardware.virtual_bus.servo import VirtualServo
+from nas_data.hardware.xl320.units import DELAY_UNIT
+
+
+@dataclass(frozen=True)
+class Reply:
+    """An answer on the wire.
+
+    Attributes:
+        content: Its bytes.
+        pause: Time between the end of what came before and its first byte [s].
+        together: Whether it starts at the same time as the reply before it, because two servos think they are meant.
+    """
+
+    content: bytes
+    pause: float
+    together: bool = False
+
+
+class ServoChain:
+    """The servos of an arm, which speak one protocol; several may wrongly have the same identity."""
+
+    def __init__(self, servos: Sequence[VirtualServo]) -> None:
+        self.servos = list(servos)
+        self._protocol = self.servos[0].kind.protocol
+        self._single: dict[int, Callable[[VirtualServo, bytes], tuple[Error, bytes]]] = {
+            Instruction.PING: self._ping,
+            Instruction.READ: self._read,
+            Instruction.WRITE: self._write,
+            Instruction.REG_WRITE: self._reg_write,
+            Instruction.ACTION: lambda servo, _: (servo.act(), b""),
+            Instruction.REBOOT: lambda servo, _: (servo.reboot(), b""),
+            Instruction.FACTORY_RESET: lambda servo, what: (servo.factory_reset(what[0] if what else -1), b""),
+        }
+        self._several: dict[int, Callable[[bytes], list[Reply]]] = {
+            Instruction.SYNC_READ: self._sync_read,
+            Instruction.SYNC_WRITE: self._sync_write,
+            Instruction.BULK_READ: self._bulk_read,
+            Instruction.BULK_WRITE: self._bulk_write,
+        }
+
+    def respond(self, packet: Packet) -> list[Reply]:
+        """Follow an instruction; return what goes back on the wire."""
+        if packet.instruction == Instruction.STATUS:
+            return []
+        if packet.instruction in self._several:
+            return self._several[packet.instruction](packet.parameters) if packet.sound else []
+        if packet.id == BROADCAST:
+            return self._to_everyone(packet)
+        replies = [self._alone(servo, packet) for servo in self.named(packet.id)]
+        return [Reply(reply.content, reply.pause, together=place > 0) for place, reply in enumerate(_said(replies))]
+
+    def named(self, identity: int) -> list[VirtualServo]:
+        """Return the servos of an identity: one in a sound arm."""
+        return [servo for servo in self.servos if servo.get("id") == identity]
+
+    def _to_everyone(self, packet: Packet) -> list[Reply]:
+        """Answer a broadcast: only a ping is answered, by each servo in the order of the identities."""
+        if not packet.sound:
+            return []
+        servos = sorted(self.servos, key=lambda servo: servo.get("id"))
+        replies = _said([self._alone(servo, packet) for servo in servos])
+        return replies if packet.instruction == Instruction.PING else []
+
+    def _alone(self, servo: VirtualServo, packet: Packet) -> Reply | None:
+        """Let one servo follow an instruction; None where its status level keeps it silent."""
+        follow = self._single.get(packet.instruction)
+        if not packet.sound:
+            error, data = Error.CRC, b""
+        elif follow is None:
+            error, data = Error.INSTRUCTION, b""
+        else:
+            error, data = follow(servo, packet.parameters)
+        silent = not self._protocol.complains and (follow is None or not packet.sound)
+        answers = servo.kind.answers(servo, packet.instruction) and not silent
+        return self._reply(servo, error, data) if answers else None
+
+    def _sync_read(self, parameters: bytes) -> list[Reply]:
+        """Answer one after the other; the first that is missing keeps those after it waiting for ever."""
+        address, length, who = *self._stretch(parameters), parameters[2 * self._protocol.width :]
+        return self._in_turn([(identity, address, length) for identity in who])
+
+    def _bulk_read(self, parameters: bytes) -> list[Reply]:
+        entries = [parameters[start : start + 5] for start in range(0, len(parameters) - 4, 5)]
+        return self._in_turn([(entry[0], _word(entry, 1), _word(entry, 3)) for entry in entries])
+
+    def _in_turn(self, wanted: Sequence[tuple[int, int, int]]) -> list[Reply]:
+        replies: list[Reply] = []
+        for identity, address, length in wanted:
+            servos = [servo for servo in self.named(identity) if servo.answers_sync]
+            if not servos:
+                break
+            for place, servo in enumerate(servos):
+                reply = self._reply(servo, *servo.read(address, length))
+                replies.append(Reply(reply.content, reply.pause, together=place > 0))
+        return replies
+
+    def _sync_write(self, parameters: bytes) -> list[Reply]:
+        address, length = self._stretch(parameters)
+        for start in range(2 * self._protocol.width, len(parameters) - length, length + 1):
+            for servo in self.named(parameters[start]):
+                servo.write(address, parameters[start + 1 : start + 1 + length])
+        return []
+
+    def _bulk_write(self, parameters: bytes) -> list[Reply]:
+        start = 0
+        while start + 5 <= len(parameters):
+            address, length = _word(parameters, start + 1), _word(parameters, start + 3)
+            for servo in self.named(parameters[start]):
+                servo.write(address, parameters[start + 5 : start + 5 + length])
+            start += 5 + length
+        return []
+
+    def _reply(self, servo: VirtualServo, error: Error, data: bytes) -> Reply:
+        byte = servo.kind.error_byte(servo, error)
+        return Reply(self._protocol.status(servo.get("id"), byte, data), servo.get("return_delay") * DELAY_UNIT)
+
+    def _stretch(self, parameters: bytes) -> tuple[int, int]:
+        """Return the address and the length that parameters begin with."""
+        return self._protocol.number(parameters, 0), self._protocol.number(parameters, 1)
+
+    def _ping(self, servo: VirtualServo, _: bytes) -> tuple[Error, bytes]:
+        return servo.read(0, 3) if self._protocol.names_model else (Error.NONE, b"")  # model number and firmware
+
+    def _read(self, servo: VirtualServo, parameters: bytes) -> tuple[Error, bytes]:
+        if len(parameters) != 2 * self._protocol.width:
+            return Error.DATA_LENGTH, b""
+        return servo.read(*self._stretch(parameters))
+
+    def _write(self, servo: VirtualServo, parameters: bytes) -> tuple[Error, bytes]:
+        return servo.write(self._protocol.number(parameters, 0), parameters[self._protocol.width :]), b""
+
+    def _reg_write(self, servo: VirtualServo, parameters: bytes) -> tuple[Error, bytes]:
+        return servo.register_write(self._protocol.number(parameters, 0), parameters[self._protocol.width :]), b""
+
+
+def _said(replies: Sequence[Reply | None]) -> list[Reply]:
+    return [reply for reply in replies if reply is not None]
+
+
+def _word(parameters: bytes, start: int) -> int:
+    return int.from_bytes(parameters[start : start + 2], "little")

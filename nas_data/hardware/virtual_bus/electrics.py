@@ -1,0 +1,70 @@
+"""What current does to a servo's supply, its temperature and its patience.
+
+The stall currents are the manuals'; the resistances to heat and of the supply are plausible, not measured.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nas_data.hardware.virtual_bus.kinds.base import Bounds, Reason, ServoSeries
+
+IDLE_CURRENT = 0.03  # [A] of a servo that stands
+SUPPLY_RESISTANCE = 0.15  # [Ω] of supply and wires
+HEATING = 12.0  # [K/W] above the air, once warm
+WARMING = 240.0  # [s] until two thirds of that
+
+
+@dataclass
+class Electrics:
+    """Supply and warmth of n servos.
+
+    Attributes:
+        kinds: Of each servo.
+        air: Temperature around the arm [°C].
+        supply: Voltage of each without load [V], shape (n,), or one for all.
+        voltage: Voltage at each [V], likewise.
+        temperature: Of each [°C], shape (n,).
+    """
+
+    kinds: Sequence[ServoSeries]
+    air: float = 25.0
+    supply: np.ndarray | float = field(init=False)
+    voltage: np.ndarray | float = field(init=False)
+    temperature: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.supply = self.voltage = np.array([kind.supply for kind in self.kinds])
+        self.temperature = np.full(len(self.kinds), self.air)
+        self._stall = np.array([kind.stall_current for kind in self.kinds])
+        self._strained: np.ndarray = np.zeros(len(self.kinds))
+
+    def advance(self, duty: np.ndarray, strain: np.ndarray, seconds: float) -> None:
+        """Let time pass.
+
+        Args:
+            duty: Of each servo, a share of its largest torque, signed, shape (n,).
+            strain: Duty from which each counts as stalled, shape (n,).
+            seconds: How long [s].
+        """
+        current = IDLE_CURRENT + self._stall * np.abs(duty)
+        self.voltage = np.maximum(0.0, self.supply - SUPPLY_RESISTANCE * float(current.sum()))
+        warm = self.air + HEATING * self.voltage * self._stall * np.square(duty)
+        self.temperature += (warm - self.temperature) * min(1.0, seconds / WARMING)
+        self._strained = np.where(np.abs(duty) >= strain, self._strained + seconds, 0.0)
+
+    def volts(self, place: int) -> float:
+        """Return the voltage at one servo [V]."""
+        return float(np.broadcast_to(self.voltage, len(self.kinds))[place])
+
+    def reasons(self, place: int, bounds: Bounds) -> Reason:
+        """Return why one servo must protect itself now."""
+        found = Reason(0)
+        if self._strained[place] > bounds.seconds:
+            found |= Reason.OVERLOAD
+        if self.temperature[place] > bounds.hottest:
+            found |= Reason.OVERHEAT
+        if not bounds.lowest <= self.volts(place) <= bounds.highest:
+            found |= Reason.VOLTAGE
+        return found

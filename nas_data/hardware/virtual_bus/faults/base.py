@@ -1,0 +1,92 @@
+"""What a fault is: something that strikes the arm at a time, or disturbs what passes the line from then on."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from nas_data import registry
+from nas_data.errors import OptionError
+from nas_data.hardware.virtual_bus.arm import VirtualArm
+from nas_data.hardware.virtual_bus.servo import VirtualServo
+
+
+class LineGone(Exception):
+    """The adapter is gone, and the port with it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault:
+    """Base of the faults; the file `faults/a_b.py` holds the fault `a_b` as class `AB`.
+
+    Attributes:
+        after: Time after the start of the bus at which it begins [s].
+    """
+
+    after: float = 0.0
+
+    @classmethod
+    def name(cls) -> str:
+        """The fault's name, which is its file's."""
+        return cls.__module__.rsplit(".", 1)[-1]
+
+    def strike(self, arm: VirtualArm) -> None:
+        """Happen to the arm, once.
+
+        Raises:
+            LineGone: the line is gone.
+        """
+
+    def instruction(self, content: bytes, rng: np.random.Generator) -> bytes:
+        """Return what the servos hear of the bytes that were sent."""
+        return content
+
+    def reply(self, content: bytes, rng: np.random.Generator) -> bytes:
+        """Return what the computer hears of a reply."""
+        return content
+
+    def delay(self, rng: np.random.Generator) -> float:
+        """Return how much later [s] the replies to an instruction come."""
+        return 0.0
+
+
+def struck(arm: VirtualArm, identity: int) -> VirtualServo:
+    """Return the servo that a fault names.
+
+    Raises:
+        OptionError: the arm has no such servo.
+    """
+    servos = arm.chain.named(identity)
+    if not servos:
+        known = ", ".join(str(servo.get("id")) for servo in arm.chain.servos)
+        raise OptionError(f"A fault names servo {identity}; the virtual arm has: {known}.")
+    return servos[0]
+
+
+def find_fault(name: str) -> type[Fault]:
+    """Return the class of a fault by its name.
+
+    Raises:
+        UnknownName: there is no such fault; lists those there are.
+    """
+    return registry.plugin("hardware.virtual_bus.faults", name, "fault", Fault)
+
+
+def parse(text: str) -> Fault:
+    """Read a fault as a person types it: `unplugged:servo=3,after=20`.
+
+    Raises:
+        UnknownName: there is no such fault.
+        OptionError: the text has another form, or a parameter is unknown.
+    """
+    name, _, rest = text.partition(":")
+    kind = find_fault(name)
+    known = {field.name: field.type for field in fields(kind)}
+    pairs = [part.partition("=") for part in rest.split(",") if part]
+    unknown = [key for key, _, _ in pairs if key.strip() not in known]
+    if unknown:
+        raise OptionError(f"{name} has no parameter '{unknown[0]}'; it has: {', '.join(sorted(known))}.")
+    try:
+        values = {key.strip(): int(value) if known[key.strip()] is int else float(value) for key, _, value in pairs}
+        return kind(**values)
+    except (ValueError, TypeError):
+        raise OptionError(f"'{text}' is not a fault; write NAME:PARAMETER=NUMBER,… with: {', '.join(known)}.") from None

@@ -1,0 +1,34 @@
+"""Somebody moved a joint by hand, beyond its limits perhaps, before the recording."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nas_data.errors import OptionError
+from nas_data.hardware.virtual_bus.arm import VirtualArm
+from nas_data.hardware.virtual_bus.faults.base import Fault
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bent(Fault):
+    """A joint stands elsewhere.
+
+    Attributes:
+        servo: Place of its servo in the arm, from 1.
+        radians: Where the joint is put [rad].
+    """
+
+    servo: int = 1
+    radians: float = 1.9
+
+    def strike(self, arm: VirtualArm) -> None:
+        """Put the joint there; see `Fault.strike`.
+
+        Raises:
+            OptionError: the arm has no such servo.
+        """
+        if not 1 <= self.servo <= len(arm.servos):
+            raise OptionError(f"A fault bends servo {self.servo}; the virtual arm has 1 to {len(arm.servos)}.")
+        positions = arm.body.positions.copy()
+        positions[self.servo - 1] = self.radians
+        arm.body.place(np.concatenate([positions, np.zeros_like(positions)]))

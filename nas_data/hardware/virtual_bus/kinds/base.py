@@ -1,0 +1,193 @@
+"""What a series of servos is: its control table, its line, and how registers and physics go together."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntFlag
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from nas_data import registry
+from nas_data.hardware.virtual_bus.packet import ALERT, Error, Instruction
+from nas_data.hardware.virtual_bus.protocols import PROTOCOL_2, PacketProtocol
+from nas_data.hardware.xl320.control_table import ControlTableEntry
+
+if TYPE_CHECKING:
+    from nas_data.hardware.virtual_bus.servo import VirtualServo
+
+ANSWERS_ALL = 2  # status level from which everything is answered, and what is answered from a lower one on
+LEVELS: dict[int, int] = {Instruction.PING: 0, Instruction.READ: 1}
+VOLT = 0.1  # [V] unit of every voltage register
+OVERLOAD = (0.95, 2.0)  # share of the largest torque that counts as stalled, and the time of it [s] that is borne
+STILL = 0.05  # [rad/s] below which a servo does not say that it moves
+
+
+class Reason(IntFlag):
+    """Why a servo protects itself."""
+
+    OVERLOAD = 1
+    OVERHEAT = 2
+    VOLTAGE = 4
+
+
+@dataclass(frozen=True)
+class ServoDrive:
+    """What a servo's registers make of it.
+
+    Attributes:
+        powered: Whether its torque is on.
+        goal: Where it shall go, as its encoder counts.
+        speed: At which it approaches a goal [rad/s]; infinite for as fast as it can.
+        acceleration: At which it does [rad/s²]; infinite likewise.
+        stiffness: Gain relative to the model's.
+        strength: Share of its largest torque that it may use.
+        deadband: Error that it ignores [rad].
+    """
+
+    powered: bool
+    goal: int
+    speed: float = math.inf
+    acceleration: float = math.inf
+    stiffness: float = 1.0
+    strength: float = 1.0
+    deadband: float = 0.0
+
+
+@dataclass(frozen=True)
+class Sensation:
+    """What a servo feels.
+
+    Attributes:
+        position: As its encoder counts.
+        speed: [rad/s], positive where the count rises.
+        effort: Share of its largest torque, signed likewise.
+        voltage: [V].
+        temperature: [°C].
+    """
+
+    position: int
+    speed: float
+    effort: float
+    voltage: float
+    temperature: float
+
+    @property
+    def degrees_celsius(self) -> int:
+        """The temperature as a byte holds it."""
+        return max(0, min(255, round(self.temperature)))
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What a servo bears.
+
+    Attributes:
+        lowest: Voltage [V].
+        highest: Voltage [V].
+        hottest: Temperature [°C].
+        strain: Share of its largest torque that counts as stalled.
+        seconds: Time of it after which it gives up [s].
+    """
+
+    lowest: float
+    highest: float
+    hottest: float
+    strain: float
+    seconds: float
+
+
+class ServoSeries(ABC):
+    """A series of servos; it remembers nothing, for all that a servo remembers is in its registers.
+
+    Every table has the registers id, model_number, torque_enable, return_delay, status_level, baud_rate,
+    goal_position, registered, moving and hardware_error.
+
+    Attributes:
+        registers: The control table by name.
+        tick: Angle of a unit of position [rad].
+        supply: Usual voltage [V].
+        stall_current: At that voltage [A].
+        stall_torque: At that voltage [N m].
+        baud: Speeds of the line [bit/s] by the register.
+        bits: Of each reason in the registers hardware_error and shutdown.
+        unloads: Register that a shutdown sets to zero; None where it does nothing.
+        protocol: How it speaks.
+    """
+
+    registers: Mapping[str, ControlTableEntry]
+    tick: float
+    supply: float
+    stall_current: float
+    stall_torque: float
+    baud: Mapping[int, int]
+    bits: Mapping[Reason, int]
+    unloads: str | None = None
+    protocol: PacketProtocol = PROTOCOL_2
+
+    @cached_property
+    def size(self) -> int:
+        """Bytes of the control table."""
+        return max(register.address + register.size for register in self.registers.values())
+
+    @cached_property
+    def at_byte(self) -> dict[int, ControlTableEntry]:
+        """Which register a byte belongs to; addresses without one read as zero."""
+        return {r.address + k: r for r in self.registers.values() for k in range(r.size)}
+
+    @abstractmethod
+    def lasts(self, register: ControlTableEntry) -> bool:
+        """Whether a register outlives a loss of power."""
+
+    @abstractmethod
+    def drive(self, servo: "VirtualServo") -> ServoDrive:
+        """Read the physics off the registers."""
+
+    @abstractmethod
+    def sense(self, servo: "VirtualServo", felt: Sensation) -> None:
+        """Write what is felt into the registers."""
+
+    def overload(self, servo: "VirtualServo") -> tuple[float, float]:
+        """Return the share of the largest torque that counts as stalled, and for how long it is borne [s]."""
+        return OVERLOAD
+
+    def bounds(self, servo: "VirtualServo") -> Bounds:
+        """Return what a servo bears."""
+        lowest, highest = (servo.get(name) * VOLT for name in ("lowest_voltage", "highest_voltage"))
+        return Bounds(lowest, highest, float(servo.get("temperature_limit")), *self.overload(servo))
+
+    def fail(self, servo: "VirtualServo", reason: Reason) -> None:
+        """Note a hardware error; a servo that shuts down lets go."""
+        bits = sum(self.bits[one] for one in reason)
+        servo.put("hardware_error", servo.get("hardware_error") | bits)
+        if self.unloads and servo.get("shutdown") & bits:
+            servo.put(self.unloads, 0)
+
+    def locked(self, servo: "VirtualServo", register: ControlTableEntry) -> bool:
+        """Whether a register must not be written now: what lasts, while the torque is on."""
+        return self.lasts(register) and bool(servo.get("torque_enable"))
+
+    def judge(self, servo: "VirtualServo", register: ControlTableEntry, value: int) -> Error:
+        """Say what a register refuses beside values out of its range."""
+        return Error.NONE
+
+    def started(self, servo: "VirtualServo") -> None:  # noqa: B027  # many have nothing to do
+        """Do what is done when the power comes on."""
+
+    def error_byte(self, servo: "VirtualServo", error: Error) -> int:
+        """Return the error byte of an answer."""
+        return error | (ALERT if servo.get("hardware_error") else 0)
+
+    def answers(self, servo: "VirtualServo", instruction: int) -> bool:
+        """Whether a servo answers an instruction, by its status level."""
+        return servo.get("status_level") >= LEVELS.get(instruction, ANSWERS_ALL)
+
+
+def find_kind(name: str) -> ServoSeries:
+    """Return a series of servos by its name.
+
+    Raises:
+        UnknownName: there is none; lists those there are.
+    """
+    kind: ServoSeries = registry.module("hardware.virtual_bus.kinds", name, "virtual servo").KIND
+    return kind

@@ -1,0 +1,65 @@
+"""ROBOTIS XL-320; source of table and units: e-manual."""
+
+import math
+from typing import TYPE_CHECKING
+
+from nas_data.hardware.virtual_bus.kinds.base import STILL, VOLT, Reason, Sensation, ServoDrive, ServoSeries
+from nas_data.hardware.virtual_bus.packet import Error
+from nas_data.hardware.xl320.control_table import OVERHEAT, OVERLOAD, RAM, REGISTERS, VOLTAGE, ControlTableEntry
+from nas_data.hardware.xl320.units import HIGHEST, LOAD_UNIT, SPEED_UNIT, TICK, sign_magnitude
+
+if TYPE_CHECKING:
+    from nas_data.hardware.virtual_bus.servo import VirtualServo
+
+GAIN = 32  # value of the P register at which the servo is as stiff as the model
+FULL = 1023
+
+
+class Xl320Kind(ServoSeries):
+    """Six of them make an ErgoJr; the integral and derivative gain, which the model lacks, do nothing."""
+
+    registers = REGISTERS
+    tick = TICK
+    supply = 7.4
+    stall_current = 1.1  # [A] at 7.4 V
+    stall_torque = 0.39  # [N m] at 7.4 V
+    baud = {0: 9600, 1: 57_600, 2: 115_200, 3: 1_000_000}  # noqa: RUF012  # never changed
+    bits = {Reason.OVERLOAD: OVERLOAD, Reason.OVERHEAT: OVERHEAT, Reason.VOLTAGE: VOLTAGE}  # noqa: RUF012
+    unloads = "torque_limit"
+
+    def lasts(self, register: ControlTableEntry) -> bool:
+        """See `ServoSeries.lasts`."""
+        return register.address < RAM
+
+    def drive(self, servo: "VirtualServo") -> ServoDrive:
+        """See `ServoSeries.drive`."""
+        speed = servo.get("moving_speed") & FULL
+        return ServoDrive(
+            powered=bool(servo.get("torque_enable")),
+            goal=servo.get("goal_position"),
+            speed=speed * SPEED_UNIT if speed else math.inf,
+            stiffness=servo.get("p_gain") / GAIN,
+            strength=min(servo.get("torque_limit"), servo.get("max_torque")) / FULL,
+        )
+
+    def sense(self, servo: "VirtualServo", felt: Sensation) -> None:
+        """See `ServoSeries.sense`."""
+        servo.put("present_position", max(0, min(HIGHEST, felt.position)))
+        servo.put("present_speed", sign_magnitude(felt.speed / SPEED_UNIT))
+        servo.put("present_load", sign_magnitude(felt.effort / LOAD_UNIT))
+        servo.put("present_voltage", round(felt.voltage / VOLT))
+        servo.put("present_temperature", felt.degrees_celsius)
+        servo.put("moving", int(abs(felt.speed) > STILL))
+
+    def judge(self, servo: "VirtualServo", register: ControlTableEntry, value: int) -> Error:
+        """Refuse goals beyond the angle limits."""
+        within = servo.get("cw_limit") <= value <= servo.get("ccw_limit")
+        refused = register.name == "goal_position" and not within and servo.get("control_mode") == 2
+        return Error.DATA_LIMIT if refused else Error.NONE
+
+    def started(self, servo: "VirtualServo") -> None:
+        """Take the torque limit over from what lasts."""
+        servo.put("torque_limit", servo.get("max_torque"))
+
+
+KIND = Xl320Kind()

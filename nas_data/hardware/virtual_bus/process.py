@@ -1,0 +1,67 @@
+"""A virtual arm in a process of its own: the driver's process cannot hold up its clock, nor outlive it.
+
+A thread would share Python's lock with the recorder, whose busy loop then shows as latency of the servos.
+"""
+
+import subprocess
+import sys
+from types import TracebackType
+
+from nas_data.errors import ArmError
+from nas_data.hardware.virtual_bus.options import Options
+
+
+class VirtualBus:
+    """A running virtual arm; a context that stops it.
+
+    Attributes:
+        port: Path of its port.
+    """
+
+    def __init__(self, options: Options) -> None:
+        """Start the arm.
+
+        Raises:
+            NasError: the options are malformed.
+            ArmError: the process did not start.
+        """
+        options.check()
+        command = [sys.executable, "-m", "nas_data.hardware.virtual_bus"]
+        # a session of its own: Ctrl-C in the terminal must not cut the arm's supply while the driver makes it safe
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
+        )
+        assert self._process.stdout is not None
+        self._say(options.to_json())
+        self.port = self._process.stdout.readline().strip()
+        if not self.port:
+            self.stop()
+            raise ArmError("The virtual arm did not start; its process said why above.")
+
+    def inject(self, fault: str) -> None:
+        """Let a fault happen, as a person types it."""
+        self._say(f"fault {fault}")
+
+    def repair(self) -> None:
+        """End what disturbs the line."""
+        self._say("repair")
+
+    def stop(self) -> None:
+        """Switch the arm off."""
+        for stream in (self._process.stdin, self._process.stdout):
+            if stream is not None and not stream.closed:
+                stream.close()
+        self._process.wait()
+
+    def _say(self, line: str) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.write(line + "\n")
+        self._process.stdin.flush()
+
+    def __enter__(self) -> "VirtualBus":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()

@@ -1,0 +1,97 @@
+"""Zero offsets in LeRobot's calibration file: JSON with id, drive_mode, homing_offset, range_min, range_max a motor."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.dataset.staging import write_synced
+from nas_data.errors import OptionError
+from nas_data.hardware.xl320.joints import Joints
+from nas_data.hardware.xl320.units import CENTRE
+
+REACH = 150  # [ticks] a zero offset beyond which a horn was mounted wrongly: 44°
+
+
+def default_path(robot: str, name: str) -> Path:
+    """Return where LeRobot looks for the calibration of a robot of some name.
+
+    Source: LeRobot 0.4.4, `HF_LEROBOT_CALIBRATION`, else `HF_LEROBOT_HOME/calibration`, else that below `HF_HOME`.
+    """
+    cache = Path(os.environ.get("HF_HOME", Path(os.environ.get("XDG_CACHE_HOME", "~/.cache")) / "huggingface"))
+    home = Path(os.environ.get("HF_LEROBOT_HOME", cache / "lerobot"))
+    folder = Path(os.environ.get("HF_LEROBOT_CALIBRATION", home / "calibration"))
+    return (folder / "robots" / robot / f"{name}.json").expanduser()
+
+
+def offsets_at_zero(joints: Joints, raw: np.ndarray) -> tuple[int, ...]:
+    """Return the offsets [ticks] with which an arm that stands at zero reads as zero.
+
+    Args:
+        joints: The arm's joints.
+        raw: Readings of the servos [ticks], shape (n,).
+
+    Raises:
+        OptionError: a servo stands so far off that its horn was mounted wrongly, or the arm is not at zero.
+    """
+    offsets = CENTRE - raw
+    far = np.flatnonzero(np.abs(offsets) > REACH)
+    if len(far):
+        raise OptionError(
+            f"{joints.names[far[0]]} stands {abs(int(offsets[far[0]]))} ticks from its middle; put the arm into its "
+            "zero pose (upright, all horns on their marks), or mount the horn again."
+        )
+    return tuple(offsets.tolist())
+
+
+def write_calibration(path: Path, joints: Joints) -> None:
+    """Write the joints' zeros and limits so that LeRobot reads them."""
+    ends = np.sort([joints.raw(np.array(joints.low)), joints.raw(np.array(joints.high))], axis=0).T
+    content = {
+        name: {
+            "id": joints.ids[place],
+            "drive_mode": int(not joints.direct[place]),
+            "homing_offset": joints.offsets[place],
+            "range_min": int(ends[place][0]),
+            "range_max": int(ends[place][1]),
+        }
+        for place, name in enumerate(joints.names)
+    }
+    write_synced(path, json.dumps(content, indent=4).encode())
+
+
+def read_calibration(path: Path, joints: Joints) -> Joints:
+    """Return the joints with the zeros of a calibration file.
+
+    Raises:
+        OptionError: the file is missing, damaged, or of another arm.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        entries = [content[name] for name in joints.names]
+        numbers = [tuple(int(entry[key]) for key in ("id", "drive_mode", "homing_offset")) for entry in entries]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise OptionError(
+            f"{path} is no calibration of this arm ({error}); make one with nas robot ergojr --port PORT --calibrate."
+        ) from None
+    expected = [(identity, int(not direct)) for identity, direct in zip(joints.ids, joints.direct, strict=True)]
+    if [number[:2] for number in numbers] != expected:
+        raise OptionError(f"{path} has other identities or directions than this arm; calibrate it again.")
+    return joints.calibrated(tuple(number[2] for number in numbers))
+
+
+def joints_of(joints: Joints, robot: str, name: str, path: Path | None = None) -> Joints:
+    """Return the joints of an arm with its own zeros; as they are where it was never calibrated.
+
+    Args:
+        joints: What such an arm has.
+        robot: Its kind.
+        name: Name of this very arm.
+        path: Its calibration file, where it is not in LeRobot's place.
+
+    Raises:
+        OptionError: the file that is given is missing, or the one that is there is damaged or of another arm.
+    """
+    known = path or default_path(robot, name)
+    return read_calibration(known, joints) if path or known.is_file() else joints

@@ -1,0 +1,73 @@
+"""Everything that answers on a line, expected or not, and what is wrong with it: a report that refuses nothing."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from nas_data.errors import ArmError
+from nas_data.hardware.xl320.arm import Xl320Arm
+from nas_data.hardware.xl320.control_table import MODEL_NUMBER
+from nas_data.hardware.xl320.fitness import refuse_outside, refuse_unfit
+from nas_data.hardware.xl320.joints import Joints
+from nas_data.hardware.xl320.survey import FoundServo, look, nobody, present, refuse_duplicates
+
+
+@dataclass(frozen=True)
+class Inventory:
+    """What is there.
+
+    Attributes:
+        servos: That answer in a way that can be read, by identity.
+        problems: What keeps the arm from being used, one sentence each.
+    """
+
+    servos: tuple[FoundServo, ...]
+    problems: tuple[str, ...]
+
+
+def take_inventory(arm: Xl320Arm) -> Inventory:
+    """Look at everything on an arm's line.
+
+    Raises:
+        NobodyAnswers: nothing is there.
+        AdapterLost: the port is gone.
+    """
+    answering = set(arm.bus.found()) | set(present(arm.bus, arm.joints.ids))
+    if not answering:
+        raise nobody(arm.port)
+    problems, servos = [], []
+    for identity in sorted(answering):
+        try:
+            refuse_duplicates(arm.bus, [identity])
+            servos.append(look(arm.bus, identity))
+        except ArmError as error:
+            problems.append(str(error))
+    return Inventory(tuple(servos), (*problems, *_absent(arm.joints, answering), *_unfit(arm, servos)))
+
+
+def _absent(joints: Joints, answering: set[int]) -> Iterator[str]:
+    """Name what should be there and is not, and the other way round."""
+    for name, identity in zip(joints.names, joints.ids, strict=True):
+        if identity not in answering:
+            yield f"Servo {identity} ({name}) does not answer; check its plug and its identity."
+    for identity in sorted(answering - set(joints.ids)):
+        yield f"Servo {identity} is no servo of this arm; rename it (--rename {identity}:NEW) or unplug it."
+
+
+def _unfit(arm: Xl320Arm, servos: list[FoundServo]) -> Iterator[str]:
+    """Say which servos must not be used as they are."""
+    names = dict(zip(arm.joints.ids, arm.joints.names, strict=True))
+    ours = [servo for servo in servos if servo.id in names]
+    for servo in ours:
+        name = f"Servo {servo.id} ({names[servo.id]})"
+        if servo.model != MODEL_NUMBER:
+            yield f"{name} has model number {servo.model}; an XL-320 has {MODEL_NUMBER}: exchange the servo."
+            continue
+        try:
+            refuse_unfit(name, arm.health(servo.id))
+        except ArmError as error:
+            yield str(error)
+    if len(ours) == len(names) and all(servo.model == MODEL_NUMBER for servo in ours):
+        try:
+            refuse_outside(arm.joints, arm.read().positions)
+        except ArmError as error:
+            yield str(error)

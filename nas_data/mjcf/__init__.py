@@ -1,0 +1,1 @@
+"""Read and change model files for MuJoCo: actuators, inertias, meshes, names, floating bases."""

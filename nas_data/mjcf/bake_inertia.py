@@ -1,0 +1,31 @@
+"""Masses and inertias written out, so that a model no longer depends on the shapes that they were computed from."""
+
+import mujoco
+import numpy as np
+
+from nas_data.mjcf.unique_name import free_name
+
+NEVER = -1.0  # as a total mass: masses stay as they are
+
+
+def explicit(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """Return the model with every moving body's mass and inertia written out, whatever they were computed from.
+
+    What the compiler would do to them on the way is done: it would do it again to what is added later.
+    """
+    result = spec.copy()
+    for number, body in enumerate(result.bodies):
+        body.name = body.name or free_name(result.body, f"body{number}")
+    model = result.copy().compile()
+    result.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+    result.compiler.settotalmass, result.compiler.balanceinertia = NEVER, False
+    result.compiler.boundmass = result.compiler.boundinertia = 0.0
+    for body in result.bodies[1:]:
+        compiled = model.body(body.name)
+        if compiled.mass[0] <= 0 and not compiled.inertia.any():
+            continue
+        body.explicitinertial = True
+        body.mass = float(compiled.mass[0])
+        body.inertia, body.ipos, body.iquat = compiled.inertia, compiled.ipos, compiled.iquat
+        body.fullinertia = np.full(6, np.nan)
+    return result

@@ -1,0 +1,121 @@
+"""What stands on the table, an ErgoJr or two of them: whether a task can be done there, and the arms taken over."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from nas_data.envs.base import Task
+from nas_data.envs.ergo_shield import ErgoShield, touches
+from nas_data.errors import OptionError
+from nas_data.policies.rollouts.approach import Approach
+from nas_data.policies.rollouts.keyboard import Keyboard
+from nas_data.policies.rollouts.robot_stepper import AHEAD, RobotStepper, RolloutTally
+from nas_data.policies.rollouts.two_arm_planner import WaysOfTwo
+from nas_data.policies.rollouts.two_arms import ways_of_two
+from nas_data.recorders.arm_motion import ArmMotion
+from nas_data.recorders.arm_ways import Ways
+from nas_data.recorders.guarded import GuardedArm, Setup
+from nas_data.recorders.schedule import Clock
+from nas_data.robots.base import find_robot
+from nas_data.robots.ergojr import JOINTS
+from nas_data.simulators.base import Stepper
+
+ARM = "ergojr_penholder"  # model of either arm by itself
+NO_LOAD_SPEED = 11.9  # [rad/s] at 7.4 V, XL-320 e-manual (114 rpm)
+CLEARANCE = 0.01  # [m] that two arms keep on their slow ways where they can: friction leaves joints up to 5° off
+SIMULATED = "simulated"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmSetup:
+    """What stands on the table.
+
+    Attributes:
+        attacker: The arm that is commanded.
+        defender: The other one, where the task has one.
+        clock: By which they are moved.
+        hits: Where hits are read: an input device, or `simulated` for the geometry of the measured poses.
+        missed: Share of the simulated hits that are not noticed.
+        edges: Whether the sword is kept from the defender's body, and the shield from the attacker's.
+    """
+
+    attacker: Setup
+    defender: Setup | None
+    clock: Clock
+    hits: str = SIMULATED
+    missed: float = 0.0
+    edges: bool = False
+
+    def check(self, task: Task) -> None:
+        """Find out whether a task can be done on what is there.
+
+        Raises:
+            OptionError: says what is missing, or too much.
+        """
+        if task.joints != JOINTS:
+            raise OptionError(f"An ErgoJr cannot do the task of a {task.robot}; roll out ErgoReacher or ErgoShield.")
+        if isinstance(task, ErgoShield) != (self.defender is not None):
+            what = "needs a second arm: give --defender-port" if self.defender is None else "takes no --defender-port"
+            raise OptionError(f"{type(task).__name__} {what}.")
+        if not 0 <= self.missed <= 1 or (self.missed and (self.hits != SIMULATED or self.defender is None)):
+            raise OptionError(f"--missed {self.missed} is a share (0 … 1) of simulated hits in ErgoShield.")
+        if self.edges and self.defender is None:
+            raise OptionError("--apart all is about sword and shield, which ErgoShield has: give --defender-port.")
+
+    @contextmanager
+    def open(self, task: Task, tally: RolloutTally) -> Iterator[tuple[Task, RobotStepper]]:
+        """Take the arms over; yield the task as it is told here, and what moves.
+
+        Args:
+            task: What is to be done.
+            tally: What happened so far, to be counted on.
+
+        Raises:
+            ArmError: something is wrong with an arm; all of them are without torque then.
+            OptionError: the device of the hits cannot be read.
+        """
+        self.check(task)
+        rest = np.zeros(len(JOINTS))
+        with ExitStack() as stack:
+            noticed = self._noticed(task, stack)
+            arms = [stack.enter_context(GuardedArm(self.attacker, self.clock))]
+            if self.defender:
+                arms.append(stack.enter_context(GuardedArm(self.defender, self.clock)))
+                arms[0].accompany(arms[1])
+            motions = [arm.take(rest) for arm in arms]
+            touching, approach = self.attacker.ways, self._alone(motions[0])
+            if self.defender:
+                touching = ways_of_two(self.edges)
+                seeking = WaysOfTwo(self.defender.ways, (ways_of_two(self.edges, CLEARANCE), touching))
+                approach = Approach(motions[0], motions[1], seeking, touching)
+            stepper = RobotStepper(
+                motions[0],
+                motions[1] if self.defender else None,
+                task.simulator(),
+                touching,
+                approach,
+                AHEAD * (self.attacker.driver.speed or NO_LOAD_SPEED),
+                tally,
+            )
+            yield noticed, stepper
+
+    def _alone(self, motion: ArmMotion) -> Callable[[np.ndarray], None]:
+        """Return what brings a single arm into a pose, its sag made up for."""
+        ways = self.attacker.ways
+        return lambda pose: motion.approach(pose - ways.sag(pose))
+
+    def _noticed(self, task: Task, stack: ExitStack) -> Task:
+        """Return a task that reads its hits where they come from."""
+        if not isinstance(task, ErgoShield):
+            return task
+        touched: Callable[[Stepper], np.ndarray] = touches
+        if self.hits != SIMULATED:
+            touched = stack.enter_context(Keyboard(self.hits))
+        return replace(task, touched=touched, missed=self.missed)
+
+
+def ways() -> Ways:
+    """Return the slow ways of an arm with a pen holder."""
+    return Ways(find_robot(ARM))

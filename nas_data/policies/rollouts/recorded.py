@@ -1,0 +1,168 @@
+"""Rollouts as a dataset: each is on the disk, with its rewards, before the next begins; a second run goes on."""
+
+import json
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import (
+    DONE,
+    ENVIRONMENT,
+    NEXT_ENVIRONMENT,
+    REWARD,
+    SUCCESS,
+    Feature,
+    flag_feature,
+    reward_feature,
+)
+from nas_data.dataset.incremental_writer import Growing
+from nas_data.dataset.merge import concatenate
+from nas_data.dataset.provenance import Provenance, read_provenance
+from nas_data.dataset.read import read
+from nas_data.dataset.versions import check_place
+from nas_data.dataset.write_lock import alone
+from nas_data.errors import OptionError
+from nas_data.policies.evaluate import Returns
+from nas_data.policies.rollouts.robot_stepper import Bout, RolloutTally
+from nas_data.policies.rollouts.rollout import Judgement, judgements
+from nas_data.recorders.arm_dataset import to_dataset
+from nas_data.recorders.under_way import complete, describe_progress, other_recording_error, place
+
+FEATURES = {REWARD: reward_feature(), DONE: flag_feature(DONE), SUCCESS: flag_feature(SUCCESS)}
+WORDS = {  # what the user would call that in which two series of rollouts differ
+    "how": "kind of arm",
+    "kind": "kind of arm",
+    "arms": "arm",
+    "robot": "robot",
+    "environment": "task",
+    "weights": "policy",
+    "seeds": "seed",
+    "episodes": "number of episodes",
+    "configuration": "setting of the servos",
+    "largest_step": "largest step",
+    "hits": "source of hits",
+    "missed": "share of missed touches",
+    "apart": "answer to what is kept apart",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recorder:
+    """How rollouts become a dataset.
+
+    Attributes:
+        joints: Names of the arm's.
+        rate: Control rate [Hz].
+        task: Name of the environment.
+        objects: What is known of the defender; of no width where there is none.
+        provenance: Where the episodes come from, without the tally. Rollouts of an equal one may be gone on with.
+    """
+
+    joints: tuple[str, ...]
+    rate: float
+    task: str
+    objects: Feature
+    provenance: Provenance
+
+    def dataset(self, bouts: Sequence[Bout], judgement: Judgement) -> Dataset:
+        """Return a rollout of T steps as a dataset of one episode a bout."""
+        dataset = concatenate([self._bout(bout) for bout in bouts])
+        for key, column in judgement.columns().items():
+            dataset = dataset.with_column(key, FEATURES[key], column)
+        return dataset
+
+    def _bout(self, bout: Bout) -> Dataset:
+        dataset = to_dataset(bout, self.joints, self.rate, self.task, self.provenance.robot)
+        if not self.objects.width:
+            return dataset
+        opponents = np.array(bout.opponents, dtype=np.float32)
+        dataset = dataset.with_column(ENVIRONMENT, self.objects, opponents[:-1])
+        return dataset.with_column(NEXT_ENVIRONMENT, self.objects, opponents[1:])
+
+
+class Saved:
+    """Rollouts that are saved under a name, and may become more.
+
+    Attributes:
+        name: Of the dataset that they become.
+        growing: Where they are.
+        scores: How each went.
+        tally: What happened while they were made.
+    """
+
+    def __init__(self, name: str, growing: Growing) -> None:
+        """Read what an earlier run saved.
+
+        Raises:
+            OptionError: something else is under way there.
+        """
+        self.name, self.growing, self.scores = name, growing, list[Returns]()
+        self._known = read_provenance(growing.root) if growing.episodes else None
+        self.tally = RolloutTally.of(self._known.target if self._known else None)
+        self._recorder: Recorder | None = None
+        if self._known:
+            dataset = read(growing.root)
+            if not FEATURES.keys() <= dataset.features.keys():
+                raise other_recording_error(growing.root, "another command", "--record")
+            self.scores = [judgement.score() for judgement in judgements(dataset)]
+
+    def go_on(self, recorder: Recorder) -> None:
+        """Begin, or go on with, what a recorder makes datasets of.
+
+        Raises:
+            OptionError: what is saved is of another kind; says in what it differs.
+        """
+        self._recorder = recorder
+        if self._known:
+            earlier, now = identity(self._known), identity(recorder.provenance)
+            other = dict.fromkeys(word for key, word in WORDS.items() if earlier[key] != now[key])
+            if other:
+                raise other_recording_error(self.growing.root, f"another {' and '.join(other)}", "--record")
+
+    def save(self, bouts: Sequence[Bout], judgement: Judgement) -> None:
+        """Save a rollout, after `go_on`; when this returns, it outlives everything but the disk."""
+        assert self._recorder is not None
+        provenance = self._recorder.provenance
+        target = {**(provenance.target or {}), "tally": asdict(self.tally)}
+        self.growing.append(self._recorder.dataset(bouts, judgement), replace(provenance, target=target))
+        self.scores.append(judgement.score())
+
+    def told(self, wanted: int) -> str:
+        """Say how many episodes of how many are saved, and how it goes on."""
+        return describe_progress(self.growing.root, len(self.scores), wanted)
+
+    def finish(self, notes: str) -> Path:
+        """Make a dataset of what is saved, and return its folder.
+
+        Args:
+            notes: On how it came about, for people.
+
+        Raises:
+            OptionError: nothing is saved.
+        """
+        if not self.growing.episodes:
+            raise OptionError(f"Nothing is saved in {self.growing.root} that could be finished; record first.")
+        return complete(self.growing, read(self.growing.root), notes, name=self.name)
+
+
+@contextmanager
+def saved_as(name: str) -> Iterator[Saved]:
+    """Yield what is saved under a name; nobody else writes there as long as this context is open.
+
+    Raises:
+        BeingWritten: another program records under that name.
+        OptionError: no name for a dataset, or something else is under way there.
+    """
+    check_place(name=name)
+    with alone(root := place(name)):
+        yield Saved(name, Growing(root))
+
+
+def identity(provenance: Provenance) -> dict[str, object]:
+    """Return what must be alike in rollouts that are one recording, by the keys of `WORDS`."""
+    values = {**provenance.to_json(), **(provenance.target or {}), **(provenance.signal or {})}
+    return {key: json.loads(json.dumps(values.get(key))) for key in WORDS}

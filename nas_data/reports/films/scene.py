@@ -1,0 +1,182 @@
+"""One MuJoCo scene in which the arms of a film stand in the same place, each in one colour."""
+
+import warnings
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from nas_data.errors import ModelFileError
+from nas_data.gap.export import find_file, references
+from nas_data.mjcf.bake_inertia import explicit
+from nas_data.mjcf.engine_warnings import heard_warnings
+from nas_data.reports.films.motion import Ghost, Motion
+
+# measured grey, then the models: vermilion, blue, green, purple of Okabe and Ito, told apart by the colour-blind
+COLOURS = ((0.42, 0.42, 0.45), (0.84, 0.37, 0.0), (0.0, 0.45, 0.7), (0.0, 0.62, 0.45), (0.8, 0.47, 0.65))
+TRANSPARENCY = 0.55  # alpha of the models; the measured arm is solid
+GROUND = (0.93, 0.93, 0.94, 1.0)  # colour of planes
+HIDDEN_GROUPS = 3  # geom group from which MuJoCo shows none by default: shapes that only collide, by convention
+SAMPLED = 40  # postures of an episode that must fit into the picture
+MARGIN = 1.08  # of the camera's distance beyond what just fits
+PLANE = int(mujoco.mjtGeom.mjGEOM_PLANE)
+HEIGHT_FIELD = int(mujoco.mjtGeom.mjGEOM_HFIELD)
+
+
+class Scene:
+    """The ghosts of an episode in one compiled model; its physics never runs, and nothing in it collides.
+
+    What does not move (base, table, floor) is drawn once, with the measured arm.
+
+    Attributes:
+        model: The compiled scene.
+        data: Its posture.
+        owner: Which ghost each body belongs to, shape (nbody,).
+        shown: Which geoms are drawn, shape (ngeom,).
+    """
+
+    def __init__(self, motion: Motion) -> None:
+        """Compose and colour the scene.
+
+        Raises:
+            ModelFileError: the models cannot stand in one scene.
+        """
+        self._postures = np.concatenate([ghost.postures() for ghost in motion.ghosts], axis=1)
+        self.model, self.owner = compose(motion.ghosts)
+        self.data = mujoco.MjData(self.model)
+        self.shown = paint(self.model, self.owner)
+
+    def __len__(self) -> int:
+        """Return the number of frames, T + 1."""
+        return len(self._postures)
+
+    def show(self, frame: int) -> None:
+        """Move every ghost to where it is at a frame."""
+        self.data.qpos[:] = self._postures[frame]
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_comPos(self.model, self.data)
+        mujoco.mj_camlight(self.model, self.data)
+
+    def camera(self, azimuth: float, elevation: float, aspect: float) -> mujoco.MjvCamera:
+        """Return a camera that sees all postures of the episode.
+
+        Args:
+            azimuth: Direction in which it looks, about the vertical axis [deg].
+            elevation: The same above the horizon [deg]; negative looks down.
+            aspect: Width of the picture by its height.
+        """
+        turn, lift = np.radians(azimuth), np.radians(elevation)
+        forward = np.array([np.cos(lift) * np.cos(turn), np.cos(lift) * np.sin(turn), np.sin(lift)])
+        right = np.array([np.sin(turn), -np.cos(turn), 0.0])
+        axes = np.stack([right, np.cross(right, forward), forward])
+        seen = self.corners() @ axes.T  # right, up and depth of each corner
+        middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
+        slope = np.tan(np.radians(self.model.vis.global_.fovy) / 2)
+        beside = np.abs(seen[:, :2] - middle[:2]) / (slope * np.array([aspect, 1.0]))
+        camera = mujoco.MjvCamera()
+        camera.lookat, camera.azimuth, camera.elevation = middle @ axes, azimuth, elevation
+        camera.distance = MARGIN * float((beside.max(axis=1) - (seen[:, 2] - middle[2])).max())
+        return camera
+
+    def corners(self) -> np.ndarray:
+        """Return the corners of the boxes around all drawn geoms, in postures of the whole episode, shape (…, 3)."""
+        boxed = np.flatnonzero(self.shown & ~np.isin(self.model.geom_type, (PLANE, HEIGHT_FIELD)))
+        signs = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, 8).T
+        local = self.model.geom_aabb[boxed, None, :3] + signs * self.model.geom_aabb[boxed, None, 3:]
+        found = []
+        for frame in np.unique(np.linspace(0, len(self) - 1, SAMPLED).astype(int)):
+            self.show(int(frame))
+            turned = self.data.geom_xmat[boxed].reshape(-1, 3, 3)
+            found.append(self.data.geom_xpos[boxed, None] + np.einsum("gij,gcj->gci", turned, local))
+        return np.concatenate(found).reshape(-1, 3)
+
+
+def colour(number: int) -> tuple[float, float, float, float]:
+    """Return red, green, blue and alpha of a ghost, 0 to 1; 0 is the measured arm."""
+    shade = COLOURS[0] if number == 0 else COLOURS[1 + (number - 1) % (len(COLOURS) - 1)]
+    return (*shade, TRANSPARENCY if number else 1.0)
+
+
+def compose(ghosts: Sequence[Ghost]) -> tuple[mujoco.MjModel, np.ndarray]:
+    """Attach the ghosts' models to one, each with its number as prefix.
+
+    Returns:
+        The compiled scene, whose `qpos` are the ghosts' one after the other, and which ghost each body belongs to.
+
+    Raises:
+        ModelFileError: MuJoCo refuses the scene.
+    """
+    scene, parts = mujoco.MjSpec(), [bare(ghost, with_world=number == 0) for number, ghost in enumerate(ghosts)]
+    light_up(scene)
+    try:
+        # warned of are options that differ, such as the integrator; nothing is simulated here
+        with heard_warnings(), warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            for number, part in enumerate(parts):
+                scene.attach(part, prefix=f"{number}/", frame=scene.worldbody.add_frame())
+            model = scene.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        reason = " ".join(str(error).split()).rstrip(".")
+        files = ", ".join(dict.fromkeys(str(ghost.simulator.robot.mjcf) for ghost in ghosts))
+        raise ModelFileError(f"{files} cannot be drawn in one scene: {reason}; render one --model at a time.") from None
+    names = [model.body(body).name.partition("/") for body in range(model.nbody)]  # `bare` names all but the world
+    return model, np.array([int(number) if slash else 0 for number, slash, _ in names])
+
+
+def bare(ghost: Ghost, with_world: bool) -> mujoco.MjSpec:
+    """Return the bodies, joints and shapes of a ghost's model, and nothing that acts, measures or shines.
+
+    Args:
+        ghost: Whose model.
+        with_world: Whether the shapes that are fixed to the world stay.
+    """
+    spec = explicit(ghost.spec())
+    for reference in references(spec):  # relative names would be looked for beside the scene, which is no file
+        file = find_file(spec, reference, ghost.simulator.robot.mjcf)
+        if file is not None:
+            reference.name(str(file.resolve()))
+    spec.strippath = False
+    acting = (spec.keys, spec.sensors, spec.actuators, spec.equalities, spec.pairs, spec.excludes, spec.tendons)
+    for group in (*acting, spec.lights, spec.cameras, spec.skins, spec.sites):
+        for item in list(group):
+            spec.delete(item)
+    for geom in list(spec.geoms):
+        geom.contype = geom.conaffinity = 0
+        if geom.parent.name == "world" and not with_world:
+            spec.delete(geom)
+    return spec
+
+
+def light_up(scene: mujoco.MjSpec) -> None:
+    """Give a scene a bright background and even light."""
+    sky = scene.add_texture(name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, width=64, height=384)
+    sky.builtin, sky.rgb1, sky.rgb2 = mujoco.mjtBuiltin.mjBUILTIN_GRADIENT, [1.0, 1.0, 1.0], [0.88, 0.9, 0.93]
+    headlight = scene.visual.headlight
+    headlight.ambient, headlight.diffuse, headlight.specular = [0.45] * 3, [0.45] * 3, [0.05] * 3
+    light = scene.worldbody.add_light(pos=[0, 0, 3], dir=[-0.4, 0.3, -1], castshadow=False)
+    light.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    light.diffuse, light.specular = [0.4] * 3, [0.1] * 3
+
+
+def paint(model: mujoco.MjModel, owner: np.ndarray) -> np.ndarray:
+    """Give each ghost its colour, in place; return which geoms are drawn, shape (ngeom,).
+
+    Geoms of the groups that MuJoCo hides stay hidden unless a ghost has no others.
+
+    Args:
+        model: Compiled scene.
+        owner: Which ghost each body belongs to, shape (nbody,).
+    """
+    owners, fixed = owner[model.geom_bodyid], model.body_weldid[model.geom_bodyid] == 0
+    visible = (model.geom_group < HIDDEN_GROUPS) & (model.geom_rgba[:, 3] > 0)
+    for number in np.unique(owner):
+        own = (owners == number) & (model.geom_type != PLANE)
+        if not (visible & own).any():
+            visible |= own
+            model.geom_group[own] = 0
+        model.geom_rgba[owners == number] = colour(int(number))
+    visible &= ~(fixed & (owners > 0))
+    model.geom_rgba[model.geom_type == PLANE] = GROUND
+    model.geom_rgba[~visible, 3] = 0.0
+    model.geom_matid[:] = -1
+    return np.asarray(visible)

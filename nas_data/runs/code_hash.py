@@ -1,0 +1,129 @@
+"""A hash of the code that decides a result: what other code made is not mixed with it, nor told as the same."""
+
+import ast
+import hashlib
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT.name
+# They store, refuse, show or tell.
+APART = (
+    "environment_info", "cli", "commands", "dataset", "engine_warnings", "errors", "gap.showing", "registry", "reports",
+)  # fmt: skip
+# Each of their functions imports what one option needs. Whoever asks for a hash names the options that are taken.
+CHOOSING = ("envs.loop.dynamics_spec", "simulators.engines")
+BLOCKS = ("body", "orelse", "handlers", "finalbody", "cases")  # parts of a statement that hold statements
+
+
+def code_hash(*modules: str) -> str:
+    """Return a hash of modules of this package and of all that they import, at their head or inside functions.
+
+    Comments, docstrings and layout do not count. Everything else does, names of private functions included.
+
+    Every import that is written out is followed, with three exceptions:
+
+    - Imports for type checkers alone.
+    - Modules that only store, refuse, show or tell: `APART`.
+    - Imports inside the functions of the modules `CHOOSING`. A plain source must not depend on φ or on another engine
+      only because the module that builds plants can build those, too. The caller names the options that are taken, as
+      `Plant.modules` does.
+
+    A plug-in that the registry finds by its name (an effect, an environment, a kind of model) is written out nowhere.
+    The caller names it, too.
+
+    Args:
+        modules: Their full names, for example `nas_data.envs.pusher`.
+    """
+    listed = "\n".join(f"{module} {digest}" for module, digest in sorted(collect(*modules).items()))
+    return hashlib.sha256(listed.encode()).hexdigest()
+
+
+def collect(*modules: str) -> dict[str, str]:
+    """Return the hash of each module that `code_hash` counts, by name."""
+    found, waiting = dict[str, str](), list(modules)
+    while waiting:
+        module = waiting.pop()
+        if module not in found:
+            found[module], imports = analyse_module(module)
+            waiting += imports
+    return found
+
+
+@cache
+def analyse_module(module: str) -> tuple[str, tuple[str, ...]]:
+    """Return the hash of a module by itself, and the modules that it imports; as they were when first asked for."""
+    tree = ast.parse(source_of(module))
+    chooses = module.removeprefix(f"{PACKAGE}.") in CHOOSING
+    followed = statements(tree, deep=not chooses)
+    imports = tuple(sorted({name for statement in followed for name in imported_modules(statement)}))
+    return hashlib.sha256(meaning(tree).encode()).hexdigest(), imports
+
+
+def source_of(module: str) -> str:
+    """Return the source text of a module of this package."""
+    path = file_of(module)
+    assert path is not None, f"{module} is no module of {PACKAGE}"
+    return path.read_text(encoding="utf-8")
+
+
+def file_of(module: str) -> Path | None:
+    """Return a module's file; None where there is none."""
+    place = ROOT.parent.joinpath(*module.split("."))
+    return next((path for path in (place.with_suffix(".py"), place / "__init__.py") if path.is_file()), None)
+
+
+def meaning(node: object) -> str:
+    """Return code without comments, docstrings and layout, alike in all versions of Python that read it alike."""
+    if isinstance(node, list):
+        return ",".join([meaning(part) for part in node if not is_text(part)])
+    if not isinstance(node, ast.AST):
+        return repr(node)
+    if isinstance(node, ast.JoinedStr):  # its empty parts come and go between versions
+        node = ast.JoinedStr([part for part in node.values if getattr(part, "value", None) != ""])
+    # Newer versions of Python know more fields, which older code leaves empty.
+    parts = [(name, getattr(node, name, None)) for name in node._fields if name != "ctx"]
+    told = [f"{name}={meaning(part)}" for name, part in parts if part is not None and part != []]
+    return f"{type(node).__name__}({' '.join(told)})"
+
+
+def is_text(node: object) -> bool:
+    """Whether a part of the code is a docstring, or another text that does nothing."""
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+
+
+def statements(node: ast.AST, deep: bool) -> Iterator[ast.stmt]:
+    """Yield the statements inside a part of the code, those for type checkers left out.
+
+    Args:
+        node: A module, a statement, or a branch of one.
+        deep: Whether those inside functions are wanted.
+    """
+    aside = isinstance(node, ast.If) and "TYPE_CHECKING" in (getattr(node.test, key, "") for key in ("id", "attr"))
+    for block in BLOCKS[1:] if aside else BLOCKS:
+        for part in getattr(node, block, ()):
+            if isinstance(part, ast.stmt):
+                yield part
+            if deep or not isinstance(part, ast.FunctionDef | ast.AsyncFunctionDef):
+                yield from statements(part, deep)
+
+
+def imported_modules(statement: ast.stmt) -> Iterator[str]:
+    """Yield the modules of this package that a statement imports, those that decide no result left out."""
+    if isinstance(statement, ast.Import):
+        names = [name.name for name in statement.names]
+    elif isinstance(statement, ast.ImportFrom) and statement.module:
+        inner = [f"{statement.module}.{name.name}" for name in statement.names]
+        names = [name if is_ours(name) and file_of(name) else statement.module for name in inner]
+    else:
+        return
+    for name in names:
+        words = name.removeprefix(PACKAGE).removeprefix(".")
+        if is_ours(name) and words and not any(words == part or words.startswith(f"{part}.") for part in APART):
+            yield name
+
+
+def is_ours(module: str) -> bool:
+    """Whether a module is of this package."""
+    return module.split(".")[0] == PACKAGE

@@ -1,0 +1,91 @@
+"""Stages side by side: each in a process of its own, as soon as those that it builds on are done."""
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Generic
+
+from nas_data.runs.parallel import run_jobs
+from nas_data.runs.stages import (
+    INDENT,
+    Plan,
+    Stage,
+    Work,
+    begin,
+    describe_kept,
+    do,
+    introduction,
+    read_stage,
+    run_stages,
+)
+
+
+@dataclass(frozen=True)
+class Part(Generic[Plan]):
+    """A stage to be done by a process of its own.
+
+    Attributes:
+        stage: Its name.
+        plan: See `Work`.
+        folder: See `Work`.
+        name: See `Work`.
+    """
+
+    stage: str
+    plan: Plan
+    folder: Path
+    name: str
+
+
+def run_side_by_side(
+    stages: Sequence[Stage[Plan]], work: Work[Plan], workers: int, do_one: Callable[[Part[Plan]], None]
+) -> None:
+    """Do the stages that are not done yet, several at a time; of those that can be begun, the first is.
+
+    Args:
+        stages: In an order in which they could be done one after the other.
+        work: What they work on.
+        workers: Processes.
+        do_one: Does a stage; importable by its name.
+
+    Raises:
+        OutputExists: the folder holds something else, or the same work with another plan or by other code.
+        JobsFailed: several could not be done; all others are but those that build on them.
+    """
+    missing = begin(stages, work)
+    if len(missing) < 2:
+        run_stages(stages, work)
+        return
+    for stage in stages:
+        if stage.name not in missing:
+            work.report(f"{stage.title}: {describe_kept(read_stage(stage.name, work.folder))}")
+    parts = [Part(stage.name, work.plan, work.folder, work.name) for stage in stages if stage.name in missing]
+    for _ in run_jobs(do_one, parts, workers, prerequisites([stage for stage in stages if stage.name in missing])):
+        pass
+
+
+def prerequisites(stages: Sequence[Stage[Plan]]) -> Mapping[int, Sequence[int]]:
+    """Return for each stage by its place the places of those before it that it builds on."""
+    return {
+        place: [
+            before
+            for before, other in enumerate(stages[:place])
+            if stage.builds_on is None or other.name in stage.builds_on
+        ]
+        for place, stage in enumerate(stages)
+    }
+
+
+def do_part(stage: Stage[Plan], part: Part[Plan]) -> None:
+    """Do a stage with one thread, and say on stderr what it is and what it found; its name is said with both."""
+    work = Work(part.plan, part.folder, show, part.name, threads=1)
+    work.report(introduction(stage.title, stage))
+    done = do(stage, work)
+    lines = [f"{stage.title}: took {done.seconds:.0f} s", *(f"{INDENT}{line}" for line in done.said)]
+    work.report("\n".join(lines))
+
+
+def show(line: str) -> None:
+    """Show a line of progress on stderr, which all processes share."""
+    print(line, file=sys.stderr, flush=True)

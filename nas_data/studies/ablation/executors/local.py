@@ -1,0 +1,5 @@
+"""Trials on this machine: processes of one thread each; with one worker, this process."""
+
+from nas_data.runs.parallel import run_jobs
+
+run = run_jobs

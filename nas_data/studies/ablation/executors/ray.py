@@ -1,0 +1,95 @@
+"""Trials on a Ray cluster: each is a task of one core, on the cluster that RAY_ADDRESS names or on one begun here."""
+
+import logging
+import os
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, Future
+from pathlib import Path
+from typing import TypeVar, cast
+
+from nas_data.errors import MissingPackage, WorkerLost
+from nas_data.runs.parallel import run_jobs
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+
+
+def run(
+    function: Callable[[Job], Result],
+    jobs: Sequence[Job],
+    workers: int,
+    after: Mapping[int, Collection[int]] | None = None,
+) -> Iterator[tuple[int, Result]]:
+    """Run jobs on the cluster, `workers` at a time; see `Executor`.
+
+    Every machine of the cluster needs this package, and the working directory with its datasets and results at the
+    same path (a shared file system).
+
+    Raises:
+        MissingPackage: Ray is not installed.
+        WorkerLost: a machine of the cluster was lost, or lacks the working directory.
+    """
+    return run_jobs(function, jobs, workers, after, RayPool)
+
+
+class RayPool(Executor):
+    """Ray behind Python's interface of executors."""
+
+    def __init__(self, workers: int) -> None:
+        """Join the cluster, or begin one of `workers` cores on this machine.
+
+        Raises:
+            MissingPackage: Ray is not installed.
+        """
+        try:
+            import ray
+        except ImportError:
+            raise MissingPackage("The executor ray needs Ray: pip install 'nas_data[ray]'") from None
+        self._began = not ray.is_initialized()
+        if self._began:
+            os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # Ray's makers need not hear of it
+            cores = None if os.environ.get("RAY_ADDRESS") else workers  # a cluster knows how many it has
+            ray.init(num_cpus=cores, include_dashboard=False, log_to_driver=False, logging_level=logging.ERROR)
+        self._ray = ray
+
+    def submit(self, function: Callable[[Job], Result], job: Job) -> "Future[Result]":  # type: ignore[override]
+        """Begin a job, and return what will hold its result or its error."""
+        future: Future[Result] = Future()
+        task = self._ray.remote(num_cpus=1)(run_in)  # type: ignore[var-annotated]  # Ray's types lose the function's
+        ended = cast("Future[Result]", task.remote(function, job, str(Path.cwd())).future())
+        ended.add_done_callback(lambda done: settle(future, done))
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Leave the cluster; one that was begun here ends, and with it what still runs."""
+        if self._began:
+            self._ray.shutdown()
+
+
+def run_in(function: Callable[[Job], Result], job: Job, folder: str) -> Result:
+    """Do a job in the folder where the sweep was started.
+
+    Raises:
+        WorkerLost: this machine has no such folder.
+    """
+    try:
+        os.chdir(folder)
+    except OSError:
+        raise WorkerLost(
+            f"A machine of the cluster has no folder {folder}; start the sweep in one that all machines share."
+        ) from None
+    return function(job)
+
+
+def settle(future: "Future[Result]", ended: "Future[Result]") -> None:
+    """Hand on what a task came to: its result, the error that was raised in it, or that it was lost."""
+    from ray.exceptions import RayTaskError
+
+    error = ended.exception()
+    if error is None:
+        future.set_result(ended.result())
+    elif isinstance(error, RayTaskError):
+        future.set_exception(error.cause)
+    else:
+        reason = str(error).strip().splitlines()[0].rstrip(".")
+        future.set_exception(WorkerLost(f"Ray lost a trial ({reason}); what was finished is kept: run it again."))

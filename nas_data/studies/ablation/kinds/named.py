@@ -1,0 +1,17 @@
+"""Named: the source with the effects that `nas gap` names from the same subset, nothing trained."""
+
+from nas_data.studies.ablation.kinds.base import Learned, Lesson, ModelKind
+from nas_data.studies.ablation.naming import name_effects, read_named
+
+
+def learn(lesson: Lesson) -> Learned:
+    """Name effects, or take those given."""
+    named = (
+        read_named(lesson.effects, lesson.plain, lesson.data)
+        if lesson.effects
+        else name_effects(lesson.data, lesson.plain, lesson.root)
+    )
+    return Learned(None, named.source, named)
+
+
+KIND = ModelKind("named", learn, trains=False, needs_source=True, names=True)

@@ -1,0 +1,18 @@
+"""Named + φ: the source with named effects, corrected by what the subset teaches beyond them."""
+
+from nas_data.pairing import pair
+from nas_data.studies.ablation.kinds import named
+from nas_data.studies.ablation.kinds.base import Learned, Lesson, ModelKind
+from nas_data.studies.ablation.training import train
+
+
+def learn(lesson: Lesson) -> Learned:
+    """Name effects, pair the subset with the source that has them, train φ on it."""
+    base = named.learn(lesson)
+    assert base.source is not None
+    simulator = base.source.simulator(lesson.data, threads=1)
+    paired = pair(lesson.data, simulator)
+    return Learned(train("delta", paired, simulator, lesson.options, lesson.folder), base.source, base.named)
+
+
+KIND = ModelKind("named + φ", learn, needs_source=True, names=True)

@@ -1,0 +1,107 @@
+"""What a sweep works on: datasets, source and effects, where they lie and what they hold."""
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from nas_data.dataset.content import content_hash
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.read import read
+from nas_data.dataset.transitions import as_transitions
+from nas_data.errors import DatasetInvalid, ModelFileError
+from nas_data.gap.write_model import EFFECTS
+from nas_data.sources import SourceModel, locate_source
+from nas_data.studies.ablation.subsets import divide
+
+
+@dataclass(frozen=True)
+class Content:
+    """What identifies the data, on whatever machine they lie.
+
+    Attributes:
+        dataset: Content hash.
+        test: Content hash of the dataset that judges, where it is another.
+        source: SHA-256 of the source's model, with its engine and effects; None without a source.
+        effects: SHA-256 of the named effects that were given.
+    """
+
+    dataset: str
+    test: str | None
+    source: str | None
+    effects: str | None
+
+    def to_json(self, named: bool = True) -> dict[str, str | None]:
+        """Return it; without effects for a trial that names none."""
+        effects = self.effects if named else None
+        return {"dataset": self.dataset, "test": self.test, "source": self.source, "effects": effects}
+
+
+@dataclass(frozen=True)
+class SweepData:
+    """Where the data of a sweep lie.
+
+    Attributes:
+        root: Folder of the dataset.
+        test: Folder of the dataset that judges; None where episodes of the first do.
+        model: Source model given; None for the one kept with the dataset.
+        engine: Engine given.
+        effects: A gap report's folder, or its effects.json, to be used instead of naming.
+    """
+
+    root: Path
+    test: Path | None = None
+    model: str | None = None
+    engine: str | None = None
+    effects: Path | None = None
+
+    def read(self) -> Dataset:
+        """Read the dataset as transitions."""
+        return as_transitions(read(self.root))[0]
+
+    def source(self) -> SourceModel | None:
+        """Return the source; None where none was given and none is kept."""
+        try:
+            return locate_source(self.model, (), [self.root], self.engine)
+        except ModelFileError:
+            if self.model is not None:
+                raise
+            return None
+
+    def divide(self, dataset: Dataset, share: float | None, seed: int) -> tuple[list[int], Dataset]:
+        """Return the training episodes, and what judges: the test dataset, or a share of the episodes."""
+        if self.test is not None:
+            return list(range(dataset.n_episodes)), as_transitions(read(self.test))[0]
+        assert share is not None
+        train, held = divide(dataset.n_episodes, share, seed)
+        return train, dataset.select(held)
+
+    def content(self) -> Content:
+        """Return what the data hold now."""
+        return Content(
+            dataset=content_hash(read(self.root)),
+            test=None if self.test is None else content_hash(read(self.test)),
+            source=self._source_hash(),
+            effects=None if self.effects is None else file_hash(self.effects),
+        )
+
+    def _source_hash(self) -> str | None:
+        source = self.source()
+        if source is None:
+            return None
+        described = source.simulator(self.read(), threads=1).describe()
+        told = [str(described.get(key)) for key in ("sha256", "engine", "effects")]
+        return hashlib.sha256("\n".join(told).encode()).hexdigest()
+
+    def check(self, content: Content) -> None:
+        """Raise DatasetInvalid where the data are no longer those that a sweep began with."""
+        changed = [key for key, value in self.content().to_json().items() if value != content.to_json()[key]]
+        if changed:
+            raise DatasetInvalid(
+                f"The {changed[0]} of the sweep on {self.root} changed while it ran; start it anew with another --out."
+            )
+
+
+def file_hash(path: Path) -> str:
+    """Return the SHA-256 of an effects file, or of the one in a gap report's folder."""
+    file = path / EFFECTS if path.is_dir() else path
+    return hashlib.sha256(file.read_bytes()).hexdigest()

@@ -1,0 +1,108 @@
+"""Which data a trial learns from: nested subsets, drawn per seed, of what is not held out."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.errors import OptionError
+from nas_data.studies.ablation.amount import Amount
+
+STRETCH = 10.0  # [s] of a motion that is drawn as one: longer than any memory of the arm, many to the minute
+HOLDING_OUT, DRAWING = 0, 1  # streams of random numbers that have nothing to do with each other
+
+Run = tuple[int, int]  # first frame, and the one after the last
+
+
+def divide(episodes: int, share: float, seed: int) -> tuple[list[int], list[int]]:
+    """Draw the episodes that are held out, the same for all trials of a seed.
+
+    Args:
+        episodes: How many there are, at least two.
+        share: Part to hold out; at least one episode is, and one is left.
+        seed: Seed of the draw.
+
+    Returns:
+        Training episodes and held-out episodes, each in order.
+    """
+    order = np.random.default_rng([seed, HOLDING_OUT]).permutation(episodes)
+    held = min(episodes - 1, max(1, round(share * episodes)))
+    return sorted(order[held:].tolist()), sorted(order[:held].tolist())
+
+
+def draw(dataset: Dataset, train: Sequence[int], amount: Amount, seed: int) -> list[Run]:
+    """Draw training data; of two amounts of one seed, the smaller is part of the larger.
+
+    Args:
+        dataset: Transitions.
+        train: Training episodes.
+        amount: How much.
+        seed: Seed of the draw.
+
+    Returns:
+        Runs of consecutive frames in their order: whole episodes, or stretches of some.
+
+    Raises:
+        OptionError: there is not as much.
+    """
+    check_enough(dataset, train, amount)
+    rng = np.random.default_rng([seed, DRAWING])
+    if amount.unit == "episodes":
+        count = len(train) if amount.is_all else int(amount.value)
+        chosen = sorted(int(train[place]) for place in rng.permutation(len(train))[:count])
+        return [(rows.start, rows.stop) for rows in map(dataset.episode, chosen)]
+    frames = available(dataset, train) if amount.is_all else round(amount.value * 60 * dataset.fps)
+    return merge_adjacent_runs(take(stretches(dataset, train), rng, frames), dataset)
+
+
+def check_enough(dataset: Dataset, train: Sequence[int], amount: Amount) -> None:
+    """Raise OptionError where the training episodes do not hold an amount."""
+    there = len(train) if amount.unit == "episodes" else available(dataset, train) / dataset.fps / 60
+    if amount.is_all or amount.value <= there * (1 + 1e-9):
+        return
+    option = "--counts" if amount.unit == "episodes" else "--minutes"
+    raise OptionError(
+        f"{option} asks for {amount}, but {len(train)} training episodes hold {there:.4g} {amount.unit} "
+        f"(of {dataset.n_episodes} recorded episodes); ask for less, or for all."
+    )
+
+
+def available(dataset: Dataset, train: Sequence[int]) -> int:
+    """Return the frames of the training episodes."""
+    return int(dataset.lengths[list(train)].sum())
+
+
+def stretches(dataset: Dataset, train: Sequence[int]) -> list[Run]:
+    """Cut each training episode into stretches of nearly equal length."""
+    cuts: list[Run] = []
+    for rows in map(dataset.episode, train):
+        parts = max(1, round((rows.stop - rows.start) / dataset.fps / STRETCH))
+        ends = np.linspace(rows.start, rows.stop, parts + 1).round().astype(int).tolist()
+        cuts.extend(pairwise(ends))
+    return cuts
+
+
+def take(runs: Sequence[Run], rng: np.random.Generator, frames: int) -> list[Run]:
+    """Take runs in a random order until there are so many frames, the last one cut short."""
+    taken: list[Run] = []
+    for place in rng.permutation(len(runs)):
+        start, stop = runs[place]
+        length = min(stop - start, frames)
+        if length <= 0:
+            break
+        taken.append((start, start + length))
+        frames -= length
+    return taken
+
+
+def merge_adjacent_runs(runs: Sequence[Run], dataset: Dataset) -> list[Run]:
+    """Sort runs and join those that follow each other within an episode: nothing parts them."""
+    starts = set(dataset.starts.tolist())
+    result: list[Run] = []
+    for start, stop in sorted(runs):
+        if result and result[-1][1] == start and start not in starts:
+            result[-1] = (result[-1][0], stop)
+        else:
+            result.append((start, stop))
+    return result

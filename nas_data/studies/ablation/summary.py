@@ -1,0 +1,189 @@
+"""What a sweep found: median and spread over seeds of each kind and amount, and how much data is enough."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nas_data.joint_units import HINGE, JointUnit
+from nas_data.studies.ablation.amount import Amount, Unit
+from nas_data.studies.ablation.judging import BASELINES
+from nas_data.studies.ablation.kinds.base import find_kind
+from nas_data.studies.ablation.results import amount_of, config, error, failure, predictors, size, unit_of
+from nas_data.studies.ablation.trial import Record
+
+ENOUGH = 0.05  # by which the median error may exceed the best one
+LOOPS = ("open_loop", "one_step")
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Errors of several seeds.
+
+    Attributes:
+        values: One a seed [rad]; infinite where it diverged.
+    """
+
+    values: tuple[float, ...]
+
+    @property
+    def median(self) -> float:
+        """Their median [rad]; infinite where half diverged."""
+        ordered = sorted(self.values)
+        low, high = ordered[(len(ordered) - 1) // 2], ordered[len(ordered) // 2]
+        return high if math.isinf(high) else (low + high) / 2
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The smallest and the largest [rad]."""
+        return min(self.values), max(self.values)
+
+    def to_json(self) -> dict[str, object]:
+        """Return all of it; infinity is left to whoever writes."""
+        low, high = self.ends
+        return {"median": self.median, "min": low, "max": high, "values": list(self.values)}
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One kind with one amount of data.
+
+    Attributes:
+        kind: What learned.
+        amount: From how much, as asked for.
+        size: The same as a number of the amount's unit, median over seeds.
+        errors: Spread of `open_loop` and `one_step`.
+    """
+
+    kind: str
+    amount: Amount
+    size: float
+    errors: Mapping[str, Spread]
+
+    @property
+    def text(self) -> str:
+        """The amount with its unit, as a number where all was asked for."""
+        return str(Amount(float(f"{self.size:.3g}"), self.amount.unit))
+
+
+@dataclass(frozen=True)
+class SweepSummary:
+    """A sweep's results.
+
+    Attributes:
+        unit: What is counted.
+        cells: By kind, in the order of amounts.
+        baselines: Spread of `open_loop` and `one_step` of source, hold and command, over seeds.
+        failed: Sentences of trials that could not be done.
+        shown: How errors are shown.
+    """
+
+    unit: Unit
+    cells: Mapping[str, Sequence[Cell]]
+    baselines: Mapping[str, Mapping[str, Spread]]
+    failed: Sequence[str]
+    shown: JointUnit = HINGE
+
+    @classmethod
+    def of(cls, records: Sequence[Record]) -> "SweepSummary":
+        """Gather the results of trials."""
+        good = [record for record in records if "failed" not in record]
+        configs = [config(record) for record in records]
+        kinds = dict.fromkeys(str(entry["kind"]) for entry in configs)
+        gathered = {kind: gather(kind, [r for r in good if config(r)["kind"] == kind]) for kind in kinds}
+        return cls(
+            unit="minutes" if configs[0]["unit"] == "minutes" else "episodes",
+            cells={kind: cells for kind, cells in gathered.items() if cells},
+            baselines=baselines(good),
+            failed=[failure(record) for record in records if "failed" in record],
+            shown=unit_of(good[0]) if good else HINGE,
+        )
+
+    def enough(self) -> dict[str, Cell]:
+        """Return for each kind the smallest amount whose median open-loop error is within 5 % of its best."""
+        found = {}
+        for kind, cells in self.cells.items():
+            limit = (1 + ENOUGH) * best(cells).errors["open_loop"].median
+            if math.isfinite(limit):
+                found[kind] = next(cell for cell in cells if cell.errors["open_loop"].median <= limit)
+        return found
+
+    def sentence(self) -> str:
+        """Say in one sentence how much data is enough."""
+        enough = self.enough()
+        parts = [self._told(kind, enough.get(kind)) for kind in self.cells]
+        head = f"Smallest amount of data whose median open-loop error is within {ENOUGH:.0%} of the kind's best: "
+        return head + "; ".join(parts) + "." if parts else "No trial succeeded."
+
+    def _told(self, kind: str, cell: Cell | None) -> str:
+        label, cells = find_kind(kind).label, self.cells[kind]
+        if cell is None:
+            return f"{label} diverges with every amount"
+        top = best(cells)
+        error, least = (self._text(one.errors["open_loop"].median) for one in (cell, top))
+        told = f"{label} {cell.text} ({error}" + (")" if cell is top else f"; {least} with {top.text})")
+        told += ", the most that was tried, so that more may help" if cell is cells[-1] and len(cells) > 1 else ""
+        return told + self._beaten_by(top)
+
+    def _beaten_by(self, cell: Cell) -> str:
+        """Say which predictor that learned nothing is no worse than the best of a kind; nothing where there is none."""
+        found = {name: spreads["open_loop"].median for name, spreads in self.baselines.items()}
+        if not found or min(found.values()) > cell.errors["open_loop"].median:
+            return ""
+        name = min(found, key=lambda name: found[name])
+        return f", which is no better than '{name}', which learned nothing ({self._text(found[name])})"
+
+    def _text(self, value: float) -> str:
+        """Return an error in the unit in which it is shown."""
+        return f"{self.shown.factor * value:.3g}{self.shown.mark}"
+
+    def to_json(self) -> dict[str, object]:
+        """Return everything in the unit inside."""
+        return {
+            "metric": "position RMSE on held-out episodes, mean of the episodes",
+            "unit": self.shown.si,
+            "amount_unit": self.unit,
+            "kinds": {kind: [cell_json(cell) for cell in cells] for kind, cells in self.cells.items()},
+            "baselines": {name: spreads_json(spreads) for name, spreads in self.baselines.items()},
+            "enough": {kind: cell.amount.word for kind, cell in self.enough().items()},
+            "sentence": self.sentence(),
+            "failed": list(self.failed),
+        }
+
+
+def best(cells: Sequence[Cell]) -> Cell:
+    """Return the amount with the smallest median open-loop error, the smaller of equals."""
+    return min(cells, key=lambda cell: cell.errors["open_loop"].median)
+
+
+def cell_json(cell: Cell) -> dict[str, object]:
+    """Return a cell for JSON."""
+    return {"amount": cell.amount.word, cell.amount.unit: cell.size, **spreads_json(cell.errors)}
+
+
+def spreads_json(spreads: Mapping[str, Spread]) -> dict[str, object]:
+    """Return the spreads of both ways to predict."""
+    return {loop: spread.to_json() for loop, spread in spreads.items()}
+
+
+def gather(kind: str, records: Sequence[Record]) -> list[Cell]:
+    """Return a kind's cells, from small to large."""
+    groups: dict[Amount, list[Record]] = {}
+    for record in records:
+        groups.setdefault(amount_of(record), []).append(record)
+    cells = []
+    for amount, members in groups.items():
+        errors = {loop: Spread(tuple(error(record, loop) for record in members)) for loop in LOOPS}
+        cells.append(Cell(kind, amount, float(np.median([size(record) for record in members])), errors))
+    return sorted(cells, key=lambda cell: (cell.size, cell.amount))
+
+
+def baselines(records: Sequence[Record]) -> dict[str, dict[str, Spread]]:
+    """Return the errors of what learns nothing, one a seed: all trials of a seed meet the same held-out episodes."""
+    by_seed = {config(record)["seed"]: record for record in records}
+    names = [name for name in BASELINES if all(name in predictors(r, "open_loop") for r in by_seed.values())]
+    return {
+        name: {loop: Spread(tuple(error(record, loop, name) for record in by_seed.values())) for loop in LOOPS}
+        for name in (names if by_seed else [])
+    }

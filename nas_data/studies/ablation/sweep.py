@@ -1,0 +1,186 @@
+"""A sweep: amount × seed × kind; checked before anything is done, and gone on with where it stopped."""
+
+import fcntl
+import json
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from nas_data.errors import OutputExists
+from nas_data.models.presets import TrainingOptions
+from nas_data.reports.file import write_whole
+from nas_data.studies.ablation.amount import Amount
+from nas_data.studies.ablation.code import trial_code
+from nas_data.studies.ablation.executors.base import Executor
+from nas_data.studies.ablation.inflation import Cost, Probe, cost, inflation_of, keep, order, probes
+from nas_data.studies.ablation.material import Content, SweepData
+from nas_data.studies.ablation.progress import SweepProgress
+from nas_data.studies.ablation.trial import TRIALS, UNFINISHED, Config, Record, Trial, do_trial
+from nas_data.visible_files import visible
+
+SWEEP, LOCK = "sweep.json", ".lock"
+
+
+@dataclass(frozen=True)
+class SweepPlan:
+    """What is swept.
+
+    Attributes:
+        kinds: What learns.
+        amounts: From how much, all of one unit.
+        seeds: Seeds of every kind and amount.
+        options: Of the trainings; each seed is its own trial's.
+        held_out: Share of the episodes that judges; None where another dataset does.
+        material: Where the data lie.
+    """
+
+    kinds: Sequence[str]
+    amounts: Sequence[Amount]
+    seeds: Sequence[int]
+    options: TrainingOptions
+    held_out: float | None
+    material: SweepData
+
+    def trials(self, content: Content, folder: Path) -> list[Trial]:
+        """Return every trial: one seed after the other, so that the shape is seen early; long trials first in each.
+
+        Else the last worker's long trial would be waited for by all others.
+        """
+        source = self.material.source()
+        codes = {kind: trial_code(kind, source) for kind in self.kinds}
+        return [
+            Trial(Config(kind, amount, seed, self.options, self.held_out), content, self.material, folder, codes[kind])
+            for seed in self.seeds
+            for amount in reversed(self.amounts)
+            for kind in self.kinds
+        ]
+
+    def identity(self, content: Content) -> dict[str, object]:
+        """Return what all trials of a folder share; kinds, amounts and seeds may be added to it."""
+        return {
+            **content.to_json(named=False),
+            "unit": self.amounts[0].unit,
+            "held-out share": self.held_out,
+            **{f"option {name}": value for name, value in asdict(self.options).items() if name != "seed"},
+        }
+
+
+def run_sweep(
+    trials: Sequence[Trial], executor: Executor, workers: int, retry: bool, say: Callable[[str], None]
+) -> list[Record]:
+    """Do the trials that are not done yet, and return the results of all in their order.
+
+    Results by other code stay in the folder and are not used.
+
+    With several workers it is measured first what another costs, once a sweep, by the same workers.
+
+    Args:
+        trials: See `SweepPlan.trials`.
+        executor: Where they run.
+        workers: How many run at a time.
+        retry: Do those again that failed.
+        say: Told of each result in a sentence.
+    """
+    records = {number: record for number, trial in enumerate(trials) if (record := done(trial, retry)) is not None}
+    waiting = [number for number in range(len(trials)) if number not in records]
+    measuring = probes([trials[number] for number in waiting], workers, trials[0].folder) if waiting else []
+    jobs: list[Trial | Probe] = [*measuring, *(trials[number] for number in waiting)]
+    costs: dict[int, Cost | None] = {}
+    clock = SweepProgress([trials[number].config for number in waiting], workers, len(trials))
+    if others := count_other_code(trials):
+        say(f"{others} of these trials have results by other code of nas_data, which are kept and not used")
+    say(clock.begin(sum("failed" in record for record in records.values())))
+    if measuring:
+        say(f"first a short training with {workers} workers and with one, to see what another costs")
+    for place, found in executor(do_job, jobs, workers, order(len(measuring), len(jobs))):
+        if place < len(measuring):
+            costs[place] = found
+            if len(costs) == len(measuring):
+                keep(trials[0].folder, inflation_of([costs[probe] for probe in range(len(measuring))]))
+        else:
+            number = waiting[place - len(measuring)]
+            records[number] = found
+            say(clock.tell(trials[number].config, found))
+    return [records[number] for number in range(len(trials))]
+
+
+def do_job(job: Trial | Probe) -> Any:
+    """Do a trial, or measure; returns a record or a cost."""
+    return cost(job) if isinstance(job, Probe) else do_trial(job)
+
+
+def done(trial: Trial, retry: bool) -> Record | None:
+    """Return a trial's result; None where there is none to trust, or where it failed and is to be done again."""
+    try:
+        record = json.loads(trial.path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    if not isinstance(record, dict) or record.get("question") != trial.question:
+        return None
+    return None if retry and "failed" in record else record
+
+
+def count_other_code(trials: Sequence[Trial]) -> int:
+    """Return how many of some trials have a result by other code, or by code that is not known."""
+    asked = {spell(trial.question): trial.code for trial in trials}
+    found = [read_question(path) for path in visible(trials[0].folder / TRIALS, "*.json")]
+    return len({key for question in found if (key := spell(question)) in asked and question.get("code") != asked[key]})
+
+
+def read_question(path: Path) -> Record:
+    """Return what a result is the answer to; nothing where that cannot be read."""
+    try:
+        question = json.loads(path.read_text(encoding="utf-8"))["question"]
+    except (OSError, ValueError, LookupError, TypeError):
+        return {}
+    return question if isinstance(question, dict) else {}
+
+
+def spell(question: Record) -> str:
+    """Return a question as text, without its code."""
+    return json.dumps({key: value for key, value in question.items() if key != "code"}, sort_keys=True)
+
+
+@contextmanager
+def open_sweep(folder: Path, identity: dict[str, object]) -> Iterator[None]:
+    """Take hold of a sweep's folder: a new one, or that of the same sweep.
+
+    Raises:
+        OutputExists: it holds something else, or another process works in it.
+    """
+    check_same(folder, identity)
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / LOCK).open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # the lock dies with its process
+        except OSError:
+            raise OutputExists(
+                f"Another `nas ablate` works in {folder}; wait for it, or choose another --out."
+            ) from None
+        shutil.rmtree(folder / UNFINISHED, ignore_errors=True)  # what a killed sweep left
+        write_whole(folder / SWEEP, (json.dumps(identity, indent=1) + "\n").encode())
+        yield
+        shutil.rmtree(folder / UNFINISHED, ignore_errors=True)
+
+
+def check_same(folder: Path, identity: dict[str, object]) -> None:
+    """Raise OutputExists where a folder holds another sweep, or none but something else."""
+    entries = {path.name for path in folder.iterdir()} - {LOCK, UNFINISHED} if folder.is_dir() else set()
+    if not entries and not folder.is_file():
+        return
+    try:
+        held = json.loads((folder / SWEEP).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        raise OutputExists(f"{folder} exists and holds no sweep; choose another --out.") from None
+    other = [key for key in {**identity, **held} if held.get(key) != identity.get(key)]
+    if other:
+        told = "; ".join(f"{key}: {short(held.get(key))} there, {short(identity.get(key))} here" for key in other)
+        raise OutputExists(f"{folder} holds another sweep ({told}); choose another --out.")
+
+
+def short(value: object) -> str:
+    """Return a value as it can be told apart, hashes by their beginning."""
+    return value[:8] if isinstance(value, str) else "none" if value is None else str(value)

@@ -1,0 +1,55 @@
+"""The table of a sweep: median and spread over seeds, the baselines below."""
+
+import math
+from collections.abc import Sequence
+
+from nas_data.joint_units import HINGE, JointUnit
+from nas_data.policies.tables import align_columns
+from nas_data.studies.ablation.kinds.base import find_kind
+from nas_data.studies.ablation.summary import Spread, SweepSummary
+
+HEADERS = ("learned", "from", "seeds", "open loop: median", "min … max", "one step: median", "min … max")
+
+
+def rows(summary: SweepSummary) -> list[tuple[str, ...]]:
+    """Return the rows of the table, errors in the unit in which they are shown."""
+    learned = [
+        (find_kind(kind).label, cell.text, *cells(cell.errors["open_loop"], cell.errors["one_step"], summary.shown))
+        for kind, found in summary.cells.items()
+        for cell in found
+    ]
+    alone = [
+        (name, "", *cells(both["open_loop"], both["one_step"], summary.shown))
+        for name, both in summary.baselines.items()
+    ]
+    return [*learned, *alone]
+
+
+def cells(open_loop: Spread, one_step: Spread, unit: JointUnit) -> tuple[str, ...]:
+    """Return seeds, then median and ends of both errors."""
+    return (str(len(open_loop.values)), *format_median(open_loop, 3, unit), *format_median(one_step, 4, unit))
+
+
+def format_median(spread: Spread, digits: int, unit: JointUnit) -> tuple[str, str]:
+    """Return the median, and the ends where they differ, in a unit."""
+    low, high = (number(value, digits, unit) for value in spread.ends)
+    return number(spread.median, digits, unit), "" if low == high else f"{low} … {high}"
+
+
+def number(value: float, digits: int, unit: JointUnit) -> str:
+    """Return an error as text in a unit."""
+    return f"{unit.factor * value:.{digits}f}" if math.isfinite(value) else "diverged"
+
+
+def text(summary: SweepSummary) -> str:
+    """Return the table for a terminal."""
+    title = f"Position RMSE on held-out episodes, mean of the episodes [{summary.shown.shown}]"
+    return f"{title}\n{align_columns(HEADERS, rows(summary))}"
+
+
+def markdown(summary: SweepSummary, notes: Sequence[str]) -> str:
+    """Return the table and some sentences as Markdown."""
+    lines = ["| " + " | ".join(row) + " |" for row in (HEADERS, ["---"] * len(HEADERS), *rows(summary))]
+    what = "degrees" if summary.shown is HINGE else "millimetres"
+    head = f"Position RMSE on held-out episodes, mean of the episodes, in {what}; spread over seeds."
+    return "\n\n".join([head, "\n".join(lines), *notes]) + "\n"

@@ -1,0 +1,56 @@
+"""The files in which a sweep ends: `ablation.json`, the table as Markdown, and the figure."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.cli import finite
+from nas_data.reports.ablation_figure import AblationCurve, error_over_amount
+from nas_data.reports.file import write_whole
+from nas_data.reports.style import to_png
+from nas_data.studies.ablation.kinds.base import find_kind
+from nas_data.studies.ablation.summary import LOOPS, Cell, SweepSummary
+from nas_data.studies.ablation.table import markdown
+
+JSON, TABLE, FIGURE = "ablation.json", "ablation.md", "ablation.png"
+
+
+def write(folder: Path, summary: SweepSummary, more: Mapping[str, object], notes: Sequence[str]) -> dict[str, Path]:
+    """Write all three; the figure only where a trial succeeded.
+
+    Args:
+        folder: The sweep's.
+        summary: What was found.
+        more: Further entries of the JSON file.
+        notes: Sentences below the table.
+
+    Returns:
+        The files by what they are.
+    """
+    files = {"result": folder / JSON, "table": folder / TABLE}
+    content = finite({"schema": 1, **summary.to_json(), **more})
+    write_whole(files["result"], (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
+    write_whole(files["table"], markdown(summary, [summary.sentence(), *notes]).encode())
+    if summary.cells:
+        files["figure"] = folder / FIGURE
+        write_whole(files["figure"], picture(summary))
+    return files
+
+
+def picture(summary: SweepSummary) -> bytes:
+    """Return the figure as a PNG."""
+    curves = {
+        loop: {find_kind(kind).label: curve(cells, loop) for kind, cells in summary.cells.items()} for loop in LOOPS
+    }
+    lines = {loop: {name: both[loop].median for name, both in summary.baselines.items()} for loop in LOOPS}
+    return to_png(error_over_amount(curves, lines, summary.unit, summary.shown))
+
+
+def curve(cells: Sequence[Cell], loop: str) -> AblationCurve:
+    """Return a kind's errors over its amounts."""
+    spreads = [cell.errors[loop] for cell in cells]
+    low, high = (np.array([spread.ends[end] for spread in spreads]) for end in (0, 1))
+    median = np.array([spread.median for spread in spreads])
+    return AblationCurve(np.array([cell.size for cell in cells]), low, median, high)

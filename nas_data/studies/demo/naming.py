@@ -1,0 +1,64 @@
+"""The demo's second stage: `nas gap` names what the source lacks, from the recording alone."""
+
+import textwrap
+from dataclasses import replace
+from pathlib import Path
+
+from nas_data.dataset import versions
+from nas_data.dataset.layout import SOURCE
+from nas_data.dataset.provenance import Provenance, read_provenance
+from nas_data.dataset.read import read
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
+from nas_data.gap.named import Named
+from nas_data.gap.showing.page_words import effect_title, join_items
+from nas_data.gap.summary import shrinking, summary
+from nas_data.gap.workflow import investigate
+from nas_data.gap.write_model import EFFECTS
+from nas_data.policies.ppo import Calm
+from nas_data.runs.stages import INDENT, WIDTH, StageResult
+from nas_data.studies.demo.plan import Demo
+from nas_data.studies.demo.recording import DATASETS, TRAIN, newest
+
+FOLDER = "gap"
+BLIND = "ergojr_demo_blind"
+PAUSE = 5.0  # [s] between two lines of the search, which says much
+
+
+def name_effects(demo: Demo) -> StageResult:
+    """Run `nas gap` on episodes of the recording, and keep its report; nothing where the plan leaves the search out."""
+    folder = demo.folder / FOLDER
+    if not demo.plan.named:
+        folder.mkdir(exist_ok=True)
+        return StageResult(["left out; nas demo --names runs it"], {})
+    recording, model = record_blind(demo), newest(demo, TRAIN) / SOURCE
+    say = Calm(lambda line: demo.report(INDENT + textwrap.shorten(line, WIDTH, placeholder=" …")), PAUSE)
+    report = investigate(recording, model, folder, say)
+    effects = [effect_title(effect) for effect in report.effects]
+    content = report.to_json()
+    return StageResult(
+        summary(report, folder).splitlines(),
+        {key: content[key] for key in ("verdict", "effects", "retuned", "gap")},
+        [
+            f"nas gap names: {join_items(effects) if effects else 'nothing'}",
+            f"Open-loop error on its own held-out episodes: {shrinking(report.gap)}",
+        ],
+    )
+
+
+def record_blind(demo: Demo) -> Path:
+    """Return the folder of what `nas gap` is given: the first episodes, without a word about what hides in them."""
+    root = newest(demo, TRAIN)
+    recorded = read(root)
+    known = read_provenance(root) or Provenance(how="edited")
+    target = {key: value for key, value in (known.target or {}).items() if key != "effects"}
+    provenance = replace(known, how="edited", target=target, parents=(versions.parent_of(root, recorded),))
+    return versions.new_version(recorded.select(range(demo.plan.named)), BLIND, provenance, demo.folder / DATASETS)
+
+
+def named_dynamics(demo: Demo) -> DynamicsSpec | None:
+    """Return the source with what was named and retuned; None where that is the plain source."""
+    folder = demo.folder / FOLDER
+    if not (folder / EFFECTS).is_file():
+        return None
+    named = Named.read(folder)
+    return DynamicsSpec(demo.plan.environment, effects=str(folder)) if named.effects or named.retuned else None

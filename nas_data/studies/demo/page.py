@@ -1,0 +1,248 @@
+"""The demo's last stage: one page with pictures, tables, and what they rest on."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from nas_data.benchmarks.hardware import hardware
+from nas_data.dataset.provenance import now, read_provenance
+from nas_data.gap.report import GapReport
+from nas_data.gap.showing.page_pictures import gap_picture
+from nas_data.gap.showing.page_tables import NONE, joints_table
+from nas_data.gap.showing.page_verdict import lead
+from nas_data.gap.showing.page_words import confidence, friendly, interval, join_items, spoken
+from nas_data.gap.showing.series import Series
+from nas_data.reports.file import write_whole
+from nas_data.reports.page import Block, Facts, HtmlPage, HtmlTable, PageSection, Picture, Text
+from nas_data.reports.prediction_figures import growth, joint_errors, trajectory
+from nas_data.reports.run_sections import learning_picture, models_picture, policies_table, target_picture
+from nas_data.reports.runs import Runs, find_runs
+from nas_data.reports.style import to_png
+from nas_data.runs.stages import StageResult, read_stage
+from nas_data.studies.demo.learning import ERRORS, FOLDERS, NAMES, ROLLOUTS, load_errors, load_rollouts
+from nas_data.studies.demo.naming import FOLDER as GAP
+from nas_data.studies.demo.naming import named_dynamics
+from nas_data.studies.demo.plan import Demo, DemoPlan
+from nas_data.studies.demo.policies import BASELINES, load_baselines
+from nas_data.studies.demo.policies import FOLDER as POLICIES
+from nas_data.studies.demo.recording import HELDOUT, TRAIN, newest
+
+PAGE = "report.html"
+FIGURES = "figures"
+LEAD = (
+    "A simulator of a robot arm is never quite right. From recordings of the arm, a network φ learns what it gets "
+    "wrong, nas gap can name what it lacks, and policies then learn in the corrected simulator."
+)
+LEARNERS = ("source", "source + φ", "ψ", NAMES)  # whose trajectories are drawn; hold and command are in the tables
+
+
+def write_page(demo: Demo) -> StageResult:
+    """Write the page, and its pictures once more as files."""
+    runs = find_runs([demo.folder / folder for folder in (*FOLDERS.values(), POLICIES)])
+    page = HtmlPage(
+        "The gap between a simulator and its robot: recorded, learned, closed",
+        [
+            PageSection("", [Text(LEAD, lead=True), *(Text(line) for line in about(demo.plan))]),
+            PageSection("In short", [Text(line + ".") for line in in_short(demo)]),
+            PageSection("What the simulator lacks, by name", names_blocks(demo)),
+            PageSection("One joint, as it moved and as it was predicted", [predictions(demo)]),
+            PageSection("Errors of prediction", errors_blocks(demo)),
+            PageSection("Policies", policies_blocks(demo, runs)),
+            PageSection("How the models learned", [models_picture(runs.models)]),
+            PageSection("What this rests on", [Facts(facts(demo))]),
+        ],
+    )
+    for picture in page.pictures():
+        write_whole(demo.folder / FIGURES / f"{picture.name}.png", picture.png)
+    path = demo.folder / PAGE
+    write_whole(path, page.to_html().encode())
+    summary = [f"page → {path}, its pictures → {demo.folder / FIGURES}"]
+    return StageResult([], {"page": str(path), "figures": [picture.name for picture in page.pictures()]}, summary)
+
+
+def joints_with(plan: DemoPlan, effect: str) -> list[str]:
+    """Return the joints of the target that an effect sits in."""
+    return [item.joint for item in plan.task.effects(plan.dynamics) if item.name() == effect and item.joint]
+
+
+def in_short(demo: Demo) -> list[str]:
+    """Return what the stages came to, whoever comes off best."""
+    return [line for name in ("names", "models", "policies") for line in read_stage(name, demo.folder).summary]
+
+
+def about(plan: DemoPlan) -> list[str]:
+    """Return what was done, in plain words."""
+    play, slow = joints_with(plan, "backlash"), joints_with(plan, "speed_limit")
+    held = ", ".join(f"{hold:g}" for hold in plan.holds)
+    return [
+        "The arm is a Poppy Ergo Jr of six servos. To let everyone repeat this, it is itself simulated: the target. "
+        f"Unlike the plain simulator, the source, it has true play in {' and '.join(play)} and a speed limit in "
+        f"{len(slow)} servos, and its sensors have the resolution of XL-320 servos.",
+        f"{plan.episodes} episodes of {plan.seconds:g} s were recorded, with random targets that are held "
+        f"for {held} s in turn, at {1 / plan.task.period:.0f} control steps a second. The source was set to every "
+        "measured state and asked where the same command would lead: these pairs are what φ learns from. ψ is the "
+        "alternative without a simulator: a network that predicts the next state alone. Their errors, and those of the "
+        f"source with the names if there are any, are on {plan.heldout} further episodes that none of them has seen; "
+        "in open loop, each "
+        "is predicted from its first measured state and its commands only.",
+    ]
+
+
+def names_blocks(demo: Demo) -> list[Block]:
+    """Return what `nas gap` found, beside what hides there, and how the gap shrinks."""
+    folder = demo.folder / GAP
+    if named_dynamics(demo) is None:
+        asked = "Nothing was named and nothing retuned." if demo.plan.named else "Not searched for: nas demo --names."
+        return [Text(asked)]
+    report, series = GapReport.load(folder), Series.read(folder)
+    return [
+        Text(
+            f"nas gap was given the first {demo.plan.named} of the recorded episodes and the plain source; what hides "
+            "in the target is known to the reader, not to the search. Find: where does the source err, and by how much?"
+        ),
+        *joints_table(report),
+        Text("Name: which effects of the catalogue does it lack, and how large are they?"),
+        names_table(demo.plan, report),
+        Text(
+            f"Add: {GAP}/model.xml is the source with what was named and retuned. {lead(report)} All that nas gap has "
+            f"to say is on its own page, {GAP}/report.html."
+        ),
+        gap_picture(report, series),
+    ]
+
+
+def names_table(plan: DemoPlan, report: GapReport) -> HtmlTable:
+    """Return a row for each effect that hides in the target or was named."""
+    hidden = {(effect.name(), effect.joint): effect for effect in plan.task.effects(plan.dynamics)}
+    named = {(effect.name, effect.joint): effect for effect in report.effects}
+    rows = []
+    for name, joint in {**hidden, **named}:
+        there, found = hidden.get((name, joint)), named.get((name, joint))
+        numbers = list(found.parameters.values()) if found else []
+        truth = [friendly(getattr(there, one.name), one.unit) for one in there.sought] if there else []
+        rows.append(
+            (
+                f"{spoken(name)} in {joint or 'the whole arm'}",
+                "; ".join(truth) or NONE,
+                "; ".join(friendly(number.value, number.unit) for number in numbers) or NONE,
+                "; ".join(interval(number) for number in numbers) or NONE,
+                confidence(found.confidence) if found else NONE,
+            )
+        )
+    note = (
+        "Hidden: what the target has. Joints that the task does not act on are commanded to stay: nothing in the "
+        "recording tells of their speed limits."
+    )
+    return HtmlTable(("", "hidden", "named", "95 % interval", "confidence"), rows, note)
+
+
+def predictions(demo: Demo) -> Picture:
+    """Return the picture of one joint of one episode, both chosen by a rule."""
+    plan, curves = demo.plan, load_rollouts(demo.folder / ROLLOUTS)
+    joints = plan.task.joints
+    candidates = [joints.index(joint) for joint in joints_with(plan, "backlash")]
+    wrong = np.sqrt(np.square(curves["source"] - curves["measured"]).mean(axis=1))  # [rad], shape (E, n)
+    joint = max(candidates, key=lambda index: float(wrong[:, index].mean()))
+    slow = np.arange(0, len(wrong), len(plan.holds))  # the episodes of the first hold
+    episode = int(slow[np.argsort(wrong[slow, joint])[len(slow) // 2]])
+    chosen = {name: values[episode, :, joint] for name, values in curves.items()}
+    figure = trajectory(
+        chosen["measured"],
+        {name: chosen[name] for name in LEARNERS if name in chosen},
+        chosen.get("command"),
+        plan.task.period,
+        joints[joint],
+    )
+    caption = (
+        f"Joint {joints[joint]} in held-out episode {episode}: of the joints with play, the one that the source "
+        f"predicts worst; of the episodes that hold targets for {plan.holds[0]:g} s, the one in which the source's "
+        "error on it is the median. Every prediction starts at the first measured state and never sees a later one."
+    )
+    return Picture("trajectory", to_png(figure), caption)
+
+
+def errors_blocks(demo: Demo) -> list[Block]:
+    """Return how errors grow over a rollout, and the tables of errors."""
+    curves = load_rollouts(demo.folder / ROLLOUTS)
+    n = len(demo.plan.task.joints)
+    measured = curves.pop("measured")
+    grown = {
+        name: [joint_errors(one, other, n) for one, other in zip(values, measured, strict=True)]
+        for name, values in curves.items()
+    }
+    caption = (
+        f"How errors grow over a rollout: median over {demo.plan.heldout} held-out episodes, band from the lower to "
+        "the upper quartile. Hold predicts that nothing moves, command that every joint is where it is told to be."
+    )
+    errors = load_errors(demo.folder / ERRORS)
+    return [
+        Picture("error_growth", to_png(growth(grown, demo.plan.task.period)), caption),
+        error_table(
+            errors["open_loop"],
+            "Open loop: RMSE of positions over whole episodes [°]. Joints that the task does not act on are commanded "
+            "to stay.",
+        ),
+        error_table(
+            errors["one_step"],
+            "One step: RMSE of the next position, each step started at the measured state [°]; the sensors' resolution "
+            "of 0.29° is part of it.",
+        ),
+    ]
+
+
+def error_table(errors: Mapping[str, Mapping[str, float]], note: str) -> HtmlTable:
+    """Return RMSE in degrees: a row a predictor, a column a joint, all joints last."""
+    headers = ["", *next(iter(errors.values()))]
+    rows = [(name, *(f"{np.degrees(value):.2f}" for value in row.values())) for name, row in errors.items()]
+    return HtmlTable(headers, rows, note)
+
+
+def policies_blocks(demo: Demo, runs: Runs) -> Sequence[Block]:
+    """Return what is asked of the policies, how they learned and how they do on the target."""
+    plan, groups = demo.plan, runs.groups()
+    on_target = target_picture(groups)
+    task = Text(
+        "The task: bring the tip of the arm to a random point within a second. The reward of each step is minus the "
+        "distance in metres, and 1 more within 16 mm, which ends the episode; the highest return is therefore a little "
+        f"below 1. Each policy learned from {plan.frames:,} control steps with PPO, and was then judged on the target "
+        f"in the same {plan.judged} episodes."
+    )
+    seeds = Text(
+        f"Every method got the same {plan.frames:,} control steps and the same "
+        f"seed{'' if len(plan.seeds) == 1 else 's'} of PPO: {join_items(list(map(str, plan.seeds)))}. Short trainings "
+        "of few seeds spread by more than what lies between the best methods, so that a share of the distance of over "
+        "100 % is chance. Five seeds are the usual measure: docs/results/README.md has them."
+    )
+    return [
+        task,
+        *([on_target] if on_target else []),
+        policies_table(groups, load_baselines(demo.folder / BASELINES)),
+        learning_picture(groups),
+        seeds,
+    ]
+
+
+def facts(demo: Demo) -> dict[str, str]:
+    """Return what the page rests on: machine, times, data, seeds, versions."""
+    plan, machine = demo.plan, hardware()
+    stages = {name: read_stage(name, demo.folder) for name in ("record", "names", "models", "policies")}
+    versions = machine["versions"]
+    assert isinstance(versions, Mapping)
+    times = ", ".join(f"{name} {done.seconds:.0f} s" for name, done in stages.items())
+    hashes = {name: newest(demo, name) for name in (TRAIN, HELDOUT)}
+    provenances = {name: read_provenance(path) for name, path in hashes.items()}
+    return {
+        "Made": f"{now()} by nas demo",
+        "Machine": f"{machine['processor']}, {machine['cores']} cores, {machine['system']}",
+        "Time": f"{times}; {sum(done.seconds for done in stages.values()) / 60:.1f} min in all",
+        "Load meanwhile": ", ".join(f"{done.load:g}" for done in stages.values()) + " processes",
+        **{
+            f"Dataset {name}": f"{path.name}, content hash {provenances[name].content_hash}"  # type: ignore[union-attr]
+            for name, path in hashes.items()
+        },
+        "Networks": f"3 LSTM layers of {plan.delta.hidden} units; {plan.delta.updates} updates for φ, "
+        f"{plan.forward.updates} for ψ",
+        "Seeds": f"recordings {plan.seed} and {plan.seed + 1}, networks {plan.delta.seed}, policies "
+        + ", ".join(map(str, plan.seeds)),
+        "Versions": ", ".join(f"{name} {version}" for name, version in versions.items()),
+    }

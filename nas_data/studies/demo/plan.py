@@ -1,0 +1,111 @@
+"""How large the demo is, and what it is about."""
+
+from dataclasses import asdict, dataclass
+
+from nas_data import __version__
+from nas_data.envs.base import SOURCE, Task, find_task
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
+from nas_data.models.presets import TrainingOptions, preset
+from nas_data.robots.base import find_robot
+from nas_data.runs.stages import Work
+
+
+@dataclass(frozen=True)
+class DemoPlan:
+    """Sizes of the demo.
+
+    Attributes:
+        episodes: Recorded episodes that the models learn from.
+        heldout: Further recorded episodes that they are judged on.
+        named: Of the recorded episodes, those that `nas gap` is given, from the first on; 0 leaves its search out.
+        seconds: Length of each [s].
+        holds: Times that random commands are held [s], one after the other episode by episode. One second is the
+            paper's protocol; the shorter ones are what a policy does while it explores.
+        delta: Training of φ.
+        forward: Training of ψ.
+        frames: Control steps that each policy learns from.
+        seeds: Seeds of the policies of each method.
+        judged: Episodes that each policy is judged on.
+        rollout: Control steps between two updates of a policy.
+        minibatches: Parts of a rollout, one gradient step each.
+        epochs: Passes over a rollout.
+        seed: Seed of the recordings; the held-out episodes take the next one.
+        environment: What the policies are to do.
+        dynamics: What the target is: one of the environment's dynamics.
+    """
+
+    episodes: int
+    heldout: int
+    named: int
+    seconds: float
+    holds: tuple[float, ...]
+    delta: TrainingOptions
+    forward: TrainingOptions
+    frames: int
+    seeds: tuple[int, ...]
+    judged: int
+    rollout: int = 8192
+    minibatches: int = 32
+    epochs: int = 10
+    seed: int = 0
+    environment: str = "ErgoReacher"
+    dynamics: str = "backlash"
+
+    @property
+    def task(self) -> Task:
+        """What the policies are to do."""
+        return find_task(self.environment)
+
+    @property
+    def target(self) -> DynamicsSpec:
+        """The plant that stands in for the robot."""
+        return DynamicsSpec(self.environment, self.dynamics)
+
+    @property
+    def source(self) -> DynamicsSpec:
+        """The plain simulator."""
+        return DynamicsSpec(self.environment, SOURCE)
+
+    def describe(self) -> dict[str, object]:
+        """Return what the demo's results depend on, for JSON; cheap, so that a finished demo says so at once."""
+        robot = find_robot(self.task.robot)
+        effects = {name: list(self.task.dynamics[name]) for name in (SOURCE, self.dynamics)}
+        return {"nas_data": __version__, **asdict(self), "robot": robot.name, "model": robot.sha256, "effects": effects}
+
+
+Demo = Work[DemoPlan]
+"""A demo in a folder."""
+
+FULL = DemoPlan(
+    episodes=200,
+    heldout=40,
+    named=0,
+    seconds=3.0,
+    holds=(1.0, 0.2, 0.05, 0.01),
+    delta=preset("fast", updates=200, horizon=100),
+    forward=preset("fast", updates=300, horizon=100),
+    # The expert's plant is the hardest to learn on: with 300,000 steps others are ahead of it. One long training each
+    # says more than two short ones.
+    frames=400_000,
+    seeds=(0,),
+    judged=100,
+)
+
+NAMED = 12  # recorded episodes that `nas gap` is given where it is asked for
+
+# So small that nothing is learned: it shows, within a minute, that every stage works here.
+QUICK = DemoPlan(
+    episodes=20,
+    heldout=4,
+    named=0,
+    seconds=1.0,
+    holds=(0.5, 0.01),
+    delta=preset("fast", hidden=8, updates=4, horizon=20),
+    forward=preset("fast", hidden=8, updates=4, horizon=20),
+    frames=2_000,
+    seeds=(0,),
+    judged=4,
+    rollout=1024,
+    minibatches=4,
+    epochs=2,
+)

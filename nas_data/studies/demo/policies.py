@@ -1,0 +1,78 @@
+"""The demo's fourth stage: policies learn on the target, in the source and in what was learned or named."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
+from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compare
+from nas_data.policies.evaluate import score_baselines
+from nas_data.policies.intervals import bootstrap_of
+from nas_data.policies.learner import Hyperparameters
+from nas_data.policies.watching import watching
+from nas_data.reports.file import write_whole
+from nas_data.runs.stages import INDENT, StageResult
+from nas_data.studies.demo.learning import FOLDERS, cores
+from nas_data.studies.demo.naming import named_dynamics
+from nas_data.studies.demo.plan import Demo
+
+FOLDER = "policies"
+BASELINES = "policies/baselines.json"
+
+
+def learn_policies(demo: Demo) -> StageResult:
+    """Train every method with every seed, and judge each policy on the target."""
+    plan = demo.plan
+    study = study_of(demo)
+    with watching(study, demo.folder / FOLDER, lambda line: demo.report(f"{INDENT}{line}")):
+        comparison = compare(study, demo.folder / FOLDER, cores(), lambda line: demo.report(f"{INDENT}{line}"))
+    baselines = score_baselines(plan.target, plan.judged)
+    said = [
+        f"On the target, {plan.judged} episodes a policy (higher is better):",
+        *comparison.table().splitlines(),
+        *(f"without learning, {name}: return {score.mean_return:.2f}" for name, score in baselines.items()),
+        f"policies → {demo.folder / FOLDER}",
+    ]
+    scores = {name: score.describe() for name, score in baselines.items()}
+    write_whole(demo.folder / BASELINES, (json.dumps(scores, indent=1) + "\n").encode())
+    several = len(plan.seeds) > 1
+    over = f", median of {len(plan.seeds)} seeds" if several else f", seed {plan.seeds[0]}"
+    brackets = f" (in brackets: {bootstrap_of(len(plan.seeds))})" if several else ""
+    summary = [
+        f"Return on the target{over}: "
+        + ", ".join(f"{method} {np.median(comparison.values(method)):.2f}" for method in study.methods),
+        *(
+            f"{method} closes {closed} of the distance from source to expert{brackets}"
+            for method in study.methods
+            if (closed := comparison.share_closed(method)) is not None and not np.isnan(closed.value)
+        ),
+    ]
+    return StageResult(said, {**comparison.describe(), "baselines": scores}, summary)
+
+
+def load_baselines(path: Path) -> dict[str, dict[str, float]]:
+    """Return the scores of what needs no learning that the stage kept."""
+    scores: dict[str, dict[str, float]] = json.loads(path.read_text(encoding="utf-8"))
+    return scores
+
+
+def study_of(demo: Demo) -> Study:
+    """Return what is compared: the two ends, φ, ψ and the names, where there are any."""
+    plan = demo.plan
+    delta, forward = (str(demo.folder / FOLDERS[kind]) for kind in FOLDERS)
+    named = named_dynamics(demo)
+    return Study(
+        target=plan.target,
+        methods={
+            EXPERT_METHOD: plan.target,
+            SOURCE_METHOD: plan.source,
+            "augmented": DynamicsSpec(plan.environment, checkpoint=delta),
+            "forward": DynamicsSpec(plan.environment, checkpoint=forward),
+            **({} if named is None else {"named": named}),
+        },
+        seeds=plan.seeds,
+        frames=plan.frames,
+        episodes=plan.judged,
+        hyperparameters=Hyperparameters(rollout=plan.rollout, minibatches=plan.minibatches, epochs=plan.epochs),
+    )

@@ -1,0 +1,70 @@
+"""Figure 4: one command sequence on the target, and what φ, ψ, the source and standing still make of it."""
+
+import numpy as np
+
+from nas_data.reports.experiment_figures import warn
+from nas_data.reports.prediction_figures import growth
+from nas_data.reports.style import to_png
+from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request, ResultTable
+from nas_data.studies.experiments.pipeline.sequence import DRAWN, Sequence, predict_heldout
+from nas_data.studies.experiments.pipeline.table_notes import notes_on_models
+
+PARTS = (0.25, 0.5, 1.0)  # of the rollout, after which errors are told
+HEADERS = ("predictor", *(f"error after {part:.0%} [°]" for part in PARTS), "whole rollout [°]", "all held out [°]")
+
+
+def run(request: Request) -> ExperimentResult:
+    """Roll out one sequence on every environment."""
+    tables, notes, data, pictures = [], [], {}, {}
+    for number, environment in enumerate(request.environments):
+        found = predict_heldout(request, environment)
+        end = f"-{environment}" if number else ""
+        pictures[end] = found.picture(request.sizes.quick)
+        grown = {name: found.errors(name) for name in DRAWN}
+        figure = growth(grown, 1 / found.dataset.fps)
+        warn(figure, request.sizes.quick)
+        pictures[f"{end}-growth"] = to_png(figure)
+        title = f"{environment}, {request.target_text}: RMS position error over joints, started once, held-out sequence"
+        rows = [row(found, name) for name in DRAWN]
+        tables.append(ResultTable(title, HEADERS, rows, notes_on_models(found.material)))
+        notes.append(about(found, environment))
+        data[environment] = {**found.describe(), "rms_error_rad": {name: curve(found, name) for name in DRAWN}}
+    return ExperimentResult(tables, notes, {"environments": data}, pictures)
+
+
+def about(found: Sequence, environment: str) -> str:
+    """Say which sequence it is, and what diverged."""
+    lost = "".join(
+        f" {name} left all bounds in {len(times)} of them." for name, times in found.evaluation.diverged.items()
+    )
+    hold, steps = found.material.plan.recipe.holds[0], len(found.measured[found.episode])
+    return (
+        f"{environment}: held-out episode {found.episode} of {steps} control steps, under the paper's protocol (random "
+        f"actions, each held for {hold} step{'s' if hold > 1 else ''}); of these the one in which the source's error "
+        f"is the median. Drawn is {found.dataset.joints[found.joint]}, which the source predicts worst. "
+        f"'All held out' is the median of {found.dataset.n_episodes} episodes.{lost}"
+    )
+
+
+def curve(found: Sequence, name: str) -> list[float]:
+    """Return a predictor's error at each step [rad]."""
+    errors: list[float] = found.errors(name)[found.episode].tolist()
+    return errors
+
+
+def row(found: Sequence, name: str) -> tuple[str, ...]:
+    """Return a predictor's errors [°]."""
+    errors = found.errors(name)
+    shown = errors[found.episode]
+    at = [shown[max(0, round(part * len(shown)) - 1)] for part in PARTS]
+    whole = float(np.sqrt(np.square(shown).mean()))
+    every = float(np.median([np.sqrt(np.square(one).mean()) for one in errors]))
+    return (name, *(cell(value) for value in (*at, whole, every)))
+
+
+def cell(error: float) -> str:
+    """Return an error [rad] in degrees."""
+    return f"{np.degrees(error):.3f}" if np.isfinite(error) else "diverged"
+
+
+EXPERIMENT = Experiment("One command sequence, predicted in open loop", ("Pusher",), run)

@@ -1,0 +1,39 @@
+"""Figure 5: what policies of each method are worth on the target."""
+
+from nas_data.environment_ids import environment_name
+from nas_data.envs.base import find_task_file
+from nas_data.policies.intervals import median_interval
+from nas_data.reports.experiment_figures import Panel, returns_by_method
+from nas_data.reports.style import to_png
+from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request
+from nas_data.studies.experiments.pipeline.authors import RETURNS, remarks
+from nas_data.studies.experiments.pipeline.compare_methods import compare_methods, describe, table
+
+
+def run(request: Request) -> ExperimentResult:
+    """Compare the methods on every environment."""
+    tables, panels, data = [], [], {}
+    for environment in request.environments:
+        material, comparison = compare_methods(request, environment)
+        name = environment_name(find_task_file(environment))
+        frames, judged = comparison.study.frames, comparison.study.episodes
+        title = f"{name}, {request.target_text}: return on the target, {frames:,} frames, {judged} episodes a policy"
+        tables.append(table(material, comparison, title))
+        authors = RETURNS.get(find_task_file(environment), {})
+        returns = {method: comparison.values(method) for method in comparison.study.methods}
+        panels.append(
+            Panel(
+                name,
+                returns,
+                {method: median_interval(values) for method, values in returns.items()},
+                {method: numbers.values for method, numbers in authors.items()},
+            )
+        )
+        data[name] = describe(material, comparison)
+    picture = to_png(returns_by_method(panels, "mean return on the target", request.sizes.quick))
+    return ExperimentResult(tables, remarks(request.environments), {"environments": data}, {"": picture})
+
+
+EXPERIMENT = Experiment(
+    "What policies of each method are worth on the target", ("Pusher", "Striker", "ErgoReacher"), run
+)

@@ -1,0 +1,213 @@
+"""Figure 6: what policies are worth by how many trajectories φ learned from, or ψ, or effects were named from."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+
+import numpy as np
+
+from nas_data.envs.base import find_task_file
+from nas_data.errors import OptionError
+from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Comparison, number
+from nas_data.policies.evaluate import summarise_spread
+from nas_data.policies.intervals import kind_of, median_text
+from nas_data.policies.watching import spoken
+from nas_data.reports.experiment_figures import return_over_count
+from nas_data.reports.style import to_png
+from nas_data.runs.parallel import run_jobs
+from nas_data.runs.stages import INDENT
+from nas_data.studies.ablation.summary import ENOUGH
+from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request, ResultTable
+from nas_data.studies.experiments.pipeline.artifacts import Artifacts
+from nas_data.studies.experiments.pipeline.authors import RETURN_BY_COUNT
+from nas_data.studies.experiments.pipeline.compare_methods import hyperparameters, run_study, study
+from nas_data.studies.experiments.pipeline.dynamics import dynamics_of
+from nas_data.studies.experiments.pipeline.sample_size import LEARNED, LEARNED_ON, CountJob, do_count
+from nas_data.studies.experiments.pipeline.stages import describe_stages
+from nas_data.studies.experiments.pipeline.table_notes import NAS, on_intervals
+
+ENDS = (EXPERT_METHOD, SOURCE_METHOD)  # what the curves lie between
+ONE_RECORDING = (
+    "One recording (of seed 0) serves all seeds; the subset, what is made of it and the policy are each seed's own."
+)
+
+
+def run(request: Request) -> ExperimentResult:
+    """Sweep the number of trajectories on one environment."""
+    counts, methods = choose_counts(request)
+    (environment,) = request.environments
+    recorded = request.sizes.trajectories or max(counts)
+    recording = replace(request, sizes=replace(request.sizes, trajectories=recorded), purpose=f"counts{recorded}")
+    ends = run_study(study(request, recording.material(environment, ()), ENDS), request, environment)
+    material = recording.material(environment, ("record",))
+    returns, runs = sweep(request, material, counts, methods)
+    authors = RETURN_BY_COUNT if find_task_file(environment) == "pusher" and NAS in methods else {}
+    picture = return_over_count(
+        counts,
+        returns,
+        {method: LEARNED_ON[method] for method in methods},
+        {method: float(np.median(ends.values(method))) for method in ENDS},
+        authors,
+        request.sizes.quick,
+    )
+    return ExperimentResult(
+        [table(request, material, counts, returns, ends)],
+        [enough(method, counts, values) for method, values in returns.items()],
+        {
+            "environment": environment,
+            "counts": list(counts),
+            "seeds": list(request.sizes.seeds),
+            "methods": {method: describe(counts, values) for method, values in returns.items()},
+            "runs": runs,
+            "ends": ends.describe(),
+            "authors": {str(count): {"mean": pair[0], "sd": pair[1]} for count, pair in authors.items()},
+            "hyperparameters": asdict(hyperparameters(request.sizes)),
+            "dynamics": dynamics_of(material),
+            "stages": describe_stages(material),
+            "dataset": material.content_hash,
+            "material": material.plan.describe(),
+        },
+        {"": to_png(picture)},
+    )
+
+
+def choose_counts(request: Request) -> tuple[tuple[int, ...], tuple[str, ...]]:
+    """Return the numbers of trajectories and the methods.
+
+    Raises:
+        OptionError: there are too few trajectories to learn from.
+    """
+    counts, methods = tuple(sorted(set(request.sizes.counts))), tuple(dict.fromkeys(request.methods or (NAS,)))
+    if min(counts) < 2:
+        raise OptionError(
+            f"--counts has {counts[0]}; give at least 2 trajectories, one of which judges what the others teach."
+        )
+    return counts, methods
+
+
+def describe(counts: tuple[int, ...], returns: np.ndarray) -> dict[str, object]:
+    """Return what one method achieved, for JSON; returns have a row a count and a number a seed."""
+    return {
+        "returns": returns.tolist(),
+        "spread": {str(count): summarise_spread(values) for count, values in zip(counts, returns, strict=True)},
+        "enough": smallest(counts, returns) if len(counts) > 1 else None,
+    }
+
+
+def sweep(
+    request: Request, material: Artifacts, counts: tuple[int, ...], methods: tuple[str, ...]
+) -> tuple[Mapping[str, np.ndarray], list[dict[str, object]]]:
+    """Do every count and seed; of each seed, large counts come last.
+
+    Returns:
+        The return of each on the target by method, shape (counts, seeds), and what each took.
+    """
+    sizes = request.sizes
+    jobs = [
+        CountJob(
+            material=material,
+            methods=methods,
+            count=count,
+            seed=seed,
+            frames=sizes.frames,
+            episodes=sizes.judged,
+            hyperparameters=hyperparameters(sizes),
+            policies=sizes.policies,
+            folder=material.folder / "sweep" / str(count) / f"seed{seed}",
+            presets=sizes.presets,
+            threads=1 if request.workers > 1 else None,
+        )
+        for seed in sizes.seeds
+        for count in counts
+    ]
+    returns = {method: np.full((len(counts), len(sizes.seeds)), np.nan) for method in methods}
+    runs: list[dict[str, object]] = []
+    began = time.monotonic()
+    for done, (place, records) in enumerate(run_jobs(do_count, jobs, request.workers), start=1):
+        job = jobs[place]
+        for method, record in records.items():
+            returns[method][counts.index(job.count), sizes.seeds.index(job.seed)] = number(record, "return")
+            took = {key: record[key] for key in ("learning_seconds", "wall_seconds", "cpu_seconds", "judging")}
+            runs.append({"method": method, "count": job.count, "seed": job.seed, **took})
+        left = (time.monotonic() - began) / done * (len(jobs) - done)
+        reached = ", ".join(f"{method} {number(record, 'return'):.2f}" for method, record in records.items())
+        told = f"{done} of {len(jobs)}: {job.count} trajectories, seed {job.seed}: return {reached}"
+        request.report(f"{INDENT}{told}, about {spoken(left)} left")
+    return returns, runs
+
+
+def smallest(counts: tuple[int, ...], returns: np.ndarray) -> int:
+    """Return the smallest count whose median return is within 5 % of the best median."""
+    medians = np.median(returns, axis=1)
+    enough = medians >= medians.max() - ENOUGH * abs(medians.max())
+    return counts[int(np.argmax(enough))]
+
+
+def enough(method: str, counts: tuple[int, ...], returns: np.ndarray) -> str:
+    """Say how many trajectories are enough for a method; a single number cannot tell."""
+    medians = np.median(returns, axis=1)
+    if len(counts) == 1:
+        return (
+            f"{LEARNED_ON[method]}: median return {medians[0]:.2f} with {counts[0]} trajectories; how many are enough "
+            "takes several --counts."
+        )
+    best, count = int(np.argmax(medians)), smallest(counts, returns)
+    told = f"{LEARNED_ON[method]}: smallest number of trajectories whose median return is within "
+    told += f"{ENOUGH:.0%} of the best: {count} ({medians[counts.index(count)]:.2f}; best {medians[best]:.2f} with "
+    told += f"{counts[best]})"
+    return told + (", the most that was tried, so that more may help." if count == counts[-1] else ".")
+
+
+def table(
+    request: Request,
+    material: Artifacts,
+    counts: tuple[int, ...],
+    returns: Mapping[str, np.ndarray],
+    ends: Comparison,
+) -> ResultTable:
+    """Return the table: each method's counts, then the two ends."""
+    environment, seeds = request.environments[0], len(request.sizes.seeds)
+    rows = [
+        (LEARNED_ON[method], str(count), *cells(row), theirs(environment, method, count))
+        for method, values in returns.items()
+        for count, row in zip(counts, values, strict=True)
+    ]
+    rows += [(LEARNED_ON[method], "none", *cells(ends.values(method)), "") for method in ENDS]
+    title = (
+        f"{environment}, {request.target_text}: return on the target by recorded trajectories, "
+        f"{request.sizes.frames:,} frames, {request.sizes.judged} episodes each"
+    )
+    stake = ends.at_stake()
+    nothing = None if stake is None else stake.sentence()
+    notes = [dynamics_of(material), *([nothing] if nothing else []), ONE_RECORDING, on_intervals(seeds), *ends.lost()]
+    return ResultTable(title, headers(seeds), rows, [note for note in notes if note])
+
+
+def headers(seeds: int) -> tuple[str, ...]:
+    """Return the heads of the columns, which say what the interval over so many seeds is."""
+    median = f"return: median [{kind_of(seeds)}]" if seeds > 1 else "return: median"
+    return ("learned on", "trajectories", "seeds", median, "min … max", "mean ± sd", "authors: mean ± sd")
+
+
+def cells(values: np.ndarray) -> tuple[str, str, str, str]:
+    """Return the number of seeds, median with its interval, extremes, mean with its deviation."""
+    over = summarise_spread(values)
+    return (
+        str(len(values)),
+        median_text(values),
+        f"{values.min():.2f} … {values.max():.2f}",
+        f"{over['mean']:.2f} ± {over['sd']:.2f}",
+    )
+
+
+def theirs(environment: str, method: str, count: int) -> str:
+    """Return what the authors found, where they did."""
+    if method != NAS or find_task_file(environment) != "pusher" or count not in RETURN_BY_COUNT:
+        return ""
+    mean, deviation = RETURN_BY_COUNT[count]
+    return f"{mean:.2f} ± {deviation:.2f}"
+
+
+EXPERIMENT = Experiment(
+    "Return by number of recorded trajectories", ("Pusher",), run, several=False, methods=tuple(LEARNED)
+)

@@ -1,0 +1,143 @@
+"""Methods compared on one environment: policies of every method and seed, judged on the target, done once."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+
+import numpy as np
+
+from nas_data.envs.base import find_task_file
+from nas_data.policies.compare import Comparison, Study, compare
+from nas_data.policies.intervals import kind_of, median_interval, median_text
+from nas_data.policies.learner import Hyperparameters
+from nas_data.policies.share import share_heading
+from nas_data.policies.watching import watching
+from nas_data.runs.stages import INDENT
+from nas_data.studies.experiments.base import Request, ResultTable
+from nas_data.studies.experiments.pipeline.artifacts import Artifacts
+from nas_data.studies.experiments.pipeline.authors import RETURNS
+from nas_data.studies.experiments.pipeline.dynamics import dynamics_of
+from nas_data.studies.experiments.pipeline.methods import METHODS, needs_of, target
+from nas_data.studies.experiments.pipeline.sizes import Sizes
+from nas_data.studies.experiments.pipeline.stages import describe_stages
+from nas_data.studies.experiments.pipeline.table_notes import describe_paired, notes
+
+
+def headers(seeds: int) -> tuple[str, ...]:
+    """Return the heads of the columns, which say what the intervals over so many seeds are."""
+    several = seeds > 1
+    return (
+        "method",
+        "learned on",
+        "seeds",
+        f"median [{kind_of(seeds)}]" if several else "median",
+        "mean",
+        "min … max",
+        "success",
+        share_heading(seeds),
+        "authors: median",
+        "authors: mean",
+    )
+
+
+def choose_methods(request: Request) -> tuple[str, ...]:
+    """Return the methods that are compared."""
+    return request.methods or tuple(METHODS)
+
+
+def hyperparameters(sizes: Sizes) -> Hyperparameters:
+    """Return PPO's."""
+    return Hyperparameters(arms=sizes.arms, rollout=sizes.rollout, minibatches=sizes.minibatches, epochs=sizes.epochs)
+
+
+def compare_methods(request: Request, environment: str) -> tuple[Artifacts, Comparison]:
+    """Train every method with every seed, and judge all on the target; those that need no material come first."""
+    names = choose_methods(request)
+    needs = sorted(needs_of(names))
+    bare = tuple(name for name in names if not METHODS[name].needs)
+    if bare:
+        material = request.material(environment, ())
+        comparison = run_study(study(request, material, bare), request, environment)
+        at_stake = comparison.at_stake()
+        if at_stake is not None and (sentence := at_stake.sentence()):
+            request.report(f"{INDENT}{sentence}")
+        if not needs:
+            return material, comparison
+    material = request.material(environment, needs)
+    return material, run_study(study(request, material, names, material.content_hash), request, environment)
+
+
+def study(request: Request, material: Artifacts, names: Sequence[str], dataset: str | None = None) -> Study:
+    """Return what is compared: some methods on an environment's material."""
+    sizes = request.sizes
+    return Study(
+        target=target(material),
+        methods={name: METHODS[name].plant(material) for name in names},
+        seeds=sizes.seeds,
+        frames=sizes.frames,
+        episodes=sizes.judged,
+        hyperparameters=hyperparameters(sizes),
+        dataset=dataset,
+    )
+
+
+def run_study(study: Study, request: Request, environment: str) -> Comparison:
+    """Run a study in the environment's folder, where policies of other lengths and of another PPO lie apart."""
+    folder = request.home(environment) / "policies" / request.sizes.policies
+
+    def report(line: str) -> None:
+        request.report(f"{INDENT}{line}")
+
+    with watching(study, folder, report):
+        return compare(study, folder, request.workers, report, quiet=True)
+
+
+def table(material: Artifacts, comparison: Comparison, title: str) -> ResultTable:
+    """Return the comparison as a table, the authors' numbers beside ours of the same kind."""
+    rows = [row(comparison, material.plan.recipe.environment, method) for method in comparison.study.methods]
+    return ResultTable(title, headers(len(comparison.study.seeds)), rows, notes(material, comparison))
+
+
+def row(comparison: Comparison, environment: str, method: str) -> Sequence[str]:
+    """Return one method's row."""
+    returns, closed = comparison.values(method), comparison.share_closed(method)
+    authors = RETURNS.get(find_task_file(environment), {}).get(method)
+    return (
+        method,
+        METHODS[method].learned_on,
+        str(len(returns)),
+        median_text(returns),
+        f"{returns.mean():.2f}",
+        f"{returns.min():.2f} … {returns.max():.2f}",
+        f"{np.median(comparison.values(method, 'success_rate')):.0%}",
+        "" if closed is None else str(closed),
+        "" if authors is None else f"{authors.median:.2f}",
+        "" if authors is None else f"{authors.mean:.2f}",
+    )
+
+
+def describe(material: Artifacts, comparison: Comparison) -> dict[str, object]:
+    """Return the comparison for JSON."""
+    plan, methods = material.plan, comparison.study.methods
+    authors = RETURNS.get(find_task_file(plan.recipe.environment), {})
+    runs = [
+        {
+            "method": method,
+            "seed": seed,
+            "result": f"{comparison.policy_folder(method, seed).relative_to(comparison.folder)}/result.json",
+            **{key: record[key] for key in ("wall_seconds", "cpu_seconds", "judging", "diverged")},
+        }
+        for (method, seed), record in sorted(comparison.records.items())
+    ]
+    return {
+        **comparison.describe(),
+        "intervals": {method: median_interval(comparison.values(method)).describe() for method in methods},
+        "named_nas_minus_nas": describe_paired(comparison),
+        "authors": {method: numbers.describe() for method, numbers in authors.items()},
+        "hyperparameters": asdict(comparison.study.hyperparameters),
+        "dynamics": dynamics_of(material),
+        "dataset": comparison.study.dataset,
+        "material": plan.describe(),
+        "stages": describe_stages(material),
+        "policies": str(comparison.folder),
+        "runs": runs,
+    }

@@ -1,0 +1,56 @@
+"""What a dynamics adds to the source, in words made from its own definition in `envs/`."""
+
+from functools import partial
+
+from nas_data.effects.base import Effect
+from nas_data.envs.base import SOURCE, Edit, InTurn, Task
+from nas_data.simulators.engines import ENGINE_NAMES
+from nas_data.studies.experiments.pipeline.artifacts import Artifacts
+
+
+def dynamics_of(material: Artifacts) -> str:
+    """Say what the target of a material is."""
+    plan = material.plan
+    said = describe_dynamics(plan.task, plan.recipe.dynamics, plan.source)
+    if plan.recipe.engine == "mujoco":
+        return said
+    return f"{said} The target is computed by {ENGINE_NAMES[plan.recipe.engine]}, the source by MuJoCo."
+
+
+def describe_dynamics(task: Task, dynamics: str, source: str = SOURCE) -> str:
+    """Say what a dynamics and the source that it is compared with add to the plain model.
+
+    Raises:
+        UnknownName: the task has no such dynamics; lists those it has.
+    """
+    said = f"'{dynamics}' is the plain model with {list_effects(task, dynamics)}."
+    return (
+        said
+        if source == SOURCE
+        else f"{said} Its source '{source}' is the plain model with {list_effects(task, source)}."
+    )
+
+
+def list_effects(task: Task, dynamics: str) -> str:
+    """Return the effects of a dynamics, each with its joints, and what it changes in the model beyond them."""
+    joints: dict[str, list[str]] = {}
+    for effect in task.effects(dynamics):
+        joints.setdefault(effect_words(effect), []).append(effect.joint or "the arm")
+    said = [f"{words} in {', '.join(places)}" for words, places in joints.items()]
+    return "; ".join([*said, *edit_words(task.edits.get(dynamics))]) or "nothing added"
+
+
+def effect_words(effect: Effect) -> str:
+    """Return an effect's name and its parameters with their units."""
+    values = ", ".join(f"{p.name} {getattr(effect, p.name):g} {p.unit}".rstrip() for p in effect.sought)
+    return f"{effect.name()} ({values})"
+
+
+def edit_words(edit: Edit | None) -> list[str]:
+    """Return what an edit is called in the code, with its arguments."""
+    if isinstance(edit, InTurn):
+        return [*edit_words(edit.first), *edit_words(edit.second)]
+    if isinstance(edit, partial):
+        arguments = ", ".join(f"{name}={value}" for name, value in edit.keywords.items())
+        return [f"{edit.func.__name__} ({arguments})"]
+    return [] if edit is None else [getattr(edit, "__name__", type(edit).__name__)]

@@ -1,0 +1,105 @@
+"""Training φ and ψ on a paired dataset in a folder: done once, gone on with where it was interrupted, else anew."""
+
+import json
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from nas_data.dataset import versions
+from nas_data.dataset.content import content_hash
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.read import read
+from nas_data.models.lstm import Kind
+from nas_data.models.presets import TrainingOptions
+from nas_data.models.run import CHECKPOINT, HISTORY, STATE, TrainingRun
+from nas_data.models.training import ModelTraining
+from nas_data.reports.file import write_whole
+from nas_data.runs.code_hash import code_hash
+from nas_data.sources import kept_files, locate_source
+
+TRAINED_BY = "nas_data.models.run"
+
+
+@dataclass(frozen=True)
+class ModelJob:
+    """One model to be trained.
+
+    Attributes:
+        kind: `delta` for φ, `forward` for ψ.
+        dataset: Folder of the pairs, with their source.
+        options: Of the training.
+        folder: Where it goes; what decides it is kept beside, in a file of the same name.
+        threads: Threads that simulate its source; all cores where None.
+    """
+
+    kind: Kind
+    dataset: Path
+    options: TrainingOptions
+    folder: Path
+    threads: int | None = None
+
+    @property
+    def record(self) -> Path:
+        """The file that says what the model in the folder learned from."""
+        return self.folder.with_name(f"{self.folder.name}.json")
+
+
+def train_model(
+    job: ModelJob, report: Callable[[str], None], choose: Callable[[Dataset], Dataset] = lambda whole: whole
+) -> list[dict[str, float]]:
+    """Train a model, or go on with its training.
+
+    Args:
+        job: What to train on what.
+        report: Told a line a validation.
+        choose: Which part of the dataset is learned from.
+
+    Returns:
+        Its history: a row a validation.
+    """
+    dataset = read(job.dataset)
+    chosen = choose(dataset)
+    parent = versions.parent_of(job.dataset, dataset)
+    kept = locate_source(None, (), [job.dataset])
+    source = kept.simulator(dataset, job.threads)
+    provenance = {
+        "dataset": {"name": parent.name, "content_hash": parent.content_hash},
+        "source": source.describe(),
+    }
+    identity = {
+        "kind": job.kind,
+        "options": asdict(job.options),
+        "learned_from": content_hash(chosen),
+        "source": provenance["source"],
+        "code": code_hash(TRAINED_BY, *kept.modules()),
+    }
+    claim(job, json.loads(json.dumps(identity)), report)
+    history = job.folder / HISTORY
+    if not history.is_file() or (job.folder / STATE).exists():
+        training = ModelTraining(job.kind, chosen, job.options, source, provenance)
+        TrainingRun(training, job.folder, report, kept_files(job.dataset)).run()
+    rows: list[dict[str, float]] = json.loads(history.read_text(encoding="utf-8"))
+    return rows
+
+
+def claim(job: ModelJob, identity: Mapping[str, object], report: Callable[[str], None]) -> None:
+    """Make the folder this training's own; a model of ours that learned otherwise makes room for it."""
+    held = read_record(job.record)
+    if held == identity:
+        return
+    if any((job.folder / name).exists() for name in (HISTORY, STATE, CHECKPOINT)):
+        different = ", ".join(key for key in identity if held.get(key) != identity[key])
+        report(f"{job.folder} holds a model that differs in {different}: it is trained anew")
+        shutil.rmtree(job.folder)
+    write_whole(job.record, (json.dumps(identity, indent=1) + "\n").encode())
+
+
+def read_record(path: Path) -> dict[str, Any]:
+    """Return what the file beside a model or names says that they are of; nothing where there is none to trust."""
+    try:
+        held = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return held if isinstance(held, dict) else {}

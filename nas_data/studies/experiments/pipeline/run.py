@@ -1,0 +1,137 @@
+"""Making an experiment: checked before hours are spent, and written as JSON, tables and pictures."""
+
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from nas_data.cli import finite
+from nas_data.environment_ids import environment_name
+from nas_data.envs.base import find_task, find_task_file
+from nas_data.errors import OptionError, UnknownName
+from nas_data.reports.file import write_whole
+from nas_data.runs.environment_info import commit, versions
+from nas_data.runs.parallel import combine_errors
+from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request, find_experiment
+from nas_data.studies.experiments.pipeline.methods import check_methods
+from nas_data.studies.experiments.pipeline.naming import stem_of
+
+
+@dataclass(frozen=True)
+class Conducted:
+    """An experiment that was made.
+
+    Attributes:
+        text: For people, with where the files are.
+        data: For machines.
+        files: Where it was written.
+    """
+
+    text: str
+    data: Mapping[str, object]
+    files: tuple[Path, ...]
+
+
+def conduct(name: str, request: Request) -> Conducted:
+    """Make an experiment and write its files: first those of each environment alone, as soon as it is done.
+
+    Raises:
+        UnknownName: there is no such experiment, environment, dynamics or method; lists those there are.
+        OptionError: a size makes no sense.
+        OutputExists: the folder holds something else, or what other code made.
+        JobsFailed: several jobs could not be done; all others are.
+    """
+    experiment = find_experiment(name)
+    spelt = tuple(environment_name(find_task_file(environment)) for environment in request.environments)
+    request = replace(request, environments=spelt)  # however it is spelt, an environment's files have one name
+    check(experiment, request)
+    if len(request.environments) > 1:
+        make_each(name, experiment, request)
+        request.report("all environments together")
+    return make(name, experiment, request)
+
+
+def make_each(name: str, experiment: Experiment, request: Request) -> None:
+    """Make an experiment of each environment alone, with files of its own; where one fails, the others go on.
+
+    Raises:
+        Exception: one or several could not be made; says which, when all others are.
+    """
+    failed: dict[int, Exception] = {}
+    for number, environment in enumerate(request.environments):
+        try:
+            for path in make(name, experiment, replace(request, environments=(environment,))).files:
+                request.report(f"→ {path}")
+        except Exception as error:  # raised below, when all that can be made is made
+            request.report(f"{environment} could not be made: {error}")
+            failed[number] = error
+    if failed:
+        raise combine_errors(failed, len(request.environments))
+
+
+def make(name: str, experiment: Experiment, request: Request) -> Conducted:
+    """Make an experiment of all its environments, and write its files."""
+    began = time.monotonic()
+    result = experiment.run(request)
+    seconds = round(time.monotonic() - began, 1)
+    data = {**about(name, experiment.title, request), **result.data, "seconds_of_this_call": seconds}
+    files = write(result, data, experiment.title, request, request.folder / stem_of(name, request))
+    lines = [*warnings(request), *(f"{table.text()}\n" for table in result.tables), *result.notes]
+    lines += [f"→ {path}" for path in files.values()]
+    places = {key: str(path) for key, path in files.items()}
+    return Conducted("\n".join(lines), {**places, **data}, tuple(files.values()))
+
+
+def about(name: str, title: str, request: Request) -> dict[str, object]:
+    """Return what the JSON of every experiment begins with."""
+    return {
+        "schema": 1,
+        "experiment": name,
+        "title": title,
+        "size": request.sizes.name,
+        "warning": next(iter(warnings(request)), None),
+        "dynamics": request.dynamics,
+        "engine": request.engine,
+        "ppo": request.sizes.ppo,
+        "versions": versions(),
+        "commit": commit(),
+    }
+
+
+def warnings(request: Request) -> list[str]:
+    """Return what must stand above a table that is no result."""
+    return [sentence for sentence in (request.sizes.sentence(),) if sentence]
+
+
+def write(
+    result: ExperimentResult, data: Mapping[str, object], title: str, request: Request, stem: Path
+) -> Mapping[str, Path]:
+    """Write JSON, tables and pictures; return the files by what they are."""
+    named = {"result": ".json", "table": ".md", **{f"figure{end}": f"{end}.png" for end in result.pictures}}
+    files = {key: stem.with_name(stem.name + end) for key, end in named.items()}
+    page = [f"# {title}", *warnings(request), *(table.markdown() for table in result.tables), *result.notes]
+    write_whole(files["result"], (json.dumps(finite(data), indent=1, allow_nan=False) + "\n").encode())
+    write_whole(files["table"], ("\n\n".join(page) + "\n").encode())
+    for end, picture in result.pictures.items():
+        write_whole(files[f"figure{end}"], picture)
+    return files
+
+
+def check(experiment: Experiment, request: Request) -> None:
+    """Refuse what cannot be done before hours are spent."""
+    sizes = request.sizes
+    if len(request.environments) > 1 and not experiment.several:
+        raise OptionError("This experiment is about one environment at a time; give one --env.")
+    if not request.environments or len(set(request.environments)) < len(request.environments):
+        raise OptionError("Give at least one environment, and none twice.")
+    for environment in request.environments:
+        task = find_task(environment)
+        if request.dynamics not in task.dynamics:
+            raise UnknownName("dynamics", request.dynamics, task.dynamics)
+    check_methods(request.methods, experiment.methods)
+    if not sizes.seeds or min(sizes.seeds) < 0 or len(set(sizes.seeds)) < len(sizes.seeds):
+        raise OptionError(f"--seeds {' '.join(map(str, sizes.seeds))}: give different numbers, 0 or more.")
+    for option, value in (("--frames", sizes.frames), ("--workers", request.workers)):
+        if value < 1:
+            raise OptionError(f"{option} is {value}; it must be 1 or more.")

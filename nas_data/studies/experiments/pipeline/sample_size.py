@@ -1,0 +1,186 @@
+"""Policies for a number of trajectories: a nested subset is learned from or named from, then each policy trained."""
+
+import json
+import time
+from collections.abc import Callable, Mapping
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+from nas_data.dataset import versions
+from nas_data.dataset.content import content_hash
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.provenance import read_provenance
+from nas_data.dataset.read import read
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
+from nas_data.gap import workflow
+from nas_data.gap.named import Named
+from nas_data.gap.side_by_side import on_one_core
+from nas_data.gap.verdict import EXPLAINED
+from nas_data.gap.write_model import EFFECTS
+from nas_data.models.lstm import Kind
+from nas_data.models.presets import TrainingOptions
+from nas_data.models.split import rows_of
+from nas_data.policies.compare import Record, Run, do_run, silence
+from nas_data.policies.learner import Hyperparameters, PolicyTraining
+from nas_data.reports.file import write_whole
+from nas_data.studies.ablation.amount import Amount
+from nas_data.studies.ablation.subsets import draw
+from nas_data.studies.experiments.pipeline.artifacts import DATASETS, NAMED, NAMES, PHI, PHI_NAMED, PSI, Artifacts
+from nas_data.studies.experiments.pipeline.code import naming_code
+from nas_data.studies.experiments.pipeline.learning import ModelJob, read_record, train_model
+from nas_data.studies.experiments.pipeline.methods import METHODS, on_source, target
+from nas_data.studies.experiments.pipeline.pairs import pair_again
+from nas_data.studies.experiments.pipeline.sizes import FOR_FEW
+
+SUBSET = "subset"
+BY_PRESET = {f"nas_{name}": name for name in FOR_FEW}
+
+
+class Names(NamedTuple):
+    """What was named from a subset.
+
+    Attributes:
+        folder: The gap report; None where it names nothing and retunes nothing.
+        seconds: Time that it took [s].
+        explained: Whether what the names leave is at the recording's noise floor.
+    """
+
+    folder: Path | None
+    seconds: float
+    explained: bool
+
+
+Learned = tuple[DynamicsSpec, float]  # where a policy learns, and the time that it took to make it [s]
+
+
+@dataclass(frozen=True)
+class CountJob:
+    """A number of trajectories and a seed.
+
+    Attributes:
+        material: Recording of which the trajectories are a part, and how φ and ψ are trained.
+        methods: What is made of them, some of `LEARNED`.
+        count: Trajectories; of two counts of one seed, the smaller's are part of the larger's.
+        seed: Of the subset, of φ and ψ and of the policies.
+        frames: Control steps of each policy.
+        episodes: Episodes that it is judged on.
+        hyperparameters: PPO's.
+        policies: Folder of policies of this length and PPO.
+        folder: Where models, names and policies go.
+        presets: How φ is trained by other presets than for many trajectories, by their names.
+        threads: Threads that simulate the source of φ, and that names are sought with; all cores where None.
+    """
+
+    material: Artifacts
+    methods: tuple[str, ...]
+    count: int
+    seed: int
+    frames: int
+    episodes: int
+    hyperparameters: Hyperparameters
+    policies: str
+    folder: Path
+    presets: Mapping[str, TrainingOptions]
+    threads: int | None = None
+
+    def subset(self, dataset: Dataset) -> Dataset:
+        """Return the trajectories that are learned from."""
+        runs = draw(dataset, range(dataset.n_episodes), Amount(self.count, "episodes"), self.seed)
+        return rows_of(dataset, runs)
+
+    def recorded(self) -> Path:
+        """Return a dataset of these trajectories alone."""
+        train = self.material.train
+        provenance = read_provenance(train)
+        assert provenance is not None  # the material recorded it
+        return versions.new_version(self.subset(read(train)), SUBSET, provenance, self.folder / DATASETS)
+
+    def seeded(self, options: TrainingOptions) -> TrainingOptions:
+        """Return options of a training with this seed."""
+        return replace(options, seed=self.seed)
+
+
+def learn(job: CountJob, kind: Kind, options: TrainingOptions, folder: str) -> Learned:
+    """Train φ or ψ on the subset."""
+    model = ModelJob(kind, job.material.train, job.seeded(options), job.folder / folder, job.threads)
+    history = train_model(model, silence, job.subset)
+    return on_source(job.material, str(model.folder)), history[-1]["seconds"]
+
+
+def learn_by(job: CountJob, preset: str) -> Learned:
+    """Train φ on the subset by a preset for few trajectories."""
+    return learn(job, "delta", job.presets[preset], f"{PHI}_{preset}")
+
+
+def name_subset(job: CountJob) -> Names:
+    """Let `nas gap` name what the source lacks, from the subset and nothing else; what it named before is read."""
+    folder, root = job.folder / NAMES, job.recorded()
+    record = folder.with_name(f"{NAMES}.json")
+    identity = {"named_from": content_hash(read(root)), "code": naming_code(job.material.plan)}
+    held = read_record(record)
+    if held.get("identity") != identity or not (folder / EFFECTS).is_file():
+        began = time.monotonic()
+        with on_one_core() if job.threads == 1 else nullcontext():
+            report = workflow.investigate(root, job.material.train / "meta/source.xml", folder, silence)
+        held = {"identity": identity, "seconds": time.monotonic() - began, "verdict": report.verdict}
+        write_whole(record, (json.dumps(held, indent=1) + "\n").encode())
+    named = Named.read(folder)
+    found = folder if named.effects or named.retuned else None
+    return Names(found, held["seconds"], held["verdict"] in EXPLAINED)
+
+
+def with_names(job: CountJob) -> Learned:
+    """Add what was named to the source."""
+    names = name_subset(job)
+    return on_source(job.material, effects=None if names.folder is None else str(names.folder)), names.seconds
+
+
+def with_names_and_phi(job: CountJob) -> Learned:
+    """Pair the subset with the source that has the names, and train φ on what they leave, if anything."""
+    material = job.material
+    folder, seconds, explained = name_subset(job)
+    if folder is None:
+        return learn(job, "delta", material.plan.delta, PHI)
+    if explained:
+        return on_source(material, effects=str(folder)), seconds
+    pairs = pair_again(job.recorded(), material.plan.source_with(folder), NAMED, job.folder, DATASETS)
+    options = job.seeded(material.plan.delta)
+    model = ModelJob("delta", job.folder / pairs.path, options, job.folder / PHI_NAMED, job.threads)
+    history = train_model(model, silence)
+    return on_source(material, str(model.folder), str(folder)), seconds + history[-1]["seconds"]
+
+
+LEARNED: Mapping[str, Callable[[CountJob], Learned]] = {
+    "nas": lambda job: learn(job, "delta", job.material.plan.delta, PHI),
+    "forward": lambda job: learn(job, "forward", job.material.plan.forward, PSI),
+    "named": with_names,
+    "named_nas": with_names_and_phi,
+} | {method: partial(learn_by, preset=name) for method, name in BY_PRESET.items()}
+LEARNED_ON = {name: method.learned_on for name, method in METHODS.items()} | {
+    method: f"source + φ, preset {name}" for method, name in BY_PRESET.items()
+}
+
+
+def do_count(job: CountJob) -> dict[str, Record]:
+    """Make of the trajectories what each method needs and then its policy, judge it; what was done before is read.
+
+    Returns:
+        By method the policy's record, and `learning_seconds`: how long training φ or ψ and naming took [s].
+    """
+    records = {}
+    for method in job.methods:
+        plant, seconds = LEARNED[method](job)
+        run = Run(
+            method=method,
+            training=PolicyTraining(plant, job.seed, job.frames, job.hyperparameters),
+            target=target(job.material),
+            episodes=job.episodes,
+            folder=job.folder / method / job.policies,
+            quiet=True,
+            dataset=job.material.content_hash,
+        )
+        records[method] = {**do_run(run), "learning_seconds": seconds}
+    return records

@@ -1,0 +1,93 @@
+"""Held-out episodes predicted by φ, ψ and what needs no learning, and which of them a picture shows."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.read import read
+from nas_data.models.evaluation import Evaluation
+from nas_data.reports.experiment_figures import warn
+from nas_data.reports.prediction_figures import joint_errors, trajectory
+from nas_data.reports.style import to_png
+from nas_data.studies.experiments.base import Request
+from nas_data.studies.experiments.pipeline.artifacts import PHI, PSI, Artifacts
+from nas_data.studies.experiments.pipeline.stages import describe_stages
+from nas_data.studies.experiments.pipeline.trajectories import compare_models
+
+NEEDS = ("record", PHI, PSI)
+DRAWN = ("source + φ", "ψ", "source", "hold")
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """Held-out episodes, all predicted, of which one is shown.
+
+    Attributes:
+        material: Where they come from.
+        dataset: The episodes.
+        evaluation: Predictions and errors.
+        episode: The one that is shown: of those of the paper's protocol, the one in which the source's error is the
+            median.
+        joint: The joint that the source predicts worst in these.
+    """
+
+    material: Artifacts
+    dataset: Dataset
+    evaluation: Evaluation
+    episode: int
+    joint: int
+
+    @property
+    def measured(self) -> list[np.ndarray]:
+        """Measured states after each command, one array of shape (T, 2n) an episode."""
+        return [self.dataset.next_states[rows] for rows in self.dataset.episodes()]
+
+    def errors(self, predictor: str) -> list[np.ndarray]:
+        """Return the RMS position error over joints [rad] at each step of each episode."""
+        joints, rollouts = len(self.dataset.joints), self.evaluation.rollouts[predictor]
+        return [joint_errors(one, other, joints) for one, other in zip(rollouts, self.measured, strict=True)]
+
+    def picture(self, quick: bool) -> bytes:
+        """Draw the joint in the episode, and the predictors' errors below; a quick one says so."""
+        rows = self.dataset.episode(self.episode)
+        effort = not self.dataset.commands_positions
+        figure = trajectory(
+            self.measured[self.episode][:, self.joint],
+            {name: self.evaluation.rollouts[name][self.episode][:, self.joint] for name in DRAWN},
+            None if effort else self.dataset.commands[rows, self.joint],
+            1 / self.dataset.fps,
+            self.dataset.joints[self.joint],
+        )
+        warn(figure, quick)
+        return to_png(figure)
+
+    def describe(self) -> dict[str, object]:
+        """Return the episode that is shown for JSON: positions [rad] of all joints, by predictor."""
+        joints = len(self.dataset.joints)
+        curves = {"measured": self.measured, **{name: self.evaluation.rollouts[name] for name in DRAWN}}
+        return {
+            "environment": self.material.plan.recipe.environment,
+            "episode": self.episode,
+            "joint": self.dataset.joints[self.joint],
+            "joints": list(self.dataset.joints),
+            "commands": self.dataset.commands[self.dataset.episode(self.episode)].tolist(),
+            "positions": {name: values[self.episode][:, :joints].tolist() for name, values in curves.items()},
+            "dataset": self.material.content_hash,
+            "heldout": self.dataset.n_episodes,
+            "material": self.material.plan.describe(),
+            "stages": describe_stages(self.material),
+        }
+
+
+def predict_heldout(request: Request, environment: str) -> Sequence:
+    """Make the material that is needed, predict its held-out episodes in open loop, and choose one to be shown."""
+    material = request.material(environment, NEEDS)
+    dataset = read(material.heldout)
+    request.report(f"rolling out {dataset.n_episodes} held-out episodes")
+    evaluation = compare_models(dataset, material.simulator(), material.folder / PHI, material.folder / PSI)
+    protocol = np.array(material.paper_protocol())
+    squared = evaluation.open_loop["source"].squared[protocol]  # [rad²], shape (episodes, joints)
+    wrong = squared.mean(axis=1)
+    episode = int(protocol[np.argsort(wrong, kind="stable")[len(wrong) // 2]])
+    return Sequence(material, dataset, evaluation, episode, int(squared.mean(axis=0).argmax()))

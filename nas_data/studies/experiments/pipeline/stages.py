@@ -1,0 +1,198 @@
+"""The stages that make an environment's material: record and pair, learn φ and ψ, name, learn φ on the names."""
+
+from collections.abc import Callable, Collection
+from dataclasses import replace
+from pathlib import Path
+
+from nas_data.dataset import versions
+from nas_data.dataset.provenance import read_provenance
+from nas_data.dataset.read import read
+from nas_data.gap import workflow
+from nas_data.gap.named import Named
+from nas_data.models.lstm import Kind
+from nas_data.policies.ppo import Calm
+from nas_data.runs.stages import INDENT, Report, Stage, StageResult, Work, read_done, run_stages
+from nas_data.runs.stages_side_by_side import Part, do_part, run_side_by_side
+from nas_data.studies.experiments.pipeline.artifacts import (
+    DATASETS,
+    HELDOUT,
+    NAMED,
+    NAMES,
+    PHI,
+    PHI_NAMED,
+    PSI,
+    TRAIN,
+    Artifacts,
+    MaterialPlan,
+)
+from nas_data.studies.experiments.pipeline.code import (
+    learning_code,
+    learning_on_names_code,
+    naming_code,
+    recording_code,
+)
+from nas_data.studies.experiments.pipeline.learning import ModelJob, train_model
+from nas_data.studies.experiments.pipeline.pairs import Predictor, pair_again, record_and_pair
+
+Job = Work[MaterialPlan]
+
+PAUSE = 15.0  # [s] between two lines of the search, which says much
+TOLD = ("verdict", "effects", "retuned", "gap")  # what is kept of a gap report beside the report itself
+
+
+def record(job: Job) -> StageResult:
+    """Record what is learned from and what judges, and pair both with the source."""
+    plan = job.plan
+    source = Predictor.of(plan.recipe.environment, plan.source)
+    held = replace(plan.recipe, episodes=plan.heldout, seed=plan.recipe.seed + 1)
+    found = {
+        name: record_and_pair(recipe, source, name, job.folder, DATASETS)
+        for name, recipe in ((TRAIN, plan.recipe), (HELDOUT, held))
+    }
+    said = [f"{one.episodes} episodes, {one.frames:,} transitions → {job.folder / one.path}" for one in found.values()]
+    return StageResult(said, {name: one.describe() for name, one in found.items()})
+
+
+def learner(kind: Kind, name: str, folder: str) -> Callable[[Job], StageResult]:
+    """Return what trains a model of a kind on the pairs."""
+
+    def learn(job: Job) -> StageResult:
+        options = job.plan.delta if kind == "delta" else job.plan.forward
+        pairs = Artifacts(job.plan, job.folder).train
+        return run_training(ModelJob(kind, pairs, options, job.folder / folder, job.threads), name, job)
+
+    return learn
+
+
+def run_training(model: ModelJob, name: str, job: Job) -> StageResult:
+    """Train a model and say how far it came."""
+    history = train_model(model, lambda line: job.report(f"{INDENT}{name}  {line}"))
+    return StageResult([f"{name} → {model.folder}"], {"validations": len(history), "options": vars(model.options)})
+
+
+def name_effects(job: Job) -> StageResult:
+    """Let `nas gap` name what the source lacks, from the same recordings and nothing else."""
+    material = Artifacts(job.plan, job.folder)
+    root = recordings_to_name(job)
+    say = Calm(lambda line: job.report(f"{INDENT}names  {line.strip()}"), PAUSE)
+    report = workflow.investigate(root, material.train / "meta/source.xml", job.folder / NAMES, say)
+    named = Named.read(job.folder / NAMES)
+    listed = ", ".join(f"{effect.name()} in {effect.joint or 'the arm'}" for effect in named.effects) or "nothing"
+    content = report.to_json()
+    return StageResult(
+        [f"named: {listed}; {report.verdict} → {job.folder / NAMES}"], {key: content[key] for key in TOLD}
+    )
+
+
+def recordings_to_name(job: Job) -> Path:
+    """Return the folder of what `nas gap` is given: all that was recorded, or the first episodes of it."""
+    train = Artifacts(job.plan, job.folder).train
+    dataset, provenance = read(train), read_provenance(train)
+    if job.plan.named is None or job.plan.named >= dataset.n_episodes or provenance is None:
+        return train
+    return versions.new_version(dataset.select(range(job.plan.named)), "to_name", provenance, job.folder / DATASETS)
+
+
+def learn_on_names(job: Job) -> StageResult:
+    """Pair the recordings with the source that has the names, and train φ on what they leave."""
+    material, plan = Artifacts(job.plan, job.folder), job.plan
+    if material.named is None or material.explained:
+        (job.folder / PHI_NAMED).mkdir(exist_ok=True)
+        nothing = "nothing was named: φ on the names is φ"
+        explained = "what the names leave is at the noise floor: φ has nothing to learn there and is left out"
+        return StageResult([nothing if material.named is None else explained], {})
+    pairs = pair_again(material.train, plan.source_with(material.named), NAMED, job.folder, DATASETS)
+    model = ModelJob("delta", job.folder / pairs.path, plan.delta, job.folder / PHI_NAMED, job.threads)
+    return run_training(model, "φ on the names", job)
+
+
+STAGES = {  # side by side those first that others wait for, and of the rest the longest
+    stage.name: stage
+    for stage in (
+        Stage(
+            "record",
+            "Record and pair",
+            "The environment's target is driven by random actions, brief, long, weak or smooth by episode, from the "
+            "environment's own starts with its objects; the source is asked where each command leads.",
+            record,
+            (DATASETS,),
+            (),
+            recording_code,
+        ),
+        Stage(
+            NAMES,
+            "Name what is missing",
+            "`nas gap` compares source and recordings and names the effects that the source lacks.",
+            name_effects,
+            (NAMES,),
+            ("record",),
+            naming_code,
+        ),
+        Stage(
+            PHI,
+            "Learn φ",
+            "φ corrects each step of the source; 'validation' is the error of its own rollouts [rad], * the best so "
+            "far, which is kept.",
+            learner("delta", "φ", PHI),
+            (PHI,),
+            ("record",),
+            learning_code,
+        ),
+        Stage(
+            PHI_NAMED,
+            "Learn φ on the names",
+            "Another φ corrects the source that has the named effects, where these leave something to learn.",
+            learn_on_names,
+            (PHI_NAMED,),
+            ("record", NAMES),
+            learning_on_names_code,
+        ),
+        Stage(
+            PSI,
+            "Learn ψ",
+            "ψ predicts each step without a simulator.",
+            learner("forward", "ψ", PSI),
+            (PSI,),
+            ("record",),
+            learning_code,
+        ),
+    )
+}
+
+
+def describe_stages(material: Artifacts) -> dict[str, object]:
+    """Return for JSON what each stage of a material that is done cost, when, and by which commit."""
+    told = ("seconds", "cpu_seconds", "when", "load", "commit")
+    found = {name: read_done(stage, material.folder) for name, stage in STAGES.items()}
+    return {name: {key: getattr(done, key) for key in told} for name, done in found.items() if done is not None}
+
+
+def make_material(
+    plan: MaterialPlan, folder: Path, needs: Collection[str], report: Report, workers: int = 1
+) -> Artifacts:
+    """Make what is needed of an environment's material; a stage that is done is not done again.
+
+    Args:
+        plan: What it depends on.
+        folder: Where it lies.
+        needs: Names of stages; those that they build on are done as well.
+        report: Told of progress.
+        workers: Stages at a time, each in a process of its own where there are several.
+
+    Raises:
+        OutputExists: the folder holds something else, or material of another plan or by other code.
+        JobsFailed: several stages could not be done; all others are but those that build on them.
+    """
+    wanted = {*needs}.union(*(STAGES[name].builds_on or () for name in needs))
+    stages = [stage for name, stage in STAGES.items() if name in wanted]
+    work = Work(plan, folder, report, name="folder of recordings and models")
+    if workers > 1:
+        run_side_by_side(stages, work, workers, make_part)
+    else:
+        run_stages(stages, work)
+    return Artifacts(plan, folder)
+
+
+def make_part(part: Part[MaterialPlan]) -> None:
+    """Do a stage in a process of its own."""
+    do_part(STAGES[part.stage], part)

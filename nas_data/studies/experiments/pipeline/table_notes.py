@@ -1,0 +1,94 @@
+"""What must stand below a table of methods, so that nobody takes more from it than it holds."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Comparison
+from nas_data.policies.intervals import FEW
+from nas_data.studies.experiments.pipeline.artifacts import Artifacts
+from nas_data.studies.experiments.pipeline.dynamics import dynamics_of
+from nas_data.studies.experiments.pipeline.methods import METHODS
+
+NAS, NAMED_NAS = "nas", "named_nas"
+ONE_MATERIAL = (
+    "One recording, φ, ψ and naming (each of seed 0) serve all seeds: the spread is that of PPO alone, not of what the "
+    "methods learned before it."
+)
+
+ONE_MODEL = "φ and ψ are one each, of seed 0 and from one recording: the numbers have no spread over trainings."
+
+WITHOUT_ENDS = (
+    "With both expert and source among --methods the table says what share of the distance between them each other "
+    "method closes; what is done is not done again."
+)
+
+
+def notes_on_models(material: Artifacts) -> list[str]:
+    """Return the sentences below a table of φ and ψ."""
+    return [dynamics_of(material), ONE_MODEL]
+
+
+def notes(material: Artifacts, comparison: Comparison) -> list[str]:
+    """Return the sentences below a table of methods."""
+    stake = comparison.at_stake()
+    nothing = None if stake is None else stake.sentence()
+    said = [dynamics_of(material)]
+    said += [nothing] if nothing else []
+    said += [WITHOUT_ENDS] if stake is None and {*comparison.study.methods} - {EXPERT_METHOD, SOURCE_METHOD} else []
+    said += [ONE_MATERIAL] if any(METHODS[method].needs for method in comparison.study.methods) else []
+    said += [*comparison.shared(), *note_on_names_alone(material, comparison)]
+    said += [on_intervals(len(comparison.study.seeds)), *describe_return_differences(comparison), *comparison.lost()]
+    return [sentence for sentence in said if sentence]
+
+
+def note_on_names_alone(material: Artifacts, comparison: Comparison) -> Sequence[str]:
+    """Say why named + φ is the names alone, where it is."""
+    if NAMED_NAS not in comparison.study.methods or not material.explained:
+        return ()
+    return (
+        "What the names leave of the recording is at its noise floor, so that φ has nothing to learn there: "
+        f"{NAMED_NAS} is the source with the names.",
+    )
+
+
+def on_intervals(seeds: int) -> str:
+    """Say what the intervals over so many seeds are worth; nothing where there are enough seeds."""
+    if not 1 < seeds <= FEW:
+        return ""
+    return (
+        f"In brackets beside the median: the range of the {seeds} seeds, which holds the median of all seeds in "
+        f"{1 - 2 ** (1 - seeds):.0%} of cases; a bootstrap gives no more from so few, and that of the distance closed "
+        "promises less than its 95 %."
+    )
+
+
+def return_differences(comparison: Comparison) -> np.ndarray | None:
+    """Return the return of named + φ minus that of φ alone by seed, shape (seeds,); None where one is not compared."""
+    if not {NAS, NAMED_NAS} <= set(comparison.study.methods):
+        return None
+    return comparison.values(NAMED_NAS) - comparison.values(NAS)
+
+
+def describe_return_differences(comparison: Comparison) -> Sequence[str]:
+    """Say how named + φ compares with φ alone, seed by seed."""
+    apart = return_differences(comparison)
+    if apart is None:
+        return ()
+    return (
+        f"{NAMED_NAS} − {NAS}, seed by seed: median {np.median(apart):+.2f}, {apart.min():+.2f} … {apart.max():+.2f} "
+        f"over {len(apart)} seeds.",
+    )
+
+
+def describe_paired(comparison: Comparison) -> dict[str, object] | None:
+    """Return the same for JSON; None where one is not compared."""
+    apart = return_differences(comparison)
+    if apart is None:
+        return None
+    return {
+        "differences": apart.tolist(),
+        "median": float(np.median(apart)),
+        "min": float(apart.min()),
+        "max": float(apart.max()),
+    }

@@ -1,0 +1,91 @@
+"""Table 1: quartiles and mean of squared trajectory differences, on trajectories that no model has seen."""
+
+from collections.abc import Sequence as List
+
+import numpy as np
+
+from nas_data.envs.base import find_task_file
+from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request, ResultTable
+from nas_data.studies.experiments.pipeline.authors import DIFFERENCES
+from nas_data.studies.experiments.pipeline.sequence import Sequence, predict_heldout
+from nas_data.studies.experiments.pipeline.stages import describe_stages
+from nas_data.studies.experiments.pipeline.table_notes import notes_on_models
+
+UNIT = np.pi / 2  # [rad] the authors measure angles in units of 90°
+PREDICTORS = ("source", "ψ", "source + φ", "hold")
+HEADERS = ("predictor", "1st quartile", "mean", "3rd quartile", "median", "authors: Q1, mean, Q3")
+
+
+def run(request: Request) -> ExperimentResult:
+    """Tell how far predicted trajectories are from measured ones, on every environment."""
+    tables, notes, data = [], [], {}
+    for environment in request.environments:
+        found = predict_heldout(request, environment)
+        protocol, everything = found.material.paper_protocol(), list(range(found.dataset.n_episodes))
+        kinds = {"paper_protocol": (protocol, "the paper's protocol"), "all_heldout": (everything, "all held out")}
+        for episodes, name in kinds.values():
+            title = (
+                f"{environment}, {request.target_text}, {name}: mean over a trajectory of squared differences of one "
+                f"joint, angles in units of 90°; {len(episodes)} trajectories × {len(found.dataset.joints)} joints"
+            )
+            comparable = name == "the paper's protocol" and find_task_file(environment) == "ergo_shield"
+            tables.append(
+                ResultTable(title, HEADERS, rows(found, episodes, comparable), notes_on_models(found.material))
+            )
+        notes += describe_numbers(found)
+        data[environment] = {
+            "unit": "squared angle in units of 90 degrees; multiply by (π/2)² for rad²",
+            **{key: {one: statistics(found, one, chosen) for one in PREDICTORS} for key, (chosen, _) in kinds.items()},
+            "authors": {name: numbers.describe() for name, numbers in DIFFERENCES.items()},
+            "dataset": found.material.content_hash,
+            "material": found.material.plan.describe(),
+            "stages": describe_stages(found.material),
+        }
+    return ExperimentResult(tables, notes, {"environments": data})
+
+
+def differences(found: Sequence, name: str, episodes: List[int]) -> np.ndarray:
+    """Return the mean squared differences of each trajectory and joint, infinite where it diverged, shape (E · n,)."""
+    squared = found.evaluation.open_loop[name].squared[list(episodes)] / UNIT**2
+    return np.where(np.isfinite(squared), squared, np.inf).ravel()
+
+
+def statistics(found: Sequence, name: str, episodes: List[int]) -> dict[str, float]:
+    """Return quartiles and mean of a predictor's differences; a quartile is a difference that occurs."""
+    values = differences(found, name, episodes)
+    first, middle, third = np.quantile(values, [0.25, 0.5, 0.75], method="inverted_cdf")
+    return {"first_quartile": float(first), "mean": float(values.mean()), "third_quartile": float(third)} | {
+        "median": float(middle)
+    }
+
+
+def rows(found: Sequence, episodes: List[int], authors: bool) -> list[tuple[str, ...]]:
+    """Return a row a predictor."""
+    return [
+        (name, *map(cell, statistics(found, name, episodes).values()), theirs(name, authors)) for name in PREDICTORS
+    ]
+
+
+def theirs(name: str, shown: bool) -> str:
+    """Return what the authors found with a predictor, where they did."""
+    if not shown or name not in DIFFERENCES:
+        return ""
+    return ", ".join(f"{value:.3f}" for value in DIFFERENCES[name].values)
+
+
+def cell(value: float) -> str:
+    """Return a difference as text."""
+    return f"{value:.4f}" if np.isfinite(value) else "diverged"
+
+
+def describe_numbers(found: Sequence) -> list[str]:
+    """Say what the numbers are of, and what diverged."""
+    lost = [f"{name} left all bounds in {len(times)} episodes." for name, times in found.evaluation.diverged.items()]
+    return [
+        "Every rollout starts once, at the first measured state of a trajectory that neither φ nor ψ has seen; the "
+        "authors' are of the real arm and of the file that their models were trained on.",
+        *lost,
+    ]
+
+
+EXPERIMENT = Experiment("Quartiles and mean of squared trajectory differences", ("ErgoShield",), run)
