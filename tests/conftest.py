@@ -5,9 +5,9 @@ from dataclasses import astuple
 from pathlib import Path
 
 import pytest
-from command_samples import Place, furnish
 from hypothesis import settings
-from recording_samples import paired_pendulum
+from support.command_samples import Place, furnish
+from support.recording_samples import paired_pendulum
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.recorders import watchdog

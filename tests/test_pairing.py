@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recording_samples import GAP, paired_pendulum, pendulum, positions_only, recorded_on, wander, without
-from simulator_samples import CONTACTS, SO101, hinge, motors, needs_so101, predict_loop
+from support.recording_samples import GAP, paired_pendulum, pendulum, positions_only, recorded_on, wander, without
+from support.simulator_samples import CONTACTS, SO101, hinge, motors, needs_so101, predict_loop
 
 from nas_data.cli import main
 from nas_data.dataset.content import content_hash

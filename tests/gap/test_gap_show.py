@@ -1,0 +1,313 @@
+"""A gap report shown: every number from its files, each verdict in words, pictures that need nothing but the page."""
+
+import copy
+import json
+import re
+import shutil
+from dataclasses import replace
+from html import unescape
+
+import numpy as np
+import pytest
+from support.command_samples import nas
+
+from nas_data.errors import OptionError
+from nas_data.gap.report import GapReport
+from nas_data.gap.showing.figures import AFTER, BEFORE, RETUNED, per_joint
+from nas_data.gap.showing.page_pictures import ABOVE, models
+from nas_data.gap.showing.page_words import beside, figures, friendly, join_items
+from nas_data.gap.showing.series import Series
+from nas_data.gap.showing.show import show
+
+JOINTS = ("m1", "m2", "gripper/left")
+FLOOR = np.full(3, 0.0015)
+EPISODES = np.array([2, 5, 8])
+
+BACKLASH = {
+    "effect": "backlash",
+    "joint": "m2",
+    "parameters": {"half_width": {"value": 0.0173, "unit": "rad", "interval95": [0.0162, 0.0184]}},
+    "confidence": 0.97,
+    "evidence": {"heldout_error_before": 0.0211, "heldout_error_after": 0.0021},
+    "alternatives": [{"effect": "joint_compliance", "joint": "m2", "heldout_error_after": 0.0093}],
+    "in_model_xml": True,
+}
+DELAY = {
+    "effect": "command_delay",
+    "joint": None,
+    "parameters": {"delay": {"value": 0.0314, "unit": "s", "interval95": [0.03, 0.0327]}},
+    "confidence": 0.64,
+    "evidence": {"heldout_error_before": 0.05, "heldout_error_after": 0.02},
+    "alternatives": [{"effect": "rotor_inertia", "joint": "m1", "heldout_error_after": 0.0201}],
+    "equals": [{"effect": "rotor_inertia", "joint": "m1"}],
+    "in_model_xml": False,
+}
+REST = {"joint": "m1", "ratio_to_noise": 6.3, "goes_with": "position"}
+BINS = [("speed", "still", 1.2), ("speed", "fast", 14.2), ("reversal", "after a reversal", 33.0)]
+FIND = {
+    "joints": {
+        joint: {
+            "floor": 0.0015,
+            "one_step": 0.002,
+            "one_step_hold": 0.004,
+            "open_loop": 0.02,
+            "open_loop_hold": 0.4,
+            "open_loop_command": 0.1,
+            "ratio_to_noise": 13.3,
+        }
+        for joint in JOINTS
+    },
+    "regimes": [
+        {
+            "joint": joint,
+            "regime": regime,
+            "bin": name,
+            "rows": 90,
+            "rmse": ratio * 0.0015,
+            "rest": 0.0015,
+            "ratio_to_noise": ratio,
+            "share": 0.4,
+            "significant": ratio > 2,
+        }
+        for joint in JOINTS
+        for regime, name, ratio in BINS
+    ],
+    "audit": [
+        {"check": "timing", "finding": "no row is late", "ok": True},
+        {"check": "command shift", "finding": "commands look one row late", "ok": False},
+    ],
+    "undecidable": ["m1 never turned round: play and friction look alike."],
+}
+REPORT = {
+    "schema": 1,
+    "verdict": "explained",
+    "dataset": "arm_steps",
+    "model": "arm.xml",
+    "effects": [BACKLASH],
+    "retuned": [{"parameter": "m2.damping", "factor": 0.934}, {"parameter": "m1.mass", "factor": 1.12}],
+    "unexplained": [],
+    "gap": {
+        "metric": "open-loop position RMSE on held-out episodes",
+        "unit": "rad",
+        "noise_floor": 0.0015,
+        "before": 0.0207,
+        "after": 0.0017,
+        "per_joint": {joint: {"before": 0.02, "after": 0.0017} for joint in JOINTS},
+    },
+    "find": FIND,
+    "shares": {"names": 0.93, "learned": None, "left": 0.07},
+    "placebo": {
+        "effects": [{"effect": "joint_compliance", "joint": "m2"}],
+        "after": 0.0111,
+        "text": "joint_compliance",
+    },
+    "next_experiment": "slow triangle on m2: separates backlash from joint compliance",
+    "episodes": {"train": [0, 1, 3, 4, 6, 7], "heldout": EPISODES.tolist()},
+    "seed": 0,
+    "seconds": 38.4,
+}
+VERDICTS = {
+    "none": {"effects": [], "retuned": [], "placebo": None, "shares": None, "next_experiment": None},
+    "retuned": {"effects": [], "placebo": None, "next_experiment": None},
+    "explained": {},
+    "partly_explained": {"effects": [BACKLASH, DELAY], "unexplained": [REST]},
+    "unexplained": {"effects": [], "placebo": None, "unexplained": [REST], "shares": None},
+}
+SAID = {
+    "none": "Nothing is missing: on held-out episodes the model arm.xml errs by 1.19°",
+    "retuned": "Nothing is missing: the model arm.xml only needs 2 numbers that it already has changed",
+    "explained": "The gap between the model arm.xml and the recording comes from backlash in m2.",
+    "partly_explained": "recording probably comes in part from backlash in m2 and command delay (whole arm).",
+    "unexplained": "Something is missing in the model arm.xml that no effect in the catalogue explains, at m1.",
+}
+
+
+def series(rng, gap=0.02, placebo=True):
+    """Return held-out episodes with a joint (m2) that is off, of which one is shorter than the others."""
+    time = 0.02 * np.arange(1, 101)
+    measured = np.sin(time[None, :, None] * (1 + rng.random((3, 1, 3))))
+    counts = np.ones((3, 100), bool)
+    counts[1, 70:] = False
+
+    def off(size):
+        return measured + FLOOR * rng.standard_normal(measured.shape) + size * np.array([0.0, 1.0, 0.0])
+
+    parts = {"before": off(gap), "retuned": off(0.9 * gap), "after": off(0.0)}
+    parts |= {"placebo": off(0.5 * gap)} if placebo else {}
+    return {
+        "time": time,
+        "joints": np.array(JOINTS),
+        "episodes": EPISODES,
+        "measured": measured,
+        "command": np.sign(measured),
+        "counts": counts,
+        "floor": FLOOR,
+        **parts,
+    }
+
+
+def written(folder, changes=None, drawn=None, gap=0.02):
+    """Write a report and its series."""
+    folder.mkdir(exist_ok=True)
+    report = {**copy.deepcopy(REPORT), **(changes or {})}
+    (folder / "report.json").write_text(json.dumps(report))
+    np.savez(folder / "series.npz", **(drawn or series(np.random.default_rng(0), gap)))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    """Return the page of a report as it is."""
+    return show(written(tmp_path_factory.mktemp("plain")))
+
+
+def text_of(page):
+    """Return the words of a page."""
+    content = re.sub(r"<style>.*?</style>", "", page.read_text(), flags=re.DOTALL)
+    return unescape(re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", content)))
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_each_verdict_reads_well_and_stands_first(tmp_path, verdict):
+    folder = written(tmp_path, {"verdict": verdict, **VERDICTS[verdict]}, gap=0.0 if verdict == "none" else 0.02)
+    text = text_of(show(folder))
+    assert SAID[verdict] in text
+    opening = text.index(SAID[verdict])
+    assert all(text.index(title) > opening for title in ("What stays unexplained", "How the gap shrinks"))
+    assert not re.search(r"\bnan\b|\binf\b|None|\{|\}", text)
+
+
+def test_values_stand_in_friendly_units_beside_si(tmp_path):
+    text = text_of(show(written(tmp_path, {"verdict": "partly_explained", **VERDICTS["partly_explained"]})))
+    assert "half width 0.991° (0.0173 rad)" in text
+    assert "0.928° … 1.05°" in text
+    assert "delay 31.4 ms (0.0314 s)" in text
+    assert "Confidence in this name: 64 % (a guess, not more)" in text
+    assert "These data cannot tell it from rotor inertia in m1." in text
+    assert "A model file cannot quite hold it here: effects.json does" in text
+    assert "still 6.3 times the noise; it goes with position" in text
+    assert "−6.6 %" in text
+    assert "play and friction look alike" in text
+    assert "look: commands look one row late" in text
+
+
+def test_every_number_comes_from_the_files(tmp_path):
+    gap = {**REPORT["gap"], "before": 0.0345, "after": 0.00234}
+    text = text_of(show(written(tmp_path, {"gap": gap})))
+    assert f"from {np.degrees(0.0345):.2f}° to {np.degrees(0.00234):.3f}°" in text
+    assert "leaves 0.636° of the 1.98° before" in text
+
+
+def test_what_the_written_file_alone_leaves_is_told_where_it_is_more(page, tmp_path):
+    assert "computed from that file, read back" in text_of(page)
+    gap = {**REPORT["gap"], "after_model_xml": 0.0047}
+    assert "it alone leaves 0.269°" in text_of(show(written(tmp_path, {"gap": gap})))
+
+
+def test_pictures_are_written_and_embedded(page):
+    names = {"gap_per_joint", "joint_m2", "error_over_time", "shares", "episodes", "regimes"}
+    assert {path.stem for path in (page.parent / "figures").glob("*.png")} == names
+    assert page.name == "report.html"
+    content = page.read_text()
+    assert content.count("data:image/png;base64,") == len(names)
+    assert not re.search(r'(?:src|href)="(?!data:)', content)
+
+
+def test_a_joint_is_drawn_where_its_gap_is_above_the_floor(tmp_path):
+    drawn = series(np.random.default_rng(1), gap=0.02)
+    drawn["before"] = drawn["before"] + np.array([0.0, 0.0, 0.01])
+    show(written(tmp_path, drawn=drawn))
+    assert {path.stem for path in (tmp_path / "figures").glob("joint_*")} == {"joint_m2", "joint_gripper_left"}
+    shown = Series.read(tmp_path)
+    assert (shown.by_joint(shown.before) / FLOOR > ABOVE).tolist() == [False, True, True]
+
+
+def test_a_joint_that_never_moved_does_not_stretch_the_axis(tmp_path):
+    drawn = series(np.random.default_rng(1))
+    drawn["floor"] = np.array([1e-5, *FLOOR[1:]])
+    for name in ("before", "retuned", "after", "placebo"):
+        drawn[name][..., 0] = drawn["measured"][..., 0] + 1e-17
+    shown = Series.read(written(tmp_path, drawn=drawn))
+    low, high = per_joint(shown, {BEFORE: shown.before, AFTER: shown.after}).axes[0].get_ylim()
+    assert 1e-4 < low < high < 10  # [°]
+
+
+def test_pictures_of_an_earlier_report_go(page, tmp_path):
+    shutil.copytree(page.parent, tmp_path, dirs_exist_ok=True)
+    show(written(tmp_path, {"verdict": "none", **VERDICTS["none"]}, gap=0.0))
+    left = {path.stem for path in (tmp_path / "figures").glob("*.png")}
+    assert "shares" not in left
+    assert len([name for name in left if name.startswith("joint_")]) == 1
+
+
+def test_a_report_that_holds_only_the_contract_is_shown(tmp_path):
+    extra = ("find", "shares", "placebo", "model", "dataset")
+    folder = written(tmp_path, drawn=series(np.random.default_rng(0), placebo=False))
+    kept = {key: value for key, value in REPORT.items() if key not in extra}
+    (folder / "report.json").write_text(json.dumps(kept))
+    assert "The gap between the model and the recording comes from backlash" in text_of(show(folder))
+
+
+def test_the_same_files_give_the_same_page(page, tmp_path):
+    assert page.read_bytes() == show(written(tmp_path)).read_bytes()
+
+
+def test_torques_are_not_drawn_as_positions(page, tmp_path):
+    find = copy.deepcopy(FIND)
+    for gap in find["joints"].values():
+        gap["open_loop_command"] = None
+    torques = show(written(tmp_path, {"find": find}))
+    name = "figures/joint_m2.png"
+    assert (page.parent / name).read_bytes() != (torques.parent / name).read_bytes()
+
+
+def test_rmse_counts_recorded_rows_only():
+    drawn = series(np.random.default_rng(0))
+    parts = {**drawn, "joints": JOINTS}
+    shown = Series(**parts)
+    far = np.where(shown.counts[..., None], shown.measured + 0.01, 99.0)
+    np.testing.assert_allclose(shown.by_joint(far), 0.01)
+    np.testing.assert_allclose(shown.by_episode(far), 0.01)
+    along = shown.in_time(far, 0.1)
+    np.testing.assert_allclose(along[shown.counts], 0.01)
+    assert np.isnan(along[~shown.counts]).all()
+
+
+def test_without_effects_the_written_model_is_the_retuned_one(tmp_path):
+    shown = Series.read(written(tmp_path))
+    report = GapReport.load(tmp_path)
+    assert list(models(report, shown)) == [BEFORE, RETUNED, AFTER]
+    bare = models(replace(report, effects=()), shown)
+    assert list(bare) == [BEFORE, RETUNED]
+    np.testing.assert_array_equal(bare[RETUNED], shown.after)
+
+
+def test_numbers_are_said_with_three_digits():
+    assert figures(0.00012345) == "0.000123"
+    assert figures(123456.7) == "123457"
+    assert figures(0.0) == "0"
+    assert friendly(0.0017, "kg") == "1.70 g"
+    assert friendly(0.012, "N·m") == "0.0120 N·m"
+    assert beside(0.8, "") == "0.800"
+    assert join_items(["a", "b", "c"]) == "a, b and c"
+    assert join_items(["a"]) == "a"
+
+
+def test_what_is_missing_is_named(tmp_path):
+    with pytest.raises(OptionError, match="not a gap report"):
+        show(tmp_path)
+    written(tmp_path)
+    (tmp_path / "series.npz").unlink()
+    with pytest.raises(OptionError, match="no series to draw"):
+        show(tmp_path)
+    report = json.loads((tmp_path / "report.json").read_text())
+    (tmp_path / "report.json").write_text(json.dumps({key: report[key] for key in report if key != "gap"}))
+    with pytest.raises(OptionError, match="lacks gap"):
+        GapReport.load(tmp_path)
+
+
+def test_the_command_shows_a_folder(tmp_path):
+    answer = nas("gap", "show", written(tmp_path))
+    assert answer.code == 0
+    assert str(tmp_path / "report.html") in answer.out
+    assert nas("gap", "show", tmp_path / "nothing").code == 2

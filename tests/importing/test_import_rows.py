@@ -1,0 +1,254 @@
+"""From rows to transitions: joining tables on time, alignment, episodes, resampling, derived velocities."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.import_samples import RATE, columns_of, map_text, motion, sample_map, write_log, write_map
+
+from nas_data.dataset.recording import Recording
+from nas_data.dataset.rows import rows_text, spans
+from nas_data.errors import LogError, MapError
+from nas_data.importing.joining import match_rows
+from nas_data.importing.map import Resample
+from nas_data.importing.map_file import load_map
+from nas_data.importing.resampling import resample
+from nas_data.recorders.logs import import_logs
+
+TWO_FILES = '[files]\nstate = "state.csv"\ncontrol = "control.csv"\n[join]\nmethod = "{}"\ntolerance = 0.01'
+
+
+def two_file_map(folder: Path, method: str = "nearest") -> Path:
+    return write_map(
+        folder,
+        map_text(
+            ".csv",
+            top=TWO_FILES.format(method),
+            position='file = "state"\ncolumn = "q"\nunit = "rad"',
+            register='file = "state"\ncolumn = "dq"\nunit = "rad/s"',
+            command='file = "control"\ncolumn = "goal"\nunit = "rad"',
+        ),
+    )
+
+
+def two_files(folder: Path, control: slice = slice(None), shift: float = 0.0) -> Path:
+    """A log of two files whose control rows are shifted in time or cut."""
+    columns = columns_of(motion())
+    log = folder / "log"
+    log.mkdir(exist_ok=True)
+    write_log(log / "state.csv", {key: columns[key] for key in ("t", "q", "dq")})
+    goal = {"t": columns["t"][control] + shift, "goal": columns["goal"][control]}
+    write_log(log / "control.csv", goal)
+    return log
+
+
+times = st.lists(st.integers(0, 1000), min_size=1, max_size=40).map(lambda values: np.sort(np.array(values)) / 100)
+
+
+@given(wanted=times, given_=times, method=st.sampled_from(["nearest", "previous"]), tolerance=st.floats(0.001, 3))
+def test_joined_rows_are_the_nearest_or_the_last_before(wanted, given_, method, tolerance):
+    rows = match_rows(wanted, given_, method, tolerance)
+    for time, row in zip(wanted, rows, strict=True):
+        candidates = given_ if method == "nearest" else given_[given_ <= time]
+        distances = np.abs(candidates - time)
+        if not len(distances) or distances.min() > tolerance:
+            assert row == -1
+        else:
+            assert abs(given_[row] - time) == distances.min()
+
+
+@pytest.mark.parametrize("method", ["nearest", "previous"])
+def test_two_files_are_joined_on_time(tmp_path, method):
+    truth = motion()
+    result = import_logs([two_files(tmp_path, shift=-0.004)], load_map(two_file_map(tmp_path, method)))
+    np.testing.assert_allclose(result.dataset.commands, truth.command[:-1], atol=1e-6)
+    # A folder of such folders holds them as logs.
+    assert import_logs([tmp_path], load_map(two_file_map(tmp_path))).dataset.n_frames == 119
+
+
+def test_rows_without_partner_at_the_ends_are_left_out(tmp_path):
+    truth = motion()
+    result = import_logs([two_files(tmp_path, slice(5, -3))], load_map(two_file_map(tmp_path)))
+    np.testing.assert_allclose(result.dataset.commands, truth.command[5:-4], atol=1e-6)
+    np.testing.assert_allclose(result.dataset.states[:, :2], truth.position[5:-4], atol=1e-6)
+    assert result.dataset.columns["nas.time"][0] == 0
+
+
+def test_rows_without_partner_in_the_middle_are_refused(tmp_path):
+    log = two_files(tmp_path)
+    lines = (log / "control.csv").read_text().splitlines()
+    (log / "control.csv").write_text("\n".join(lines[:40] + lines[43:]))
+    with pytest.raises(LogError, match=r"control.csv has nothing within 0.01 s of rows 39–41"):
+        import_logs([log], load_map(two_file_map(tmp_path)))
+
+
+def test_files_of_other_times_are_refused(tmp_path):
+    with pytest.raises(LogError, match=r"no row of control.csv lies within 0.01 s of a measured state"):
+        import_logs([two_files(tmp_path, shift=100.0)], load_map(two_file_map(tmp_path)))
+
+
+def test_a_second_file_whose_time_goes_back_or_that_is_empty_is_refused(tmp_path):
+    with pytest.raises(LogError, match=r"control.csv: the time goes back or is no number in rows 1–119"):
+        import_logs([two_files(tmp_path, slice(None, None, -1))], load_map(two_file_map(tmp_path)))
+    with pytest.raises(LogError, match=r"control.csv holds no rows"):
+        import_logs([two_files(tmp_path, slice(0, 0))], load_map(two_file_map(tmp_path)))
+
+
+def test_a_missing_second_file_is_named(tmp_path):
+    log = two_files(tmp_path)
+    (log / "control.csv").unlink()
+    with pytest.raises(LogError, match=r"There is no file .*control.csv"):
+        import_logs([log], load_map(two_file_map(tmp_path)))
+
+
+def test_a_file_where_a_folder_is_due_and_the_reverse_are_refused(tmp_path):
+    log = two_files(tmp_path)
+    with pytest.raises(LogError, match=r"state.csv is no folder, but the map reads state.csv, control.csv out of one"):
+        import_logs([log / "state.csv"], load_map(two_file_map(tmp_path)))
+    (tmp_path / "none").mkdir()
+    with pytest.raises(LogError, match=r"none holds no log \(state.csv or control.csv\)"):
+        import_logs([tmp_path / "none"], load_map(two_file_map(tmp_path)))
+    with pytest.raises(LogError, match=r"none holds no log \(.npz\)"):
+        import_logs([tmp_path / "none"], sample_map(tmp_path))
+    with pytest.raises(LogError, match=r"There is no log .*nowhere"):
+        import_logs([tmp_path / "nowhere"], sample_map(tmp_path))
+
+
+def test_a_log_named_twice_is_refused(tmp_path):
+    log = write_log(tmp_path / "log.npz", columns_of(motion()))
+    with pytest.raises(LogError, match="is named twice"):
+        import_logs([log, tmp_path], sample_map(tmp_path))
+
+
+def test_the_pattern_chooses_the_logs_of_a_folder(tmp_path):
+    for name in ("run_2.npz", "run_1.npz", "parameters.npz"):
+        write_log(tmp_path / name, columns_of(motion()))
+    dataset = import_logs([tmp_path], sample_map(tmp_path, top='pattern = "run_*"')).dataset
+    assert dataset.tasks == ("run_1", "run_2")
+
+
+def test_alignment_decides_which_command_belongs_to_a_state(tmp_path):
+    truth = motion()
+    log = write_log(tmp_path / "log.npz", columns_of(truth))
+    follows = import_logs([log], sample_map(tmp_path)).dataset
+    np.testing.assert_allclose(follows.commands, truth.command[:-1], atol=1e-6)
+    answers = import_logs([log], sample_map(tmp_path, alignment='"state_follows_action"')).dataset
+    # state[i], then command i+1 acts, which state[i+1] answers; the last state has no command after it.
+    np.testing.assert_allclose(answers.states[:, :2], truth.position[:-2], atol=1e-6)
+    np.testing.assert_allclose(answers.commands, truth.command[1:-1], atol=1e-6)
+    np.testing.assert_allclose(answers.next_states[:, :2], truth.position[1:-1], atol=1e-6)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz"])
+def test_an_episode_column_divides_a_log(tmp_path, suffix):
+    truth = motion()
+    columns = columns_of(truth) | {"take": np.repeat([3, 1, 2], [40, 50, 30])}
+    log = write_log(tmp_path / f"log{suffix}", columns)
+    result = import_logs([log], sample_map(tmp_path, suffix, '[read.episode]\ncolumn = "take"'))
+    dataset = result.dataset
+    assert dataset.lengths.tolist() == [39, 49, 29]
+    assert dataset.tasks == ("log:3", "log:1", "log:2")
+    np.testing.assert_allclose(dataset.states[39:88, :2], truth.position[40:89], atol=1e-6)
+    assert dataset.columns["nas.time"][39] == 0
+
+
+def test_episodes_that_come_back_or_are_too_short_are_refused(tmp_path):
+    mapping = sample_map(tmp_path, ".npz", '[read.episode]\ncolumn = "take"')
+    log = write_log(tmp_path / "log.npz", columns_of(motion()) | {"take": np.repeat([1, 2, 1], 40)})
+    with pytest.raises(LogError, match="the episode '1' comes back after another one"):
+        import_logs([log], mapping)
+    log = write_log(tmp_path / "log.npz", columns_of(motion()) | {"take": np.repeat([1, 2], [118, 2])})
+    with pytest.raises(LogError, match=r"log.npz:2 has 2 rows; at least 3"):
+        import_logs([log], mapping)
+    log = write_log(tmp_path / "log.npz", columns_of(motion()) | {"take": np.zeros((120, 2))})
+    with pytest.raises(MapError, match="one value a row"):
+        import_logs([log], mapping)
+
+
+def recording(time: np.ndarray) -> Recording:
+    """Positions linear in time, commands that count rows."""
+    line = np.column_stack([2 * time, -time])
+    count = np.arange(len(time), dtype=float)[:, None] * np.ones((1, 2))
+    return Recording(
+        "log", "", ("a", "b"), time, line, np.ones_like(line), count, {"on": count[:, :1]}, np.arange(len(time))
+    )
+
+
+@settings(max_examples=50)
+@given(
+    steps=st.lists(st.sampled_from([0.0, 0.001, 0.004, 0.01, 0.03]), min_size=3, max_size=60),
+    rate=st.sampled_from([20.0, 50.0, 188.0, 200.0]),
+)
+def test_resampling_keeps_lines_straight_and_holds_commands(steps, rate):
+    time = np.concatenate([[0.0], np.cumsum(steps)])
+    even = resample(recording(time), Resample(rate, "linear"))
+    np.testing.assert_allclose(even.time, np.arange(len(even.time)) / rate)
+    assert time[-1] - 1 / rate - 1e-5 < even.time[-1] <= time[-1] + 1e-5
+    np.testing.assert_allclose(even.positions, np.column_stack([2 * even.time, -even.time]), atol=1e-4)
+    last = np.searchsorted(time, even.time + 1e-9, side="right") - 1
+    np.testing.assert_array_equal(even.commands[:, 0], last)
+    np.testing.assert_array_equal(even.signals["on"][:, 0], last)
+    np.testing.assert_array_equal(even.rows, last)
+    held = resample(recording(time), Resample(rate, "previous"))
+    np.testing.assert_array_equal(held.positions, recording(time).positions[last])
+
+
+def test_resampling_to_the_recorded_times_changes_nothing(tmp_path):
+    truth = motion()
+    log = write_log(tmp_path / "log.npz", columns_of(truth))
+    plain = import_logs([log], sample_map(tmp_path)).dataset
+    even = import_logs([log], sample_map(tmp_path, ".npz", f'[resample]\nrate = {RATE}\nmethod = "linear"'))
+    assert even.dataset.lengths.tolist() == plain.lengths.tolist()
+    for key in plain.columns:
+        np.testing.assert_allclose(even.dataset.columns[key], plain.columns[key], atol=1e-6)
+    assert "resampled" in even.provenance.derived["observation.state"]
+
+
+def test_resampling_a_log_of_a_moment_is_refused(tmp_path):
+    log = write_log(tmp_path / "log.npz", {key: values[:4] for key, values in columns_of(motion()).items()})
+    with pytest.raises(LogError, match=r"log.npz has 1 rows after resampling"):
+        import_logs([log], sample_map(tmp_path, ".npz", '[resample]\nrate = 10\nmethod = "linear"'))
+
+
+def test_derived_velocities_are_near_the_truth_and_said_to_be_derived(tmp_path):
+    truth = motion()
+    log = write_log(tmp_path / "log.npz", columns_of(truth))
+    result = import_logs([log], sample_map(tmp_path, velocity='"derive"'))
+    np.testing.assert_allclose(result.dataset.states[5:-5, 2:], truth.velocity[5:-6], rtol=0.02, atol=0.02)
+    assert "velocities" in result.provenance.derived["observation.state"]
+    # The register that was not used is kept under its own name.
+    np.testing.assert_allclose(result.dataset.columns["nas.velocity"], truth.velocity[:-1], atol=1e-6)
+    assert "nas.velocity" not in import_logs([log], sample_map(tmp_path)).dataset.columns
+
+
+def test_each_next_state_is_the_following_state(tmp_path):
+    log = write_log(tmp_path / "log.npz", columns_of(motion()))
+    result = import_logs([log], sample_map(tmp_path))
+    np.testing.assert_array_equal(result.dataset.next_states[:-1], result.dataset.states[1:])
+    assert result.provenance.contiguous
+
+
+@given(rows=st.sets(st.integers(0, 60), min_size=1))
+def test_spans_say_the_same_rows(rows):
+    ordered = sorted(rows)
+    assert [row for first, last in spans(ordered) for row in range(first, last + 1)] == ordered
+    text = rows_text(ordered)
+    assert text.startswith("row " if len(ordered) == 1 else "rows ")
+    assert str(ordered[0]) in text
+
+
+def test_errors_refuse_the_import_and_name_log_rows_and_remedy(tmp_path):
+    truth = motion()
+    position = truth.position.copy()
+    position[17, 1] = np.nan
+    broken = truth.edited(position=position)
+    good = write_log(tmp_path / "good.npz", columns_of(truth))
+    bad = write_log(tmp_path / "bad.npz", columns_of(broken))
+    worse = write_log(tmp_path / "worse.npz", columns_of(broken))
+    mapping = load_map(write_map(tmp_path))
+    with pytest.raises(LogError, match=r"bad.npz: the position is empty, NaN or infinite in row 17; take these rows"):
+        import_logs([good, bad], mapping)
+    with pytest.raises(LogError, match=r"And 1 more like this \(in .*worse.npz\)"):
+        import_logs([good, bad, worse], mapping)

@@ -1,0 +1,180 @@
+"""Checkpoints: bit-equal, frozen, without pickle, and refused in one sentence where they are none."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+import torch
+from support.linear_samples import draw, network
+from support.recording_samples import paired_pendulum
+
+from nas_data.errors import CheckpointError, JointMismatch
+from nas_data.models import checkpoint
+
+KINDS = ("delta", "forward")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_checkpoint_is_loaded_frozen_and_equal_to_the_last_bit(tmp_path, kind):
+    provenance = {"dataset": {"name": "swing/v1-12345678", "content_hash": "12345678"}, "training": {"seed": 3}}
+    model = network(kind, ("shoulder", "elbow"), layers=2, relative=False, fps=49.85, provenance=provenance)
+    folder = checkpoint.save(model, tmp_path / "checkpoint")
+    loaded = checkpoint.load_frozen(folder)
+    assert not loaded.training
+    assert not any(parameter.requires_grad for parameter in loaded.parameters())
+    assert loaded.kind == kind
+    assert (loaded.joints, loaded.fps, loaded.relative) == (("shoulder", "elbow"), 49.85, False)
+    assert loaded.provenance == provenance
+    mine, other = model.state_dict(), loaded.state_dict()
+    assert list(mine) == list(other)
+    assert all(torch.equal(mine[key], other[key]) for key in mine)
+    sample = draw(model, 2, 5)
+    assert torch.equal(model.next_states(*sample)[0], loaded.next_states(*sample)[0])
+
+
+def test_a_checkpoint_holds_no_pickle_and_needs_none(tmp_path, monkeypatch):
+    folder = checkpoint.save(network(), tmp_path / "checkpoint", {"source.xml": b"<mujoco/>"})
+    names = {path.name for path in folder.rglob("*") if path.is_file()}
+    # the hub's mixin adds a card
+    assert names - {"README.md"} == {"config.json", "model.safetensors", "source.xml"}
+    for path in folder.iterdir():
+        head = path.read_bytes()[:2]
+        assert head[:1] != b"\x80" and head != b"PK", f"{path.name} looks like a pickle"
+    config = json.loads((folder / "config.json").read_text())
+    assert config["kind"] == "delta"
+    assert config["joints"] == ["m1", "m2"]
+
+    def forbidden(*_args, **_kwargs):
+        raise AssertionError("pickle was used")
+
+    for name in ("pickle.load", "pickle.loads", "pickle.Unpickler", "torch.load"):
+        monkeypatch.setattr(name, forbidden)
+    checkpoint.load_frozen(folder)
+
+
+def test_saving_again_replaces_the_checkpoint_and_leaves_nothing_behind(tmp_path):
+    first, second = network(seed=0), network(seed=1)
+    checkpoint.save(first, tmp_path / "checkpoint", {"source.xml": b"<mujoco/>"})
+    checkpoint.save(second, tmp_path / "checkpoint")
+    assert [path.name for path in tmp_path.iterdir()] == ["checkpoint"]
+    assert torch.equal(checkpoint.load_frozen(tmp_path / "checkpoint").outer.weight, second.outer.weight)
+    assert not (tmp_path / "checkpoint/source.xml").exists()
+
+
+EDITED = {
+    "joints that are lists": {"joints": [["m1"]]},
+    "joints that are one text": {"joints": "m1"},
+    "joints that are numbers": {"joints": [1, 2]},
+    "a rate that is a text": {"fps": "fast"},
+    "a rate of zero": {"fps": 0},
+    "layers that are half": {"layers": 1.5},
+    "a flag that is a text": {"commands_effort": "no"},
+    "provenance that is a list": {"provenance": [["a", 1]]},
+}
+
+
+def spoil(folder: Path, how: str) -> None:
+    config, weights = folder / "config.json", folder / "model.safetensors"
+    if how == "no folder":
+        shutil.rmtree(folder)
+    elif how in ("no config", "no weights"):
+        (config if how == "no config" else weights).unlink()
+    elif how == "config is no JSON":
+        config.write_text("{")
+    elif how == "config is a list":
+        config.write_text("[1, 2]")
+    elif how == "config is empty":
+        config.write_text("{}")
+    elif how == "config of another program":
+        config.write_text(json.dumps({"type": "act", "n_obs_steps": 1, "chunk_size": 100}))
+    elif how == "kind that does not exist":
+        config.write_text(json.dumps({**json.loads(config.read_text()), "kind": "banana"}))
+    elif how == "another size":
+        config.write_text(json.dumps({**json.loads(config.read_text()), "hidden": 9}))
+    elif how == "sizes that are no numbers":
+        config.write_text(json.dumps({**json.loads(config.read_text()), "hidden": "many"}))
+    elif how in EDITED:
+        config.write_text(json.dumps({**json.loads(config.read_text()), **EDITED[how]}))
+    elif how == "half the weights":
+        weights.write_bytes(weights.read_bytes()[: weights.stat().st_size // 2])
+    elif how == "pickled weights":
+        torch.save(network().state_dict(), weights)
+    elif how == "weights of another program":
+        from safetensors.torch import save_file
+
+        save_file({"actor.0.weight": torch.zeros(3)}, weights)
+    elif how == "weights that are not finite":
+        from safetensors.torch import save_file
+
+        save_file(
+            {key: torch.full_like(value, torch.nan) for key, value in network("forward").state_dict().items()}, weights
+        )
+
+
+@pytest.mark.parametrize(
+    ("how", "reason"),
+    [
+        ("config is empty", r"config\.json lacks kind and joints"),
+        ("config of another program", r"config\.json lacks kind and joints"),
+        ("another size", r"inner\.bias has shape \(8,\) in model\.safetensors, \(9,\) by config\.json"),
+        ("joints that are lists", r'joints in config\.json is \[\["m1"\]\], not a list of names'),
+        ("joints that are one text", r'joints in config\.json is "m1", not a list of names'),
+        ("joints that are numbers", r"joints in config\.json is \[1, 2\], not a list of names"),
+        ("a rate that is a text", r'fps in config\.json is "fast", not a number above 0'),
+        ("a rate of zero", r"fps in config\.json is 0, not a number above 0"),
+        ("layers that are half", r"layers in config\.json is 1\.5, not a whole number above 0"),
+        ("a flag that is a text", r'commands_effort in config\.json is "no", not true or false'),
+        ("provenance that is a list", r"provenance in config\.json is .*, not an object"),
+        ("weights of another program", r"model\.safetensors has actor\.0\.weight, unlike config\.json"),
+    ],
+)
+def test_a_checkpoint_that_was_edited_is_refused_with_what_is_wrong_in_it(tmp_path, how, reason):
+    folder = checkpoint.save(network("forward"), tmp_path / "checkpoint")
+    spoil(folder, how)
+    with pytest.raises(CheckpointError, match=reason + r".*train it again"):
+        checkpoint.load_frozen(folder)
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        "no folder",
+        "no config",
+        "no weights",
+        "config is no JSON",
+        "config is a list",
+        "config of another program",
+        "kind that does not exist",
+        "another size",
+        "sizes that are no numbers",
+        "half the weights",
+        "pickled weights",
+        "weights of another program",
+        "weights that are not finite",
+    ],
+)
+def test_what_is_no_checkpoint_is_refused_in_one_sentence(tmp_path, how):
+    folder = checkpoint.save(network("forward"), tmp_path / "checkpoint")
+    spoil(folder, how)
+    with pytest.raises(CheckpointError, match=r"checkpoint.*train") as error:
+        checkpoint.load_frozen(folder)
+    assert "\n" not in str(error.value)
+
+
+def test_a_checkpoint_is_found_in_the_trainings_folder(tmp_path):
+    (tmp_path / "run").mkdir()
+    folder = checkpoint.save(network(), tmp_path / "run" / "checkpoint")
+    assert checkpoint.find(tmp_path / "run") == checkpoint.find(folder) == folder
+
+
+def test_a_checkpoint_of_another_robot_rate_or_command_is_refused(tmp_path):
+    dataset = paired_pendulum((5,))
+    for options, words in (
+        ({"joints": ("elbow",)}, "elbow.*pendulum"),
+        ({"joints": ("pendulum",), "fps": 100.0}, "100 Hz.*50 Hz"),
+        ({"joints": ("pendulum",), "commands_effort": True}, "command"),
+    ):
+        with pytest.raises(JointMismatch, match=words):
+            checkpoint.check_fits(network(**options), dataset, tmp_path)
+    checkpoint.check_fits(network(joints=("pendulum",)), dataset, tmp_path)

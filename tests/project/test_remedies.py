@@ -1,0 +1,404 @@
+"""What an error of importing or of a dataset names as its remedy works: the fault is refused, the remedy is not."""
+
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute
+import pyarrow.parquet as pq
+import pytest
+from support.dataset_samples import recorded
+from support.import_samples import columns_of, map_text, motion, write_log, write_map
+from support.lerobot_samples import ARM
+from test_import_bags import MAP as BAG_MAP
+from test_import_bags import write_json_mcap, write_rosbag
+
+from nas_data.cli import main
+from nas_data.dataset import layout
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.features import ACTION, STATE, position_feature
+from nas_data.dataset.provenance import Provenance
+from nas_data.dataset.read import read
+from nas_data.dataset.write import write
+
+OFFLINE = {**os.environ, "HF_HUB_OFFLINE": "1"}
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A log and a map that are refused, what the sentence says, and the same with its remedy."""
+
+    said: str
+    log: Callable[[Path], Path]
+    map: str
+    mended_map: str = ""
+    mended_log: Callable[[Path], Path] | None = None
+
+
+def log(suffix: str = ".npz", **edits: Callable[[np.ndarray], np.ndarray]) -> Callable[[Path], Path]:
+    """A writer of the sample log with some columns changed."""
+
+    def written(folder: Path) -> Path:
+        columns = columns_of(motion())
+        return write_log(folder / f"log{suffix}", columns | {key: edit(columns[key]) for key, edit in edits.items()})
+
+    return written
+
+
+def text_log(change: Callable[[str], str], encoding: str = "utf-8") -> Callable[[Path], Path]:
+    """A writer of a CSV with one number a cell, its text changed."""
+
+    def written(folder: Path) -> Path:
+        recording = motion()
+        cells = np.column_stack([recording.time, recording.position, recording.command])
+        lines = ["t,q1,q2,c1,c2", *(",".join(map(repr, row)) for row in cells.tolist())]
+        path = folder / "log.csv"
+        path.write_text(change("\n".join(lines) + "\n"), encoding=encoding)
+        return path
+
+    return written
+
+
+def forty(values: np.ndarray) -> np.ndarray:
+    return values * 40
+
+
+def without_last(values: np.ndarray) -> np.ndarray:
+    return np.where(np.arange(120)[:, None] == 119, np.nan, values)
+
+
+def shorter(folder: Path) -> Path:
+    return write_log(folder / "log.npz", {key: values[:119] for key, values in columns_of(motion()).items()})
+
+
+def with_names(folder: Path) -> Path:
+    return write_log(folder / "log.npz", {**columns_of(motion()), "n": np.array(["elbow", "shoulder"])})
+
+
+def torn(text: str) -> str:
+    return text[:-9].rpartition(",")[0] + "\n"
+
+
+def without_line(text: str) -> str:
+    return text[: text[:-1].rfind("\n") + 1]
+
+
+def german(text: str) -> str:
+    return text.replace(",", ";").replace(".", ",")
+
+
+def swapped_rows(values: np.ndarray) -> np.ndarray:
+    return np.concatenate([values[:50], values[51:52], values[50:51], values[52:]])
+
+
+def csv_map(**changes: str) -> str:
+    text = map_text(".csv", velocity='"derive"', position='columns = ["q1", "q2"]\nunit = "rad"',
+                    command='columns = ["c1", "c2"]\nunit = "rad"', **changes)  # fmt: skip
+    return text.replace('[read.velocity]\ncolumn = "dq"\nunit = "rad/s"\n', "")
+
+
+DEGREES = {
+    "position": 'column = "q"\nunit = "deg"', "register": 'column = "dq"\nunit = "deg/s"',
+    "command": 'column = "goal"\nunit = "deg"',
+}  # fmt: skip
+in_degrees = log(q=np.degrees, dq=np.degrees, goal=np.degrees)
+slow = log(t=lambda time: time * 2, dq=lambda values: values / 2)
+wide = log(q=lambda values: np.hstack([values, values[:, :1]]))
+encoded = {"register": 'column = "dq"\nunit = "rad/s"\nencoding = "int16"'}
+turns = log(q=forty, dq=forty, goal=forty)
+TURNED = 'column = "dq"\nunit = "rad/s"\nsign = -1'
+IN_DEGREES = 'column = "dq"\nunit = "deg/s"'
+PICKED = 'column = "q"\nunit = "rad"\ncomponents = [0, 1]'
+SEMICOLON = 'delimiter = ";"'
+ALLOWED = '[audit]\nallow = ["unit_slip"]'
+FAST = "[audit]\nmax_speed = 1e3\n"
+FAULTS = {
+    "rate": Fault("correct 'rate'", slow, map_text(), map_text(rate="25.0")),
+    "resample": Fault(
+        "or add [resample]", slow, map_text(), map_text(extra='[resample]\nrate = 25.0\nmethod = "linear"')
+    ),
+    "degrees": Fault("say so: unit in [read.position]", in_degrees, map_text(), map_text(**DEGREES)),
+    "turns": Fault(
+        "allow = ['unit_slip']", turns, map_text(extra=FAST), map_text(extra=FAST + 'allow = ["unit_slip"]')
+    ),
+    "radians": Fault("say unit = 'rad' in [read.position]", log(), map_text(**DEGREES), map_text()),
+    "few degrees": Fault("add allow = ['unit_slip']", log(), map_text(**DEGREES), map_text(extra=ALLOWED, **DEGREES)),
+    "silent register": Fault("velocity = 'derive'", log(dq=np.zeros_like), map_text(), map_text(velocity='"derive"')),
+    "sign": Fault("correct 'sign'", log(dq=np.negative), map_text(), map_text(register=TURNED)),
+    "register unit": Fault("correct the unit", log(dq=np.degrees), map_text(extra=FAST), map_text(register=IN_DEGREES)),
+    "rows": Fault("sort the rows", log(t=swapped_rows), map_text(), map_text(), log()),
+    "order": Fault(
+        "name them in this order",
+        with_names,
+        map_text(top='joint_names = "n"'),
+        map_text(top='joint_names = "n"', joints='["elbow", "shoulder"]'),
+    ),
+    "components": Fault("pick with 'components'", wide, map_text(), map_text(position=PICKED)),
+    "encoding": Fault("take 'encoding' out", log(), map_text(**encoded), map_text()),
+    "delimiter": Fault(
+        "say delimiter = ';'", text_log(lambda text: text.replace(",", ";")), csv_map(), csv_map(top=SEMICOLON)
+    ),
+    "comma": Fault(
+        "write numbers with a decimal point", text_log(german), csv_map(top=SEMICOLON), csv_map(), text_log(str)
+    ),
+    "utf-16": Fault("save it in that encoding", text_log(str, "utf-16"), csv_map(), csv_map(), text_log(str)),
+    "twice": Fault(
+        "give each its own name",
+        text_log(lambda text: text.replace("c2", "c1", 1)),
+        csv_map(),
+        csv_map(),
+        text_log(str),
+    ),
+    "cut line": Fault("take it out", text_log(torn), csv_map(), csv_map(), text_log(without_line)),
+    "clock": Fault("uniform = true", log(), map_text(time=""), map_text(time="uniform = true")),
+    "no number": Fault("take these rows out", log(q=without_last), map_text(), map_text(), shorter),
+}
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    Path("arm.xml").write_text(ARM)
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_the_remedy_for_a_log_works(here, capsys, name):
+    fault = FAULTS[name]
+    path = fault.log(here)
+    write_map(here, fault.map)
+    assert main(["import", path.name, "--map", "map.toml", "--out", "never"]) == 2
+    said = capsys.readouterr().err
+    assert fault.said in said, said
+    path = (fault.mended_log or fault.log)(here)
+    write_map(here, fault.mended_map)
+    assert main(["import", path.name, "--map", "map.toml", "--out", "done"]) == 0, capsys.readouterr().err
+
+
+def test_the_tolerance_and_the_method_of_a_join_can_be_changed_as_is_said(here, capsys):
+    (here / "log").mkdir()
+    columns = columns_of(motion())
+    write_log(here / "log/state.csv", {key: columns[key] for key in ("t", "q", "dq")})
+    write_log(here / "log/control.csv", {"t": columns["t"][::4], "goal": columns["goal"][::4]})
+    top = '[files]\nstate = "state.csv"\ncontrol = "control.csv"\n[join]\nmethod = "{}"\ntolerance = {}'
+
+    def joined(method: str, tolerance: float) -> int:
+        text = map_text(
+            ".csv",
+            top=top.format(method, tolerance),
+            position='file = "state"\ncolumn = "q"\nunit = "rad"',
+            register='file = "state"\ncolumn = "dq"\nunit = "rad/s"',
+            command='file = "control"\ncolumn = "goal"\nunit = "rad"',
+        )
+        write_map(here, text)
+        return main(["import", "log", "--map", "map.toml", "--out", f"{method}{tolerance}"])
+
+    assert joined("nearest", 0.01) == 2
+    assert "raise the tolerance of [join], or join with the previous row" in capsys.readouterr().err
+    assert joined("nearest", 0.05) == 0 and joined("previous", 0.07) == 0
+
+
+# Datasets
+
+
+def simulated(root: Path, lengths: tuple[int, ...] = (200,), fps: float = 50.0) -> Path:
+    """A dataset of the two-joint arm in radians, positions only, as LeRobot's users have it."""
+    total = sum(lengths)
+    time = np.arange(total)[:, None] / fps
+    positions = (0.5 * np.sin(time * [2.0, 3.0])).astype(np.float32)
+    features = {key: position_feature(("j1", "j2")) for key in (STATE, ACTION)}
+    dataset = Dataset(
+        features, {STATE: positions, ACTION: positions + np.float32(0.01)}, np.array(lengths), fps, "arm2"
+    )
+    write(dataset, root, Provenance(how="simulated", robot="arm2", contiguous=True))
+    return root
+
+
+def commands_in(text: str) -> list[list[str]]:
+    """The commands that a sentence names, without `nas`."""
+    return [
+        shlex.split(found) for found in re.findall(r"[`'(]?nas ([a-z]+ [^`';()]+?)[`').;]*(?: first|$|[`')])", text)
+    ]
+
+
+def refused(capsys, *arguments: str) -> str:
+    capsys.readouterr()
+    assert main(list(arguments)) != 0
+    captured = capsys.readouterr()
+    return (captured.err + captured.out).strip()
+
+
+def test_one_episode_is_cut_by_the_command_that_the_gap_names(here, capsys):
+    simulated(here / "one", (400,))
+    said = refused(capsys, "gap", "find", "one", "--model", "arm.xml")
+    (command,) = commands_in(said)
+    assert command == ["split", "one", "--seconds", "3"]
+    assert main(command) == 0
+    assert main(["gap", "find", "datasets/one_cut", "--model", "arm.xml"]) == 0
+
+
+def test_one_log_is_cut_while_it_is_imported(here):
+    write_log(here / "log.npz", columns_of(motion(rows=400)))
+    write_map(here)
+    assert main(["import", "log.npz", "--map", "map.toml", "--cut", "3", "--out", "done"]) == 0
+    assert main(["split", "done", "--seconds", "0.01"]) == 2
+
+
+def test_an_unpaired_dataset_is_paired_by_the_command_that_training_names(here, capsys):
+    simulated(here / "d", (60, 60))
+    said = refused(capsys, "train", "delta", "d")
+    (command,) = commands_in(said)
+    assert command == ["pair", "d"]
+    assert main([*command, "--model", "arm.xml"]) == 0
+
+
+def test_an_unpaired_part_of_a_merge_is_paired_as_is_said(here, capsys):
+    simulated(here / "a", (60,))
+    simulated(here / "b", (50,))
+    assert main(["pair", "a", "--model", "arm.xml", "--out", "pa"]) == 0
+    assert "pair both with the same model (nas pair)" in refused(capsys, "merge", "pa", "b", "--out", "m")
+    assert main(["pair", "b", "--model", "arm.xml", "--out", "pb"]) == 0
+    assert main(["merge", "pa", "pb", "--out", "m"]) == 0
+
+
+def test_a_half_written_dataset_is_rescued_by_the_command_that_is_named(here, capsys):
+    root = write(recorded(lengths=(20, 20)), here / "d", Provenance(how="simulated", robot="ergojr"))
+    path = layout.data_files(root)[0]
+    path.write_bytes(path.read_bytes()[:-200])
+    said = refused(capsys, "info", "d")
+    assert "'nas recover'" in said
+    assert main(["recover", "d"]) == 0
+
+
+def test_a_dataset_changed_in_place_is_made_a_version_as_is_said(here, capsys):
+    root = write(recorded(lengths=(20,)), here / "d", Provenance(how="simulated", robot="ergojr"))
+    path = layout.data_files(root)[0]
+    table = pq.read_table(path)
+    index = table.schema.get_field_index("next.done")
+    pq.write_table(table.set_column(index, "next.done", table["next.done"].combine_chunks().is_null()), path)
+    assert "'nas merge'" in refused(capsys, "pack", "d", "--out", "p.nas.tar")
+    assert main(["merge", "d", "--out", "m"]) == 0
+    assert main(["pack", "m", "--out", "p.nas.tar"]) == 0
+
+
+def test_lost_provenance_is_started_anew_by_the_commands_that_verify_names(here, capsys):
+    root = simulated(here / "d", (60, 60))
+    (root / layout.PROVENANCE).unlink()
+    assert "(pair, merge, split) starts a new one" in refused(capsys, "verify", "d")
+    for number, command in enumerate((["pair", "d", "--model", "arm.xml"], ["merge", "d"])):
+        assert main([*command, "--out", f"n{number}"]) == 0 and main(["verify", f"n{number}"]) == 0
+
+
+# What other programs mend
+
+
+def command_of(said: str, program: str) -> list[str]:
+    """The command of another program that a sentence names."""
+    (found,) = re.findall(rf"'({program} [^']+)'", said)
+    return shlex.split(found)
+
+
+def test_a_bag_whose_recorder_was_killed_is_read_once_it_has_its_metadata_again(here, capsys):
+    """`ros2 bag reindex` writes the metadata from what the bag holds; here they are put back."""
+    write_rosbag(here / "bag")
+    write_map(here, BAG_MAP.format(format="rosbag"))
+    metadata = here / "bag/metadata.yaml"
+    metadata.rename(here / "kept.yaml")
+    said = refused(capsys, "import", "bag", "--map", "map.toml", "--out", "never")
+    assert command_of(said, "ros2") == ["ros2", "bag", "reindex", "bag"]
+    (here / "kept.yaml").rename(metadata)
+    assert main(["import", "bag", "--map", "map.toml", "--out", "done"]) == 0
+
+
+def test_a_ros_1_bag_is_mended_by_the_program_of_ros_1(here, capsys):
+    write_map(here, BAG_MAP.format(format="rosbag"))
+    (here / "log.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(100))
+    said = refused(capsys, "import", "log.bag", "--map", "map.toml", "--out", "never")
+    assert command_of(said, "rosbag") == ["rosbag", "reindex", "log.bag"]
+
+
+def test_an_mcap_file_that_was_cut_off_is_read_once_its_messages_are_recovered(here, capsys):
+    """`mcap recover` copies the messages that can be read into a new file; so does this test, by MCAP's own library."""
+    from mcap.exceptions import McapError
+    from mcap.records import Channel, Message, Schema
+    from mcap.stream_reader import StreamReader
+    from mcap.writer import Writer
+
+    write_json_mcap(here / "whole.mcap")
+    (here / "bag.mcap").write_bytes((here / "whole.mcap").read_bytes()[:-300])
+    write_map(here, BAG_MAP.format(format="mcap"))
+    said = refused(capsys, "import", "bag.mcap", "--map", "map.toml", "--out", "never")
+    program, deed, damaged, option, repaired = command_of(said, "mcap")
+    assert (program, deed, damaged, option) == ("mcap", "recover", "bag.mcap", "-o")
+    with Path(damaged).open("rb") as source, Path(repaired).open("wb") as target:
+        writer, kinds, topics = Writer(target), {}, {}
+        writer.start()
+        try:
+            for record in StreamReader(source).records:
+                if isinstance(record, Schema) and record.id not in kinds:
+                    kinds[record.id] = writer.register_schema(record.name, record.encoding, record.data)
+                elif isinstance(record, Channel) and record.id not in topics:
+                    kind = kinds[record.schema_id]
+                    topics[record.id] = writer.register_channel(record.topic, record.message_encoding, kind)
+                elif isinstance(record, Message):
+                    times = {"log_time": record.log_time, "publish_time": record.publish_time}
+                    writer.add_message(topics[record.channel_id], data=record.data, **times)
+        except McapError:
+            pass
+        writer.finish()
+    assert main(["import", repaired, "--map", "map.toml", "--out", "done"]) == 0
+
+
+def as_v21(root: Path) -> None:
+    """Turn a dataset into what LeRobot 0.3 wrote: a file an episode, tables in JSON lines."""
+    (whole,) = layout.data_files(root)
+    rows, info = pq.read_table(whole), json.loads((root / layout.INFO).read_text())
+    episodes, statistics = [], []
+    for number in sorted(set(rows["episode_index"].to_pylist())):
+        part = rows.filter(pa.compute.equal(rows["episode_index"], number))
+        pq.write_table(part, root / f"data/chunk-000/episode_{number:06d}.parquet")
+        episodes.append({"episode_index": number, "tasks": ["swing"], "length": len(part)})
+        values = {key: np.array(part[key].to_pylist(), float).reshape(len(part), -1) for key in part.column_names}
+        found = {key: {name: getattr(value, name)(axis=0).tolist() for name in ("min", "max", "mean", "std")}
+                 for key, value in values.items()}  # fmt: skip
+        counted = {key: {**value, "count": [len(part)]} for key, value in found.items()}
+        statistics.append({"episode_index": number, "stats": counted})
+    for path in (whole, root / layout.TASKS, root / layout.STATS, root / layout.PROVENANCE):
+        path.unlink()
+    shutil.rmtree(root / "meta/episodes")
+    tables = {"episodes": episodes, "episodes_stats": statistics, "tasks": [{"task_index": 0, "task": "swing"}]}
+    for name, entries in tables.items():
+        (root / f"meta/{name}.jsonl").write_text("".join(json.dumps(entry) + "\n" for entry in entries))
+    path = "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet"
+    info |= {"codebase_version": "v2.1", "data_path": path, "total_chunks": 1, "total_videos": 0}
+    (root / layout.INFO).write_text(json.dumps(info))
+
+
+def test_the_converter_that_is_named_is_the_installed_lerobots(here, capsys):
+    lerobot = pytest.importorskip("lerobot")
+    (simulated(here / "old") / layout.INFO).write_text(json.dumps({"codebase_version": "v2.1"}))
+    _, _, module, *options = command_of(refused(capsys, "info", "old"), "python")
+    script = Path(lerobot.__file__).parent.joinpath(*module.split(".")[1:]).with_suffix(".py").read_text()
+    assert all(f'"{option.partition("=")[0]}"' in script for option in options) and len(options) == 3
+
+
+@pytest.mark.slow
+def test_a_dataset_of_lerobot_0_3_is_converted_by_the_command_that_is_named(here, capsys):
+    pytest.importorskip("lerobot")
+    pytest.importorskip("jsonlines")
+    as_v21(simulated(here / "old", (30, 20)))
+    said = refused(capsys, "info", "old")
+    _, *command = command_of(said, "python")
+    done = subprocess.run([sys.executable, *command], capture_output=True, text=True, env=OFFLINE, check=False)
+    assert done.returncode == 0, done.stderr
+    assert read(here / "old").lengths.tolist() == [30, 20]
+    assert (here / "old_old").is_dir()

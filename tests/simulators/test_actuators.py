@@ -1,0 +1,103 @@
+"""A URDF does not say what moves its joints: position servos, or motors where that is asked for."""
+
+import numpy as np
+import pytest
+from support.simulator_samples import EACH_ENGINE
+
+from nas_data.cli import main
+from nas_data.dataset.read import read
+from nas_data.errors import ModelFileError
+from nas_data.robots.base import find_robot
+from nas_data.simulators.engines import load_simulator
+
+URDF = """<robot name="lever"><link name="base"/>
+<link name="arm"><inertial><origin xyz="0.1 0 0"/><mass value="0.3"/>
+<inertia ixx="0.0002" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="slider"><inertial><origin xyz="0 0 0"/><mass value="0.2"/>
+<inertia ixx="0.0001" iyy="0.0001" izz="0.0001" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="turn" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
+<dynamics damping="0.05"/><limit lower="-2" upper="2" effort="0.5" velocity="5"/></joint>
+<joint name="slide" type="prismatic"><parent link="arm"/><child link="slider"/><axis xyz="1 0 0"/>
+<dynamics damping="2"/><limit lower="-0.1" upper="0.1" effort="2" velocity="1"/></joint></robot>"""
+RECORD = "--excitation babbling --episodes 4 --seconds 1 --rate 50 --noise 0.001"
+
+
+@pytest.fixture
+def urdf(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "lever.urdf"
+    path.write_text(URDF)
+    return path
+
+
+def run(line: str) -> int:
+    return main(line.split())
+
+
+def test_motors_of_a_urdf_take_torques_and_forces_within_its_effort_limits(urdf):
+    arm = load_simulator(f"{urdf}:torque", 0.02)
+    assert arm.kinds == (".effort", ".effort")
+    assert arm.model.actuator_ctrlrange.tolist() == [[-0.5, 0.5], [-2.0, 2.0]]
+    moved = arm.predict(np.zeros((1, 4)), np.array([[0.1, 0.2]]))[0]
+    # one period of constant torque on the lever with the slider in its axis, and of force on the slider
+    assert moved[2] == pytest.approx(0.1 * 0.02 / (0.001 + 0.3 * 0.1**2 + 0.0001), rel=0.2)
+    assert moved[3] == pytest.approx(0.2 * 0.02 / 0.2, rel=0.2)
+
+
+@pytest.mark.parametrize("engine", EACH_ENGINE)
+def test_torques_recorded_of_a_urdf_are_refused_by_its_servos_and_the_remedy_works(urdf, engine, capsys):
+    if engine == "bullet":
+        pytest.importorskip("pybullet")
+    assert run(f"record sim --robot lever.urdf --actuators torque {RECORD} --out lever") == 0
+    assert read(urdf.parent / "lever").kinds == (".effort", ".effort")
+    pair = f"pair lever --out paired --model lever.urdf --engine {engine}"
+    assert run(pair) == 2
+    said = capsys.readouterr().err
+    assert "commands torques of turn" in said
+    remedy = said[said.index("--actuators") :].strip().rstrip(".")
+    assert remedy == "--actuators torque"
+    assert run(f"{pair} {remedy}") == 0
+    paired = read(urdf.parent / "paired")
+    if engine == "mujoco":  # which recorded, exactly but for the noise
+        assert np.abs(paired.sim_states - paired.next_states)[:, :2].mean() < 0.002
+
+
+def test_the_source_that_is_kept_has_the_motors(urdf, capsys):
+    assert run(f"record sim --robot lever.urdf --actuators torque {RECORD} --out lever") == 0
+    assert run("pair lever --out paired --model lever.urdf --actuators torque") == 0
+    assert run("train delta paired --updates 2 --hidden 4 --horizon 8 --out runs/phi") == 0
+    assert run("evaluate runs/phi lever") == 0
+    assert run("evaluate lever.urdf lever --actuators torque") == 0
+    assert run("evaluate lever.urdf lever") == 2
+    capsys.readouterr()
+    assert run("train delta paired --actuators torque") == 2
+    assert "--actuators is for a URDF given with --model" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "gap find lever --model lever.urdf",
+        "train delta paired --updates 2 --hidden 4 --model lever.urdf",
+    ],
+)
+def test_each_command_with_a_model_takes_motors(command, urdf):
+    assert run(f"record sim --robot lever.urdf --actuators torque {RECORD} --out lever") == 0
+    assert run("pair lever --out paired --model lever.urdf --actuators torque") == 0
+    assert run(command) == 2
+    assert run(f"{command} --actuators torque") == 0
+
+
+def test_positions_are_refused_by_motors_and_the_remedy_works(urdf, capsys):
+    assert run(f"record sim --robot lever.urdf {RECORD} --out lever") == 0
+    assert run("pair lever --out paired --model lever.urdf --actuators torque") == 2
+    assert "give --actuators position" in capsys.readouterr().err
+    assert run("pair lever --out paired --model lever.urdf --actuators position") == 0
+
+
+def test_only_a_urdf_is_given_actuators(urdf, tmp_path, capsys):
+    with pytest.raises(ModelFileError, match="ergojr says itself what moves its joints; leave out --actuators"):
+        find_robot("ergojr:torque")
+    assert run("record sim --robot ergojr --actuators torque") == 2
+    assert run("record sim --env ErgoReacher --actuators torque") == 2
+    assert "--actuators does not go with --env" in capsys.readouterr().err

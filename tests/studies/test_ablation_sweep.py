@@ -1,0 +1,477 @@
+"""Sweeps: the same question has the same answer, none is answered twice, and a killed sweep goes on."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.command_samples import SIMULATED, Place, done, nas
+from support.recording_samples import GAP, pendulum, recorded_on, wander
+from support.training_samples import same
+from test_gap_workflow import ARM, recorded
+
+from nas_data.dataset.read import read
+from nas_data.dataset.versions import new_version
+from nas_data.effects.base import parse
+from nas_data.errors import DatasetInvalid, WorkerLost
+from nas_data.gap.write_model import write_effects
+from nas_data.models.presets import preset
+from nas_data.models.split import hold_out, rows_of
+from nas_data.runs.environment_info import commit
+from nas_data.studies.ablation import trial as trials
+from nas_data.studies.ablation.amount import Amount
+from nas_data.studies.ablation.inflation import Inflation, Probe, cost, inflation_of, keep, order, probes
+from nas_data.studies.ablation.inflation import read as read_inflation
+from nas_data.studies.ablation.kinds.base import Lesson, find_kind
+from nas_data.studies.ablation.material import SweepData
+from nas_data.studies.ablation.subsets import divide, draw
+from nas_data.studies.ablation.sweep import SweepPlan, run_sweep
+from nas_data.studies.ablation.trial import UNFINISHED, do_trial
+
+SAMPLE = Path(__file__).parents[2] / "datasets/ergojr_sample"
+BRIEF = ("--hidden", "8", "--updates", "2", "--horizon", "20")
+TINY = preset("fast", hidden=8, layers=1, updates=2, horizon=20, frames=100)
+CIRCUMSTANCES = {"wall_seconds", "cpu_seconds", "packages", "commit"}
+
+
+def plan(place: Place, **changes) -> SweepPlan:
+    """Return a sweep of six trials on the pendulum."""
+    material = SweepData(place.paired)
+    kinds, amounts = ("delta", "forward"), (Amount(2, "episodes"), Amount(4, "episodes"), Amount(6, "episodes"))
+    return replace(SweepPlan(kinds, amounts, (0,), TINY, 0.2, material), **changes)
+
+
+def planned(place: Place, folder: Path, **changes) -> list[trials.Trial]:
+    swept = plan(place, **changes)
+    return swept.trials(swept.material.content(), folder)
+
+
+def here_and_now(function, jobs, workers, after=None):
+    """Run jobs in this process."""
+    for number, job in enumerate(jobs):
+        yield number, function(job)
+
+
+def silent(_: str) -> None:
+    """Say nothing."""
+
+
+def answers(folder: Path) -> dict[str, dict]:
+    """Return the results of a sweep's trials by their key, without what differs from run to run."""
+    found = {path.stem: json.loads(path.read_text()) for path in (folder / "trials").glob("*.json")}
+    return {key: {k: v for k, v in record.items() if k not in CIRCUMSTANCES} for key, record in found.items()}
+
+
+# trials
+
+
+def test_seeds_come_one_after_the_other_and_in_each_long_trials_first(place, tmp_path):
+    configs = [trial.config for trial in planned(place, tmp_path, seeds=(3, 1))]
+    assert [config.seed for config in configs] == [3] * 6 + [1] * 6
+    for half in (configs[:6], configs[6:]):
+        amounts = [config.amount for config in half]
+        assert amounts == sorted(amounts, reverse=True)
+        assert len({(config.kind, config.amount) for config in half}) == 6
+
+
+def test_the_same_question_has_the_same_answer_to_the_last_bit(place, tmp_path):
+    for name in ("one", "other"):
+        for trial in planned(place, tmp_path / name):
+            do_trial(trial)
+    assert len(answers(tmp_path / "one")) == 6
+    assert answers(tmp_path / "one") == answers(tmp_path / "other")
+
+
+def test_a_result_tells_all_that_it_depends_on_and_all_errors(place, tmp_path):
+    (trial,) = planned(place, tmp_path, kinds=("delta",), amounts=(Amount(3, "episodes"),), seeds=(5,))
+    record = do_trial(trial)
+    assert json.loads(trial.path.read_text()) == json.loads(json.dumps(record))
+    config, content = record["question"]["config"], record["question"]["content"]
+    assert (config["kind"], config["amount"], config["unit"], config["seed"]) == ("delta", 3, "episodes", 5)
+    assert config["options"]["seed"] == 5 and config["options"]["updates"] == 2
+    assert len(content["dataset"]) == len(content["source"]) == 64
+    assert record["packages"]["torch"] and record["wall_seconds"] > 0 < record["cpu_seconds"]
+    for loop in ("one_step", "open_loop"):
+        assert set(record[loop]) == {"delta", "source", "hold", "command"}
+        assert set(record[loop]["delta"]) >= {"overall", "mean_of_episodes", "per_joint", "per_episode"}
+        assert len(record[loop]["delta"]["per_episode"]) == 2
+
+
+def test_a_key_depends_on_every_part_of_the_question_and_not_on_places(place, tmp_path):
+    (trial,) = planned(place, tmp_path, kinds=("delta",), amounts=(Amount(3, "episodes"),))
+    config, content = trial.config, trial.content
+    others = [
+        replace(trial, config=replace(config, kind="forward")),
+        replace(trial, config=replace(config, amount=Amount(3, "minutes"))),
+        replace(trial, config=replace(config, seed=1)),
+        replace(trial, config=replace(config, held_out=0.3)),
+        replace(trial, config=replace(config, options=replace(TINY, updates=3))),
+        replace(trial, content=replace(content, dataset="0" * 64)),
+        replace(trial, content=replace(content, test="0" * 64)),
+        replace(trial, content=replace(content, source="0" * 64)),
+        replace(trial, code="0" * 64),
+    ]
+    assert len({trial.key, *(other.key for other in others)}) == 1 + len(others)
+    moved = replace(trial, folder=tmp_path / "b", material=replace(trial.material, root=Path("elsewhere")))
+    assert moved.key == trial.key
+    given = replace(trial, content=replace(content, effects="0" * 64))
+    assert given.key == trial.key, "φ of the plain source knows nothing of named effects"
+    assert replace(given, config=replace(config, kind="named")).key != given.key
+
+
+@pytest.mark.parametrize("kind", ["delta", "forward"])
+def test_normalisation_and_weights_know_nothing_of_what_is_not_in_the_subset(place, tmp_path, kind):
+    dataset, amount = read(place.paired), Amount(2, "episodes")
+    train, held = divide(dataset.n_episodes, 0.2, 0)
+    runs = draw(dataset, train, amount, 0)
+    inside = np.zeros(dataset.n_frames, bool)
+    for start, stop in runs:
+        inside[start:stop] = True
+    spoilt = replace(dataset, columns={k: np.where(inside[:, None], v, 7 * v + 1) for k, v in dataset.columns.items()})
+    learned = []
+    for name, data in (("as recorded", dataset), ("spoilt", spoilt)):
+        (folder := tmp_path / name).mkdir()
+        subset = rows_of(data, draw(data, divide(data.n_episodes, 0.2, 0)[0], amount, 0))
+        lesson = Lesson(subset, place.paired, SweepData(place.paired).source(), None, TINY, folder)
+        learned.append(find_kind(kind).learn(lesson).model)
+    assert same(*learned)
+    own = hold_out(rows_of(dataset, runs), TINY.validation, 0).train
+    np.testing.assert_allclose(learned[0].input_mean[:2], own.states.mean(0), atol=1e-6)
+    assert held and not np.allclose(learned[0].input_mean[:2], dataset.states.mean(0), atol=1e-3)
+
+
+def test_all_trials_of_a_seed_meet_the_same_held_out_episodes(place, tmp_path):
+    records = [do_trial(trial) for trial in planned(place, tmp_path, seeds=(0, 1))]
+    by_seed = {seed: [r for r in records if r["question"]["config"]["seed"] == seed] for seed in (0, 1)}
+    for loop in ("one_step", "open_loop"):
+        for baseline in ("source", "hold", "command"):
+            told = {seed: {json.dumps(r[loop][baseline]) for r in found} for seed, found in by_seed.items()}
+            assert len(told[0]) == len(told[1]) == 1
+            assert told[0] != told[1]
+
+
+def test_results_by_other_code_are_not_used_and_not_removed(place, tmp_path, edited):
+    told = []
+    swept = planned(place, tmp_path, amounts=(Amount(2, "episodes"),))
+    first = run_sweep(swept, here_and_now, 1, False, told.append)
+    assert all(record["commit"] == commit() and len(record["question"]["code"]) == 64 for record in first)
+    edited("nas_data.models.training", "class ModelTraining", "class Renamed")
+    again = planned(place, tmp_path, amounts=(Amount(2, "episodes"),))
+    assert not {trial.path for trial in swept} & {trial.path for trial in again}
+    second = run_sweep(again, here_and_now, 1, False, told.append)
+    assert "2 of these trials have results by other code of nas_data, which are kept and not used" in told
+    assert {record["question"]["code"] for record in second} == {trial.code for trial in again}
+    assert len(answers(tmp_path)) == 4
+    assert run_sweep(again, here_and_now, 1, False, told.append) == json.loads(json.dumps(second))
+
+
+def test_only_code_that_decides_a_kind_makes_its_trials_other_ones(place, tmp_path, edited):
+    def codes():
+        kinds = ("delta", "forward", "named", "named_delta")
+        return {trial.config.kind: trial.code for trial in planned(place, tmp_path, kinds=kinds)}
+
+    before = codes()
+
+    def changed(module, name):
+        edited(module, name, f"{name}1")
+        return {kind for kind, code in codes().items() if code != before[kind]}
+
+    every = {"delta", "forward", "named", "named_delta"}
+    assert changed("nas_data.studies.ablation.subsets", "def draw") == every
+    assert changed("nas_data.simulators.mujoco", "class MujocoSimulator") == every
+    assert changed("nas_data.gap.name", "def name") == {"named", "named_delta"}
+    assert changed("nas_data.effects.deadband", "half_width") == {"named", "named_delta"}
+    assert changed("nas_data.models.fitting", "def prepare") == every - {"named"}
+    assert changed("nas_data.studies.ablation.table", "def text") == set()
+
+
+def test_a_worker_with_other_code_than_the_sweep_does_nothing(place, tmp_path):
+    trial = planned(place, tmp_path)[0]
+    with pytest.raises(WorkerLost, match="other code of nas_data than the sweep"):
+        do_trial(replace(trial, code="0" * 64))
+    assert not list(tmp_path.rglob("*.json"))
+
+
+def test_data_that_change_while_a_sweep_runs_are_noticed(place, tmp_path):
+    trial = planned(place, tmp_path)[0]
+    with pytest.raises(DatasetInvalid, match="changed while it ran"):
+        do_trial(replace(trial, content=replace(trial.content, dataset="0" * 64)))
+    assert not trial.path.exists()
+
+
+# sweeps
+
+
+def test_no_trial_is_done_twice_and_a_sweep_can_grow(place, tmp_path):
+    asked = []
+
+    def counting(function, jobs, workers, after=None):
+        asked.append([job.key for job in jobs])
+        return here_and_now(function, jobs, workers)
+
+    first = run_sweep(planned(place, tmp_path), counting, 1, False, silent)
+    again = run_sweep(planned(place, tmp_path), counting, 1, False, silent)
+    grown = run_sweep(planned(place, tmp_path, seeds=(0, 1)), counting, 1, False, silent)
+    assert [len(keys) for keys in asked] == [6, 0, 6]
+    assert not set(asked[0]) & set(asked[2])
+    assert json.loads(json.dumps(first)) == again == grown[:6]
+
+
+def test_a_result_that_cannot_be_trusted_is_made_again(place, tmp_path):
+    waiting = planned(place, tmp_path, kinds=("forward",))
+    run_sweep(waiting, here_and_now, 1, False, silent)
+    before = answers(tmp_path)
+    waiting[0].path.write_text('{"question": ')
+    waiting[1].path.write_text(waiting[2].path.read_text())
+    run_sweep(waiting, here_and_now, 1, False, silent)
+    assert answers(tmp_path) == before
+
+
+@pytest.mark.slow
+def test_two_workers_give_the_same_results_as_one_and_what_the_second_costs_is_told(place, here):
+    command = ("ablate", place.paired, "--counts", "2,4", "--seeds", "0", *BRIEF)
+    done(*command, "--out", "one")
+    answer = done(*command, "--workers", "2", "--out", "two")
+    assert len(answers(Path("one"))) == 4
+    assert answers(Path("one")) == answers(Path("two"))
+    assert "times the processor time" in answer.out
+    content = json.loads(Path("two/ablation.json").read_text())
+    assert content["inflation"]["cpu_inflation"] > 0.3 and content["inflation"]["workers"] == 2
+    assert json.loads(Path("one/ablation.json").read_text())["inflation"] is None
+    kinds = [json.loads(Path(f"{name}/ablation.json").read_text())["kinds"] for name in ("one", "two")]
+    assert kinds[0] == kinds[1]
+
+
+def test_a_killed_sweep_goes_on_and_leaves_no_process_behind(place, here):
+    options = ["--counts", "2,4", "--seeds", "0,1", *BRIEF]
+    command = [sys.executable, "-m", "nas_data", "ablate", str(place.paired), *options, "--out", "run"]
+    root = Path(__file__).parents[2]
+    environment = {**os.environ, "PYTHONPATH": str(root)}
+    begin_measured(place, Path("run"))
+    running = subprocess.Popen([*command, "--workers", "2"], env=environment, stderr=subprocess.PIPE, text=True)
+    until(lambda: len(list(Path("run/trials").glob("*.json"))) >= 3)
+    workers = children(running.pid)
+    running.send_signal(signal.SIGKILL)
+    running.wait()
+    until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
+    before = {path: path.stat().st_mtime_ns for path in Path("run/trials").glob("*.json")}
+    assert workers and 3 <= len(before) < 8
+    answer = done("ablate", place.paired, *options, "--out", "run")
+    assert f"{len(before)} of 8 trials were done before" in answer.err
+    assert all(path.stat().st_mtime_ns == when for path, when in before.items())
+    assert not Path("run", UNFINISHED).exists()
+    done("ablate", place.paired, *options, "--out", "whole")
+    assert answers(Path("run")) == answers(Path("whole"))
+    assert len(answers(Path("run"))) == 8
+
+
+def begin_measured(place: Place, folder: Path) -> None:
+    """Do one trial of a sweep, and put there what its beginning would measure, for a minute."""
+    one = ("--kinds", "forward", "--counts", "2", "--seeds", "0")
+    done("ablate", place.paired, *one, *BRIEF, "--out", folder)
+    known = Inflation(workers=2, cpu_alone=1.0, cpu_beside=1.0, wall_alone=1.0, wall_beside=1.0)
+    (folder / "inflation.json").write_text(json.dumps(known.to_json()))
+
+
+def until(true, patience: float = 200.0) -> None:
+    """Wait for something."""
+    begun = time.monotonic()
+    while not true():
+        assert time.monotonic() - begun < patience
+        time.sleep(0.02)
+
+
+def children(pid: int) -> set[int]:
+    """Return the processes that a process started and that still run."""
+    parents = {}
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            parents[int(path.parent.name)] = int(path.read_text().rpartition(")")[2].split()[1])
+        except OSError:
+            continue
+    return {child for child, parent in parents.items() if parent == pid}
+
+
+def test_a_failed_trial_is_recorded_with_its_sentence_and_can_be_retried(place, here, monkeypatch):
+    command = ("ablate", place.paired, "--kinds", "named", "--counts", "1", "--seeds", "0", "--out", "run")
+    answer = nas(*command)
+    assert answer.code == 1
+    assert "failed: named, 1 episode, seed 0:" in answer.out and "1 episode; at least two are needed" in answer.out
+    (record,) = answers(Path("run")).values()
+    assert "at least two are needed" in record["failed"]
+    done_again = []
+    monkeypatch.setattr(trials, "learn_and_judge", lambda *_: done_again.append(1) or {"failed": "Again."})
+    assert "1 of them failed; --retry does them again" in nas(*command).err
+    assert not done_again
+    assert "Again." in nas(*command, "--retry").out
+    assert done_again
+
+
+def test_a_fault_of_ours_ends_one_trial_and_keeps_its_traceback(place, tmp_path, monkeypatch):
+    waiting = planned(place, tmp_path, kinds=("forward",))
+    plain = trials.learn_and_judge
+
+    def faulty(trial, folder):
+        return plain(trial, folder) if trial is not waiting[1] else {}["friction"]
+
+    monkeypatch.setattr(trials, "learn_and_judge", faulty)
+    records = run_sweep(waiting, here_and_now, 1, False, silent)
+    assert ["failed" in record for record in records] == [False, True, False]
+    assert records[1]["failed"] == "KeyError: 'friction'." and "faulty" in "".join(records[1]["traceback"])
+
+
+def test_only_what_trains_is_measured_for_the_cost_of_a_second_worker(place, tmp_path):
+    waiting = planned(place, tmp_path, options=replace(TINY, updates=400))
+    first, *others = probes(waiting, 2, tmp_path)
+    assert len(others) == 2 and others == [first, first], "two beside each other, and one alone"
+    assert (first.trial.config.amount.value, first.trial.config.options.updates) == (2, 10), "the smallest, shortened"
+    assert probes(waiting, 1, tmp_path) == probes(planned(place, tmp_path, kinds=("named",)), 2, tmp_path) == []
+    keep(tmp_path, inflation_of([(2.0, 6.0), (4.0, 6.0), (2.0, 3.0)]))
+    found = read_inflation(tmp_path)
+    assert (found.workers, found.factor, found.work) == (2, 1.5, 1.0)
+    assert probes(waiting, 2, tmp_path) == [], "it was measured before"
+
+
+def test_probes_come_first_the_last_of_them_alone_and_then_the_trials():
+    assert order(3, 6) == {2: [0, 1], 3: [2], 4: [2], 5: [2]}
+    assert order(0, 6) == {}
+
+
+def test_a_probe_that_fails_measures_nothing_and_takes_no_trial_along(place, tmp_path):
+    (trial,) = planned(place, tmp_path, kinds=("forward",), amounts=(Amount(2, "episodes"),))
+    probe = Probe(replace(trial, material=replace(trial.material, root=tmp_path / "nowhere")))
+    assert cost(probe) is None
+    keep(tmp_path, inflation_of([cost(probe), (1.0, 1.0), (1.0, 1.0)]))
+    assert read_inflation(tmp_path) is None
+    processor, wall = cost(Probe(trial))
+    assert processor > 0 < wall
+    assert not list((tmp_path / UNFINISHED).glob("*"))
+
+
+# what is asked for
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("--counts", "7"), "--counts asks for 7 episodes, but 6 training episodes hold 6 episodes (of 8 recorded"),
+        (("--minutes", "3"), "--minutes asks for 3 minutes, but 6 training episodes hold 0.12 minutes"),
+        (("--counts", "2", "--minutes", "1"), "either --counts or --minutes"),
+        (("--counts", "few"), "--counts has 'few'"),
+        (("--kinds", "delta,magic"), "There is no kind 'magic'; choose one of: delta, forward, named, named_delta."),
+        (("--kinds", ","), "--kinds names none; give some of delta, forward"),
+        (("--minutes", ","), "--minutes names no amount"),
+        (("--executor", "moon"), "There is no executor 'moon'"),
+        (("--seeds", "0,0"), "--seeds are 0, 0"),
+        (("--seeds", "one"), "--seeds are one"),
+        (("--held-out", "1.5"), "--held-out is 1.5"),
+        (("--workers", "0"), "--workers is 0"),
+        (("--test", "."), "There is no dataset at"),
+        (("--model", "ergojr"), "pendulum"),
+        (("--kinds", "named", "--effects", "nowhere"), "nowhere"),
+        (("--updates", "-1"), "must not be negative"),
+        (("--preset", "slow"), "There is no preset 'slow'; choose one of: fast, few, paper, symmetric."),
+    ],
+)
+def test_bad_input_is_one_sentence_and_writes_nothing(place, here, options, sentence):
+    answer = nas("ablate", place.paired, *options)
+    assert answer.code == 2
+    assert sentence in answer.err
+    assert "Traceback" not in answer.err and answer.err.count("\n") == 1
+    assert not list(Path().iterdir())
+
+
+def test_an_unpaired_dataset_cannot_teach_phi_and_a_source_is_asked_for(place, here):
+    answer = nas("ablate", place.raw, "--counts", "2")
+    assert answer.code == 2 and "The kind delta learns from" in answer.err and "nas pair" in answer.err
+    answer = nas("ablate", place.raw, "--counts", "2", "--kinds", "named")
+    assert answer.code == 2 and "keeps none; give --model" in answer.err
+    content = done("ablate", place.raw, "--counts", "2", "--kinds", "forward", "--seeds", "0", *BRIEF, "--json").json
+    assert set(content["baselines"]) == {"hold", "command"}
+
+
+def test_a_folder_of_another_sweep_or_of_anything_else_is_refused(place, here):
+    command = ("ablate", place.paired, "--kinds", "forward", "--seeds", "0", *BRIEF, "--out", "run")
+    done(*command, "--counts", "2")
+    before = answers(Path("run"))
+    answer = nas(*command, "--counts", "2", "--updates", "3")
+    assert answer.code == 2 and "run holds another sweep (option updates: 2 there, 3 here)" in answer.err
+    answer = nas(*command, "--minutes", "0.05")
+    assert answer.code == 2 and "unit: episodes there, minutes here" in answer.err
+    assert answers(Path("run")) == before
+    Path("notes").mkdir()
+    Path("notes/mine.txt").write_text("mine")
+    answer = nas(*command[:-1], "notes")
+    assert answer.code == 2 and "notes exists and holds no sweep" in answer.err
+    assert [path.name for path in Path("notes").iterdir()] == ["mine.txt"]
+
+
+def test_the_trainings_follow_a_preset_and_what_is_given_beside_it(place, here):
+    brief = ("--kinds", "forward", "--counts", "2", "--seeds", "0", "--updates", "2", "--hidden", "8")
+    sweep = done("ablate", place.paired, *brief, "--preset", "few", "--json").json["sweep"]
+    wanted = {"preset": "few", "layers": 1, "horizon": 30, "weight_decay": 1.0, "updates": 2, "hidden": 8}
+    assert {name: sweep[f"option {name}"] for name in wanted} == wanted
+
+
+def test_what_judges_must_not_train(place, here):
+    answer = nas("ablate", place.paired, "--test", place.raw)
+    assert answer.code == 2 and "must not train" in answer.err
+    other = new_version(recorded_on(pendulum(*GAP), wander((50,) * 2, seed=9)), "other", SIMULATED)
+    content = done(
+        "ablate", place.paired, "--test", other, "--seeds", "0", "--minutes", "0.1,all", *BRIEF, "--json"
+    ).json
+    assert [cell["minutes"] for cell in content["kinds"]["delta"]] == [0.1, pytest.approx(0.16)]
+    (record, *_) = answers(Path("runs/ablation")).values()
+    assert len(record["open_loop"]["hold"]["per_episode"]) == 2
+
+
+# with effects
+
+
+@pytest.mark.slow
+def test_effects_are_named_from_the_subset_and_beat_the_source(here):
+    Path("arm.xml").write_text(ARM)
+    arm = recorded(Path("arm.xml"), Path("data"), "--effect", "viscous_friction:joint=shoulder,coefficient=0.05")
+    done("ablate", arm, "--model", "arm.xml", "--kinds", "named", "--counts", "3,6", "--seeds", "0", "--out", "run")
+    for record in answers(Path("run")).values():
+        assert record["question"]["config"]["options"] is None
+        assert ("viscous_friction", "shoulder") in {(e["effect"], e["joint"]) for e in record["effects"]}
+        errors = record["open_loop"]
+        assert errors["named"]["overall"] < 0.3 * errors["source"]["overall"]
+
+
+def test_a_sweep_of_every_kind_on_the_sample_ends_in_table_figure_and_sentence(here):
+    shutil.copytree(SAMPLE, "arm")
+    Path("gap").mkdir()
+    texts = [f"speed_limit:joint={joint},speed=5" for joint in ("m2", "m3")]
+    write_effects(Path("gap"), [parse(text) for text in texts], {"m2.damping": 1.1})
+    kinds = "delta,forward,named,named_delta"
+    answer = done(
+        "ablate", "arm", "--kinds", kinds, "--effects", "gap", "--counts", "2,4", "--seeds", "0", "--out", "run",
+        "--quick", *BRIEF,
+    )  # fmt: skip
+    for word in ("source + φ", "ψ", "named", "named + φ", "source", "hold", "command", "Smallest amount of data"):
+        assert word in answer.out
+    assert "8 of 8" in answer.err and "left" in answer.err
+    content = json.loads(Path("run/ablation.json").read_text())
+    assert list(content["kinds"]) == kinds.split(",")
+    assert content["seeds"] == [0] and content["sweep"]["option hidden"] == 8
+    named = [cell["open_loop"]["values"] for cell in content["kinds"]["named"]]
+    assert named[0] == named[1], "given effects do not depend on the subset"
+    assert named[0] != content["baselines"]["source"]["open_loop"]["values"]
+    assert {path.name for path in Path("run").iterdir()} >= {"ablation.json", "ablation.md", "ablation.png", "trials"}
+    (record,) = [r for r in answers(Path("run")).values() if asked(r) == ("named", 2, 0)]
+    assert record["retuned"] == {"m2.damping": 1.1} and len(record["effects"]) == 2
+
+
+def asked(record: dict) -> tuple[str, float, int]:
+    """Return kind, amount and seed."""
+    config = record["question"]["config"]
+    return config["kind"], config["amount"], config["seed"]
