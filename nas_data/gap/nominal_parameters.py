@@ -18,7 +18,7 @@ from nas_data.effects.edits.servo import (
     torque_limit,
 )
 
-Kind = Literal["mass", "gain", "damping", "servo_damping", "armature", "frictionloss", "filter", "limit"]
+Kind = Literal["mass", "gain", "damping", "servo_damping", "armature", "frictionloss", "filter", "limit", "gravcomp"]
 TOLERANCE = 0.06  # [-] standard deviation of a base parameter's logarithm: a few to ten percent off
 MORE_FRICTION = 0.02  # the same for friction above the model's, which has a name
 MAX_LOG_CHANGE = float(np.log(1.25))  # beyond ±25 % a change is a missing effect, not a retuned parameter
@@ -33,7 +33,7 @@ class NominalParameter:
     Attributes:
         joint: Joint it belongs to; a mass belongs to the joint that moves it.
         kind: Which.
-        bodies: Bodies whose mass and inertia it scales.
+        bodies: Bodies whose mass and inertia, or gravity compensation, it scales.
         is_free: Whether it may be anything, not just a few percent off.
     """
 
@@ -70,6 +70,9 @@ class NominalParameter:
                 body = spec.body(name)
                 body.mass *= factor
                 body.inertia = body.inertia * factor
+        elif self.kind == "gravcomp":
+            for name in self.bodies:
+                spec.body(name).gravcomp *= factor
         elif self.kind == "gain":
             scale_stiffness(spec, self.joint, factor)
         elif self.kind == "servo_damping":
@@ -99,6 +102,8 @@ def base_parameters(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[Nominal
         bodies = bodies_moved_by(model, joint, joints)
         if bodies:
             found.append(NominalParameter(joint, "mass", bodies))
+        if held := tuple(name for name in bodies if spec.body(name).gravcomp > 0):
+            found.append(NominalParameter(joint, "gravcomp", held))
         element = spec.joint(joint)
         if stiffness(spec, joint) > 0:
             found.append(NominalParameter(joint, "gain"))

@@ -18,6 +18,7 @@ REST_SHIFT = (
     "_rest_shift"  # a number `<joint>_rest_shift` of the model: what of its servo's constant force an effect added
 )
 ON_JOINT = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)  # alike for hinges and slides
+DIRECT, TENDON = tuple(map(int, ON_JOINT)), int(mujoco.mjtTrn.mjTRN_TENDON)
 
 
 def driven_joint(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> str | None:
@@ -36,11 +37,15 @@ def driving_actuators(model: mujoco.MjModel, joint: int) -> np.ndarray:
     """Return the indices of the actuators with a control that drive a joint of a compiled model, its servo first."""
     name = model.joint(joint).name
     tendons = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, name + end) for end in STANDING]
-    kind, target = model.actuator_trntype, model.actuator_trnid[:, 0]
-    direct = np.isin(kind, [int(each) for each in ON_JOINT]) & (target == joint)
-    by_tendon = (kind == int(mujoco.mjtTrn.mjTRN_TENDON)) & np.isin(target, [one for one in tendons if one >= 0])
-    found = np.flatnonzero((direct | by_tendon) & (model.actuator_ctrlnum > 0))
-    return found[np.argsort(model.actuator_biasprm[found, 1] == 0, kind="stable")]  # a servo feeds positions back
+    target = model.actuator_trnid[:, 0]
+    by_joint, by_tendon = np.flatnonzero(target == joint).tolist(), []
+    for tendon in tendons:
+        by_tendon += np.flatnonzero(target == tendon).tolist() if tendon >= 0 else []
+    kind, inputs = model.actuator_trntype, model.actuator_ctrlnum
+    found = {actuator for actuator in by_joint if int(kind[actuator]) in DIRECT and inputs[actuator] > 0}
+    found |= {actuator for actuator in by_tendon if kind[actuator] == TENDON and inputs[actuator] > 0}
+    feedback = model.actuator_biasprm  # a servo feeds positions back
+    return np.array(sorted(found, key=lambda actuator: (feedback[actuator, 1] == 0, actuator)), dtype=int)
 
 
 def servo_actuators(model: mujoco.MjModel, joint: int) -> list[int]:

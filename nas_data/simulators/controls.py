@@ -48,12 +48,14 @@ class Controls:
 
     Attributes:
         kinds: What each joint is commanded (see `Control`).
+        actuators: Index of the actuator that commands each joint, shape (n,).
         index: Index of each joint's actuator in `ctrl`, shape (n,).
         scale: Control per command, shape (n,).
         zero: Control at the command 0, shape (n,).
     """
 
     kinds: tuple[str, ...]
+    actuators: np.ndarray
     index: np.ndarray
     scale: np.ndarray
     zero: np.ndarray
@@ -65,6 +67,7 @@ class Controls:
         controls = [control for _, control in found]
         return cls(
             kinds=tuple(control.kind for control in controls),
+            actuators=np.array([actuator for actuator, _ in found], dtype=int),
             index=np.array([model.actuator_ctrladr[actuator] for actuator, _ in found], dtype=int),
             scale=np.array([control.scale for control in controls]),
             zero=np.array([control.zero for control in controls]),

@@ -6,9 +6,9 @@ from enum import IntEnum
 import mujoco
 import numpy as np
 
-from nas_data.mjcf.actuator_lookup import BAND, GAIN, GOAL, servo_actuators
+from nas_data.mjcf.actuator_lookup import BAND, GAIN, GOAL
 from nas_data.simulators.controls import CONTROLLERS, length_feedback
-from nas_data.simulators.layout import Layout, settle_actuator
+from nas_data.simulators.layout import Layout, has_memory, settle_actuator
 
 WEIGHTLESS = 1e-4  # [N m] below which a load decides nothing about the side of a play
 
@@ -45,7 +45,7 @@ def find_band(model: mujoco.MjModel, joint: int) -> Band | None:
     """Return the dead band of a joint's servo, None where it has none."""
     name = model.joint(joint).name
     gain, band = (mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name + part) for part in (GAIN, BAND))
-    if len(servo_actuators(model, joint)) == 1:
+    if min(gain, band) < 0:
         return None
     stiffness = -float(model.actuator_biasprm[gain, 1])
     goal = int(model.joint(name + GOAL).qposadr[0])
@@ -60,11 +60,21 @@ class SettledStates:
     weight dry friction holds is not known: a `InitialLoad` says what is assumed of each joint.
     """
 
-    def __init__(self, model: mujoco.MjModel, layout: Layout, spec: int, period: float) -> None:
-        """Prepare the states; arguments as for `RestStates`, and the control period [s]."""
+    def __init__(
+        self, model: mujoco.MjModel, layout: Layout, spec: int, period: float, data: mujoco.MjData | None = None
+    ) -> None:
+        """Prepare the states; arguments as for `RestStates`, the control period [s], and data to work in."""
         self.model, self.layout, self.spec, self.period = model, layout, spec, period
-        self.data = mujoco.MjData(model)
+        self.data = data or mujoco.MjData(model)
         self.bands = [find_band(model, int(joint)) for joint in model.dof_jntid[layout.dof]]
+        self.remembering = [actuator for actuator in range(len(model.actuator_trntype)) if has_memory(model, actuator)]
+        places = range(len(layout.joints))
+        self.hidden = [[a for a in np.flatnonzero(layout.position_map[p]) if a != layout.qpos[p]] for p in places]
+        feedbacks = [holding_feedback(model, int(actuator)) for actuator in layout.inputs.actuators]
+        self.stiffness, self.gear, gain, constant = np.array(feedbacks).reshape(-1, 4).T
+        self.holding = layout.inputs.positional & (self.stiffness > 0)
+        own = gain * layout.inputs.zero  # of the control's unit
+        self.rest = np.divide(constant + own, self.stiffness * self.gear, out=np.zeros_like(own), where=self.holding)
 
     def __call__(self, states: np.ndarray, holds: np.ndarray, earlier: np.ndarray | None = None) -> np.ndarray:
         """Return full states (B, size) for measured states and holds.
@@ -92,7 +102,7 @@ class SettledStates:
         if followers is not None:
             followers.place(data.qpos[None], data.qvel[None], far=True)
         mujoco.mj_forward(model, data)
-        weight = data.qfrc_bias.copy()
+        weight = data.qfrc_bias - data.qfrc_gravcomp  # of which a controller carries what is compensated
         if followers is not None:  # through the constraints, their weight is the measured joints'
             weight += followers.slopes(data.qpos).T @ weight[followers.dofs]
         loads = self.loads(weight, holds)
@@ -100,7 +110,7 @@ class SettledStates:
             self.load_transmission(place, float(loads[place]))
         holding = np.where(self.layout.inputs.positional, self.holding_commands(loads), 0.0)
         data.ctrl[:] = self.layout.controls(holding, state)
-        for actuator in range(len(model.actuator_trntype)):
+        for actuator in self.remembering:
             settle_actuator(model, data, actuator)
         if len(earlier) and np.isfinite(earlier).all():
             self.fill_delays(self.layout.controls(earlier, state[None]))
@@ -134,9 +144,7 @@ class SettledStates:
     def load_transmission(self, place: int, load: float) -> None:
         """Turn the hidden joints between a servo and its link as the load does; the measured position stays."""
         model, data, own = self.model, self.data, self.layout.qpos[place]
-        for address in np.flatnonzero(self.layout.position_map[place]):
-            if address == own:
-                continue
+        for address in self.hidden[place]:
             joint = int(np.flatnonzero(model.jnt_qposadr == address)[0])
             stiffness = float(model.jnt_stiffness[joint])
             turned = -load / stiffness if stiffness > 0 else 0.0
@@ -152,24 +160,20 @@ class SettledStates:
 
         A servo with a dead band has its goal put there, too: beyond the edge of the band that the load leans on.
         """
-        model, layout = self.model, self.layout
-        commands = self.data.qpos[layout.qpos].copy()
-        for place, control in enumerate(layout.control):
-            actuator = int(np.flatnonzero((model.actuator_ctrladr == control) & (model.actuator_ctrlnum > 0))[0])
-            stiffness = length_feedback(model, actuator)
-            gear = float(model.actuator_gear[actuator, 0])
-            load = float(loads[place])
-            if stiffness > 0 and layout.inputs.positional[place]:
-                gain = (
-                    stiffness
-                    if model.actuator_gaintype[actuator] in CONTROLLERS
-                    else model.actuator_gainprm[actuator, 0]
-                )
-                own = float(gain) * layout.inputs.zero[place]  # of the control's unit
-                rest = (float(model.actuator_biasprm[actuator, 0]) + own) / (stiffness * gear)
-                if (band := self.bands[place]) is None:
-                    commands[place] += load / (stiffness * gear**2) - rest
-                else:
-                    commands[place] += load / band.stiffness + band.edge(load) - rest
-                    self.data.qpos[band.goal] = commands[place] + rest
+        commands = self.data.qpos[self.layout.qpos].copy()
+        for place in np.flatnonzero(self.holding):
+            load, stiffness, rest = float(loads[place]), self.stiffness[place], self.rest[place]
+            if (band := self.bands[place]) is None:
+                commands[place] += load / (stiffness * self.gear[place] ** 2) - rest
+            else:
+                commands[place] += load / band.stiffness + band.edge(load) - rest
+                self.data.qpos[band.goal] = commands[place] + rest
         return commands
+
+
+def holding_feedback(model: mujoco.MjModel, actuator: int) -> tuple[float, float, float, float]:
+    """Return force per error of an actuator's length, gear, force per control, and constant force."""
+    stiffness, gear = length_feedback(model, actuator), float(model.actuator_gear[actuator, 0])
+    is_controller = model.actuator_gaintype[actuator] in CONTROLLERS
+    gain = stiffness if is_controller else float(model.actuator_gainprm[actuator, 0])
+    return stiffness, gear, gain, float(model.actuator_biasprm[actuator, 0])

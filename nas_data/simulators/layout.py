@@ -61,7 +61,8 @@ class Layout:
         """
         indices = np.array([joint_index(model, joint, name) for joint in joints], dtype=int)
         inputs = Controls.of(model, indices, name)
-        actuators = np.array([actuator_index(model, index, name) for index in indices], dtype=int)
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
         positions, velocities = readout(model, joints, indices)
         dof = model.jnt_dofadr[indices].astype(int)
         followers = Followers.of(model, np.union1d(dof, np.flatnonzero(velocities.any(axis=0))))
@@ -73,9 +74,9 @@ class Layout:
             inputs=inputs,
             position_map=positions,
             velocity_map=velocities,
-            reference=reference_controls(model),
+            reference=reference_controls(model, data),
             followers=followers,
-            objects=Objects.of(model, driven, actuators),
+            objects=Objects.of(model, driven, inputs.actuators, data),
         )
 
     @property
@@ -155,11 +156,14 @@ def measured_joints(model: mujoco.MjModel, joint: str, index: int) -> list[tuple
     raise ModelFileError(f"The sensor '{joint}{POSITION}' must be the position of a joint or of a fixed tendon.")
 
 
-def reference_controls(model: mujoco.MjModel) -> np.ndarray:
-    """Return controls (nu,) at which position actuators rest at the model's reference posture; others are zero."""
+def reference_controls(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """Return controls (nu,) at which position actuators rest at the model's reference posture; others are zero.
+
+    Args:
+        model: Compiled model.
+        data: At the reference posture, forward kinematics done.
+    """
     controls = np.zeros(model.nu)
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
     for actuator in np.flatnonzero(model.actuator_ctrlnum).tolist():
         with contextlib.suppress(UntoldControl):
             control = length_control(model, actuator)
@@ -295,6 +299,11 @@ def rest_state(
     state = np.empty(mujoco.mj_stateSize(model, spec))
     mujoco.mj_getState(model, data, state, spec)
     return state
+
+
+def has_memory(model: mujoco.MjModel, actuator: int) -> bool:
+    """Whether an actuator remembers controls: a delay line, a setpoint that slews, a filter, an integrator."""
+    return bool(model.actuator_history[actuator, 0] or model.actuator_actnum[actuator])
 
 
 def settle_actuator(model: mujoco.MjModel, data: mujoco.MjData, actuator: int) -> None:

@@ -77,7 +77,7 @@ class MujocoSimulator:
     @cached_property
     def settled(self) -> SettledStates:
         """Full states at rest in any posture, settled under the arm's weight."""
-        return SettledStates(self.model, self.layout, self._part, self.period)
+        return SettledStates(self.model, self.layout, self._part, self.period, self._data[0])
 
     @cached_property
     def unpowered(self) -> mujoco.MjModel:

@@ -38,15 +38,16 @@ class Objects:
     inputs: Controls
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, joints: np.ndarray, actuators: np.ndarray) -> "Objects":
+    def of(cls, model: mujoco.MjModel, joints: np.ndarray, actuators: np.ndarray, data: mujoco.MjData) -> "Objects":
         """Find the objects of a model.
 
         Args:
             model: Compiled model.
             joints: Indices of the measured joints.
             actuators: Indices of the actuators that drive them.
+            data: At the reference posture, forward kinematics done.
         """
-        moved = {int(model.body_treeid[model.jnt_bodyid[joint]]) for joint in joints} | trees_of(model, actuators)
+        moved = {int(model.body_treeid[model.jnt_bodyid[joint]]) for joint in joints} | trees_of(model, actuators, data)
         others = [j for j in range(model.njnt) if int(model.body_treeid[model.jnt_bodyid[j]]) not in moved]
         labels = [component for joint in others for component in positions_of(model, joint)]
         speeds = [component for joint in others for component in velocities_of(model, joint)]
@@ -79,10 +80,8 @@ class Objects:
         return np.concatenate([qpos[..., self.qpos], qvel[..., self.dof]], axis=-1)
 
 
-def trees_of(model: mujoco.MjModel, actuators: np.ndarray) -> set[int]:
-    """Return the kinematic trees in which some actuators move a joint in the reference posture."""
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
+def trees_of(model: mujoco.MjModel, actuators: np.ndarray, data: mujoco.MjData) -> set[int]:
+    """Return the kinematic trees in which some actuators move a joint in the posture of `data`."""
     rows = zip(data.moment_rowadr[actuators], data.moment_rownnz[actuators], strict=True)
     return {int(model.dof_treeid[dof]) for first, count in rows for dof in data.moment_colind[first : first + count]}
 

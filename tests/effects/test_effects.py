@@ -48,6 +48,7 @@ TYPICAL = {
     ("payload", "z"): 0.05,
     ("base_tilt", "roll"): 0.1,
     ("base_tilt", "pitch"): 0.1,
+    ("gravity_compensation", "share"): 0.5,
     ("object_mass", "factor"): 4.0,
     ("object_friction", "factor"): 4.0,
 }

@@ -50,6 +50,20 @@ def test_a_plain_fit_adds_what_the_model_lacks_to_an_arm_that_begins_in_motion()
         assert found["viscous_friction", joint].coefficient == pytest.approx(0.004, rel=0.05)
 
 
+def test_a_plain_fit_recovers_how_much_of_the_weight_a_controller_carries():
+    model = arm().replace("<body ", '<body gravcomp="1" ')
+    search = begun(model, target=model.replace('gravcomp="1"', 'gravcomp="0.6"'))
+    factors = fit_plain(search).fit.factors
+    assert [factors[f"{joint}.gravcomp"] for joint in ("j1", "j2")] == pytest.approx([0.6, 0.6], abs=0.05)
+
+
+def test_gravity_compensation_that_the_model_lacks_is_named():
+    found = begun(arm(), "gravity_compensation:share=0.7")
+    (effect,) = choose(found, fit_plain(found)).effects
+    assert effect.name() == "gravity_compensation"
+    assert effect.share == pytest.approx(0.7, abs=0.05)
+
+
 # Both ends
 
 
@@ -65,7 +79,7 @@ def test_up_from_the_model_and_down_from_the_plain_fit_meet(rubbing: Search):
     named = as_effects(search, plain)
     assert "viscous_friction" in {effect.name() for effect in named.effects}
     search.return_to(first)
-    assert search.sub is rubbing.sub and search.null is rubbing.null
+    assert search.sub.objective == rubbing.sub.objective and search.null is rubbing.null
     up, down = climb(afresh(rubbing), rubbing.null), descend(afresh(rubbing), plain)
     for h in (up, down):
         assert names(h.effects) == names([parse(VISCOUS), parse(DRY)])

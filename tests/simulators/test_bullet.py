@@ -133,6 +133,7 @@ EFFECTS = (
     "deadband:joint=m3,half_width=0.03",
     "payload:mass=0.02",
     "base_tilt:roll=0.2,pitch=0.1",
+    "gravity_compensation:share=0.5",
 )
 
 

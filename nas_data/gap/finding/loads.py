@@ -59,7 +59,7 @@ def torques(simulator: MujocoSimulator, states: np.ndarray, commands: np.ndarray
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
         mujoco.mj_fwdActuation(model, data)
-        load[row] = data.qfrc_bias[layout.dof]
+        load[row] = (data.qfrc_bias - data.qfrc_gravcomp)[layout.dof]
         force[row] = data.qfrc_actuator[layout.dof]
     return load, force
 

@@ -16,6 +16,7 @@ LITTLE = 0.05  # of all that was gained, which then is too little to go on
 EXPLAINED = 1.5  # noise floors of rest up to which a joint counts as explained
 MANY = 2  # parts of the pruned plain fit for each joint from which nearly everything is missing
 FEW = 3  # parts of the pruned plain fit that are believed where they bring every joint to the floor
+FEW_JOINTS = 2  # above the floor, from which the search climbs at once where the plain fit leaves much
 MOST = 4  # effects for each joint of an arm
 
 
@@ -35,6 +36,12 @@ def choose(search: Search, plain: Hypothesis, without: Container[str] = ()) -> H
     if not search.above_floor(search.null):
         return search.null
     first = search.round
+    if not is_explained(search, plain) and len(search.above_floor(search.null)) <= FEW_JOINTS:
+        up = climb(search, search.null, without)
+        free = search.rescore(plain)
+        if is_explained(search, up) and up.score < free.fit.loss + free.heldout_misfit:
+            return up
+        search.return_to(first)
     down = descend(search, plain, without)
     if len(drop.parts(down)) > MANY * len(search.excited):
         return climb(search, down, without)

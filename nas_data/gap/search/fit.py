@@ -195,7 +195,7 @@ def fit(
         if found is not None:
             moved, other, better = found
             jacobian = jacobian + broyden(jacobian, moved - theta, other - predicted)
-            little = loss - better < ENOUGH * max(1.0, float(task.observations.sum()))
+            little = loss - better < smallest_gain(task)
             theta, predicted, loss = moved, other, better
         if little and (fresh or not jacobian_refreshes):
             break
@@ -204,6 +204,11 @@ def fit(
             jacobian[again] = measure_jacobian(task, parameters, theta, predicted, again)
             jacobian_refreshes, age, fresh = jacobian_refreshes - 1, 0, True
     return Fit(parameters, theta, predicted, task.misfit(predicted), jacobian, task.objective)
+
+
+def smallest_gain(task: FitTask) -> float:
+    """Return the improvement of the loss below which a fit has converged [nats]."""
+    return ENOUGH * max(1.0, float(task.observations.sum()))
 
 
 def broyden(jacobian: np.ndarray, change: np.ndarray, moved: np.ndarray) -> np.ndarray:
@@ -228,9 +233,10 @@ def step(
     jacobian: np.ndarray,
     loss: float,
 ) -> tuple[np.ndarray, np.ndarray, float] | None:
-    """Return numbers, positions and loss after one step that lowers the loss, None where none does."""
+    """Return numbers, positions and loss after one step that lowers the loss; None where none does or promises to."""
     low, high = parameters.bounds()
     square, pull = normal_equations(task, predicted, jacobian)
+    before = penalty(parameters, theta)
 
     def wanted(prior: np.ndarray, damping: float) -> np.ndarray:
         return solve_bounded(square + np.diag(prior), pull + prior * theta, damping, low - theta, high - theta)
@@ -240,6 +246,10 @@ def step(
         change = wanted(parameters.prior(theta + change) ** 2, damping)  # which is another where a sign changes
         change *= min(1.0, LONGEST_STEP / max(float(np.abs(change).max()), 1e-12))
         moved = np.clip(theta + change, low, high)
+        change = moved - theta
+        promised = -float(pull @ change + 0.5 * change @ square @ change) + before - penalty(parameters, moved)
+        if promised < smallest_gain(task):
+            return None
         other = task.predict(parameters, moved)
         better = task.misfit(other) + penalty(parameters, moved)
         if other is not None and better < loss:

@@ -83,17 +83,20 @@ def screen(
         and (names is None or effect.name() in names)
     ]
     by_joint = dict(zip(task.nominal.joints, sizes, strict=True))
+    identities = {effect: (effect, surroundings(state, effect)) for effect in wanted}
+    unknown = [effect for effect in wanted if identities[effect] not in changes]
+
+    def simulate(group: Sequence[Effect]) -> None:
+        for effect, change in changes_of(task, state, group):
+            changes[identities[effect]] = change
 
     def estimated(effect: Effect) -> Candidate | None:
         idle = effect.idle(by_joint[effect.joint]) if effect.joint else effect.parameters[0].neutral
-        try:
-            identity = (effect, surroundings(state, effect))
-            if identity not in changes:
-                changes[identity] = change_of(task, state, effect)
-            return first_order(task, state, effect, idle, changes[identity])
-        except NasError:
+        if identities[effect] not in changes:
             return None
+        return first_order(task, state, effect, idle, changes[identities[effect]])
 
+    side_by_side(simulate, group_effects(task, unknown))
     for found in side_by_side(estimated, wanted):
         if found is not None and (found.place not in best or found.loss < best[found.place].loss):
             best[found.place] = found
@@ -119,14 +122,47 @@ def roughly(values: Mapping[str, object]) -> Iterator[tuple[str, float]]:
             yield name, float(round(ROUGHLY * math.log(abs(value)))) if 0 < abs(value) < math.inf else value
 
 
-def change_of(task: FitTask, state: Fit, effect: Effect) -> np.ndarray:
-    """Return by how much an effect at its first guess moves the positions of a hypothesis [rad; m], shape (E, T, n).
+def group_effects(task: FitTask, effects: Sequence[Effect]) -> list[list[Effect]]:
+    """Return groups of one kind of effect of which no two move the same joint, as far as the task knows whom they move.
 
-    Raises:
-        NasError: the model cannot take it or diverges.
+    Those of a group are simulated together, as those of a robot's legs are.
     """
-    predicted = task.nominal.predict(task.evidence, (*state.effects, effect), state.factors) + task.correction
-    return np.asarray(predicted - state.predicted)
+    groups: list[tuple[list[Effect], np.ndarray]] = []
+    for effect in effects:
+        known = effect.joint and effect.strains != "mass"  # which weighs on the joints that carry it
+        seen = task.reach_of_joints.get(effect.joint) if known else None
+        if seen is None:
+            groups.append(([effect], np.ones(len(task.floor), bool)))
+            continue
+        fitting = (g for g in groups if g[0][0].name() == effect.name() and not (g[1] & seen).any())
+        if group := next(fitting, None):
+            group[0].append(effect)
+            group[1][:] |= seen
+        else:
+            groups.append(([effect], seen.copy()))
+    return [group for group, _ in groups]
+
+
+def changes_of(task: FitTask, state: Fit, group: Sequence[Effect]) -> Iterator[tuple[Effect, np.ndarray]]:
+    """Yield by how much each effect, at its first guess, moves the positions of a hypothesis [rad; m], shape (E, T, n).
+
+    Effects that the model cannot take, or with which it diverges, are left out.
+
+    Args:
+        task: Some episodes.
+        state: The hypothesis.
+        group: Effects of which no two move the same joint.
+    """
+    try:
+        predicted = task.nominal.predict(task.evidence, (*state.effects, *group), state.factors) + task.correction
+    except NasError:
+        if len(group) > 1:
+            for effect in group:
+                yield from changes_of(task, state, [effect])
+        return
+    change = np.asarray(predicted - state.predicted)
+    for effect in group:
+        yield effect, change if len(group) == 1 else change * task.reach_of_joints[effect.joint]
 
 
 def first_order(task: FitTask, state: Fit, effect: Effect, idle: float, change: np.ndarray) -> Candidate:

@@ -7,7 +7,7 @@ import numpy as np
 
 from nas_data.effects.base import Effect, Scales
 from nas_data.gap.floor import ratios
-from nas_data.gap.search.fit import Fit, fit, measure_jacobian, measure_reach
+from nas_data.gap.search.fit import Fit, fit, is_loose, measure_jacobian, measure_reach
 from nas_data.gap.search.hypothesis import (
     Description,
     Hypothesis,
@@ -88,7 +88,7 @@ class Search:
         search.nominal = search.judge(Description(), nominal)
         search.sizes = scales(train.nominal, search.sub.evidence, predicted)
         search.excited = excited_joints(train)
-        null = search.fitted(Description(), {}, nominal, steps=8, jacobian_refreshes=1)
+        null = search.fitted(Description(), {}, nominal, steps=8)
         search.null = search.nominal
         if null is not None and null.score < search.nominal.score:
             search.null = search.settle(null.description, null.fit)
@@ -145,7 +145,9 @@ class Search:
     def relinearise(self, h: Hypothesis) -> Hypothesis:
         """Begin another round at a hypothesis: a new objective, to which it is fitted."""
         self.sub = self.sub.relinearise(h.fit.parameters, h.fit.theta)
-        found = fit(self.sub, h.fit.parameters, h.fit.theta, steps=5, jacobian_refreshes=1)
+        parameters = h.fit.parameters
+        known = {c: rows for c, rows in enumerate(h.fit.jacobian) if not is_loose(parameters, c)}
+        found = fit(self.sub, parameters, h.fit.theta, known, steps=5, jacobian_refreshes=1)
         return self.settle(h.description, found or h.fit)
 
     def with_own_start(self, h: Hypothesis) -> Hypothesis:
@@ -181,8 +183,10 @@ class Search:
         return Round(self.sub, self.held, self.nominal, self.null)
 
     def return_to(self, round_: Round) -> None:
-        """Go back to an earlier objective; what was found since is to be rescored."""
+        """Go back to an earlier objective; what was found since is to be rescored, and what moves which joint stays."""
+        reach = self.sub.reach_of_joints
         self.sub, self.held, self.nominal, self.null = vars(round_).values()
+        self.sub = replace(self.sub, reach_of_joints=reach)
         self._cache.clear()
 
     def rescore(self, h: Hypothesis) -> Hypothesis:

@@ -48,7 +48,7 @@ def drop_one(search: Search, h: Hypothesis) -> Hypothesis:
         together = fit_without(search, h, spare)
         if together is not None and together.is_sound and together.score < best.score:
             return together
-    if not spare:
+    if not spare and best.description != Description():  # the model alone was fitted to its end
         best = search.continued(best)
     if best.score < h.score:
         return best
