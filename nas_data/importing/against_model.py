@@ -10,9 +10,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from nas_data.dataset.audits.base import RANGE, SHORTEST, AuditFinding
+from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.dataset import Dataset
-from nas_data.joint_units import kinds_of
+from nas_data.joint_units import kinds_of, radians_at
 from nas_data.robots.base import find_robot
 
 # At a slide a share of its range stands for a radian; see `radian_at`.
@@ -53,12 +53,10 @@ def check(dataset: Dataset, model: str | Path) -> list[AuditFinding]:
 
 def radian_at(dataset: Dataset, model: mujoco.MjModel, joint: str) -> float:
     """Return what stands for a radian at a joint: 1 at a hinge; at a slide so many metres [m] of its range."""
-    if joint not in dataset.slides:
-        return 1.0
     place = model.joint(joint).id
     travel = np.ptp(dataset.states[:, dataset.joints.index(joint)])
-    reach = float(np.ptp(model.jnt_range[place]) if model.jnt_limited[place] else travel)
-    return max(reach, SHORTEST) / RANGE
+    reach = np.ptp(model.jnt_range[place]) if model.jnt_limited[place] else travel
+    return float(radians_at([joint], dataset.slides, np.array([reach]))[0])
 
 
 def _limits(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[AuditFinding]:

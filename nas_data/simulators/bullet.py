@@ -170,11 +170,14 @@ class BulletArm:
         return self.layout.objects.measure(*self.world.read())
 
     def shift(self, change: np.ndarray) -> None:
-        """Move the servos' joints by (2n,), play and other hidden joints keeping theirs."""
-        n = len(self.layout.joints)
+        """Move the servos' joints by (2n,), and those that follow them; play and other hidden joints keep theirs."""
+        n, followers = len(self.layout.joints), self.layout.followers
         qpos, qvel = self.world.read()
+        slack = None if followers is None else followers.slack(qpos[None], qvel[None])
         qpos[self.layout.qpos] += change[:n]
         qvel[self.layout.dof] += change[n:]
+        if followers is not None and slack is not None:
+            followers.place_with(slack, qpos[None], qvel[None])
         self.world.set(qpos, qvel)
 
     def site(self, index: int) -> np.ndarray:

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 
 from nas_data.errors import ModelFileError
+from nas_data.simulators.ties import find_ties
 
 ROTOR = "_rotor"  # suffix of the link that carries a joint's reflected inertia
 LEAST_MASS = 1e-6  # [kg] of links that have none, which physics engines refuse
@@ -140,9 +141,13 @@ def add_fixed(robot: Xml.Element, parent: str, child: str, position: np.ndarray,
 
 
 def rotor_inertia(model: mujoco.MjModel, joint: int) -> float:
-    """Return a joint's reflected inertia [kg m²]; joints in series, with next to nothing between, have a little."""
+    """Return a joint's reflected inertia [kg m²].
+
+    Joints in series, with next to nothing between, have a little, and so have joints that are tied to another.
+    """
     series = model.body_jntnum[model.jnt_bodyid[joint]] > 1
-    return max(float(model.dof_armature[model.jnt_dofadr[joint]]), LEAST_ROTOR if series else 0.0)
+    tied = any(joint in {tie.joint, tie.leader} for tie in find_ties(model))
+    return max(float(model.dof_armature[model.jnt_dofadr[joint]]), LEAST_ROTOR if series or tied else 0.0)
 
 
 def add_rotor(robot: Xml.Element, model: mujoco.MjModel, joint: int) -> None:
