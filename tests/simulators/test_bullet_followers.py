@@ -13,21 +13,18 @@ from nas_data.simulators.engines import load_simulator
 pytestmark = pytest.mark.bullet
 
 PERIOD = 0.02
-LINK = '<link name="{name}"><inertial><mass value="{mass}"/><inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/>'
-GRIPPER = (
-    '<robot name="g"><link name="base"/>'
-    + "".join(
-        LINK.format(name=name, mass=mass, i=inertia) + "</inertial></link>"
-        for name, mass, inertia in (("palm", 0.2, 1e-3), ("left", 0.05, 1e-4), ("right", 0.05, 1e-4))
-    )
-    + """<joint name="wrist" type="revolute"><parent link="base"/><child link="palm"/><axis xyz="0 1 0"/>
+LINK = """<link name="{name}"><inertial><mass value="{mass}"/>
+<inertia ixx="{inertia}" iyy="{inertia}" izz="{inertia}" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+JOINTS = """<joint name="wrist" type="revolute"><parent link="base"/><child link="palm"/><axis xyz="0 1 0"/>
 <limit lower="-1.5" upper="1.5" effort="5" velocity="9"/></joint>
-<joint name="finger" type="prismatic"><parent link="palm"/><child link="left"/><origin xyz="0.1 0 0"/><axis xyz="0 0 1"/>
-<limit lower="0" upper="0.04" effort="20" velocity="1"/></joint>
-<joint name="other" type="prismatic"><parent link="palm"/><child link="right"/><origin xyz="0.1 0 0"/><axis xyz="0 0 1"/>
-<limit lower="-0.1" upper="0.1" effort="20" velocity="1"/><mimic joint="finger" multiplier="-1.5" offset="0.01"/></joint>
-</robot>"""
-)
+<joint name="finger" type="prismatic"><parent link="palm"/><child link="left"/>
+<origin xyz="0.1 0 0"/><axis xyz="0 0 1"/><limit lower="0" upper="0.04" effort="20" velocity="1"/></joint>
+<joint name="other" type="prismatic"><parent link="palm"/><child link="right"/>
+<origin xyz="0.1 0 0"/><axis xyz="0 0 1"/><limit lower="-0.1" upper="0.1" effort="20" velocity="1"/>
+<mimic joint="finger" multiplier="-1.5" offset="0.01"/></joint>"""
+LINKS = (("palm", 0.2, 1e-3), ("left", 0.05, 1e-4), ("right", 0.05, 1e-4))
+BODIES = "".join(LINK.format(name=name, mass=mass, inertia=inertia) for name, mass, inertia in LINKS)
+GRIPPER = f'<robot name="g"><link name="base"/>{BODIES}{JOINTS}</robot>'
 
 
 @pytest.fixture
