@@ -14,11 +14,9 @@ import mujoco
 import numpy as np
 
 from nas_data.errors import MissingPackage, ModelFileError
-from nas_data.simulators.ties import active_equalities, find_ties
-from nas_data.simulators.urdf import ROTOR, link_name, to_urdf
+from nas_data.simulators.urdf import ROTOR, joint_name, link_name, to_urdf
 
-RIGID = 1e9  # [N·m] no gear slips, and nothing moves a joint that is held
-PULL = 0.2  # part of a follower's error of position that a physics step takes away
+RIGID = 1e9  # [N·m] no gear slips
 UNBOUNDED = 1e5  # [rad/s] PyBullet's own bound, 100 rad/s, is within reach of what a constraint has to undo
 
 
@@ -62,9 +60,7 @@ class BulletWorld:
     A joint's reflected inertia is a flywheel geared to the joint; torques and Coulomb friction act on the flywheel
     where there is one. The direct (Dantzig) solver makes gears and friction exact: the default, iterative one leaves
     errors of degrees in a light arm behind heavy rotors. Friction is a velocity motor of target zero whose force is
-    the friction. A joint that a constraint makes follow another (a gripper's second finger, `<mimic>` of a URDF) is
-    geared to it, flywheel to flywheel: PyBullet's gears are wrong between links of one chain. One that a constraint
-    holds has endless friction.
+    the friction.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -80,9 +76,6 @@ class BulletWorld:
         refuse_foreign(model)
         self.bullet = import_pybullet()
         self.friction = np.zeros(model.nv)
-        self.ties = find_ties(model)
-        self.held = np.zeros(model.nv, bool)
-        self.held[[tie.joint for tie in self.ties if tie.leader is None]] = True
         with silence():
             self.client = self.bullet.connect(self.bullet.DIRECT)
             if self.client < 0:
@@ -118,7 +111,6 @@ class BulletWorld:
 
     def set_friction(self, torques: np.ndarray) -> None:
         """Let each joint resist motion with a torque of its own [N·m], shape (nv,)."""
-        torques = np.where(self.held, RIGID, torques)
         for dof in np.flatnonzero(torques != self.friction):
             self.bullet.setJointMotorControl2(
                 self.robot,
@@ -128,7 +120,7 @@ class BulletWorld:
                 force=float(torques[dof]),
                 physicsClientId=self.client,
             )
-        self.friction = torques
+        self.friction = torques.copy()
 
     def _load(self, model: mujoco.MjModel) -> None:
         bullet, client = self.bullet, self.client
@@ -144,7 +136,7 @@ class BulletWorld:
         export = to_urdf(model)
         self.robot = self._read(export.text)
         indices = self._joint_indices()
-        names = [model.joint(joint).name for joint in export.joints]
+        names = [joint_name(model, joint) for joint in export.joints]
         self.joints = [indices[name] for name in names]
         self.geared = np.array(export.rotors, dtype=int)
         self.rotors = [indices[names[joint] + ROTOR] for joint in export.rotors]
@@ -154,9 +146,6 @@ class BulletWorld:
             self.driven[joint] = rotor
         for joint, rotor in zip(export.rotors, self.rotors, strict=True):
             self._gear(self.joints[joint], rotor)
-        for tie in self.ties:
-            if tie.leader is not None:
-                self._gear(self.driven[tie.joint], self.driven[tie.leader], tie.ratio, tie.offset, PULL)
         self._free_links()
         self.set_friction(model.dof_frictionloss)
         self._add_planes(model)
@@ -184,23 +173,21 @@ class BulletWorld:
         infos = [self.bullet.getJointInfo(self.robot, index, physicsClientId=self.client) for index in range(count)]
         return {info[1].decode(): info[0] for info in infos} | {f"link:{info[12].decode()}": info[0] for info in infos}
 
-    def _gear(self, joint: int, other: int, ratio: float = 1.0, offset: float = 0.0, pull: float = 0.0) -> None:
-        """Tie two joints: the first is at ratio · the other + offset; without a pull, their speeds alone are tied."""
+    def _gear(self, joint: int, rotor: int) -> None:
+        """Let a flywheel turn with its joint."""
         bullet, client = self.bullet, self.client
         gear = bullet.createConstraint(
             self.robot,
             joint,
             self.robot,
-            other,
+            rotor,
             bullet.JOINT_GEAR,
             [0, 0, 1],
             [0, 0, 0],
             [0, 0, 0],
             physicsClientId=client,
         )
-        bullet.changeConstraint(
-            gear, gearRatio=-ratio, relativePositionTarget=offset, erp=pull, maxForce=RIGID, physicsClientId=client
-        )
+        bullet.changeConstraint(gear, gearRatio=-1, maxForce=RIGID, physicsClientId=client)
 
     def _free_links(self) -> None:
         """Take away the air drag and the default motor that PyBullet gives to every link and joint."""
@@ -273,10 +260,6 @@ def refuse_foreign(model: mujoco.MjModel) -> None:
         ModelFileError: names what it is.
     """
     foreign = {
-        "constraints other than a joint that follows another in proportion (a loop, a weld, a tendon, a curve)": len(
-            find_ties(model)
-        )
-        < active_equalities(model).size,
         "tendons with limits or friction": bool((model.tendon_limited | (model.tendon_frictionloss > 0)).any()),
         "flexible bodies": model.nflex > 0,
     }
