@@ -25,9 +25,9 @@ class BulletSimulator:
     """A robot model with effects, stepped at a control period by PyBullet.
 
     Bodies, joint limits, Coulomb friction and contacts are PyBullet's. Equality constraints (joints that follow others,
-    loops, joints that are held) are met by a projection after each physics step. The torques of servos, springs and dampers
-    follow the model's own definition, evaluated at PyBullet's state, so that every effect that a model can express
-    acts here too.
+    loops, joints that are held) are met by a projection after each physics step. The torques of servos, springs and
+    dampers follow the model's own definition, evaluated at PyBullet's state, so that every effect that a model can
+    express acts here too.
 
     Attributes:
         joints: Measured and commanded joints.

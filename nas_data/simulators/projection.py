@@ -42,4 +42,3 @@ class Projection:
         pulled = np.linalg.solve(mass, jacobian.T)
         back = pulled @ np.linalg.pinv(jacobian @ pulled, rcond=CUTOFF, hermitian=True)
         return qpos - back @ residual, qvel - back @ (jacobian @ qvel)
-

@@ -5,7 +5,6 @@ from support.model_features import PAGE, WAYS, page, played, verdict
 from support.simulator_samples import EACH_ENGINE
 
 
-
 @pytest.mark.parametrize("engine", EACH_ENGINE)
 @pytest.mark.parametrize("way", WAYS, ids=lambda way: way.name)
 def test_each_way_of_writing_an_arm_moves_as_commanded_or_is_refused(way, engine):
