@@ -383,6 +383,24 @@ def test_pictures_of_the_episodes_that_are_whole_are_rescued(here, filmed):
     assert verify(here / "rescued") == []
 
 
+def test_a_killed_recording_keeps_its_videos(here, capsys):
+    """LeRobot saved three episodes and was killed: a data file without its end, no table of episodes, whole videos."""
+    write_lerobot(here / "d", scaled(180 / np.pi), camera=True, only_video=True, killed=True)
+    assert not list((here / "d/meta/episodes").glob("*/*.parquet"))
+    assert main(["recover", "d", "--out", "rescued"]) == 0
+    assert "left out" not in capsys.readouterr().out
+    assert read(here / "rescued").lengths.tolist() == [60, 60, 60]
+    for frame in (0, 59, 60, 100, 179):
+        item = seen(here / "rescued", frame)
+        assert item["task"] == f"pick {frame // 60 % 2}"
+        assert float(item["observation.images.front"].mean()) == pytest.approx(4 * (frame % 60) / 255, abs=0.012)
+    assert verify(here / "rescued") == []
+    (video,) = (here / "d").rglob("*.mp4")
+    video.write_bytes(video.read_bytes()[:2000])
+    assert main(["recover", "d", "--out", "blind"]) == 0
+    assert f"{video.name} is not a whole video" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("pattern", "reason"),
     [
