@@ -99,18 +99,22 @@ def frames_of(path: Path) -> int:
 
 
 def movie_box(path: Path) -> bytes:
-    """Return the content of an MP4 file's `moov`, which describes its tracks; empty where there is none."""
+    """Return the content of an MP4 file's `moov`, which describes its tracks; empty where the file was cut off."""
+    content, end, length = b"", 0, path.stat().st_size
     with path.open("rb") as stream:
-        while len(header := stream.read(HEADER)) == HEADER:
-            size, read = int.from_bytes(header[:4], "big"), HEADER
+        while end < length:
+            stream.seek(end)
+            header = stream.read(LARGE)
+            size, inside = int.from_bytes(header[:4], "big"), HEADER
             if size == 1:
-                size, read = int.from_bytes(stream.read(LARGE - HEADER), "big"), LARGE
-            if header[4:] == b"moov":
-                return stream.read(size - read)
-            if size < read:
+                size, inside = int.from_bytes(header[HEADER:LARGE], "big"), LARGE
+            if size < inside or end + size > length:
                 return b""
-            stream.seek(size - read, 1)
-    return b""
+            if header[4:HEADER] == b"moov":
+                stream.seek(end + inside)
+                content = stream.read(size - inside)
+            end += size
+    return content
 
 
 def parts(content: bytes) -> Iterator[tuple[bytes, bytes]]:

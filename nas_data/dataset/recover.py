@@ -211,7 +211,7 @@ def _carried(
             return Carried.rescued(root, kept, lengths), []
         except DatasetInvalid as error:
             reason = str(error).rstrip(".")
-    if described and set(keys.values()) == {VIDEO}:
+    if described and {layout.described(info)[key].get("dtype") for key in keys} == {VIDEO}:
         try:
             filmed = FilmedSource(root, found.episodes, found.lengths, float(str(info["fps"])))
             return Carried.rescued(root, kept, lengths, filmed), []
