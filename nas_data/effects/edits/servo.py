@@ -104,9 +104,10 @@ def scale_damping(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
     """
     actuator = part(spec, joint, DAMPING)
     bias = actuator.biasprm.copy()
+    asks_for_speed = not bias[1] and actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED and takes_velocity(actuator)
     bias[2] *= factor
     actuator.biasprm = bias
-    if not bias[1] and actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED and takes_velocity(actuator):
+    if asks_for_speed:
         gain = actuator.gainprm.copy()
         gain[0] *= factor
         actuator.gainprm = gain
