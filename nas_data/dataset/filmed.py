@@ -39,13 +39,14 @@ class FilmedSource(CarriedSource):
         if episodes.tolist() != list(range(len(episodes))):
             raise DatasetInvalid("meta/episodes does not say where its pictures lie, and rows before them are lost")
         self._indices = np.repeat(episodes, lengths)
-        self._episodes = {
+        entries: dict[int, dict[str, object]] = {
             int(episode): {"length": int(length)} for episode, length in zip(episodes, lengths, strict=True)
         }
         template = str(info.get("video_path") or VIDEO_PATH)
         for key in layout.other_features(info):
             for episode, place in enumerate(places(root, key, template, lengths.tolist(), fps)):
-                self._episodes[episode] |= {f"videos/{key}/{name}": value for name, value in place.items()}
+                entries[episode] |= {f"videos/{key}/{name}": value for name, value in place.items()}
+        self._episodes = dict(entries)
 
     def files_of(self, rows: np.ndarray) -> list[Path]:
         """Return nothing: no data file holds videos."""

@@ -54,6 +54,7 @@ def check(dataset: Dataset, model: str | Path, middles: Mapping[str, float] | No
         for joint in dataset.joints
         if joint not in names
     ]
+    found += [finding for joint in joints for finding in _kind(dataset, compiled, joint)]
     found += [finding for joint in joints for finding in _limits(dataset, compiled, joint)]
     found += [finding for joint in joints for finding in _middle(dataset, compiled, joint, (middles or {}).get(joint))]
     if (not dataset.commands_positions) or len(joints) < len(dataset.joints):
@@ -67,6 +68,17 @@ def radian_at(dataset: Dataset, model: mujoco.MjModel, joint: str) -> float:
     travel = np.ptp(dataset.states[:, dataset.joints.index(joint)])
     reach = np.ptp(model.jnt_range[place]) if model.jnt_limited[place] else travel
     return float(radians_at([joint], dataset.slides, np.array([reach]))[0])
+
+
+def _kind(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[AuditFinding]:
+    """Report a slide that was read as an angle, or a hinge as a length."""
+    turns = int(model.jnt_type[model.joint(joint).id]) == HINGE
+    if turns != (joint in dataset.slides):
+        return []
+    read, is_one, units = ("a length", "hinge", "rad, deg") if turns else ("an angle", "slide", "m, cm, mm")
+    what = f"{joint} was read as {read}, and is a {is_one}"
+    remedy = f"give it {'an angle' if turns else 'a length'} for a unit in the map ({units})"
+    return [AuditFinding("model_kind", "the dataset", f"{what} in the model", remedy)]
 
 
 def _limits(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[AuditFinding]:
