@@ -34,6 +34,8 @@ HINGE = JointUnit("hinges", "rad", "deg", "°", 180 / math.pi)
 SLIDE = JointUnit("slides", "m", "mm", " mm", 1e3)
 # Of a figure over joints of both kinds: each error over the spread of the positions of its kind.
 SHARE = JointUnit("joints", "1", "%", " %", 100.0)
+USUAL_RANGE = math.pi  # [rad] range of a usual hinge, for which thresholds and sizes of angles and speeds are made
+SHORTEST = 0.01  # [m] range below which a slide's readings are noise rather than travel
 # What an angle's unit becomes where the joint is a slide.
 OF_SLIDES = {
     "rad": "m",
@@ -93,6 +95,20 @@ def mean_of_kind(values: np.ndarray, joints: Sequence[str], slides: Collection[s
     for _, places in kinds_of(joints, slides):
         means[places] = values[places].mean()
     return means
+
+
+def radians_at(joints: Sequence[str], slides: Collection[str], reach: np.ndarray) -> np.ndarray:
+    """Return what stands for a radian at each joint [rad; slides m], shape (n,): sizes of angles are times this.
+
+    It is 1 at hinges. A slide's range stands for that of a usual hinge.
+
+    Args:
+        joints: Names of the n joints.
+        slides: Names of those that are slides.
+        reach: Range of each joint [rad; slides m], shape (n,); those of hinges do not count.
+    """
+    is_slide = np.array([joint in slides for joint in joints], bool)
+    return np.where(is_slide, np.maximum(reach, SHORTEST) / USUAL_RANGE, 1.0)
 
 
 def table_unit(joints: Sequence[str], slides: Collection[str]) -> str:

@@ -22,6 +22,7 @@ from nas_data.dataset.features import (
 )
 from nas_data.dataset.start_velocities import find_start_velocities
 from nas_data.errors import JointMismatch
+from nas_data.joint_units import joint_unit, radians_at
 from nas_data.robots.base import URDF, Robot
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.lock_joints import refuse_standing
@@ -32,8 +33,9 @@ ACTUATORS = {POSITION: "a <position>", VELOCITY: "a <velocity>", EFFORT: "a <mot
 POSTURES = 100  # in which is looked whether a robot whose base is held stands on something
 PROBES = 500  # transitions that tell one source from another
 SAME_SOURCE = 1e-5  # [rad] engines of other versions and machines differ by less
-SAME_PLACE = 0.01  # [rad or m] two readings of one place differ by less
-MARGIN = 0.05  # [rad or m] by which calibrations of real arms and their models differ
+# At a slide these two are times what stands for a radian there, see `joint_units.radians_at`.
+SAME_PLACE = 0.01  # [rad] two readings of one place differ by less
+MARGIN = 0.05  # [rad] by which calibrations of real arms and their models differ
 
 
 def pair(dataset: Dataset, simulator: Simulator) -> Dataset:
@@ -103,7 +105,9 @@ def continuing(dataset: Dataset) -> np.ndarray:
     """Return which frames begin where the one before ended, shape (N,): it is the same motion."""
     n, result = len(dataset.joints), np.zeros(dataset.n_frames, bool)
     ends, begins = dataset.next_states[:-1, :n], dataset.states[1:, :n]
-    result[1:] = (np.abs(begins - ends) <= SAME_PLACE).all(axis=1)
+    travel = np.ptp(dataset.states[:, :n], axis=0) if dataset.n_frames else np.zeros(n)
+    near = SAME_PLACE * radians_at(dataset.joints, dataset.slides, travel)
+    result[1:] = (np.abs(begins - ends) <= near).all(axis=1)
     result[dataset.starts[dataset.lengths > 0]] = False
     return result
 
@@ -169,10 +173,12 @@ def check_source(dataset: Dataset, simulator: Simulator) -> None:
     n, rows = len(dataset.joints), slice(0, PROBES)
     states = scene_states(dataset, simulator, rows)
     predicted = simulator.predict(states, dataset.commands[rows], continuing(dataset)[rows])
-    apart = float(np.abs(predicted[:, :n] - dataset.sim_states[rows, :n]).mean())
-    if not apart < SAME_SOURCE:
+    each = np.abs(predicted[:, :n] - dataset.sim_states[rows, :n]).mean(axis=0)
+    joint = dataset.joints[int(each.argmax())]
+    if not each.mean() < SAME_SOURCE:
         raise JointMismatch(
-            f"The source predicts other states than those in the dataset, by {apart:.2g} rad in one step: "
+            f"The source predicts other states than those in the dataset, those of {joint} by "
+            f"{each.max():.2g} {joint_unit(joint, dataset.slides).si} in one step: "
             "the dataset was paired with another one; pair it again with 'nas pair --model'."
         )
 
@@ -193,9 +199,10 @@ def warn_of_ranges(dataset: Dataset, model: mujoco.MjModel) -> list[str]:
         low, high = model.joint(joint).range
         if not len(dataset.states) or not model.jnt_limited[model.joint(joint).id]:
             continue
+        margin = MARGIN * float(radians_at([joint], () if hinge else [joint], np.array([high - low]))[0])
         positions = dataset.states[:, place]
         furthest = float(positions[np.argmax(np.maximum(positions - high, low - positions))])
-        if not low - MARGIN <= furthest <= high + MARGIN:
+        if not low - margin <= furthest <= high + margin:
             unit, right = ("rad", "the unit that its compiler's angle= says") if hinge else ("m", "metres")
             found.append(
                 f"measured positions of {joint} reach {furthest:.3g} {unit}, outside the model's range "

@@ -79,7 +79,7 @@ class ImportLogs(Command):
         if self.model is not None:
             from nas_data.importing.against_model import check
 
-            findings = (*findings, *check(result.dataset, self.model))
+            findings = (*findings, *check(result.dataset, self.model, self._middles(mapping)))
         dataset = result.dataset if self.cut is None else cut_every(result.dataset, self.cut)
         result = replace(result, dataset=dataset, findings=findings)
         root = versions.save(dataset, result.provenance, out=self.out, name=name, attachments=result.attachments)
@@ -110,6 +110,15 @@ class ImportLogs(Command):
         if given:
             raise OptionError(f"--{given[0]} is for LeRobot datasets; say it in the map {self.map} instead.")
         return mapping, ()
+
+    def _middles(self, mapping: "Map | None") -> dict[str, float]:
+        """Return where joints are put whose calibrated range is in its middle, of a LeRobot dataset."""
+        from nas_data.importing.calibration import middles_of, motors_of, read_calibration
+
+        if mapping is None or mapping.layout.format != "lerobot":
+            return {}
+        file = self.calibration
+        return middles_of(mapping, [] if file is None else motors_of(mapping, read_calibration(file), file))
 
     @property
     def _said(self) -> "Said":

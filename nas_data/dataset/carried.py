@@ -46,10 +46,12 @@ class Carried:
     Attributes:
         roots: Datasets that hold them, alike in these features.
         rows: For each frame its row, counted over the episodes of all roots one after another, shape (N,).
+        salvaged: Stands for the only root, where that root's own files do not tell what lies where.
     """
 
     roots: tuple[Path, ...]
     rows: np.ndarray
+    salvaged: "CarriedSource | None" = None
 
     @classmethod
     def of(cls, root: Path, frames: int) -> "Carried | None":
@@ -57,13 +59,16 @@ class Carried:
         return cls((root.resolve(),), np.arange(frames)) if layout.other_features(layout.read_info(root)) else None
 
     @classmethod
-    def rescued(cls, root: Path, episodes: Sequence[int], lengths: np.ndarray) -> "Carried | None":
+    def rescued(
+        cls, root: Path, episodes: Sequence[int], lengths: np.ndarray, salvaged: "CarriedSource | None" = None
+    ) -> "Carried | None":
         """Return what some whole episodes of a damaged dataset have beside their vectors of numbers.
 
         Args:
             root: The damaged dataset; its `meta/info.json` is whole.
             episodes: Numbers of the episodes.
             lengths: Their frames, shape (E,).
+            salvaged: Says where they lie, where the dataset does not.
 
         Raises:
             DatasetInvalid: of one of them something cannot be had; says what.
@@ -71,6 +76,7 @@ class Carried:
         found = cls.of(root, 0)
         if found is None:
             return None
+        found = replace(found, salvaged=salvaged)
         (source,) = found._sources
         starts = np.array(
             [source.first_row(episode, length) for episode, length in zip(episodes, lengths, strict=True)]
@@ -151,7 +157,7 @@ class Carried:
 
     @cached_property
     def _sources(self) -> tuple["CarriedSource", ...]:
-        return tuple(CarriedSource(root) for root in self.roots)
+        return (self.salvaged,) if self.salvaged else tuple(CarriedSource(root) for root in self.roots)
 
     def _source_of(self, row: int) -> tuple["CarriedSource", int]:
         """Return the source of a row, and its number there."""

@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.dataset import layout
-from nas_data.dataset.carried import Carried
+from nas_data.dataset.carried import VIDEO, Carried
 from nas_data.dataset.content import content_hash
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.derive_provenance import Derived, attachments, unknown_provenance
 from nas_data.dataset.episode_checks import Listed, judge, read_episode_table
 from nas_data.dataset.features import Feature
+from nas_data.dataset.filmed import FilmedSource
 from nas_data.dataset.provenance import Parent, Provenance, now, package_versions, read_provenance
 from nas_data.dataset.read import Rows, episode_tasks, read, read_tasks
 from nas_data.dataset.read_damaged import Salvage, salvage
@@ -109,7 +110,7 @@ def recover(root: Path, beyond: bool = False, like: Path | None = None) -> Rescu
         reports.append("the rows are whole, the metadata are not: they are made anew")
     tasks = _tasks(root, found, known)
     dataset = _dataset(info, found, kept, tasks)
-    carried, left_out = _carried(root, info, kept, dataset.lengths, described=like is None)
+    carried, left_out = _carried(root, info, found, kept, dataset.lengths, described=like is None)
     dataset, reports = replace(dataset, carried=carried), [*reports, *left_out]
     unknown = [episode for episode in kept if not tasks[episode]]
     if unknown:
@@ -200,7 +201,7 @@ def _dataset(info: Mapping[str, object], found: Salvage, kept: Sequence[int], ta
 
 
 def _carried(
-    root: Path, info: Mapping[str, object], kept: Sequence[int], lengths: np.ndarray, described: bool
+    root: Path, info: Mapping[str, object], found: Salvage, kept: Sequence[int], lengths: np.ndarray, described: bool
 ) -> tuple[Carried | None, list[str]]:
     """Return cameras, texts and the like of the rescued episodes, or say why they are left out and where they lie."""
     keys = layout.other_features(info)
@@ -208,6 +209,12 @@ def _carried(
     if described:
         try:
             return Carried.rescued(root, kept, lengths), []
+        except DatasetInvalid as error:
+            reason = str(error).rstrip(".")
+    if described and {layout.described(info)[key].get("dtype") for key in keys} == {VIDEO}:
+        try:
+            filmed = FilmedSource(root, found.episodes, found.lengths, float(str(info["fps"])))
+            return Carried.rescued(root, kept, lengths, filmed), []
         except DatasetInvalid as error:
             reason = str(error).rstrip(".")
     if not keys:

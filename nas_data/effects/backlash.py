@@ -34,7 +34,7 @@ class Backlash(Effect):
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
         """Half a degree to four degrees: small gears and worn ones."""
-        return tuple({"half_width": width} for width in (0.008, 0.025, 0.07))
+        return tuple({"half_width": width * scales.radian} for width in (0.008, 0.025, 0.07))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add the play to the model; play that is there already becomes wider."""

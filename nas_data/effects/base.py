@@ -58,6 +58,7 @@ class Scales:
         mass: Mass that the last joint moves [kg].
         torque: Large torque of the actuator [N·m].
         speed: Large speed of the joint [rad/s].
+        radian: What stands for a radian: 1, or the range of a slide over that of a usual hinge [m].
     """
 
     stiffness: float
@@ -66,6 +67,7 @@ class Scales:
     mass: float
     torque: float
     speed: float
+    radian: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)

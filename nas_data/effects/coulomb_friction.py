@@ -29,7 +29,7 @@ class CoulombFriction(Effect):
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
         """Friction that stops the servo short by one to ten degrees."""
-        return tuple({"torque": angle * scales.stiffness} for angle in (0.02, 0.06, 0.2))
+        return tuple({"torque": angle * scales.radian * scales.stiffness} for angle in (0.02, 0.06, 0.2))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add the torque to the joint's friction loss, and let it hold rather than creep."""

@@ -35,7 +35,7 @@ class Deadband(Effect):
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
         """Half a degree to four degrees."""
-        return tuple({"half_width": width} for width in (0.008, 0.025, 0.07))
+        return tuple({"half_width": width * scales.radian} for width in (0.008, 0.025, 0.07))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Put a goal between the servo and its joint; a band that is there already becomes wider.

@@ -25,7 +25,7 @@ class JointOffset(Effect):
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
         """Two degrees; the error is proportional to it."""
-        return ({"offset": 0.03},)
+        return ({"offset": 0.03 * scales.radian},)
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add the torque that moves the servo's rest by the offset."""

@@ -20,7 +20,7 @@ class SpeedLimit(Effect):
 
     speed: float
 
-    parameters: ClassVar = (Parameter("speed", "rad/s", 0.1, 30.0, math.inf),)
+    parameters: ClassVar = (Parameter("speed", "rad/s", 0.001, 30.0, math.inf),)
     equation: ClassVar = "|d goal/dt| ≤ speed, torque = servo(goal − q)"
     source: ClassVar = "MuJoCo 4.0 <pid slewmax>; XL-320 e-manual, Moving Speed (register 32)"
     signature: ClassVar = "Straight ramps of the same slope after every big step, nothing on slow moves, at any load."

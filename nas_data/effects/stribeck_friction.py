@@ -26,7 +26,7 @@ class StribeckFriction(Effect):
     parameters: ClassVar = (
         Parameter("torque", "N·m", 0.0, 200.0, 0.0),
         Parameter("kinetic_ratio", "", 0.2, 1.0, 1.0),
-        Parameter("stribeck_velocity", "rad/s", 0.02, 5.0, 1.0),
+        Parameter("stribeck_velocity", "rad/s", 0.002, 5.0, 1.0),
     )
     late: ClassVar = 2
     replaces: ClassVar = "frictionloss"
@@ -49,7 +49,11 @@ class StribeckFriction(Effect):
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
         """Break-away that stops the servo short by two and eight degrees, falling off slowly and fast."""
         return tuple(
-            {"torque": angle * scales.stiffness, "kinetic_ratio": 0.4, "stribeck_velocity": velocity}
+            {
+                "torque": angle * scales.radian * scales.stiffness,
+                "kinetic_ratio": 0.4,
+                "stribeck_velocity": velocity * scales.radian,
+            }
             for angle in (0.04, 0.15)
             for velocity in (0.06, 0.25, 1.0)
         )

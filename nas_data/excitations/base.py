@@ -40,7 +40,7 @@ class Excitation:
             episodes: Number of episodes E.
             steps: Control steps T of each.
             period: Control period [s].
-            span: Used half range of each joint [rad or N·m], shape (n,).
+            span: Used half range of each joint [rad or N·m; of a slide in what stands for a radian], shape (n,).
 
         Returns:
             Numbers from −1 (lower end) to 1 (upper end), shape (E, T, n).
@@ -48,7 +48,14 @@ class Excitation:
         raise NotImplementedError(f"{type(self).__name__} has no shape()")
 
     def commands(
-        self, rng: np.random.Generator, episodes: int, steps: int, period: float, low: np.ndarray, high: np.ndarray
+        self,
+        rng: np.random.Generator,
+        episodes: int,
+        steps: int,
+        period: float,
+        low: np.ndarray,
+        high: np.ndarray,
+        radians: np.ndarray | float = 1.0,
     ) -> np.ndarray:
         """Draw commands within limits.
 
@@ -59,12 +66,13 @@ class Excitation:
             period: Control period [s].
             low: Lowest command of each joint [rad or N·m], shape (n,).
             high: Highest command of each joint, shape (n,).
+            radians: What stands for a radian at each joint, shape (n,); see `joint_units.radians_at`.
 
         Returns:
             Commands, shape (E, T, n), float64.
         """
         middle, span = (low + high) / 2, (high - low) / 2 * self.share
-        shape = self.shape(rng, episodes, steps, period, span)
+        shape = self.shape(rng, episodes, steps, period, span / radians)
         return np.clip(middle + span * shape, low, high)  # the clip only takes rounding errors
 
     def to_json(self) -> dict[str, object]:

@@ -12,7 +12,8 @@ class Triangle(Excitation):
     """Each joint goes up and down at a constant speed, starting from the middle of its range.
 
     Attributes:
-        speed: Highest commanded speed [rad/s]; each joint draws its own from half of it upwards.
+        speed: Highest commanded speed [rad/s; of a slide its ranges over π]; each joint draws its own from half of it
+            upwards.
     """
 
     speed: float = 0.5

@@ -149,7 +149,7 @@ def find_unexplained(held: FitTask, predicted: np.ndarray, after: np.ndarray) ->
         Unexplained(
             joint=held.evidence.joints[joint],
             ratio_to_noise=round(float(after[joint]), 2),
-            goes_with=goes_with(held.evidence, errors, joint),
+            goes_with=goes_with(held.evidence, errors, joint, held.nominal.slides),
         )
         for joint in above(after, ADEQUATE)
     )

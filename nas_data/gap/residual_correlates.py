@@ -1,34 +1,41 @@
 """What an unexplained error goes with: position, speed, direction, load, command or time."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
 from nas_data.gap.episode_batch import EpisodeBatch
+from nas_data.joint_units import radians_at
 
-MOVING = 0.25  # [rad/s] above which a joint has a direction: a reading that flickers by 0.3° in 40 ms is slower
+# [rad/s; of a slide times what stands for a radian there] above which a joint has a direction: a reading that flickers
+# by 0.3° in 40 ms is slower
+MOVING = 0.25
 BINS = 24  # positions between which the mean error is compared
 
 
-def goes_with(evidence: EpisodeBatch, errors: np.ndarray, joint: int) -> str:
+def goes_with(evidence: EpisodeBatch, errors: np.ndarray, joint: int, slides: Collection[str] = ()) -> str:
     """Name the quantity that explains most of a joint's error.
 
     Args:
         evidence: Episodes.
-        errors: Predicted minus measured positions [rad], shape (E, T, n).
+        errors: Predicted minus measured positions [rad; m], shape (E, T, n).
         joint: Which joint.
+        slides: Names of the joints that are slides.
 
     Returns:
         `position`, `speed`, `direction`, `acceleration`, `command`, `other joints` or `time`.
     """
     seen = evidence.counts[:, 2:-2].ravel()
     wanted = errors[:, 2:-2, joint].ravel()[seen]
-    shares = {name: explained_variance(wanted, rows[seen]) for name, rows in quantities(evidence, joint).items()}
+    travel = np.ptp(evidence.measured[evidence.counts], axis=0)
+    moving = MOVING * float(radians_at(evidence.joints, slides, travel)[joint])
+    found = quantities(evidence, joint, moving)
+    shares = {name: explained_variance(wanted, rows[seen]) for name, rows in found.items()}
     return max(shares, key=lambda name: shares[name])
 
 
-def quantities(evidence: EpisodeBatch, joint: int) -> Mapping[str, np.ndarray]:
-    """Return what errors may go with, each as columns of shape (rows, columns)."""
+def quantities(evidence: EpisodeBatch, joint: int, moving: float) -> Mapping[str, np.ndarray]:
+    """Return what errors may go with, each as columns of shape (rows, columns); `moving` is a speed [rad/s; m/s]."""
     q = evidence.measured
     speed = (q[:, 4:] - q[:, :-4]) / (4 * evidence.period)
     acceleration = (q[:, 4:] - 2 * q[:, 2:-2] + q[:, :-4]) / (2 * evidence.period) ** 2
@@ -44,7 +51,7 @@ def quantities(evidence: EpisodeBatch, joint: int) -> Mapping[str, np.ndarray]:
     return {
         "position": positions,
         "speed": flat(np.concatenate([own, own * np.abs(own)], -1)),
-        "direction": flat(np.sign(own) * (np.abs(own) > MOVING)),
+        "direction": flat(np.sign(own) * (np.abs(own) > moving)),
         "acceleration": flat(acceleration[..., [joint]]),
         "command": flat((evidence.commands[:, 2:-2] - middle)[..., [joint]]),
         "other joints": flat(np.concatenate([speed[..., others], acceleration[..., others]], -1)),

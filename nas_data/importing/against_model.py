@@ -2,35 +2,44 @@
 
 A servo with a position gain holds a posture by an error of position: command − position has the sign of the torque with
 which gravity pulls the joint down (gain · (command − position) = bias torque at rest). A joint that is turned round in
-the map shows the opposite.
+the map shows the opposite; one whose zero is wrong bears other loads, and so do those before it.
 """
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from nas_data.dataset.audits.base import RANGE, SHORTEST, AuditFinding
+from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.dataset import Dataset
-from nas_data.joint_units import kinds_of
+from nas_data.joint_units import kinds_of, radians_at
 from nas_data.robots.base import find_robot
 
 # At a slide a share of its range stands for a radian; see `radian_at`.
 MARGIN = 0.1  # [rad] by which calibrations of real arms and their models differ
+ASIDE = 0.35  # [rad] by which the middles of their ranges differ: 20°
 STILL = 0.02  # [rad/s] and [rad a row] below which a servo only holds
 FEWEST = 30  # such rows from which gravity can be told
 SPREAD = 0.2  # share of the largest gravity torque (or force, of slides) that must vary, or there is nothing to compare
 LOADED = 2.0  # times as large the errors must be as the step of a servo
 AGAINST = -0.5  # correlation from which a joint contradicts gravity
+MOST, FEW = 2000, 200  # rows in which loads are computed: for signs, and for every zero that is tried
+OFFSET, SMALLEST = np.pi / 36, 0.2  # [rad] between the zeros that are tried, and the smallest change that is reported
+UNLIKE = 0.2  # share of the servos' errors that loads leave at a wrong zero; friction leaves as much …
+BETTER = 0.25  # … but then no other zero leaves so small a part of that
+HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 TICK = 2 * np.pi / 4096  # [rad]
 
 
-def check(dataset: Dataset, model: str | Path) -> list[AuditFinding]:
+def check(dataset: Dataset, model: str | Path, middles: Mapping[str, float] | None = None) -> list[AuditFinding]:
     """Compare an imported dataset with a model.
 
     Args:
         dataset: Transitions with 2n-states.
         model: An MJCF or URDF file, or a robot's name.
+        middles: Where the map puts the middle of joints' calibrated ranges, where it is known [rad; m].
 
     Raises:
         ModelFileError, UnknownName: the model cannot be used.
@@ -45,7 +54,9 @@ def check(dataset: Dataset, model: str | Path) -> list[AuditFinding]:
         for joint in dataset.joints
         if joint not in names
     ]
+    found += [finding for joint in joints for finding in _kind(dataset, compiled, joint)]
     found += [finding for joint in joints for finding in _limits(dataset, compiled, joint)]
+    found += [finding for joint in joints for finding in _middle(dataset, compiled, joint, (middles or {}).get(joint))]
     if (not dataset.commands_positions) or len(joints) < len(dataset.joints):
         return found
     return found + _gravity(dataset, compiled)
@@ -53,12 +64,21 @@ def check(dataset: Dataset, model: str | Path) -> list[AuditFinding]:
 
 def radian_at(dataset: Dataset, model: mujoco.MjModel, joint: str) -> float:
     """Return what stands for a radian at a joint: 1 at a hinge; at a slide so many metres [m] of its range."""
-    if joint not in dataset.slides:
-        return 1.0
     place = model.joint(joint).id
     travel = np.ptp(dataset.states[:, dataset.joints.index(joint)])
-    reach = float(np.ptp(model.jnt_range[place]) if model.jnt_limited[place] else travel)
-    return max(reach, SHORTEST) / RANGE
+    reach = np.ptp(model.jnt_range[place]) if model.jnt_limited[place] else travel
+    return float(radians_at([joint], dataset.slides, np.array([reach]))[0])
+
+
+def _kind(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[AuditFinding]:
+    """Report a slide that was read as an angle, or a hinge as a length."""
+    turns = int(model.jnt_type[model.joint(joint).id]) == HINGE
+    if turns != (joint in dataset.slides):
+        return []
+    read, is_one, units = ("a length", "hinge", "rad, deg") if turns else ("an angle", "slide", "m, cm, mm")
+    what = f"{joint} was read as {read}, and is a {is_one}"
+    remedy = f"give it {'an angle' if turns else 'a length'} for a unit in the map ({units})"
+    return [AuditFinding("model_kind", "the dataset", f"{what} in the model", remedy)]
 
 
 def _limits(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[AuditFinding]:
@@ -81,35 +101,30 @@ def _limits(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[AuditFi
     return [AuditFinding("model_limits", "the dataset", what, remedy)]
 
 
+def _middle(dataset: Dataset, model: mujoco.MjModel, joint: str, middle: float | None) -> list[AuditFinding]:
+    """Report a joint whose calibrated range has its middle elsewhere than the model's range."""
+    if middle is None or not model.jnt_limited[model.joint(joint).id]:
+        return []
+    wanted = float(model.joint(joint).range.mean())
+    if abs(middle - wanted) <= ASIDE * radian_at(dataset, model, joint):
+        return []
+    what = (
+        f"the middle of the calibrated range of {joint}, where LeRobot says zero, is put at {middle:.3g}; that of the "
+        f"model's range is {wanted:.3g}"
+    )
+    remedy = f"check 'offset' of {joint} in the map ({wanted:.3g} where the arm reaches as far as the model)"
+    return [AuditFinding("model_zero", "the dataset", what, remedy)]
+
+
 def _gravity(dataset: Dataset, model: mujoco.MjModel) -> list[AuditFinding]:
-    """Report joints that hang on their servos against the model's gravity."""
-    n = len(dataset.joints)
-    positions, velocities = dataset.states[:, :n].astype(float), dataset.states[:, n:].astype(float)
-    steps = np.abs(np.diff(dataset.commands, axis=0, prepend=dataset.commands[:1]))
-    radians = np.array([radian_at(dataset, model, joint) for joint in dataset.joints])
-    still = (np.abs(velocities) < STILL * radians).all(axis=1) & (steps < STILL * radians).all(axis=1)
-    rows = np.flatnonzero(still)
+    """Report joints that hang on their servos against the model's gravity, or would hang so at another zero only."""
+    rows = _resting(dataset, np.array([radian_at(dataset, model, joint) for joint in dataset.joints]))
     if len(rows) < FEWEST:
         return []
-    rows = rows[:: max(1, len(rows) // 2000)]
-    places = [model.joint(joint).qposadr[0] for joint in dataset.joints]
-    speeds = [model.joint(joint).dofadr[0] for joint in dataset.joints]
-    data, pull = mujoco.MjData(model), np.zeros((len(rows), n))
-    for number, row in enumerate(rows):
-        data.qpos[places], data.qvel[:] = positions[row], 0
-        mujoco.mj_forward(model, data)
-        pull[number] = data.qfrc_bias[speeds]
-    held = dataset.commands[rows] - positions[rows]
+    rested = _Rested.of(dataset, model, rows)
     found = []
-    largest = np.empty(n)
-    for _, alike in kinds_of(dataset.joints, dataset.slides):
-        largest[alike] = np.abs(pull[:, alike]).max(initial=0.0)
-    for index, joint in enumerate(dataset.joints):
-        loaded = np.abs(pull[:, index]) > SPREAD * largest[index]
-        if loaded.sum() < FEWEST or np.abs(held[loaded, index]).mean() < LOADED * TICK * radians[index]:
-            continue
-        product = float(pull[loaded, index] @ held[loaded, index])
-        likeness = product / float(np.linalg.norm(pull[loaded, index]) * np.linalg.norm(held[loaded, index]))
+    for index in rested.loaded:
+        joint, likeness = dataset.joints[index], rested.likeness(rested.pull)[index]
         if likeness <= AGAINST:
             what = (
                 f"{joint} hangs upwards: where it rests, its command lies on the side to which the model's gravity "
@@ -117,4 +132,107 @@ def _gravity(dataset: Dataset, model: mujoco.MjModel) -> list[AuditFinding]:
             )
             remedy = f"check sign and zero of {joint} in the map"
             found.append(AuditFinding("model_gravity", "the dataset", what, remedy))
-    return found
+    return found or rested.zero(dataset.joints)
+
+
+def _resting(dataset: Dataset, radians: np.ndarray) -> np.ndarray:
+    """Return the rows in which every servo only holds; `radians` are what stands for a radian at each joint, (n,)."""
+    velocities = dataset.states[:, len(dataset.joints) :].astype(float)
+    steps = np.abs(np.diff(dataset.commands, axis=0, prepend=dataset.commands[:1]))
+    still = (np.abs(velocities) < STILL * radians).all(axis=1) & (steps < STILL * radians).all(axis=1)
+    return np.flatnonzero(still)
+
+
+@dataclass(frozen=True)
+class _Rested:
+    """N rows in which the servos hold n joints.
+
+    Attributes:
+        model: Compiled model.
+        places: Index of each joint in `qpos`, shape (n,).
+        speeds: Index of each joint in `qvel`, shape (n,).
+        positions: Shape (N, n).
+        held: Commands minus positions, shape (N, n).
+        pull: Torque with which gravity pulls at each joint, shape (N, n).
+        loaded: Joints of which these rows tell the load.
+    """
+
+    model: mujoco.MjModel
+    places: np.ndarray
+    speeds: np.ndarray
+    positions: np.ndarray
+    held: np.ndarray
+    pull: np.ndarray
+    loaded: tuple[int, ...]
+
+    @classmethod
+    def of(cls, dataset: Dataset, model: mujoco.MjModel, rows: np.ndarray) -> "_Rested":
+        """Compute the loads in some rows of a dataset."""
+        rows = rows[:: max(1, len(rows) // MOST)]
+        places = np.array([model.joint(joint).qposadr[0] for joint in dataset.joints])
+        speeds = np.array([model.joint(joint).dofadr[0] for joint in dataset.joints])
+        positions = dataset.states[rows, : len(dataset.joints)].astype(float)
+        held, pull = dataset.commands[rows] - positions, gravity(model, places, speeds, positions)
+        largest = np.empty(len(dataset.joints))
+        for _, alike in kinds_of(dataset.joints, dataset.slides):
+            largest[alike] = np.abs(pull[:, alike]).max(initial=0.0)
+        loaded = []
+        for index, joint in enumerate(dataset.joints):
+            felt = np.abs(pull[:, index]) > SPREAD * largest[index]
+            step = TICK * radian_at(dataset, model, joint)
+            if felt.sum() >= FEWEST and np.abs(held[felt, index]).mean() >= LOADED * step:
+                loaded.append(index)
+        return cls(model, places, speeds, positions, held, pull, tuple(loaded))
+
+    def likeness(self, pull: np.ndarray) -> np.ndarray:
+        """Return how alike the servos' errors are to loads (N, n), 1 where in proportion, −1 where against, (n,)."""
+        lengths = np.linalg.norm(pull, axis=0) * np.linalg.norm(self.held, axis=0)
+        return np.asarray((pull * self.held).sum(axis=0) / np.maximum(lengths, 1e-300))
+
+    def zero(self, joints: Sequence[str]) -> list[AuditFinding]:
+        """Report the joint at whose other zero the servos' errors go with the loads, where they do not."""
+        chosen = slice(None, None, max(1, len(self.positions) // FEW))
+        rested = replace(self, positions=self.positions[chosen], held=self.held[chosen], pull=self.pull[chosen])
+        misfit = rested.misfit(rested.pull) if self.loaded else 0.0
+        if misfit < UNLIKE:
+            return []
+        offsets = np.arange(-np.pi, np.pi, OFFSET)[1:]
+        hinges = [i for i, dof in enumerate(self.speeds) if self.model.jnt_type[self.model.dof_jntid[dof]] == HINGE]
+        trials = [(index, float(offset)) for index in hinges for offset in offsets]
+        misfits = [rested.misfit(rested.moved(index, offset)) for index, offset in trials]
+        index, offset = trials[int(np.argmin(misfits))]
+        if min(misfits) > BETTER * misfit or abs(offset) < SMALLEST:
+            return []
+        what = (
+            f"the loads that the servos hold are not those of the model in the same postures, but they are where "
+            f"{joints[index]} stands {offset:+.2g} rad further"
+        )
+        remedy = f"check 'offset' or 'zero' of {joints[index]} in the map"
+        return [AuditFinding("model_gravity", "the dataset", what, remedy)]
+
+    def misfit(self, pull: np.ndarray) -> float:
+        """Return the mean share of the variance of the loaded joints' errors that does not go with loads (N, n)."""
+        loads, errors = pull - pull.mean(axis=0), self.held - self.held.mean(axis=0)
+        lengths = np.linalg.norm(loads, axis=0) * np.linalg.norm(errors, axis=0)
+        alike = (loads * errors).sum(axis=0) / np.maximum(lengths, 1e-300)
+        return float((1 - np.maximum(alike[list(self.loaded)], 0) ** 2).mean())
+
+    def moved(self, index: int, offset: float) -> np.ndarray:
+        """Return the loads with one joint moved by an offset [rad], shape (N, n)."""
+        positions = self.positions.copy()
+        positions[:, index] += offset
+        return gravity(self.model, self.places, self.speeds, positions)
+
+
+def gravity(model: mujoco.MjModel, places: np.ndarray, speeds: np.ndarray, positions: np.ndarray) -> np.ndarray:
+    """Return the torque with which gravity pulls at each joint [N·m; N] in postures (N, n), shape (N, n)."""
+    data, pull = mujoco.MjData(model), np.empty(positions.shape)
+    for number, row in enumerate(positions):
+        data.qpos[places] = row
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_comVel(model, data)
+        full = np.empty(model.nv)
+        mujoco.mj_rne(model, data, 0, full)
+        pull[number] = full[speeds]
+    return pull

@@ -81,6 +81,22 @@ def motors_of(mapping: Map, calibration: Mapping[str, Motor], path: Path) -> lis
     return [calibration[name] for name in names]
 
 
+def middles_of(mapping: Map, motors: Sequence[Motor]) -> dict[str, float]:
+    """Return where a map puts the middle of each joint's calibrated range [rad; m], which LeRobot calls zero.
+
+    Joints in 0 … 100 are left out, and those that were calibrated over a whole turn, whose zero is where the arm stood.
+
+    Args:
+        mapping: A map of LeRobot's datasets.
+        motors: Of each joint; empty without a calibration.
+    """
+    servo = mapping.servo or ServoTicks(4096, True)
+    conversion, turn = mapping.position.conversion, servo.resolution - 1
+    whole = [motor.high - motor.low >= turn for motor in motors] or [False] * len(mapping.joints)
+    parts = zip(mapping.joints, conversion.units, conversion.bias, whole, strict=True)
+    return {joint: bias for joint, unit, bias, over in parts if unit in {"deg", RANGE} and not over}
+
+
 def choose_unit(mapping: Map, raw: np.ndarray, motors: Sequence[Motor]) -> tuple[str, str]:
     """Tell degrees from −100 … 100 by the readings of the joints that the map has in degrees.
 

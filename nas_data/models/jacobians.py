@@ -2,11 +2,13 @@
 
 import numpy as np
 
+from nas_data.joint_units import radians_at
 from nas_data.simulators.base import Simulator
 
+# At a slide these steps are times what stands for a radian there, see `joint_units.radians_at`.
 POSITION_STEP = 0.03  # [rad] large enough to average over friction and saturation
 VELOCITY_STEP = 0.3  # [rad/s]
-COMMAND_STEP = 0.3  # [N·m]
+COMMAND_STEP = 0.3  # [N·m; N]
 
 
 def jacobians(
@@ -16,7 +18,7 @@ def jacobians(
 
     Args:
         simulator: Source.
-        states: Positions [rad] then velocities [rad/s], shape (N, 2n), or with the objects' states (N, 2n + m).
+        states: Positions [rad; m] then velocities [rad/s; m/s], shape (N, 2n), or with the objects' (N, 2n + m).
         commands: Shape (N, n).
         predicted: Source's next states, shape (N, 2n).
         of_commands: Whether commands count as further states.
@@ -26,7 +28,9 @@ def jacobians(
         the commands.
     """
     width = predicted.shape[1]
-    steps = np.where(np.arange(width) < width // 2, POSITION_STEP, VELOCITY_STEP)
+    travel = np.ptp(states[:, : width // 2], axis=0)
+    radians = radians_at(simulator.joints, simulator.slides, travel)
+    steps = np.concatenate([POSITION_STEP * radians, VELOCITY_STEP * radians])
     slopes = np.empty((len(states), width, width))
     for column, step in enumerate(steps):
         moved = states.copy()

@@ -152,7 +152,9 @@ class RecordingJob:
     def _save(self, guarded: GuardedArm, episode: ArmEpisode) -> None:
         job = self._job
         guarded.promise(SAVING)
-        dataset = to_dataset(episode, job.setup.driver.names, job.setup.rate, job.plan.task, job.provenance.robot)
+        setup = job.setup
+        robot, slides = job.provenance.robot, setup.ways.slides
+        dataset = to_dataset(episode, setup.driver.names, setup.rate, job.plan.task, robot, slides)
         plan = {PLAN: job.plan.to_bytes()} if not self.growing.episodes else {}
         self.growing.append(dataset, self._provenance(guarded.arm), plan)
 

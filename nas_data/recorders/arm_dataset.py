@@ -1,6 +1,6 @@
 """Episodes of an arm as a dataset: what was read and sent, with flags on what came late or twice."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -24,7 +24,9 @@ LATE = "nas.late"
 REPEATED = "nas.repeated"
 
 
-def to_dataset(episode: ArmEpisode, joints: Sequence[str], rate: float, task: str, robot: str) -> Dataset:
+def to_dataset(
+    episode: ArmEpisode, joints: Sequence[str], rate: float, task: str, robot: str, slides: Collection[str] = ()
+) -> Dataset:
     """Return one episode as a dataset.
 
     Args:
@@ -33,6 +35,7 @@ def to_dataset(episode: ArmEpisode, joints: Sequence[str], rate: float, task: st
         rate: Control rate [Hz].
         task: What the episode does, in a word.
         robot: The arm's kind.
+        slides: Joints that are slides.
     """
     states = np.array([np.concatenate([reading.positions, reading.velocities]) for reading in episode.readings])
     times = np.array([reading.time for reading in episode.readings])
@@ -48,7 +51,7 @@ def to_dataset(episode: ArmEpisode, joints: Sequence[str], rate: float, task: st
         LATE: episode.late(1 / rate)[:-1, None],
         REPEATED: episode.repeated()[:-1, None],
     }
-    features = features_of(joints)
+    features = features_of(joints, slides)
     return Dataset(
         features=features,
         columns={key: column.astype(features[key].dtype) for key, column in columns.items()},
@@ -59,12 +62,12 @@ def to_dataset(episode: ArmEpisode, joints: Sequence[str], rate: float, task: st
     )
 
 
-def features_of(joints: Sequence[str]) -> dict[str, Feature]:
+def features_of(joints: Sequence[str], slides: Collection[str] = ()) -> dict[str, Feature]:
     """Return the features of such a dataset."""
     return {
-        STATE: state_feature(joints),
-        ACTION: position_feature(joints),
-        NEXT_STATE: state_feature(joints),
+        STATE: state_feature(joints, slides),
+        ACTION: position_feature(joints, slides),
+        NEXT_STATE: state_feature(joints, slides),
         TIME: time_feature(),
         LOAD: _per_joint(joints, "load", "1"),
         VOLTAGE: _per_joint(joints, "voltage", "V"),

@@ -109,12 +109,13 @@ class ArmMotion:
             arm: The arm.
             clock: By which it is moved.
             period: Control period [s].
-            largest_step: By how much a command may differ from the one before [rad].
+            largest_step: By how much a command may differ from the one before [rad; at a slide times what stands for
+                a radian there].
             ways: How it gets to a pose without touching anything.
             alive: Told at every reading until when the next one comes [s from now].
         """
         self.arm, self.clock, self.period = arm, clock, period
-        self._largest_step, self._ways, self._alive = largest_step, ways, alive
+        self._largest_step, self._ways, self._alive = largest_step * ways.radians, ways, alive
         self.tolerance = Tolerance()
         self._sent = arm.read().positions
         self._steps = 0
@@ -132,7 +133,7 @@ class ArmMotion:
         """
         begin = self.tolerance.ask(self.arm.read).positions
         corners = np.stack([begin, *self._ways.find(begin, pose)])
-        slow = [slowly(a, b, self.period) for a, b in pairwise(corners)]
+        slow = [slowly(a, b, self.period, self._ways.radians) for a, b in pairwise(corners)]
         self.play(np.concatenate([*slow, np.repeat(pose[None], round(SETTLE / self.period), axis=0)]))
 
     def hold(self, pose: np.ndarray, seconds: float) -> None:
@@ -227,7 +228,14 @@ class ArmMotion:
         self.vitals.voltage[place], self.vitals.temperature[place] = health.voltage, health.temperature
 
 
-def slowly(begin: np.ndarray, end: np.ndarray, period: float) -> np.ndarray:
-    """Return the commands of a straight slow way between poses [rad], one a control period [s], shape (T, n)."""
-    steps = max(1, int(np.ceil(np.abs(end - begin).max() / APPROACH / period)))
+def slowly(begin: np.ndarray, end: np.ndarray, period: float, radians: np.ndarray | float = 1.0) -> np.ndarray:
+    """Return the commands of a straight slow way between poses [rad; m], one a control period [s], shape (T, n).
+
+    Args:
+        begin: First pose, shape (n,).
+        end: Last pose, shape (n,).
+        period: Control period [s].
+        radians: What stands for a radian at each joint, shape (n,).
+    """
+    steps = max(1, int(np.ceil((np.abs(end - begin) / radians).max() / APPROACH / period)))
     return np.asarray(begin + np.arange(1, steps + 1)[:, None] / steps * (end - begin))

@@ -84,8 +84,9 @@ def draw_plan(
     Raises:
         OptionError: a file's episode touches something, or nothing else can be drawn.
     """
-    simulator = MujocoSimulator(robot, 1 / rate, effects=_limits(robot, speed), threads=1)
-    target, ways = Target(robot, simulator, Readings(), rate), Ways(robot)
+    ways = Ways(robot)
+    simulator = MujocoSimulator(robot, 1 / rate, effects=_limits(robot, speed * ways.radians), threads=1)
+    target = Target(robot, simulator, Readings(), rate)
     commands, poses, fates = list[np.ndarray](), list[np.ndarray](), list[bool]()
     for attempt in range(ROUNDS):
         session = RecordingSession.draw(target, replace(protocol, seed=protocol.seed + attempt * FAR))
@@ -139,9 +140,10 @@ def free_of_contact(simulator: MujocoSimulator, commands: np.ndarray, poses: np.
     return free
 
 
-def _limits(robot: Robot, speed: float) -> list[Effect]:
-    """Return what makes the simulated servos as slow as the real ones are set."""
-    return [make_effect("speed_limit", joint, {"speed": speed}) for joint in robot.joints] if speed else []
+def _limits(robot: Robot, speeds: np.ndarray) -> list[Effect]:
+    """Return what makes the simulated servos as slow as the real ones are set [rad/s; m/s], shape (n,); 0 for none."""
+    limits = zip(robot.joints, speeds.tolist(), strict=True)
+    return [make_effect("speed_limit", joint, {"speed": speed}) for joint, speed in limits if speed]
 
 
 def _same_length(rows: np.ndarray, first: np.ndarray) -> np.ndarray:

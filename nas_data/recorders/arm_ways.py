@@ -7,8 +7,10 @@ import mujoco
 import numpy as np
 
 from nas_data.errors import WayBlocked
+from nas_data.joint_units import radians_at
 from nas_data.robots.base import Robot
 from nas_data.simulators.contact import Touches, contact_counts, touches
+from nas_data.simulators.limits import command_limits
 from nas_data.simulators.mujoco import MujocoSimulator
 
 LOOK = 0.02  # [rad] between two looks along a way
@@ -21,13 +23,21 @@ class Ways:
     Where the arm stands may touch something, for a hand put it there; what touches may part, and nothing new may touch.
 
     Attributes:
-        rest: The pose over which a way leads where the straight one is not free [rad], shape (n,).
+        rest: The pose over which a way leads where the straight one is not free [rad; m], shape (n,).
+        radians: What stands for a radian at each joint, shape (n,); see `joint_units.radians_at`.
     """
 
     def __init__(self, robot: Robot) -> None:
         self._simulator = MujocoSimulator(robot, 1 / robot.rate, threads=1)
         self._room = mujoco.MjData(self._simulator.model)
         self.rest = np.array(robot.rest or np.zeros(len(robot.joints)))
+        low, high = command_limits(self._simulator.model, robot.joints, robot.name)
+        self.radians = radians_at(robot.joints, self.slides, high - low)
+
+    @property
+    def slides(self) -> tuple[str, ...]:
+        """Names of the joints that are slides."""
+        return self._simulator.slides
 
     def find(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
         """Return the corners of a free way: the straight one, or one round what is in its way.
@@ -65,7 +75,7 @@ class Ways:
         """Return whether nothing new touches along straight lines between poses [rad], shape (k, n)."""
         if self.touches(corners[-1]):
             return False
-        path = np.concatenate([_between(a, b) for a, b in pairwise(corners)])
+        path = np.concatenate([self._between(a, b) for a, b in pairwise(corners)])
         touching = contact_counts(self._simulator, path) > 0
         parted = int(np.argmin(touching))
         return not touching[parted:].any() and self._parts(path[:parted])
@@ -77,7 +87,7 @@ class Ways:
     def obstacle(self, begin: np.ndarray, end: np.ndarray) -> str:
         """Name what is first in the straight way."""
         known = touches(self._simulator, begin).keys()
-        for pose in _between(begin, end):
+        for pose in self._between(begin, end):
             new = touches(self._simulator, pose).keys() - known
             if new:
                 return " with ".join(reversed(min(new)))
@@ -131,8 +141,7 @@ class Ways:
             allowed = now if allowed is None else {pair: allowed[pair] for pair in now}
         return True
 
-
-def _between(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Return poses [rad] along a straight line, both ends included, shape (k, n)."""
-    steps = max(1, int(np.ceil(np.abs(end - begin).max() / LOOK)))
-    return np.asarray(begin + np.linspace(0, 1, steps + 1)[:, None] * (end - begin))
+    def _between(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Return poses [rad; m] along a straight line, both ends included, shape (k, n)."""
+        steps = max(1, int(np.ceil((np.abs(end - begin) / self.radians).max() / LOOK)))
+        return np.asarray(begin + np.linspace(0, 1, steps + 1)[:, None] * (end - begin))

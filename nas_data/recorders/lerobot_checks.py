@@ -18,6 +18,7 @@ from nas_data.errors import (
 )
 from nas_data.hardware.arms.base import Health
 from nas_data.hardware.xl320.fitness import MARGIN
+from nas_data.joint_units import HINGE, joint_unit, radians_at
 
 if TYPE_CHECKING:
     from nas_data.recorders.lerobot_arm import LeRobotArm
@@ -92,11 +93,15 @@ def refuse_outside(arm: "LeRobotArm", positions: np.ndarray) -> None:
         OutsideLimits: one does.
     """
     frame = arm.frame
-    for joint, position, low, high in zip(arm.names, positions, frame.low, frame.high, strict=True):
-        if not low - MARGIN <= position <= high + MARGIN:
+    margins = MARGIN * radians_at(arm.names, frame.slides, frame.high - frame.low)
+    for place, joint in enumerate(arm.names):
+        position, low, high = positions[place], frame.low[place], frame.high[place]
+        if not low - margins[place] <= position <= high + margins[place]:
+            unit = joint_unit(joint, frame.slides)
+            digits = 0 if unit is HINGE else 1
             raise OutsideLimits(
-                f"{joint} stands at {np.degrees(position):.0f}°, outside {np.degrees(low):.0f} … "
-                f"{np.degrees(high):.0f}°; move it there by hand (the torque is off), or calibrate the arm."
+                f"{joint} stands at {unit.text(position, digits)}, outside {unit.factor * low:.{digits}f} … "
+                f"{unit.text(high, digits)}; move it there by hand (the torque is off), or calibrate the arm."
             )
 
 

@@ -4,14 +4,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 from lerobot.motors import MotorCalibration, MotorNormMode
 from lerobot.motors.motors_bus import SerialMotorsBus
 
 from nas_data.dataset.features import POSITION
 from nas_data.errors import JointMismatch, OptionError
-from nas_data.robots.base import Robot
+from nas_data.robots.base import Robot, slide_joints
 from nas_data.simulators.limits import command_limits, excitable_limits
 
 
@@ -29,6 +28,7 @@ class Frame:
         ticks: Change of the joint with a count [rad; m], negative where it turns against its servo.
         low: Lowest positions that may be commanded [rad; m].
         high: Highest positions [rad; m].
+        slides: Joints that are slides.
     """
 
     names: tuple[str, ...]
@@ -36,6 +36,7 @@ class Frame:
     ticks: np.ndarray
     low: np.ndarray
     high: np.ndarray
+    slides: tuple[str, ...] = ()
 
     def positions(self, counts: np.ndarray) -> np.ndarray:
         """Return positions [rad; m] for counts."""
@@ -70,16 +71,14 @@ def frame_of(
         if joint not in names:
             raise JointMismatch(f"The arm has no joint '{joint}'; it has: {', '.join(names)}.")
     refuse_other_joints(robot, names)
-    model = robot.spec().compile()
-    low, high = excitable_limits(*command_limits(model, names, robot.name), names, [POSITION] * len(names))
+    low, high, slides = model_limits(robot, names)
     zeros, ticks = np.empty(len(names)), np.empty(len(names))
     for place, name in enumerate(names):
         known, motor = calibration[name], bus.motors[name]
         turn = bus.model_resolution_table[motor.model]
         span = known.range_max - known.range_min
         backwards = bool(bus.apply_drive_mode and known.drive_mode) != (name in reverse)
-        slides = model.joint(name).type[0] == mujoco.mjtJoint.mjJNT_SLIDE
-        unit = (high[place] - low[place]) / span if slides else 2 * math.pi / turn
+        unit = (high[place] - low[place]) / span if name in slides else 2 * math.pi / turn
         ticks[place] = -unit if backwards else unit
         if motor.norm_mode is MotorNormMode.RANGE_0_100:
             at, there = (known.range_max if backwards else known.range_min), low[place]
@@ -89,7 +88,15 @@ def frame_of(
         zeros[place] = at - zero.get(name, there) / ticks[place]
     ends = np.array([[calibration[name].range_min, calibration[name].range_max] for name in names]).T
     first, last = np.sort((ends - zeros) * ticks, axis=0)
-    return Frame(names, zeros, ticks, np.maximum(low, first), np.minimum(high, last))
+    return Frame(names, zeros, ticks, np.maximum(low, first), np.minimum(high, last), slides)
+
+
+def model_limits(robot: Robot, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Return the lowest and highest positions of a model's joints [rad; m], shape (n,) each, and which are slides."""
+    spec = robot.spec()
+    slides = slide_joints(spec)
+    low, high = command_limits(spec.compile(), names, robot.name)
+    return *excitable_limits(low, high, names, [POSITION] * len(names), slides), slides
 
 
 def refuse_other_joints(robot: Robot, names: Sequence[str]) -> None:
@@ -118,12 +125,10 @@ def full_range(robot: Robot, names: Sequence[str], turn: int, offsets: Sequence[
     Raises:
         OptionError: a joint can turn farther than a servo counts.
     """
-    model = robot.spec().compile()
-    low, high = excitable_limits(*command_limits(model, names, robot.name), names, [POSITION] * len(names))
+    low, high, slides = model_limits(robot, names)
     found = {}
     for place, name in enumerate(names):
-        slides = model.joint(name).type[0] == mujoco.mjtJoint.mjJNT_SLIDE
-        half = turn // 4 if slides else math.floor((high[place] - low[place]) / 2 / (2 * math.pi / turn))
+        half = turn // 4 if name in slides else math.floor((high[place] - low[place]) / 2 / (2 * math.pi / turn))
         middle = (turn - 1) // 2
         if half > middle:
             raise OptionError(f"{name} turns farther in the model than a servo can; give it a range below a turn.")

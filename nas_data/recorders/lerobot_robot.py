@@ -19,6 +19,7 @@ from nas_data.errors import OptionError, UnknownName
 from nas_data.hardware.virtual_bus.arm import Mounted
 from nas_data.hardware.virtual_bus.options import Options
 from nas_data.hardware.virtual_bus.ports import VIRTUAL, port_of
+from nas_data.joint_units import radians_at
 from nas_data.recorders.lerobot_arm import LeRobotDriver
 from nas_data.recorders.lerobot_frame import Frame, frame_of, full_range, refuse_other_joints
 from nas_data.recorders.lerobot_servos import family_of
@@ -136,7 +137,8 @@ def virtual_arm(wish: Wish, robot: LeRobot, period: float) -> Options:
             )
         )
     rest = dict(zip(wish.model.joints, wish.model.rest, strict=False))
-    lying = np.clip([rest.get(name, 0.0) + ASIDE for name in names], frame.low, frame.high)
+    aside = ASIDE * radians_at(names, frame.slides, frame.high - frame.low)
+    lying = np.clip(aside + [rest.get(name, 0.0) for name in names], frame.low, frame.high)
     path = str(wish.model.mjcf.absolute())
     return Options(model=path, mounted=tuple(mounted), lying=tuple(lying.tolist()), period=period)
 

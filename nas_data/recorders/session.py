@@ -15,7 +15,7 @@ from nas_data.excitations.base import Excitation
 from nas_data.recorders.readings import Readings
 from nas_data.robots.base import Robot
 from nas_data.simulators.base import Simulator
-from nas_data.simulators.limits import command_limits, excitable_limits
+from nas_data.simulators.limits import command_limits, command_radians, excitable_limits
 
 SETTLE = 0.5  # [s] that the first pose is held before the recording starts
 RESET_SHARE = 0.2  # part of each joint's range in which the paper's resets draw a pose
@@ -174,12 +174,13 @@ def draw_commands(target: Target, protocol: PlaybackProtocol, rng: np.random.Gen
         from nas_data.recorders.environment import draw_actions
 
         return draw_actions(protocol.environment, protocol.excitation, protocol.episodes, steps, rng)
-    low, high = excitable_limits(low, high, simulator.joints, simulator.kinds)
+    low, high = excitable_limits(low, high, simulator.joints, simulator.kinds, simulator.slides)
+    radians = command_radians(simulator, low, high)
     still = resting(target, protocol)
     pose = np.array(target.robot.rest or np.zeros(len(simulator.joints)))
     rest = np.where([kind == POSITION for kind in simulator.kinds], pose, 0.0)
     low, high = np.where(still, rest, low), np.where(still, rest, high)
-    return list(protocol.excitation.commands(rng, protocol.episodes, steps, simulator.period, low, high))
+    return list(protocol.excitation.commands(rng, protocol.episodes, steps, simulator.period, low, high, radians))
 
 
 def resting(target: Target, protocol: PlaybackProtocol) -> np.ndarray:
@@ -216,7 +217,12 @@ def draw_poses(target: Target, protocol: PlaybackProtocol, episodes: int, rng: n
     low, high = target.limits()
     # limits of torques and speeds are no poses: such joints start near zero
     told = np.array([kind == POSITION for kind in target.simulator.kinds])
-    low, high = np.where(told, low, -np.pi / 2), np.where(told, high, np.pi / 2)
+    low, high = np.where(told, low, -np.inf), np.where(told, high, np.inf)
+    model = target.robot.spec().compile()
+    for joint in target.simulator.slides:
+        place, index = joints.index(joint), int(model.joint(joint).id)
+        if not np.isfinite(high[place] - low[place]):
+            low[place], high[place] = model.jnt_range[index] if model.jnt_limited[index] else (0.0, 0.0)
     low, high = excitable_limits(low, high, joints, [POSITION] * len(joints))
     middle, span = (low + high) / 2, (high - low) / 2
     drawn = middle + RESET_SHARE * span * rng.uniform(-1, 1, (episodes, len(joints)))

@@ -16,6 +16,7 @@ from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.bullet_world import BulletWorld
 from nas_data.simulators.compiled import Compiled
 from nas_data.simulators.layout import INTEGRATION, RestStates
+from nas_data.simulators.projection import Projection
 
 BOUND = 1e4  # [rad or rad/s] beyond which a simulation has diverged
 
@@ -23,9 +24,10 @@ BOUND = 1e4  # [rad or rad/s] beyond which a simulation has diverged
 class BulletSimulator:
     """A robot model with effects, stepped at a control period by PyBullet.
 
-    Bodies, joint limits, Coulomb friction and contacts are PyBullet's. The torques of servos, springs and dampers
-    follow the model's own definition, evaluated at PyBullet's state, so that every effect that a model can express
-    acts here too.
+    Bodies, joint limits, Coulomb friction and contacts are PyBullet's. Equality constraints (joints that follow others,
+    loops, joints that are held) are met by a projection after each physics step. The torques of servos, springs and
+    dampers follow the model's own definition, evaluated at PyBullet's state, so that every effect that a model can
+    express acts here too.
 
     Attributes:
         joints: Measured and commanded joints.
@@ -128,6 +130,7 @@ class BulletArm:
             released=np.zeros(1, bool),
         )
         self.hooks = [hook(forces) for hook in simulator.hooks]
+        self.projection = Projection.of(self.model)
 
     def start(self, state: np.ndarray) -> None:
         """Start anew from a full MuJoCo state (size of INTEGRATION)."""
@@ -148,7 +151,15 @@ class BulletArm:
             torques = self.servos.qfrc_actuator + self.servos.qfrc_passive
             torques[self.goal_dof] = 0.0  # MuJoCo's copy moves them
             self.world.step(torques)
+            if self.projection is not None:
+                self.world.set(*self.projection(*self.world.read(), self.mass()))
         return self.measure()
+
+    def mass(self) -> np.ndarray:
+        """Return the mass matrix at the start of the physics step, shape (nv, nv)."""
+        full = np.empty((self.model.nv, self.model.nv))
+        mujoco.mj_fullM(self.servo_model, self.servos, full)
+        return full
 
     def measure(self) -> np.ndarray:
         """Return the measured state, positions [rad] then velocities [rad/s], shape (2n,).
@@ -170,11 +181,14 @@ class BulletArm:
         return self.layout.objects.measure(*self.world.read())
 
     def shift(self, change: np.ndarray) -> None:
-        """Move the servos' joints by (2n,), play and other hidden joints keeping theirs."""
-        n = len(self.layout.joints)
+        """Move the servos' joints by (2n,), and those that follow them; play and other hidden joints keep theirs."""
+        n, followers = len(self.layout.joints), self.layout.followers
         qpos, qvel = self.world.read()
+        slack = None if followers is None else followers.slack(qpos[None], qvel[None])
         qpos[self.layout.qpos] += change[:n]
         qvel[self.layout.dof] += change[n:]
+        if followers is not None and slack is not None:
+            followers.place_with(slack, qpos[None], qvel[None])
         self.world.set(qpos, qvel)
 
     def site(self, index: int) -> np.ndarray:

@@ -14,8 +14,7 @@ import mujoco
 import numpy as np
 
 from nas_data.errors import MissingPackage, ModelFileError
-from nas_data.mjcf.actuator_lookup import HELD
-from nas_data.simulators.urdf import ROTOR, link_name, to_urdf
+from nas_data.simulators.urdf import ROTOR, joint_name, link_name, to_urdf
 
 RIGID = 1e9  # [N·m] no gear slips
 UNBOUNDED = 1e5  # [rad/s] PyBullet's own bound, 100 rad/s, is within reach of what a constraint has to undo
@@ -137,7 +136,7 @@ class BulletWorld:
         export = to_urdf(model)
         self.robot = self._read(export.text)
         indices = self._joint_indices()
-        names = [model.joint(joint).name for joint in export.joints]
+        names = [joint_name(model, joint) for joint in export.joints]
         self.joints = [indices[name] for name in names]
         self.geared = np.array(export.rotors, dtype=int)
         self.rotors = [indices[names[joint] + ROTOR] for joint in export.rotors]
@@ -260,14 +259,7 @@ def refuse_foreign(model: mujoco.MjModel) -> None:
     Raises:
         ModelFileError: names what it is.
     """
-    held = [name.removesuffix(HELD) for i in range(model.neq) if (name := model.equality(i).name).endswith(HELD)]
-    if held:
-        raise ModelFileError(
-            f"Nothing in the model holds {', '.join(held)}, which the recording lacks, and PyBullet cannot; "
-            "use --engine mujoco."
-        )
     foreign = {
-        "equality constraints": model.neq > 0,
         "tendons with limits or friction": bool((model.tendon_limited | (model.tendon_frictionloss > 0)).any()),
         "flexible bodies": model.nflex > 0,
     }

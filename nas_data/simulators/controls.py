@@ -7,11 +7,10 @@ import mujoco
 import numpy as np
 
 from nas_data.dataset.features import EFFORT, POSITION, VELOCITY
-from nas_data.effects.edits.servo import rest_shift
+from nas_data.effects.edits.servo import ALIKE, rest_shift
 from nas_data.errors import JointMismatch, ModelFileError
 from nas_data.mjcf.actuator_lookup import driving_actuators
 
-ALIKE = 1e-6  # relative difference below which a gain is an actuator's own feedback
 POSITION_INPUT, VELOCITY_INPUT, FEEDFORWARD_INPUT = 1, 2, 4  # bits of MuJoCo's `mjtCtrlInput`
 UNTOLD_INPUTS = {
     int(mujoco.mjtCtrlInput.mjINPUT_VOLTAGE): "volts",

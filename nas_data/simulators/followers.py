@@ -74,8 +74,7 @@ class Followers:
         if not model.neq or model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_EQUALITY):
             return None
         equalities = only_equalities(model)
-        kinds = (int(mujoco.mjtEq.mjEQ_JOINT), int(mujoco.mjtEq.mjEQ_TENDON))
-        flat = np.isin(model.eq_type[model.eq_active0.astype(bool)], kinds).all() and fixed_tendons(model)
+        flat = is_flat(model)
         evaluate = flat_constraints if flat else evaluate_constraints
         _, jacobian = (values[0] for values in evaluate(equalities, generic_posture(equalities)[None]))
         tied = np.abs(jacobian) > LEVER
@@ -97,7 +96,7 @@ class Followers:
             qpos=np.concatenate([position_indices(model, int(joint)) for joint in joints]),
             joints=joints,
             rows=np.flatnonzero(tied[:, dofs].any(axis=1)),
-            flat=bool(flat),
+            flat=flat,
         )
 
     def place(self, qpos: np.ndarray, qvel: np.ndarray, far: bool = False) -> None:
@@ -232,6 +231,12 @@ def position_indices(model: mujoco.MjModel, joint: int) -> np.ndarray:
 def fixed_tendons(model: mujoco.MjModel) -> bool:
     """Whether all tendons are sums of joints."""
     return bool((model.wrap_type == int(mujoco.mjtWrap.mjWRAP_JOINT)).all())
+
+
+def is_flat(model: mujoco.MjModel) -> bool:
+    """Whether all constraints are joints' and fixed tendons', which need no kinematics."""
+    kinds = (int(mujoco.mjtEq.mjEQ_JOINT), int(mujoco.mjtEq.mjEQ_TENDON))
+    return bool(np.isin(model.eq_type[model.eq_active0.astype(bool)], kinds).all() and fixed_tendons(model))
 
 
 def evaluate_constraints(model: mujoco.MjModel, qpos: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

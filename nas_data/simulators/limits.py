@@ -1,12 +1,14 @@
 """Within what limits a model's joints may be commanded."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import mujoco
 import numpy as np
 
 from nas_data.dataset.features import EFFORT, POSITION
 from nas_data.errors import OptionError
+from nas_data.joint_units import radians_at
+from nas_data.simulators.base import Simulator
 from nas_data.simulators.controls import control_range, find_command
 from nas_data.simulators.layout import joint_index
 
@@ -41,8 +43,21 @@ def command_limits(model: mujoco.MjModel, joints: Sequence[str], name: str) -> t
     return low, high
 
 
+def command_radians(simulator: Simulator, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return what stands for a radian in the commands of each joint, shape (n,): of a commanded slide its range over π.
+
+    Args:
+        simulator: The arm.
+        low: Lowest commands, shape (n,), finite.
+        high: Highest commands, shape (n,).
+    """
+    kinds = zip(simulator.joints, simulator.kinds, strict=True)
+    placed = [joint for joint, kind in kinds if kind == POSITION and joint in simulator.slides]
+    return radians_at(simulator.joints, placed, high - low)
+
+
 def excitable_limits(
-    low: np.ndarray, high: np.ndarray, joints: Sequence[str], kinds: Sequence[str]
+    low: np.ndarray, high: np.ndarray, joints: Sequence[str], kinds: Sequence[str], slides: Collection[str] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return finite limits for a command signal; a joint that turns without end gets a quarter turn each way.
 
@@ -51,15 +66,21 @@ def excitable_limits(
         high: Highest commands, shape (n,).
         joints: Their names.
         kinds: What is commanded; of torques and speeds nothing can be assumed.
+        slides: Joints that are slides, of whose range nothing can be assumed either.
 
     Raises:
-        OptionError: a torque or a speed has no limits.
+        OptionError: a torque, a speed or a slide has no limits.
     """
     for joint, kind, span in zip(joints, kinds, high - low, strict=True):
         if not np.isfinite(span) and kind != POSITION:
             raise OptionError(
                 f"The {'torque' if kind == EFFORT else 'speed'} of {joint} has no limits; give its actuator a "
                 "ctrlrange, or play a file of commands (--commands)."
+            )
+        if not np.isfinite(span) and joint in slides:
+            raise OptionError(
+                f"The slide {joint} has no range; give its joint one in the model (range=), or play a file of commands "
+                "(--commands)."
             )
     return np.where(np.isfinite(low), low, np.minimum(-UNLIMITED, high)), np.where(
         np.isfinite(high), high, np.maximum(UNLIMITED, low)

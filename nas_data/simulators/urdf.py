@@ -64,7 +64,7 @@ def add_body(robot: Xml.Element, model: mujoco.MjModel, body: int, parent_anchor
     for joint in range(first, first + count):
         mujoco.mju_rotVecQuat(turned, model.jnt_pos[joint] - anchor, rotation)
         last = joint == first + count - 1
-        child = link_name(model, body) if last else f"{model.joint(joint).name}_carrier"
+        child = link_name(model, body) if last else f"{joint_name(model, joint)}_carrier"
         add_joint(robot, model, joint, parent, child, position + turned, rotation)
         if not last:
             add_link(robot, child)
@@ -75,6 +75,11 @@ def add_body(robot: Xml.Element, model: mujoco.MjModel, body: int, parent_anchor
     link = add_link(robot, link_name(model, body), model, body, anchor)
     add_geoms(link, model, body, anchor)
     return anchor
+
+
+def joint_name(model: mujoco.MjModel, joint: int) -> str:
+    """Return a joint's name, which no other joint has where the model gives it none."""
+    return model.joint(joint).name or f"joint_{joint}"
 
 
 def link_name(model: mujoco.MjModel, body: int) -> str:
@@ -114,7 +119,7 @@ def add_joint(
     rotation: np.ndarray,
 ) -> None:
     """Add one hinge or slide, zero at the model's reference posture."""
-    name = model.joint(joint).name
+    name = joint_name(model, joint)
     kinds = {int(mujoco.mjtJoint.mjJNT_HINGE): "revolute", int(mujoco.mjtJoint.mjJNT_SLIDE): "prismatic"}
     if int(model.jnt_type[joint]) not in kinds:
         raise ModelFileError(f"The joint '{name}' is neither hinge nor slide; URDF with PyBullet takes only those.")
@@ -147,7 +152,7 @@ def rotor_inertia(model: mujoco.MjModel, joint: int) -> float:
 
 def add_rotor(robot: Xml.Element, model: mujoco.MjModel, joint: int) -> None:
     """Add the flywheel of a joint's reflected inertia, on the base, where no other joint turns it."""
-    name = model.joint(joint).name + ROTOR
+    name = joint_name(model, joint) + ROTOR
     inertia = rotor_inertia(model, joint)
     link = Xml.SubElement(robot, "link", name=name)
     add_inertia(link, LEAST_MASS, np.full(3, inertia), np.zeros(3), np.array([1.0, 0, 0, 0]))

@@ -120,6 +120,17 @@ def test_a_slide_that_is_centimetres_beyond_its_range_is_reported(tmp_path, zero
     assert {finding.check for finding in found} == checks
 
 
+def test_a_slide_that_a_map_reads_as_an_angle_is_reported_and_the_remedy_works(tmp_path):
+    (tmp_path / "arm.xml").write_text(ARM)
+    angles = recorded(joints=("j", "g"))
+    (finding,) = check(angles, tmp_path / "arm.xml")
+    assert finding.message == (
+        "g was read as an angle, and is a slide in the model; give it a length for a unit in the map (m, cm, mm)."
+    )
+    features = {**angles.features, STATE: state_feature(("j", "g"), ("g",))}
+    assert check(replace(angles, features=features), tmp_path / "arm.xml") == []
+
+
 def test_a_choice_among_models_is_not_the_hinges_alone():
     floor, slides = np.array([1e-3, 2e-3, 1e-5]), ("g",)
     scales = mean_of_kind(floor, ("j", "k", "g"), slides)

@@ -29,7 +29,7 @@ from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
 from nas_data.importing.against_model import check
-from nas_data.importing.map_file import load_map
+from nas_data.importing.map_file import MAPS, load_map
 
 pytest.importorskip("lerobot")
 SERVO = 4096  # [ticks a turn]
@@ -253,6 +253,65 @@ def test_a_joint_whose_sign_or_zero_contradicts_the_model_is_reported(here, caps
     assert "beyond the model's range" in out and "with another zero it would not" in out
 
 
+@pytest.mark.parametrize("moved", [(0.6, 0.0), (0.0, 1.0), (-0.4, 0.0)])
+def test_a_wrong_zero_is_told_by_the_loads_alone(here, moved):
+    recorded = [(states + moved, commands + moved) for states, commands in motions(6, 80)]
+    write_lerobot(here / "d", recorded)
+    Path("free.xml").write_text(ARM.replace(' range="-2 2"', ""))
+    joint = JOINTS[int(np.flatnonzero(moved)[0])]
+    (finding,) = check(read(imported("d")), "free.xml")
+    said = re.search(rf"where {joint} stands (\S+) rad further$", finding.what)
+    assert finding.check == "model_gravity"
+    assert float(said[1]) == pytest.approx(-sum(moved), abs=0.2)
+
+
+SO_RANGES = {  # of MuJoCo Menagerie's trs_so_arm100
+    "Rotation": (-2.2, 2.2), "Pitch": (-3.14158, 0.2), "Elbow": (0, 3.14158), "Wrist_Pitch": (-2.0, 1.8),
+    "Wrist_Roll": (-3.14158, 3.14158), "Jaw": (-0.2, 2.0),
+}  # fmt: skip
+KOCH_RANGES = {  # of MuJoCo Menagerie's low_cost_robot_arm
+    "base_rotation": (-2.2, 2.2), "pitch": (-1.57, 0.6), "elbow": (-1.57, 1.45), "wrist_pitch": (-2.0, 2.0),
+    "wrist_roll": (-3.14, 3.14), "gripper": (-1.6, 0.032),
+}  # fmt: skip
+
+
+def write_chain(path: Path, ranges: dict[str, tuple[float, float]]) -> None:
+    """Write an arm of joints with ranges."""
+    links = "".join(
+        f'<body pos="0.1 0 0"><joint name="{joint}" axis="0 1 0" range="{low} {high}"/><geom size="0.01" mass="0.1"/>'
+        for joint, (low, high) in ranges.items()
+    )
+    servos = "".join(f'<position joint="{joint}" kp="20"/>' for joint in ranges)
+    path.write_text(
+        f'<mujoco><compiler angle="radian"/><worldbody>{links}{"</body>" * len(ranges)}</worldbody>'
+        f"<actuator>{servos}</actuator></mujoco>"
+    )
+
+
+@pytest.mark.parametrize("name,ranges,off", [("so100", SO_RANGES, 2), ("koch", KOCH_RANGES, 1)])
+def test_the_zeros_that_a_map_names_for_a_model_are_that_models(here, capsys, name, ranges, off):
+    """The lines that stand as comments in the map are put to use: without them the zeros are reported."""
+    rng = np.random.default_rng(0)
+    poses = np.c_[rng.uniform(-40, 40, (80, 5)), rng.uniform(0, 100, 80)]
+    write_lerobot(here / "d", [(poses, poses)], SO101, robot=f"{name}_follower")
+    write_chain(here / "arm.xml", ranges)
+    shipped = (MAPS / f"{name}_lerobot.toml").read_text()
+    lines = {key: re.search(rf"^#   ({key} = .*)$", shipped, re.M)[1] for key in ("joints", "names", "offset")}
+    shipped = re.sub(r"^joints = .*$", lines["joints"], shipped, flags=re.M)
+    shipped = shipped.replace("joints.gripper]", f"joints.{[*ranges][-1]}]")
+    for file, keys in (("named", ("names",)), ("right", ("names", "offset"))):
+        added = "\n".join(['unit = "deg"', *(lines[key] for key in keys)])
+        Path(f"{file}.toml").write_text(shipped.replace('unit = "deg"', added))
+    found = {}
+    for file in ("named", "right"):
+        capsys.readouterr()
+        options = ["--unit", "deg", "--map", f"{file}.toml", "--model", "arm.xml", "--json"]
+        assert main(["import", "d", *options, "--out", file]) == 0
+        found[file] = [one for one in json.loads(capsys.readouterr().out)["audit"] if one["check"] == "model_zero"]
+    assert len(found["named"]) == off and "check 'offset' of" in found["named"][0]["message"]
+    assert found["right"] == []
+
+
 # Cameras, texts, tasks
 
 
@@ -322,6 +381,24 @@ def test_pictures_of_the_episodes_that_are_whole_are_rescued(here, filmed):
         here / "rescued", {0: 0, 59: 59, 60: 0, 119: 59}, {0: "pick 0", 59: "pick 0", 60: "pick 1", 119: "pick 1"}
     )
     assert verify(here / "rescued") == []
+
+
+def test_a_killed_recording_keeps_its_videos(here, capsys):
+    """LeRobot saved three episodes and was killed: a data file without its end, no table of episodes, whole videos."""
+    write_lerobot(here / "d", scaled(180 / np.pi), camera=True, only_video=True, killed=True)
+    assert not list((here / "d/meta/episodes").glob("*/*.parquet"))
+    assert main(["recover", "d", "--out", "rescued"]) == 0
+    assert "left out" not in capsys.readouterr().out
+    assert read(here / "rescued").lengths.tolist() == [60, 60, 60]
+    for frame in (0, 59, 60, 100, 179):
+        item = seen(here / "rescued", frame)
+        assert item["task"] == f"pick {frame // 60 % 2}"
+        assert float(item["observation.images.front"].mean()) == pytest.approx(4 * (frame % 60) / 255, abs=0.012)
+    assert verify(here / "rescued") == []
+    (video,) = (here / "d").rglob("*.mp4")
+    video.write_bytes(video.read_bytes()[:2000])
+    assert main(["recover", "d", "--out", "blind"]) == 0
+    assert f"{video.name} is not a whole video" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -114,6 +114,19 @@ def test_a_damaged_file_of_matlab_is_refused_with_the_remedy(tmp_path, name):
         imported(tmp_path, tmp_path / "log.mat", plain_map(".mat"))
 
 
+def test_a_file_of_matlab_7_3_is_read_once_it_is_saved_as_the_refusal_says(tmp_path):
+    """SciPy's compressed files are what MATLAB writes with '-v7'."""
+    from scipy.io import savemat
+
+    path = tmp_path / "log.mat"
+    path.write_bytes(b"MATLAB 7.3 MAT-file" + b" " * 105 + b"\x00\x02IM" + b"\0" * 512)
+    with pytest.raises(LogError, match=r"of MATLAB's format 7\.3; load it there, and save it with save\(…, '-v7'\)"):
+        imported(tmp_path, path, plain_map(".mat"))
+    savemat(path, columns_of(motion()), do_compression=True)
+    dataset = imported(tmp_path, path, plain_map(".mat"))
+    np.testing.assert_allclose(dataset.states[:, :2], motion().position[:-1], atol=1e-6)
+
+
 def test_a_wrong_unit_word_is_answered_with_all_that_are_known(tmp_path):
     text = map_text(command='column = "goal"\nunit = "furlong"')
     with pytest.raises(MapError, match=r"'unit' is 'furlong'; choose one of: rad, deg, .*N·m.*A"):

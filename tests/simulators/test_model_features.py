@@ -4,15 +4,12 @@ import pytest
 from support.model_features import PAGE, WAYS, page, played, verdict
 from support.simulator_samples import EACH_ENGINE
 
-PYBULLET_LACKS = ("equality", "loop", "held")
-
 
 @pytest.mark.parametrize("engine", EACH_ENGINE)
 @pytest.mark.parametrize("way", WAYS, ids=lambda way: way.name)
 def test_each_way_of_writing_an_arm_moves_as_commanded_or_is_refused(way, engine):
-    lacking = way.group == "untold" or (engine == "bullet" and way.group in PYBULLET_LACKS)
     told = {True: {"refused"}, False: {"right", "converted", "held"}}
-    assert verdict(way, engine) in told[lacking]
+    assert verdict(way, engine) in told[way.group == "untold"]
 
 
 @pytest.mark.parametrize("way", [way for way in WAYS if way.group == "untold"], ids=lambda way: way.name)

@@ -6,6 +6,7 @@ os.environ["HF_HUB_OFFLINE"] = "1"  # before anything imports huggingface_hub
 os.environ["HF_DATASETS_DISABLE_PROGRESS_BARS"] = "1"
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -50,8 +51,12 @@ def write_lerobot(
     robot: str = "arm2",
     camera: bool = False,
     only_video: bool = False,
+    killed: bool = False,
 ) -> Path:
-    """Write a dataset by LeRobot itself; with a camera it has a video, a picture, and a text and a matrix as well."""
+    """Write a dataset by LeRobot itself; with a camera it has a video, a picture, and a text and a matrix as well.
+
+    One that is killed is what lies there before LeRobot ends it.
+    """
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
     vector = {"dtype": "float32", "shape": (len(joints),), "names": [f"{joint}.pos" for joint in joints]}
@@ -65,8 +70,9 @@ def write_lerobot(
             "language": {"dtype": "string", "shape": (1,), "names": None},
             "grid": {"dtype": "float32", "shape": (2, 2), "names": None},
         }
+    work = root.with_name(f"{root.name}_under_way") if killed else root
     target = LeRobotDataset.create(
-        "nas/test", fps=RATE, features=features, root=root, robot_type=robot, use_videos=camera, video_backend="pyav"
+        "nas/test", fps=RATE, features=features, root=work, robot_type=robot, use_videos=camera, video_backend="pyav"
     )
     for number, (states, commands) in enumerate(episodes):
         for row, (state, command) in enumerate(zip(states, commands, strict=True)):
@@ -75,6 +81,8 @@ def write_lerobot(
                 frame |= {key: value for key, value in pictures(row).items() if key in features}
             target.add_frame({**frame, "task": f"pick {number % 2}"})
         target.save_episode()
+    if killed:
+        shutil.copytree(work, root)
     target.finalize()
     return root
 

@@ -159,8 +159,15 @@ WAYS = (
         after='<equality><joint joint1="c" joint2="b"/></equality>',
     ),
     Way(
+        "`equality/joint` by a curve: a follower",
+        "curve",
+        SERVO,
+        inside=EXTRA,
+        after='<equality><joint joint1="c" joint2="b" polycoef="0 1 0.5 0 0"/></equality>',
+    ),
+    Way(
         "`equality/tendon`: a follower",
-        "equality",
+        "tendon",
         SERVO,
         inside=EXTRA,
         after=TENDONS + '<equality><tendon tendon1="u" tendon2="w"/></equality>',
@@ -251,7 +258,7 @@ def rows() -> Iterator[str]:
     yield "| feature | what is commanded | MuJoCo | PyBullet |"
     yield "| --- | --- | --- | --- |"
     for way in WAYS:
-        group = "" if way.group in {"untold", "equality", "loop", "held", "object"} else way.group
+        group = "" if way.group in {"untold", "equality", "curve", "tendon", "loop", "held", "object"} else way.group
         yield f"| {way.name} | {group} | {' | '.join(verdict(way, engine) for engine in ENGINES)} |"
     yield ""
     for way in WAYS:

@@ -7,9 +7,7 @@ import numpy as np
 
 from nas_data.dataset.recording import Recording
 from nas_data.dataset.timing import LATE
-
-RANGE = np.pi  # [rad] range of a usual hinge, for which the audits' thresholds of angles and speeds are made
-SHORTEST = 0.01  # [m] range below which a slide's readings are noise rather than travel
+from nas_data.joint_units import radians_at
 
 
 @dataclass(frozen=True)
@@ -86,15 +84,10 @@ def radian_at(recording: Recording, expected: Expected) -> np.ndarray:
     It is 1 at hinges. A slide's range stands for that of a usual hinge: it is that of its limits, else of its commands,
     else of its positions.
     """
-    radians = np.ones(len(recording.joints))
-    for index, joint in enumerate(recording.joints):
-        if joint in expected.slides:
-            reach = float(np.ptp(expected.limits[joint])) if joint in expected.limits else 0.0
-            if not reach and not expected.effort:
-                reach = float(np.ptp(recording.commands[:, index]))
-            reach = reach or float(np.ptp(recording.positions[:, index]))
-            radians[index] = max(reach, SHORTEST) / RANGE
-    return radians
+    reach = np.ptp(recording.positions, axis=0) if expected.effort else np.ptp(recording.commands, axis=0)
+    reach = np.where(reach > 0, reach, np.ptp(recording.positions, axis=0))
+    limits = [float(np.ptp(expected.limits.get(joint, (0.0, 0.0)))) for joint in recording.joints]
+    return radians_at(recording.joints, expected.slides, np.where(limits, limits, reach))
 
 
 def row_numbers(rows: np.ndarray, chosen: np.ndarray) -> tuple[int, ...]:

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from nas_data.dataset.audits.base import RANGE, AuditFinding, Expected, radian_at, row_numbers
+from nas_data.dataset.audits.base import AuditFinding, Expected, radian_at, row_numbers
 from nas_data.dataset.recording import Recording
 from nas_data.dataset.rows import rows_text
-from nas_data.joint_units import unit_at
+from nas_data.joint_units import USUAL_RANGE, unit_at
 
 FASTEST = 50.0  # [rad/s] that no usual hinge reaches; a slide is not over with its range in less than 20 ms
 WHOLE_TURN = 2 * np.pi  # [rad]
@@ -21,7 +21,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     if recording.velocities is not None:
         speeds = np.maximum(speeds, np.abs(recording.velocities))
     is_slide = [joint in expected.slides for joint in recording.joints]
-    limits = FASTEST * np.where(is_slide, RANGE * radian_at(recording, expected), 1.0)
+    limits = FASTEST * np.where(is_slide, USUAL_RANGE * radian_at(recording, expected), 1.0)
     if expected.max_speed is not None:
         limits[:] = expected.max_speed
     fast = speeds > limits

@@ -1,5 +1,6 @@
 """The position servo of a joint in an editable model."""
 
+import math
 from collections.abc import Iterable
 
 import mujoco
@@ -8,6 +9,8 @@ import numpy as np
 from nas_data.effects.base import joint_actuator
 from nas_data.errors import ModelFileError
 from nas_data.mjcf.actuator_lookup import BAND, DAMPING, GAIN, GOAL, PARTS, REST_SHIFT, driven_joint
+
+ALIKE = 1e-6  # relative difference below which a gain is an actuator's own feedback
 
 
 def position_servo(spec: mujoco.MjSpec, joint: str, effect: str) -> mujoco.MjsActuator:
@@ -36,6 +39,13 @@ def takes_position(actuator: mujoco.MjsActuator) -> bool:
     if actuator.gaintype == mujoco.mjtGain.mjGAIN_PID and actuator.ctrlspec:
         return bool(actuator.ctrlspec & int(mujoco.mjtCtrlInput.mjINPUT_POS))
     return bool(actuator.dyntype != mujoco.mjtDyn.mjDYN_INTEGRATOR)
+
+
+def takes_velocity(actuator: mujoco.MjsActuator) -> bool:
+    """Whether the control of an actuator without position feedback is a speed: said so, or its gain is its feedback."""
+    gain, feedback_of_speed = float(actuator.gainprm[0]), -float(actuator.biasprm[2])
+    said = actuator.ctrlspec > 0 and bool(actuator.ctrlspec & int(mujoco.mjtCtrlInput.mjINPUT_VEL))
+    return said or math.isclose(gain, feedback_of_speed, rel_tol=ALIKE)
 
 
 def take_own_unit(spec: mujoco.MjSpec, joint: str, actuator: mujoco.MjsActuator) -> None:
@@ -88,11 +98,19 @@ def scale_stiffness(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
 
 
 def scale_damping(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
-    """Multiply a servo's velocity feedback, which ends where the servo saturates and the joint's damping does not."""
+    """Multiply a servo's velocity feedback, which ends where the servo saturates and the joint's damping does not.
+
+    The gain of a servo that is asked for a speed goes with it, so that it is asked for the same speed as before.
+    """
     actuator = part(spec, joint, DAMPING)
     bias = actuator.biasprm.copy()
+    asks_for_speed = not bias[1] and actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED and takes_velocity(actuator)
     bias[2] *= factor
     actuator.biasprm = bias
+    if asks_for_speed:
+        gain = actuator.gainprm.copy()
+        gain[0] *= factor
+        actuator.gainprm = gain
 
 
 def filter_time(spec: mujoco.MjSpec, joint: str) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 
 from nas_data.excitations.base import Excitation
 from nas_data.gap.nominal import Nominal
-from nas_data.simulators.limits import command_limits, excitable_limits
+from nas_data.simulators.limits import command_limits, command_radians, excitable_limits
 
 SPEED = 0.5  # [rad/s or N·m/s] of a slow approach
 SHORTEST = 1.0  # [s] of a slow approach, in which the arm also settles in its rest pose
@@ -24,6 +24,7 @@ class Room:
         home: Command that goes with it [rad or N·m], shape (n,).
         low: Lowest commands, shape (n,).
         high: Highest commands, shape (n,).
+        radians: What stands for a radian in the commands of each joint, shape (n,); see `joint_units.radians_at`.
     """
 
     period: float
@@ -31,6 +32,7 @@ class Room:
     home: np.ndarray
     low: np.ndarray
     high: np.ndarray
+    radians: np.ndarray | float = 1.0
 
     @classmethod
     def of(cls, nominal: Nominal) -> "Room":
@@ -41,10 +43,10 @@ class Room:
         """
         simulator, joints = nominal.simulator(), nominal.joints
         low, high = command_limits(simulator.model, joints, str(nominal.robot.mjcf))
-        low, high = excitable_limits(low, high, joints, simulator.kinds)
+        low, high = excitable_limits(low, high, joints, simulator.kinds, simulator.slides)
         pose = rest_pose(nominal)
         home = np.where(simulator.layout.inputs.positional, pose, 0.0)
-        return cls(nominal.period, pose, np.clip(home, low, high), low, high)
+        return cls(nominal.period, pose, np.clip(home, low, high), low, high, command_radians(simulator, low, high))
 
     @property
     def middle(self) -> np.ndarray:
@@ -69,12 +71,12 @@ class Room:
         self, excitation: Excitation, seconds: float, moving: np.ndarray, rng: np.random.Generator
     ) -> np.ndarray:
         """Draw commands of an excitation for the moving joints (n,), the others at rest; shape (T, n)."""
-        drawn = excitation.commands(rng, 1, self.steps(seconds), self.period, self.low, self.high)[0]
+        drawn = excitation.commands(rng, 1, self.steps(seconds), self.period, self.low, self.high, self.radians)[0]
         return np.where(moving, drawn, self.home)
 
     def ramp(self, begin: np.ndarray, end: np.ndarray, speed: float, shortest: float = 0.0) -> np.ndarray:
-        """Return commands at constant speed from one pose to another, the last one the other pose; shape (T, n)."""
-        seconds = max(shortest, float(np.abs(end - begin).max()) / speed)
+        """Return commands at constant speed [rad/s] from one pose to another, the last one the other; shape (T, n)."""
+        seconds = max(shortest, float((np.abs(end - begin) / self.radians).max()) / speed)
         parts = np.arange(1, math.ceil(seconds / self.period) + 1) / max(1, math.ceil(seconds / self.period))
         return np.asarray(begin + parts[:, None] * (end - begin))
 

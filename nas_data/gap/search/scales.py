@@ -3,11 +3,14 @@
 import mujoco
 import numpy as np
 
+from nas_data.dataset.features import EFFORT, POSITION
 from nas_data.effects.base import Scales, joint_actuator
-from nas_data.effects.edits.servo import damping, stiffness, takes_position
+from nas_data.effects.edits.servo import damping, stiffness
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal
+from nas_data.joint_units import radians_at
 from nas_data.robots.base import deepest_joint
+from nas_data.simulators.controls import find_command, length_feedback
 
 
 def scales(nominal: Nominal, evidence: EpisodeBatch, predicted: np.ndarray) -> tuple[Scales, ...]:
@@ -36,14 +39,46 @@ def joint_scales(
     losses = float(element.damping[0]) + max(damping(nominal.spec, joint), 0.0)
     inertia = float(model.dof_M0[model.joint(joint).dofadr[0]])
     speed = large_speed(evidence, index)
-    if gain > 0 and takes_position(actuator):
-        ranges = (actuator.forcerange * float(actuator.gear[0]), element.actfrcrange)
-        limit = min(float(np.abs(each).max()) or np.inf for each in ranges)
-        errors = np.abs(evidence.commands[..., index] - predicted[..., index])[evidence.counts]
-        torque = min(limit, gain * float(np.percentile(errors, 98)))
-    else:
-        torque = float(np.percentile(np.abs(evidence.commands[..., index]), 98))
-    return Scales(gain or max(torque, 1e-4), losses, inertia, mass, max(torque, 1e-4), max(speed, 1e-2))
+    radian = radian_of(nominal, model, evidence, index)
+    pulls = np.abs(servo_torques(nominal, evidence, predicted, index))[evidence.counts]
+    ranges = (actuator.forcerange * float(actuator.gear[0]), element.actfrcrange)
+    limit = min(float(np.abs(each).max()) or np.inf for each in ranges)
+    torque = min(limit, float(np.percentile(pulls, 98)))
+    stiffest = gain or max(torque, 1e-4) / radian
+    return Scales(stiffest, losses, inertia, mass, max(torque, 1e-4), max(speed, 1e-2 * radian), radian)
+
+
+def radian_of(nominal: Nominal, model: mujoco.MjModel, evidence: EpisodeBatch, index: int) -> float:
+    """Return what stands for a radian at a joint: 1, or of a slide its range over π, its travel where it has none."""
+    joint = nominal.joints[index]
+    place = model.joint(joint).id
+    travel = np.ptp(evidence.measured[..., index][evidence.counts])
+    reach = np.ptp(model.jnt_range[place]) if model.jnt_limited[place] else travel
+    return float(radians_at([joint], nominal.slides, np.array([reach]))[0])
+
+
+def servo_torques(nominal: Nominal, evidence: EpisodeBatch, predicted: np.ndarray, index: int) -> np.ndarray:
+    """Return what a joint's actuator gives where the model predicts it to be [N·m; N], shape (E, T), limits aside.
+
+    A motor gives its command, a servo its gain times its error of position, or of speed.
+    """
+    simulator, joint = nominal.simulator(), nominal.joints[index]
+    commands, positions, starts = (rows[..., index] for rows in (evidence.commands, predicted, evidence.starts))
+    kind, gain = simulator.kinds[index], stiffness(nominal.spec, joint)
+    if kind == EFFORT:
+        return commands
+    if kind == POSITION:
+        return (gain or controller_stiffness(simulator.model, joint)) * (commands - positions)
+    if gain:  # the command is the speed of what the servo follows
+        return gain * (starts[:, None] + np.cumsum(commands, axis=1) * evidence.period - positions)
+    speeds = np.diff(positions, axis=1, prepend=starts[:, None]) / evidence.period
+    return np.asarray(max(damping(nominal.spec, joint), 0.0) * (commands - speeds))
+
+
+def controller_stiffness(model: mujoco.MjModel, joint: str) -> float:
+    """Return the torque per position error that a `dcmotor` with a controller gives [N·m/rad; N/m]."""
+    actuator, _ = find_command(model, int(model.joint(joint).id), "the model")
+    return length_feedback(model, actuator) * float(model.actuator_gear[actuator, 0]) ** 2
 
 
 def large_speed(evidence: EpisodeBatch, index: int) -> float:

@@ -1,0 +1,138 @@
+"""Where the pictures of a killed recording lie, of which LeRobot's table of episodes was not yet written.
+
+LeRobot ends each video with every episode that it saves, and writes its table ten episodes at a time. Videos hold the
+episodes one after another, none in two files, so that the numbers of their frames tell where each begins.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.dataset import layout
+from nas_data.dataset.carried import VIDEO_PATH, CarriedSource
+from nas_data.errors import DatasetInvalid
+
+CONTAINERS = (b"trak", b"mdia", b"minf", b"stbl")
+HEADER, LARGE = 8, 16  # [bytes] of a box of an MP4 file; of one with a 64-bit size
+KIND = slice(8, 12)  # where a handler box says the kind of its track
+SAMPLES = slice(8, 12)  # where a sample size box says the number of samples
+
+
+class FilmedSource(CarriedSource):
+    """A dataset whose rows were salvaged and whose features beside them are videos alone."""
+
+    def __init__(self, root: Path, episodes: np.ndarray, lengths: np.ndarray, fps: float) -> None:
+        """Find the episodes in the videos.
+
+        Args:
+            root: The dataset; its `meta/info.json` is whole.
+            episodes: Number of each episode of which there are rows, ascending, shape (E,).
+            lengths: Its rows, shape (E,).
+            fps: Rate [Hz].
+
+        Raises:
+            DatasetInvalid: it cannot be told where an episode lies; says why.
+        """
+        super().__init__(root)
+        info = layout.read_info(root)
+        if episodes.tolist() != list(range(len(episodes))):
+            raise DatasetInvalid("meta/episodes does not say where its pictures lie, and rows before them are lost")
+        self._indices = np.repeat(episodes, lengths)
+        entries: dict[int, dict[str, object]] = {
+            int(episode): {"length": int(length)} for episode, length in zip(episodes, lengths, strict=True)
+        }
+        template = str(info.get("video_path") or VIDEO_PATH)
+        for key in layout.other_features(info):
+            for episode, place in enumerate(places(root, key, template, lengths.tolist(), fps)):
+                entries[episode] |= {f"videos/{key}/{name}": value for name, value in place.items()}
+        self._episodes = dict(entries)
+
+    def files_of(self, rows: np.ndarray) -> list[Path]:
+        """Return nothing: no data file holds videos."""
+        return []
+
+    def schema_metadata(self) -> dict[str, object]:
+        """Return nothing, for the same reason."""
+        return {}
+
+
+def places(root: Path, key: str, template: str, lengths: Sequence[int], fps: float) -> Iterator[dict[str, float | int]]:
+    """Yield where the pictures of each episode lie in the videos of one camera.
+
+    Raises:
+        DatasetInvalid: there are too few pictures, or an episode would lie in two files.
+    """
+    chunk, file, begin, count = 0, 0, 0, -1
+    for episode, length in enumerate(lengths):
+        if count >= 0 and begin == count:
+            chunk, file = (chunk, file + 1) if file + 1 < layout.FILES_PER_CHUNK else (chunk + 1, 0)
+            begin, count = 0, -1
+        path = root / template.format(video_key=key, chunk_index=chunk, file_index=file)
+        if count < 0:
+            count = frames_of(path)
+        if begin + length > count:
+            raise DatasetInvalid(
+                f"{path.relative_to(root)} has {count} pictures, so that those of episode {episode} are not all there"
+            )
+        yield {
+            "chunk_index": chunk,
+            "file_index": file,
+            "from_timestamp": begin / fps,
+            "to_timestamp": (begin + length) / fps,
+        }
+        begin += length
+
+
+def frames_of(path: Path) -> int:
+    """Return the number of pictures in an MP4 file.
+
+    Raises:
+        DatasetInvalid: the file is missing, or holds no whole video.
+    """
+    if not path.is_file():
+        raise DatasetInvalid(f"{path.name} is missing")
+    for track in (inner for name, inner in parts(movie_box(path)) if name == b"trak"):
+        found = dict(leaves(track))
+        if found.get(b"hdlr", b"")[KIND] == b"vide" and b"stsz" in found:
+            return int.from_bytes(found[b"stsz"][SAMPLES], "big")
+    raise DatasetInvalid(f"{path.name} is not a whole video")
+
+
+def movie_box(path: Path) -> bytes:
+    """Return the content of an MP4 file's `moov`, which describes its tracks; empty where the file was cut off."""
+    content, end, length = b"", 0, path.stat().st_size
+    with path.open("rb") as stream:
+        while end < length:
+            stream.seek(end)
+            header = stream.read(LARGE)
+            size, inside = int.from_bytes(header[:4], "big"), HEADER
+            if size == 1:
+                size, inside = int.from_bytes(header[HEADER:LARGE], "big"), LARGE
+            if size < inside or end + size > length:
+                return b""
+            if header[4:HEADER] == b"moov":
+                stream.seek(end + inside)
+                content = stream.read(size - inside)
+            end += size
+    return content
+
+
+def parts(content: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Yield the boxes in a box's content: their kinds and contents."""
+    place = 0
+    while place + HEADER <= len(content):
+        size = int.from_bytes(content[place : place + 4], "big")
+        if size < HEADER:
+            return
+        yield content[place + 4 : place + HEADER], content[place + HEADER : place + size]
+        place += size
+
+
+def leaves(content: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Yield the boxes in a track that hold no others."""
+    for kind, inner in parts(content):
+        if kind in CONTAINERS:
+            yield from leaves(inner)
+        else:
+            yield kind, inner
