@@ -116,11 +116,16 @@ def name(train: FitTask, held: FitTask, say: Callable[[str], None] = lambda text
     plain, fine = fit_plain(search), search.sub.fine
     search.return_to(first)
     train = replace(search.train, fine=search.sub.fine)
-    kept = decide(search, train, withdraw(search, choose(search, plain)))
+    kept = withdraw(search, choose(search, plain))
+    say("comparing what is nearly as good")
+    kept = decide(search, train, kept)
     null = Final((), search.null.fit.factors, ())
     say("last fit, on all training episodes")
     final = finish(train, kept.description, kept.fit.factors)
-    judged = [judge(search, kept, final, number) for number in range(len(kept.effects))]
+    judged = []
+    for number, effect in enumerate(kept.effects):
+        say(f"judging {effect.name()} at {effect.joint or 'the arm'}, {number + 1} of {len(kept.effects)}")
+        judged.append(judge(search, kept, final, number))
     order = sorted(range(len(judged)), key=lambda number: -judged[number][0].confidence)
     findings, rivals = [judged[number][0] for number in order], [judged[number][1] for number in order]
     baseline = Final(plain.effects, plain.fit.factors, (), fine)

@@ -2,7 +2,7 @@
 
 from nas_data.gap.search.fit import Fit, fit
 from nas_data.gap.search.hypothesis import Hypothesis
-from nas_data.gap.search.moves.replace_by_rival import fitted_rivals
+from nas_data.gap.search.moves.replace_by_rival import doubted, fitted_rivals
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.search import Search
 
@@ -12,11 +12,12 @@ NEAR = 8.0  # nats on the episodes of the search within which a rival may still 
 def decide(search: Search, train: FitTask, kept: Hypothesis) -> Hypothesis:
     """Return what is kept, or the first near rival that does better on all training episodes at the same tolerance.
 
-    The search worked on some of the episodes, which mostly tells causes apart. Where it does not, the others may.
+    Of many effects, those face rivals that are needed least. The search worked on some of the episodes, which mostly
+    tells causes apart. Where it does not, the others may.
     """
     near = [
         rival
-        for number in range(len(kept.effects))
+        for number in doubted(search, kept)
         for rival in fitted_rivals(search, kept, number)
         if rival.score.over(kept.score) < NEAR
     ]

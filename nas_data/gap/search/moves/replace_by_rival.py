@@ -95,11 +95,13 @@ def fitted_rivals(search: Search, h: Hypothesis, number: int) -> list[Hypothesis
 
 
 def contenders(search: Search, effect: Effect, others: Sequence[Effect]) -> list[Effect]:
-    """Return what competed with an effect when it was added, the best first, each place once."""
+    """Return what competed with an effect when it was added, the best first, each place once; of many effects one."""
     taken = {key(effect), *map(key, others)}
     result = []
     for rival in search.rivals.get(key(effect), []):
         if key(rival) not in taken:
             taken.add(key(rival))
             result.append(rival)
+    if len(others) >= MANY:
+        return result[:1]
     return result[: TRIED if effect.in_model else TRIED + FACED]
