@@ -36,7 +36,7 @@ def run(root: Path, *command: str) -> str:
 
 
 def test_the_effect_passes_the_contract_of_effects(extended):
-    tests = extended / "tests" / "test_effects.py"
+    tests = extended / "tests" / "support" / "typical_effects.py"
     typical = 'TYPICAL = {\n    ("cable_pull", "stiffness"): 0.05,'
     assert tests.read_text().count("TYPICAL = {") == 1
     tests.write_text(tests.read_text().replace("TYPICAL = {", typical))
