@@ -6,11 +6,10 @@ import importlib
 import io
 import itertools
 import json
-import math
 import os
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -68,21 +67,6 @@ def command_class(name: str) -> "type[Command]":
         if isinstance(value, type) and issubclass(value, Command) and value.__module__ == module.__name__:
             return value
     raise TypeError(f"{module.__name__} holds no Command")
-
-
-def finite(value: object) -> object:
-    """Replace what JSON cannot say (NaN, infinity, arrays, paths) by what it can."""
-    if isinstance(value, Mapping):
-        return {str(key): finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(item) for item in value]
-    if isinstance(value, Path):
-        return str(value)
-    if hasattr(value, "tolist"):
-        return finite(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 def fail(message: str, as_json: bool) -> int:
@@ -184,6 +168,8 @@ def run(name: str, rest: list[str]) -> int:
         return fail(refusal(error), command.json)
     except KeyboardInterrupt:
         return fail("interrupted; what was finished is kept.", command.json) and 130
+    from nas_data.typed_json import finite
+
     text = json.dumps(finite(outcome.data), indent=2, allow_nan=False) if command.json else outcome.text
     try:
         print(text, flush=True)

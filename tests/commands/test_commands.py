@@ -15,7 +15,7 @@ from support.command_samples import FAST, SIMULATED, done, nas
 from support.recording_samples import pendulum, positions_only
 from support.simulator_samples import SO101, needs_so101
 
-from nas_data.cli import command_class, command_files, finite, main, overview, parse, split, summary
+from nas_data.cli import command_class, command_files, main, overview, parse, split, summary
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.write import write
@@ -23,6 +23,7 @@ from nas_data.models import checkpoint
 from nas_data.models.evaluation import evaluate
 from nas_data.models.losses import TeacherForcing
 from nas_data.robots.base import find_robot
+from nas_data.typed_json import finite
 
 RECORDINGS = Path(__file__).parents[3] / "shared/realdata/sage_so101"
 COMMANDS = command_files()
