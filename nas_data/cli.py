@@ -1,6 +1,5 @@
 """The program `nas`: finds the command file that the words name, reads its options with tyro and runs it."""
 
-import ast
 import contextlib
 import importlib
 import io
@@ -31,9 +30,9 @@ def command_files() -> dict[str, Path]:
 
 
 def summary(path: Path) -> str:
-    """Return the first line of a command file's docstring without importing it."""
-    text = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
-    return text.splitlines()[0] if text else ""
+    """Return the first line of a command file, which is the sentence that its docstring begins with."""
+    with path.open(encoding="utf-8") as file:
+        return file.readline().strip().strip('"')
 
 
 def overview(prefix: str = "") -> str:
