@@ -32,7 +32,7 @@ def problem(folder: Path, *effects: str) -> Problem:
     options = [option for text in effects for option in ("--effect", text)]
     out = str(folder)
     command = ["record", "sim", "--robot", "ergojr", *options, "--noise", "0.0009", "--out", out]
-    assert main([*command, "--episodes", "4", "--seconds", "1.2"]) == 0
+    assert main([*command, "--episodes", "6", "--seconds", "1.5"]) == 0
     return Problem.load(out, "ergojr")
 
 

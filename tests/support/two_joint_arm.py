@@ -32,7 +32,7 @@ ARM = """
 
 
 def recorded(arm: Path, out: Path, *options: str) -> Path:
-    common = ("--episodes", "6", "--seconds", "1.5", "--rate", "100", "--quantum", "0.005", "--noise", "0.0009")
+    common = ("--episodes", "8", "--seconds", "2", "--rate", "100", "--quantum", "0.005", "--noise", "0.0009")
     commands = ("--excitation", "babbling:every=50", "--blind")
     assert main(["record", "sim", "--robot", str(arm), *common, *commands, *options, "--out", str(out)]) == 0
     return out
