@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support.dataset_samples import recorded
+from support.version_samples import write_some
 
 from nas_data.dataset import versions
 from nas_data.dataset.content import content_hash
@@ -44,15 +45,9 @@ def test_equal_content_is_not_written_twice(tmp_path):
     assert len(list((tmp_path / "arm").iterdir())) == 2
 
 
-def _write_some(folder, worker):
-    for seed in range(3):
-        new_version(recorded(seed=10 * worker + seed), "arm", SIMULATED, Path(folder))
-    new_version(recorded(seed=999), "arm", SIMULATED, Path(folder))
-
-
 def test_processes_that_write_at_once_never_share_a_number(tmp_path):
     context = multiprocessing.get_context("spawn")
-    workers = [context.Process(target=_write_some, args=(str(tmp_path), worker)) for worker in range(2)]
+    workers = [context.Process(target=write_some, args=(str(tmp_path), worker)) for worker in range(2)]
     for worker in workers:
         worker.start()
     for worker in workers:

@@ -22,7 +22,7 @@ import pytest
 from nas_data.cli import main
 assert main({[*RECORDED, "--out", "flag"]}) == 0
 assert main(["verify", "flag"]) == 0
-sys.exit(pytest.main(["-v", *{list(CONTRACTS)}, "-k", "{PLUG_INS}"]))
+sys.exit(pytest.main(["-vv", *{list(CONTRACTS)}, "-k", "{PLUG_INS}"]))
 """
 
 
