@@ -306,7 +306,7 @@ def test_a_scan_along_the_parameters_finds_wide_play_that_no_slope_leads_to():
 
 def test_play_that_seems_to_lie_in_its_middle_is_found_from_half_its_width():
     """A scan that is not close is enough where an arm is not chaotic: slopes lead on from there."""
-    task = recorded("pusher", steps=100, episodes=4)
+    task = recorded("pusher", steps=100)
     half = (parse("coulomb_friction:joint=j1,torque=1"), parse("backlash:joint=j1,half_width=0.075"))
     parameters = FreeParameters(half, free_base(task.nominal.base, half))
     nearest = fit(task, parameters, parameters.start())
