@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from nas_data.commands._benchmark import run_in_temporary_folder
 from nas_data.commands.base import Command, CommandResult
 
 
@@ -20,6 +21,5 @@ class BenchmarkAugmented(Command):
     def run(self) -> CommandResult:
         """Measure; nothing is written."""
         from nas_data.benchmarks.augmented import benchmark
-        from nas_data.benchmarks.result import run_in_temporary_folder
 
         return run_in_temporary_folder(benchmark, frames=self.frames, rounds=self.rounds)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from nas_data.commands._benchmark import run_in_temporary_folder
 from nas_data.commands.base import Command, CommandResult
 
 
@@ -24,7 +25,6 @@ class BenchmarkLoading(Command):
     def run(self) -> CommandResult:
         """Measure in a folder that is removed afterwards."""
         from nas_data.benchmarks.loading import benchmark
-        from nas_data.benchmarks.result import run_in_temporary_folder
 
         return run_in_temporary_folder(
             benchmark, episodes=self.episodes, frames=self.frames, batches=self.batches, rounds=self.rounds

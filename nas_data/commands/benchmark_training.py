@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from nas_data.commands._benchmark import run_in_temporary_folder
 from nas_data.commands.base import Command, CommandResult
 
 
@@ -21,7 +22,6 @@ class BenchmarkTraining(Command):
 
     def run(self) -> CommandResult:
         """Measure in a folder that is removed afterwards."""
-        from nas_data.benchmarks.result import run_in_temporary_folder
         from nas_data.benchmarks.training import benchmark
 
         return run_in_temporary_folder(benchmark, episodes=self.episodes, budget=self.budget, seeds=self.seeds)

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from hypothesis import settings
+from support.dataset_samples import recorded
 
 from nas_data.dataset.content import content_hash
 from nas_data.dataset.derive_provenance import Original
@@ -10,10 +11,16 @@ from nas_data.dataset.provenance import Provenance
 from nas_data.dataset.versions import new_version
 
 SIMULATED = Provenance(how="simulated", robot="ergojr", seeds=(3,), contiguous=True, signal={"name": "steps"})
-FEW = settings(max_examples=20, deadline=None)
+FEW = settings(max_examples=10, deadline=None)
 
 
 def original(dataset, provenance=SIMULATED, attachments=None, name=None):
     """Write a dataset as the first version of a name and open it."""
     name = name or f"d{content_hash(dataset)[:6]}"
     return Original.read(new_version(dataset, name, provenance, Path("datasets"), attachments))
+
+
+def write_some(folder: str, worker: int) -> None:
+    """Write three versions of a worker's own, and one that all workers write."""
+    for seed in (10 * worker, 10 * worker + 1, 10 * worker + 2, 999):
+        new_version(recorded(seed=seed), "arm", SIMULATED, Path(folder))

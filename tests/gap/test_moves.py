@@ -1,0 +1,344 @@
+"""The moves of the search: none makes a hypothesis worse, and each finds what it is there for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.evidence_samples import QUANTUM, measured
+from support.search_samples import NOISE, afresh, arm, begun, described, fitted, names
+
+from nas_data import registry
+from nas_data.effects.base import parse
+from nas_data.errors import UnknownName
+from nas_data.gap.episode_batch import EpisodeBatch
+from nas_data.gap.nominal import Nominal
+from nas_data.gap.search.fit import fit
+from nas_data.gap.search.hypothesis import Hypothesis, key
+from nas_data.gap.search.moves import (
+    add,
+    drop,
+    line_scan,
+    merge_joints,
+    one_for_several,
+    optional_parameters,
+    replace_by_rival,
+    restart,
+    share_value,
+    shift_delay,
+    simplify,
+    swap,
+)
+from nas_data.gap.search.moves.base import find_move
+from nas_data.gap.search.objective import FitTask
+from nas_data.gap.search.parameters import FreeParameters, free_base
+from nas_data.gap.search.search import Search
+from nas_data.recorders.recipe import Recipe
+
+FLOOR = np.full(6, QUANTUM / np.sqrt(12))
+MOVES = registry.names("gap.search.moves")
+VISCOUS, DRY = "viscous_friction:joint=j2,coefficient=0.03", "coulomb_friction:joint=j1,torque=0.03"
+BAND = "deadband:joint=j1,half_width=0.02"
+
+
+@pytest.fixture(scope="module")
+def rubbing() -> Search:
+    """A search for viscous friction in one joint and dry friction in the other."""
+    return begun(arm(), VISCOUS, DRY)
+
+
+@pytest.fixture(
+    scope="module", params=["a dead band for dry friction", pytest.param("too much", marks=pytest.mark.slow)]
+)
+def half_way(request: pytest.FixtureRequest, rubbing: Search) -> tuple[Search, Hypothesis]:
+    """A search, and a fitted hypothesis that is not the right one."""
+    search = afresh(rubbing)
+    effects = {
+        "a dead band for dry friction": (BAND, VISCOUS),
+        "too much": (VISCOUS, DRY, "joint_offset:joint=j2,offset=0.001"),
+    }[request.param]
+    return search, fitted(search, *effects)
+
+
+# The contract
+
+
+@pytest.mark.parametrize("name", MOVES)
+def test_a_move_makes_no_hypothesis_worse(name: str, half_way: tuple[Search, Hypothesis]):
+    """In the objective in which the search then is; some moves change it."""
+    search, h = afresh(half_way[0]), half_way[1]
+    moved = find_move(name)(search, h)
+    assert moved.fit.objective == search.sub.objective
+    assert moved.score <= search.rescore(h).score
+    assert moved.is_sound
+    assert np.all(np.isfinite(moved.fit.theta))
+    assert search.null.fit.objective == search.nominal.fit.objective == search.sub.objective
+
+
+@pytest.mark.parametrize("name", [name for name in MOVES if name != "add"])
+def test_a_move_leaves_the_model_alone_as_it_is(name: str, rubbing: Search):
+    search = afresh(rubbing)
+    assert find_move(name)(search, search.null) is search.null
+
+
+def test_a_move_that_there_is_not_is_refused_with_those_that_there_are():
+    with pytest.raises(UnknownName, match="share_value"):
+        find_move("shuffle")
+
+
+# What each is there for
+
+
+def test_an_effect_of_each_joint_is_added_at_once(rubbing: Search):
+    search = afresh(rubbing)
+    assert names(add.apply(search, search.null).effects) == names([parse(VISCOUS), parse(DRY)])
+
+
+def test_what_does_nothing_is_dropped(rubbing: Search):
+    search = afresh(rubbing)
+    idle = ("backlash:joint=j1,half_width=0.0005", "joint_offset:joint=j2,offset=0.0001")
+    kept = fitted(search, VISCOUS, DRY, *idle, freed=["j1.armature"])
+    left = drop.apply(search, kept)
+    assert names(left.effects) == names([parse(VISCOUS), parse(DRY)])
+    assert not left.description.freed
+    assert drop.apply(search, left) is left
+
+
+def test_a_stand_in_is_swapped_for_what_it_stands_for(rubbing: Search):
+    search = afresh(rubbing)
+    better = swap.apply(search, fitted(search, BAND, VISCOUS))
+    assert names(better.effects) == names([parse(VISCOUS), parse(DRY)])
+    assert key(parse(BAND)) in {key(rival) for rival in search.rivals[key(parse(DRY))]}
+
+
+def test_a_beaten_effect_that_does_better_beside_the_others_comes_back(rubbing: Search):
+    search = afresh(rubbing)
+    search.rivals[key(parse(BAND))] = [parse(DRY)]
+    kept = fitted(search, BAND, VISCOUS)
+    better = replace_by_rival.apply(search, kept)
+    assert names(better.effects) == names([parse(VISCOUS), parse(DRY)])
+    assert replace_by_rival.contenders(search, better.effects[-1], ())[0].name() == "deadband"
+    assert replace_by_rival.apply(search, better) is better
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("wrong", "hidden"),
+    [("torque_limit:joint=m2,torque=0.15", "load_friction"), ("load_friction:joint=m2,ratio=0.3", "torque_limit")],
+)
+def test_what_a_hook_expresses_and_what_a_file_does_meet_where_they_are_confused(wrong: str, hidden: str):
+    """Neither was a rival of the other when the wrong one was added."""
+    effects = {"load_friction": "load_friction:joint=m2,ratio=0.2", "torque_limit": "torque_limit:joint=m2,torque=0.1"}
+    nominal, evidence = measured(effects[hidden])
+    task = FitTask(nominal, evidence, FLOOR)
+    search = Search.begin(task.select([0, 1]), task.select([2]))
+    kept = search.fitted(described(wrong), {})
+    assert kept is not None and not search.rivals
+    assert names(replace_by_rival.apply(search, kept).effects) == [(hidden, "m2")]
+
+
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        "coulomb_friction:joint={},torque=0.02",
+        pytest.param("deadband:joint={},half_width=0.02", marks=pytest.mark.slow),
+    ],
+)
+def test_what_all_joints_have_alike_is_found_to_be_one_value(hidden: str):
+    alike = [hidden.format(joint) for joint in ("j1", "j2", "j3")]
+    search = begun(arm(joints=3), *alike)
+    kept = fitted(search, *alike)
+    one = share_value.apply(search, kept)
+    name = kept.effects[0].name()
+    assert one.description.shared == {name}
+    assert one.description.cost < kept.description.cost and one.score < search.rescore(kept).score
+    (value,) = {getattr(effect, effect.parameters[0].name) for effect in one.effects}
+    assert value == pytest.approx(0.02, rel=0.02)
+    assert share_value.apply(search, one) is one, "and stays it"
+
+
+@pytest.mark.slow
+def test_what_joints_have_each_of_their_own_is_shared_by_none():
+    own = [f"coulomb_friction:joint=j{n},torque={torque}" for n, torque in ((1, 0.01), (2, 0.02), (3, 0.03))]
+    search = begun(arm(joints=3), *own)
+    kept = fitted(search, *own)
+    assert share_value.apply(search, kept) is kept
+    forced = fitted(search, *own, shared=["coulomb_friction"])
+    assert share_value.apply(search, forced).description.shared == frozenset()
+
+
+def test_a_delay_of_every_joint_is_the_arms():
+    search = begun(arm(), "command_delay:delay=0.02")
+    assert parse("command_delay:joint=j1,delay=0.02").whole_arm
+    kept = fitted(search, "command_delay:joint=j1,delay=0.02", "command_delay:joint=j2,delay=0.02")
+    (whole,) = merge_joints.apply(search, kept).effects
+    assert key(whole) == ("command_delay", None)
+    assert whole.delay == pytest.approx(0.02, abs=1e-3)
+
+
+@pytest.mark.parametrize(("place", "apart"), [("", False), (",x=0.04,z=0.06", True)])
+def test_a_payload_off_its_link_gets_a_place(place: str, apart: bool):
+    search = begun(arm(), f"payload:mass=0.04{place}")
+    (found,) = optional_parameters.apply(search, fitted(search, "payload:mass=0.03")).effects
+    assert (set(found.to_json()["parameters"]) == {"mass", "x", "y", "z"}) == apart
+    if apart:
+        assert (found.x, found.z) == pytest.approx((0.04, 0.06), abs=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("hidden", "apart"), [("payload:mass=0.04", False), ("payload:mass=0.04,y=0.04,z=0.06", True)])
+def test_the_place_of_a_payload_is_sought_where_the_data_tell_it(hidden: str, apart: bool):
+    nominal, evidence = measured(hidden)
+    task = FitTask(nominal, evidence, FLOOR)
+    search = Search.begin(task.select([0, 1, 2]), task.select([3]))
+    plain = fitted(search, "payload:mass=0.03")
+    assert set(plain.effects[0].to_json()["parameters"]) == {"mass"}
+    (found,) = optional_parameters.apply(search, plain).effects
+    assert (set(found.to_json()["parameters"]) == {"mass", "x", "y", "z"}) == apart
+    if apart:
+        assert (found.y, found.z) == pytest.approx((0.04, 0.06), abs=0.02)
+
+
+STRIBECK = "stribeck_friction:joint=j1,torque={},kinetic_ratio={},stribeck_velocity={}"
+
+
+@pytest.mark.parametrize(
+    "beside", [(), pytest.param(("coulomb_friction:joint=j1,torque=0.001",), marks=pytest.mark.slow)]
+)
+def test_friction_that_does_not_fall_with_speed_is_dry_whether_two_names_share_it_or_not(beside: tuple[str, ...]):
+    search = begun(arm(), DRY)
+    kept = fitted(search, STRIBECK.format(0.03, 0.99, 0.5), *beside)
+    (friction,) = simplify.apply(search, kept).effects
+    assert friction.name() == "coulomb_friction"
+    assert friction.torque == pytest.approx(0.03, rel=0.03)
+
+
+@pytest.mark.slow
+def test_friction_that_falls_with_speed_stays_what_it_is():
+    hidden = STRIBECK.format(0.05, 0.3, 0.3)
+    search = begun(arm(), hidden)
+    kept = fitted(search, hidden)
+    assert simplify.apply(search, kept) is kept
+
+
+@pytest.mark.slow
+def test_what_the_model_bent_to_is_undone_by_beginning_anew(rubbing: Search):
+    """Each joint's gain went as far as it may for the dead band; without it, they let go of each other."""
+    search = afresh(rubbing)
+    kept = fitted(search, VISCOUS, DRY, "backlash:joint=j1,half_width=0.001")
+    anew = restart.apply(search, kept)
+    assert names(anew.effects) == names([parse(VISCOUS), parse(DRY)])
+
+
+# Delays, which act in whole physics steps
+
+
+@pytest.fixture(scope="module")
+def stuck() -> tuple[Search, Hypothesis]:
+    """A search for a speed limit and a delay of 10 ms, and the fit in which it stays with half the delay."""
+    commands = np.random.default_rng(0).uniform(-0.7, 0.7, (2, 4, 1)).repeat(40, axis=1)
+    counts = np.ones(commands.shape[:2], bool)
+    evidence = EpisodeBatch(
+        ("pendulum",), 0.01, np.zeros((2, 1)), commands, np.zeros_like(commands), counts, np.arange(2)
+    )
+    nominal = Nominal.load("pendulum", evidence)
+    limit, delay = parse("speed_limit:joint=pendulum,speed=1.7"), parse("command_delay:delay=0.0045")
+    truth = nominal.predict(evidence, [limit, parse("command_delay:delay=0.01")])
+    task = FitTask(nominal, replace(evidence, measured=truth.round(4)), np.full(1, NOISE))
+    search = Search.begin(task, task)
+    found = search.fitted(described().with_effects([limit, delay]), {}, steps=12, jacobian_refreshes=4)
+    assert found is not None
+    there = search.relinearise(found)
+    assert there.effects[1].delay < 0.007, "slopes lead there, or these tests show nothing"
+    return search, there
+
+
+def test_a_delay_is_shifted_to_the_physics_step_that_no_slope_leads_to(stuck: tuple[Search, Hypothesis]):
+    search, there = afresh(stuck[0]), stuck[1]
+    free = shift_delay.apply(search, there)
+    assert free.effects[1].delay == pytest.approx(0.01, abs=2e-5)
+    assert search.ratio(free) < 1 < 10 < search.ratio(there)
+    assert not search.sub.fine
+    assert free.score < search.rescore(there).score
+    assert shift_delay.apply(search, free) is free
+    assert shift_delay.apply(search, search.null) is search.null
+
+
+def test_shifts_are_whole_physics_steps_within_the_parameters_bounds():
+    pair = (parse(VISCOUS), parse("command_delay:delay=0.0051"))
+    delays = [effects[1].delay for effects in shift_delay.shifts(pair, 0.002)]
+    assert delays == pytest.approx([0.002, 0.004, 0.008, 0.01, 0.012])
+    assert all(effects[0] == pair[0] for effects in shift_delay.shifts(pair, 0.002))
+    assert list(shift_delay.shifts(pair[:1], 0.002)) == []
+
+
+# Play, which makes chaos and dips
+
+WIDE_PLAY = tuple(
+    parse(f"backlash:joint={joint},half_width={width}")
+    for joint, width in (("pan", 0.07), ("elbow_flex", 0.07), ("wrist_flex", 0.025))
+)
+
+
+def recorded(name: str, steps: int, episodes: int = 6) -> FitTask:
+    """Return what an environment's arm does whose play is 0.15 rad wide, its own physics steps known."""
+    sizes = {"episodes": episodes, "steps": steps, "holds": (1,)}
+    dataset, _ = Recipe(environment=f"nas/{name.capitalize()}-v0", dynamics="backlash", **sizes).record()
+    evidence = EpisodeBatch.of(dataset)
+    nominal = Nominal.load(name, evidence)
+    floor = np.full(len(nominal.joints), 1e-3)
+    return FitTask(nominal, evidence.with_objects(dataset, nominal.simulator()), floor, fine=False)
+
+
+@pytest.mark.slow
+def test_a_scan_along_the_parameters_finds_wide_play_that_no_slope_leads_to():
+    task = recorded("striker", steps=30)
+    parameters = FreeParameters(WIDE_PLAY, free_base(task.nominal.base, WIDE_PLAY))
+
+    def widths(theta: np.ndarray) -> list[float]:
+        return [effect.half_width for effect in parameters.effects_at(theta)]
+
+    gone_down = fit(task, parameters, parameters.start())
+    assert gone_down is not None and max(widths(gone_down.theta)) < 0.12
+    found, reached = line_scan.scan(task, parameters, parameters.start(), [0, 1, 2])
+    assert reached < gone_down.loss
+    assert widths(found) == pytest.approx([0.15] * 3, rel=0.02)
+
+
+def test_play_that_seems_to_lie_in_its_middle_is_found_from_half_its_width():
+    """A scan that is not close is enough where an arm is not chaotic: slopes lead on from there."""
+    task = recorded("pusher", steps=100)
+    half = (parse("coulomb_friction:joint=j1,torque=1"), parse("backlash:joint=j1,half_width=0.075"))
+    parameters = FreeParameters(half, free_base(task.nominal.base, half))
+    nearest = fit(task, parameters, parameters.start())
+    assert nearest is not None and nearest.effects[1].half_width < 0.1
+    found, _ = line_scan.scan(task, parameters, parameters.start(), [0, 1], line_scan.SCANS[:1])
+    on = fit(task, parameters, found)
+    assert on is not None and on.effects[1].half_width == pytest.approx(0.15, rel=0.02)
+
+
+def test_an_arm_that_play_throws_to_and_fro_is_chaotic_and_a_servoed_one_is_not(rubbing: Search):
+    task = recorded("striker", steps=60, episodes=3)
+    parameters = FreeParameters(WIDE_PLAY, free_base(task.nominal.base, WIDE_PLAY))
+    thrown = fit(task, parameters, parameters.start(), steps=0)
+    assert thrown is not None
+    assert line_scan.is_chaotic(task, Hypothesis(described().with_effects(WIDE_PLAY), thrown, np.zeros((1, 7)), 0.0))
+    assert not line_scan.is_chaotic(rubbing.sub, rubbing.null)
+
+
+# One effect in the place of several parts
+
+
+def test_one_effect_takes_the_place_of_all_parts_of_a_joint(rubbing: Search):
+    """A dead band and an offset stand in for dry friction."""
+    search = afresh(rubbing)
+    several = fitted(search, VISCOUS, BAND, "joint_offset:joint=j1,offset=0.001")
+    found = one_for_several.apply(search, several)
+    assert names(found.effects) == names([parse(VISCOUS), parse(DRY)])
+    assert found.score < several.score
+
+
+def test_one_effect_of_the_arm_takes_the_place_of_everything():
+    """What a mass at the end does looks like an offset in either joint."""
+    search = begun(arm(), "payload:mass=0.04")
+    several = fitted(search, *(f"joint_offset:joint={joint},offset=0.01" for joint in ("j1", "j2")))
+    assert names(one_for_several.apply(search, several).effects) == [("payload", None)]

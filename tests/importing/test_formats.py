@@ -1,0 +1,401 @@
+"""The same recording in any format, unit and layout imports to the same dataset; unreadable logs say why."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.import_samples import (
+    JOINTS,
+    RATE,
+    columns_of,
+    map_text,
+    motion,
+    sample_map,
+    write_log,
+    write_map,
+)
+
+from nas_data.dataset.content import content_hash
+from nas_data.errors import LogError, MapError
+from nas_data.importing.map_file import load_map
+from nas_data.recorders.logs import import_logs
+
+FORMATS = (".csv", ".parquet", ".npz", ".json")
+FACTORS = {"rad": 1.0, "deg": np.pi / 180, "turn": 2 * np.pi, "ticks": 1.0}
+VELOCITY_FACTORS = {"rad/s": 1.0, "deg/s": np.pi / 180, "turn/s": 2 * np.pi, "rpm": np.pi / 30, "ticks": 1.0}
+TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A random way to log an angle or a speed of one joint."""
+
+    name: str
+    sign: int
+    scale: float
+    zero: float
+    offset: float
+
+    def log(self, value: np.ndarray, factors: dict[str, float]) -> np.ndarray:
+        return (value - self.offset) * self.sign / (factors[self.name] * self.scale) + self.zero
+
+    def toml(self) -> str:
+        keys = {"unit": json.dumps(self.name), "sign": self.sign, "scale": self.scale, "zero": self.zero}
+        return "\n".join(f"{key} = {value}" for key, value in (keys | self.offset_key()).items())
+
+    def offset_key(self) -> dict[str, object]:
+        return {"offset": self.offset} if self.offset else {}
+
+
+def units(names: dict[str, float], offsets: st.SearchStrategy[float]) -> st.SearchStrategy[Unit]:
+    return st.builds(
+        Unit,
+        st.sampled_from(sorted(names)),
+        st.sampled_from([-1, 1]),
+        st.sampled_from([1.0, 0.25, 0.0015]),
+        st.sampled_from([0.0, 2048.0, -3.5]),
+        offsets,
+    )
+
+
+def table(column: str, chosen: list[Unit], section: str) -> str:
+    """A quantity's table with a table a joint."""
+    joints = [f"[read.{section}.joints.{joint}]\n{unit.toml()}" for joint, unit in zip(JOINTS, chosen, strict=True)]
+    return f'column = "{column}"\n' + "\n".join(joints)
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    position=st.lists(units(FACTORS, st.floats(-0.5, 0.5)), min_size=2, max_size=2),
+    command=st.lists(units(FACTORS, st.floats(-0.5, 0.5)), min_size=2, max_size=2),
+    velocity=st.lists(units(VELOCITY_FACTORS, st.just(0.0)), min_size=2, max_size=2),
+    time=st.sampled_from(sorted(TIMES)),
+    phase=st.floats(0, 6),
+    rows=st.integers(30, 90),
+)
+def test_any_format_and_unit_imports_to_the_same_dataset(position, command, velocity, time, phase, rows):
+    truth = motion(rows, phase=phase)
+    columns = {
+        "t": (truth.time + 1000.0) / TIMES[time],
+        "q": np.column_stack([unit.log(truth.position[:, i], FACTORS) for i, unit in enumerate(position)]),
+        "dq": np.column_stack([unit.log(truth.velocity[:, i], VELOCITY_FACTORS) for i, unit in enumerate(velocity)]),
+        "goal": np.column_stack([unit.log(truth.command[:, i], FACTORS) for i, unit in enumerate(command)]),
+    }
+    datasets = []
+    with TemporaryDirectory() as name:
+        for suffix in FORMATS:
+            log = write_log(Path(name) / f"log{suffix}", columns)
+            text = map_text(
+                suffix,
+                time=f'column = "t"\nunit = "{time}"',
+                position=table("q", position, "position"),
+                register=table("dq", velocity, "velocity"),
+                command=table("goal", command, "command"),
+                # Whether small motions in degrees are plausible is another test's question.
+                extra='[audit]\nallow = ["unit_slip"]',
+            )
+            datasets.append(import_logs([log], load_map(write_map(Path(name), text))).dataset)
+    first = datasets[0]
+    assert all(content_hash(dataset) == content_hash(first) for dataset in datasets[1:])
+    np.testing.assert_allclose(first.states, np.hstack([truth.position, truth.velocity])[:-1], atol=2e-6)
+    np.testing.assert_allclose(first.next_states, np.hstack([truth.position, truth.velocity])[1:], atol=2e-6)
+    np.testing.assert_allclose(first.commands, truth.command[:-1], atol=2e-6)
+    np.testing.assert_allclose(first.columns["nas.time"][:, 0], truth.time[:-1], atol=1e-9)
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_each_format_keeps_constants_and_one_column_a_joint(tmp_path, suffix):
+    truth = motion()
+    columns = {"t": truth.time, "v": np.full(120, 7.4)}
+    for i in range(2):
+        columns |= {f"q{i}": truth.position[:, i], f"dq{i}": truth.velocity[:, i], f"g{i}": truth.command[:, i]}
+    # A CSV file has no place beside its rows: there a column that never changes is a constant.
+    constants = {"kp": 100, "motor": "xl320"}
+    if suffix == ".csv":
+        columns["kp"], constants = np.full(120, 100), {}
+    names = ["kp", *(["motor"] if constants else [])]
+    log = write_log(tmp_path / f"log{suffix}", columns, constants)
+    mapping = sample_map(
+        tmp_path,
+        suffix,
+        '[signals.voltage]\ncolumn = "v"\nwhole_robot = true\nunit = "V"\n'
+        '[signals.gain]\nconstant = "kp"\nunit = "register"',
+        top=f'constants = {json.dumps(names)}\ntask = "gain {{kp}}"\n'
+        + ('entries = "rows"' if suffix == ".json" else ""),
+        position='columns = ["q0", "q1"]\nunit = "rad"',
+        register='columns = ["dq0", "dq1"]\nunit = "rad/s"',
+        command='columns = ["g0", "g1"]\nunit = "rad"',
+    )
+    result = import_logs([log], mapping)
+    dataset = result.dataset
+    assert dataset.tasks == ("gain 100",)
+    assert result.provenance.target["episodes"][0]["constants"] == {"kp": 100} | constants
+    assert dataset.features["nas.voltage"].names == ("voltage",)
+    assert dataset.features["nas.gain"].names == ("shoulder.gain", "elbow.gain")
+    assert (dataset.columns["nas.gain"] == 100).all()
+    np.testing.assert_allclose(dataset.states[:, :2], truth.position[:-1], atol=1e-6)
+
+
+def import_columns(folder: Path, columns: dict, suffix: str = ".npz", text: str | None = None):
+    log = write_log(folder / f"log{suffix}", columns)
+    return import_logs([log], load_map(write_map(folder, text or map_text(suffix))))
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_a_missing_column_is_named_with_those_there_are(tmp_path, suffix):
+    columns = columns_of(motion())
+    del columns["dq"]
+    with pytest.raises(MapError, match=rf"log{suffix} has no column 'dq'.*it has: t, q, goal"):
+        import_columns(tmp_path, columns, suffix)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".npz", ".json"])
+def test_a_log_without_rows_is_refused(tmp_path, suffix):
+    columns = {key: values[:0] for key, values in columns_of(motion()).items()}
+    with pytest.raises((LogError, MapError), match=rf"log{suffix}.*(no rows|no column)"):
+        import_columns(tmp_path, columns, suffix)
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_an_empty_file_is_refused(tmp_path, suffix):
+    log = tmp_path / f"log{suffix}"
+    log.write_bytes(b"")
+    with pytest.raises(LogError, match="is empty; give a log"):
+        import_logs([log], sample_map(tmp_path, suffix))
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_a_file_that_is_something_else_is_refused(tmp_path, suffix):
+    log = tmp_path / f"log{suffix}"
+    log.write_bytes(bytes(range(256)) * 4)
+    with pytest.raises(LogError, match=rf"log{suffix} (cannot be read as|is not an NPZ archive)"):
+        import_logs([log], sample_map(tmp_path, suffix))
+
+
+def test_a_damaged_npz_is_refused(tmp_path):
+    log = write_log(tmp_path / "log.npz", columns_of(motion()))
+    content = bytearray(log.read_bytes())
+    content[300:340] = bytes(40)
+    log.write_bytes(content)
+    with pytest.raises(LogError, match=r"log.npz is damaged.*take it from a copy"):
+        import_logs([log], sample_map(tmp_path))
+
+
+def test_a_log_of_another_format_than_the_map_is_refused(tmp_path):
+    log = write_log(tmp_path / "log.csv", columns_of(motion()))
+    with pytest.raises(LogError, match=r"log.csv does not end in .npz, but the map says format = 'npz'"):
+        import_logs([log], sample_map(tmp_path))
+
+
+def test_too_few_rows_are_refused(tmp_path):
+    columns = {key: values[:2] for key, values in columns_of(motion()).items()}
+    with pytest.raises(LogError, match="has 2 rows; at least 3"):
+        import_columns(tmp_path, columns)
+
+
+def test_arrays_of_different_lengths_are_refused(tmp_path):
+    columns = columns_of(motion())
+    columns["goal"] = columns["goal"][:-1]
+    with pytest.raises(LogError, match="'goal' has 119 rows, but its times are 120"):
+        import_columns(tmp_path, columns)
+
+
+def test_vectors_of_another_width_than_the_joints_are_refused(tmp_path):
+    columns = columns_of(motion(joints=3))
+    with pytest.raises(LogError, match="'q' has 3 numbers a row, but the map has 2 joints"):
+        import_columns(tmp_path, columns)
+
+
+def test_components_pick_joints_out_of_a_wider_vector(tmp_path):
+    truth = motion()
+    columns = columns_of(truth) | {"q": np.hstack([truth.velocity, truth.position])}
+    text = map_text(position='column = "q"\ncomponents = [2, 3]\nunit = "rad"')
+    dataset = import_columns(tmp_path, columns, text=text).dataset
+    np.testing.assert_allclose(dataset.states[:, :2], truth.position[:-1], atol=1e-6)
+    with pytest.raises(MapError, match="has 4 components, but the map picks number 7"):
+        import_columns(tmp_path, columns, text=text.replace("[2, 3]", "[2, 7]"))
+
+
+def test_text_where_a_number_is_due_is_named_by_row(tmp_path):
+    log = write_log(tmp_path / "log.csv", {"t": motion().time} | columns_of(motion()))
+    lines = log.read_text().splitlines()
+    lines[18] = "soon" + lines[18][lines[18].index(",") :]
+    log.write_text("\n".join(lines))
+    with pytest.raises(LogError, match="column 't' holds 'soon' in row 17"):
+        import_logs([log], sample_map(tmp_path, ".csv"))
+
+
+def test_numbers_that_turn_fractional_late_are_not_guessed_from_the_first_rows(tmp_path):
+    truth = motion(rows=3000)
+    whole = np.concatenate([np.zeros((2000, 2)), truth.position[2000:]])
+    columns = {f"q{i}": whole[:, i] for i in range(2)} | columns_of(truth)
+    log = write_log(tmp_path / "log.csv", columns)
+    log.write_text(log.read_text().replace("\n0.0,0.0,", "\n0,0,"))
+    text = map_text(".csv", position='columns = ["q0", "q1"]\nunit = "rad"', extra='[audit]\nallow=["velocity_scale"]')
+    dataset = import_logs([log], load_map(write_map(tmp_path, text))).dataset
+    np.testing.assert_allclose(dataset.states[:, :2], whole[:-1], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("cell", "message"),
+    [
+        ('"[0.1]"', "in row 4; a JSON list of 2 numbers"),
+        ('"[0.1, two]"', "in row 4; a JSON list of 2"),
+        ('"[0.1, {}]"', "in row 4; a JSON list of 2"),
+        ("", "'q' is empty in row 4"),
+    ],
+)
+def test_a_ragged_vector_cell_is_named_by_row(tmp_path, cell, message):
+    log = write_log(tmp_path / "log.csv", columns_of(motion()))
+    lines = log.read_text().splitlines()
+    start, end = lines[5].index('"'), lines[5].index('"', lines[5].index('"') + 1) + 1
+    lines[5] = lines[5][:start] + cell + lines[5][end:]
+    log.write_text("\n".join(lines))
+    with pytest.raises(LogError, match=message):
+        import_logs([log], sample_map(tmp_path, ".csv"))
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".json"])
+def test_ragged_lists_are_named_by_row(tmp_path, suffix):
+    columns = {key: values.tolist() for key, values in columns_of(motion()).items()}
+    columns["q"][9] = [0.1, 0.2, 0.3]
+    log = tmp_path / f"log{suffix}"
+    if suffix == ".json":
+        log.write_text(
+            json.dumps({"rows": [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]})
+        )
+    else:
+        pa.parquet.write_table(pa.table(columns), log)
+    with pytest.raises(LogError, match="'q' holds 2 numbers in row 0 and 3 in row 9"):
+        import_logs([log], sample_map(tmp_path, suffix))
+
+
+def test_json_with_one_list_a_column_is_read(tmp_path):
+    truth = motion()
+    log = tmp_path / "log.json"
+    log.write_text(json.dumps({key: values.tolist() for key, values in columns_of(truth).items()}))
+    dataset = import_logs([log], sample_map(tmp_path, ".json", top="")).dataset
+    np.testing.assert_allclose(dataset.commands, truth.command[:-1], atol=1e-6)
+    with pytest.raises(MapError, match="no key 'rows', under which the map expects the rows; it has: t, q"):
+        import_logs([log], sample_map(tmp_path, ".json"))
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".npz", ".csv"])
+def test_nanoseconds_since_1970_keep_their_last_digits(tmp_path, suffix):
+    steps = np.arange(120) * 20_000_000 + np.arange(120) % 7
+    columns = columns_of(motion()) | {"t": 1_790_000_000_123_456_789 + steps}
+    dataset = import_columns(tmp_path, columns, suffix, map_text(suffix, time='column = "t"\nunit = "ns"')).dataset
+    np.testing.assert_allclose(dataset.columns["nas.time"][:, 0], steps[:-1] * 1e-9, atol=1e-12)
+
+
+def test_dates_are_times_only_where_the_map_says_so(tmp_path):
+    columns = {key: values.tolist() for key, values in columns_of(motion()).items()}
+    dates = np.datetime64("2026-01-15T10:28:10") + (np.arange(120) * 20_000_000).astype("timedelta64[ns]")
+    log = tmp_path / "log.parquet"
+    pa.parquet.write_table(pa.table(columns | {"t": pa.array(dates)}), log)
+    dated = sample_map(tmp_path, ".parquet", time='column = "t"\nunit = "datetime"')
+    np.testing.assert_allclose(import_logs([log], dated).dataset.columns["nas.time"][:, 0], motion().time[:-1])
+    with pytest.raises(LogError, match="'t' holds dates, but the map says unit = 's'"):
+        import_logs([log], sample_map(tmp_path, ".parquet"))
+    text = write_log(tmp_path / "log.csv", columns_of(motion()))
+    lines = text.read_text().splitlines()
+    cells = [f"{date}Z{line[line.index(',') :]}" for date, line in zip(dates.astype(str), lines[1:], strict=True)]
+    text.write_text("\n".join([lines[0], *cells]))
+    dated = sample_map(tmp_path, ".csv", time='column = "t"\nunit = "datetime"')
+    np.testing.assert_allclose(import_logs([text], dated).dataset.columns["nas.time"][:, 0], motion().time[:-1])
+
+
+def test_a_log_without_clock_has_evenly_spaced_times_only_where_the_map_says_so(tmp_path):
+    columns = columns_of(motion())
+    del columns["t"]
+    dataset = import_columns(tmp_path, columns, text=map_text(time="uniform = true")).dataset
+    np.testing.assert_allclose(dataset.columns["nas.time"][:, 0], np.arange(119) / RATE)
+    with pytest.raises(MapError, match="name the time column, or say uniform = true"):
+        sample_map(tmp_path, time="")
+
+
+def test_joint_names_in_the_log_must_be_the_maps(tmp_path):
+    columns = columns_of(motion()) | {"names": np.array(JOINTS)}
+    import_columns(tmp_path, columns, text=map_text(top='joint_names = "names"'))
+    columns["names"] = columns["names"][::-1]
+    with pytest.raises(MapError, match=r"has the joints elbow, shoulder, but the map shoulder, elbow; .*in this order"):
+        import_columns(tmp_path, columns, text=map_text(top='joint_names = "names"'))
+
+
+def test_arrays_that_would_have_to_be_unpickled_are_not_read(tmp_path):
+    columns = columns_of(motion()) | {"q": np.array([{"harm": 1}] * 120, dtype=object)}
+    with pytest.raises(LogError, match=r"'q' holds Python objects, .*save it as numbers"):
+        import_columns(tmp_path, columns)
+
+
+def test_a_constant_that_changes_is_refused(tmp_path):
+    columns = columns_of(motion()) | {"kp": np.arange(120)}
+    with pytest.raises(LogError, match="'kp' changes within the log"):
+        import_columns(tmp_path, columns, text=map_text(top='constants = ["kp"]'))
+    with pytest.raises(MapError, match="has no constant 'mass'"):
+        import_columns(tmp_path, columns, text=map_text(top='constants = ["mass"]'))
+
+
+@pytest.mark.parametrize(
+    ("suffix", "message"),
+    [
+        (".npz", "log.npz is cut off: .*copy it again"),
+        (".parquet", "log.parquet is cut off: .*copy it again"),
+        (".json", "log.json is cut off in line 1; copy it again"),
+        (".csv", r"log.csv: line 121 has 2 cells, but the header 4; the line is damaged or cut off"),
+    ],
+)
+def test_a_file_that_is_cut_off_is_said_to_be(tmp_path, suffix, message):
+    log = write_log(tmp_path / f"log{suffix}", columns_of(motion()))
+    content = log.read_bytes()
+    end = content.rstrip().rindex(b',"[', 0, content.rstrip().rindex(b',"[')) if suffix == ".csv" else len(content) // 2
+    log.write_bytes(content[:end])
+    with pytest.raises(LogError, match=message):
+        import_logs([log], sample_map(tmp_path, suffix))
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "latin-1"])
+def test_a_csv_in_another_encoding_is_said_to_be(tmp_path, encoding):
+    log = write_log(tmp_path / "log.csv", columns_of(motion()))
+    text = log.read_text().replace("\n0.02,", "\n0.02\u00b0,")
+    log.write_bytes(text.encode(encoding))
+    with pytest.raises(LogError, match=r"log.csv cannot be read as csv: it is not in UTF-8; save it in that encoding"):
+        import_logs([log], sample_map(tmp_path, ".csv"))
+
+
+def test_another_delimiter_and_decimal_commas_are_named(tmp_path):
+    columns = {f"q{joint}": motion().position[:, joint] for joint in range(2)} | columns_of(motion())
+    log = write_log(tmp_path / "log.csv", columns)
+    cells = [line.split(",")[:2] for line in log.read_text().splitlines()]
+    log.write_text("\n".join(";".join(line) for line in cells))
+    with pytest.raises(
+        LogError, match=r"log.csv separates its columns by ';', but the map by ','; say delimiter = ';'"
+    ):
+        import_logs([log], sample_map(tmp_path, ".csv"))
+    log.write_text("\n".join(";".join(line).replace(".", ",") for line in cells))
+    with pytest.raises(LogError, match="say delimiter = ';'"):
+        import_logs([log], sample_map(tmp_path, ".csv"))
+    text = map_text(".csv", top='delimiter = ";"', time="uniform = true", position='columns=["q0", "q1"]\nunit="rad"')
+    with pytest.raises(LogError, match="in row 0, no number; write numbers with a decimal point"):
+        import_logs([log], load_map(write_map(tmp_path, text)))
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_a_header_that_names_a_column_twice_is_refused(tmp_path, suffix):
+    columns = columns_of(motion())
+    log = tmp_path / f"log{suffix}"
+    if suffix == ".csv":
+        write_log(log, columns)
+        log.write_text(log.read_text().replace("t,q,dq,goal", "t,q,q ,goal", 1))
+    else:
+        arrays = [pa.array(values.tolist()) for values in columns.values()]
+        pa.parquet.write_table(pa.Table.from_arrays(arrays, names=["t", "q", "q", "goal"]), log)
+    with pytest.raises(LogError, match=r"has the column 'q' twice, as columns 2 and 3; give each its own name"):
+        import_logs([log], sample_map(tmp_path, suffix))

@@ -1,0 +1,487 @@
+"""LeRobot datasets as they come: units, clocks, cameras; what is refused names a command that works."""
+
+import json
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute
+import pyarrow.parquet as pq
+import pytest
+from support.lerobot_samples import (
+    ARM,
+    JOINTS,
+    RATE,
+    SO101,
+    from_ticks,
+    motions,
+    stamp,
+    write_calibration,
+    write_lerobot,
+)
+
+from nas_data.cli import main
+from nas_data.dataset.features import TIME
+from nas_data.dataset.provenance import read_provenance
+from nas_data.dataset.read import read
+from nas_data.dataset.verify import verify
+from nas_data.importing.against_model import check
+from nas_data.importing.map_file import MAPS, load_map
+
+pytest.importorskip("lerobot")
+SERVO = 4096  # [ticks a turn]
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch) -> Path:
+    import datasets.config
+
+    monkeypatch.setattr(datasets.config, "HF_DATASETS_CACHE", tmp_path / "cache")
+    monkeypatch.chdir(tmp_path)
+    Path("arm.xml").write_text(ARM)
+    return tmp_path
+
+
+def scaled(factor) -> list[tuple[np.ndarray, np.ndarray]]:
+    return [(states * factor, commands * factor) for states, commands in motions()]
+
+
+def imported(*arguments: str) -> Path:
+    """Import and return the dataset's folder."""
+    out = Path(f"i{len(list(Path().glob('i[0-9]*')))}")
+    assert main(["import", *arguments, "--out", str(out)]) == 0
+    return out
+
+
+def refused(capsys, *arguments: str) -> str:
+    """Run a command that must be refused in one sentence."""
+    capsys.readouterr()
+    assert main(list(arguments)) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1, error
+    return error
+
+
+def remedies(error: str) -> list[list[str]]:
+    """Return the commands that an error names."""
+    found = re.findall(r"nas (import .+?)(?= divides|\)|\.$|;|$)", error.strip())
+    assert found, error
+    return [shlex.split(command) for command in found]
+
+
+# Units
+
+
+def test_degrees_and_ranges_are_the_same_numbers_as_radians(here, capsys):
+    motors = write_calibration(here / "cal.json", JOINTS, turned=("j2",))
+    factors = [
+        (-1 if motor["drive_mode"] else 1) * 4095 / 360 * 200 / (motor["range_max"] - motor["range_min"]) * 180 / np.pi
+        for motor in motors.values()
+    ]
+    plain = imported(str(write_lerobot(here / "rad", motions())))
+    degrees = imported(str(write_lerobot(here / "deg", scaled(180 / np.pi))), "--unit", "deg")
+    write_lerobot(here / "norm", scaled(np.array(factors)))
+    ranges = imported("norm", "--unit", "range", "--calibration", "cal.json")
+    assert json.loads((ranges / "meta/calibration.json").read_text()) == motors
+    first = read(plain)
+    for other in (read(degrees), read(ranges)):
+        assert other.tasks == first.tasks == ("pick 0", "pick 1", "pick 0") and other.joints == JOINTS
+        for key in ("observation.state", "action", "next.observation.state"):
+            np.testing.assert_allclose(other.columns[key], first.columns[key], rtol=2e-6, atol=2e-5, err_msg=key)
+    gaps = []
+    capsys.readouterr()
+    for folder in (plain, degrees, ranges):
+        assert main(["gap", "find", str(folder), "--model", "arm.xml", "--json"]) == 0
+        gaps.append(json.loads(capsys.readouterr().out))
+    for other in gaps[1:]:
+        for joint in JOINTS:
+            assert other["joints"][joint]["one_step"] == pytest.approx(gaps[0]["joints"][joint]["one_step"], rel=0.01)
+
+
+def so101(unit: str, motors: dict, rng: np.random.Generator) -> tuple[list, np.ndarray]:
+    """Two episodes of six motors read in ticks, and the angles about the middles of their ranges [rad]."""
+    ticks = 2000 + np.cumsum(rng.integers(-12, 13, (80, 6)), axis=0)
+    stored = [
+        from_ticks(ticks[:, index], motor, "percent" if joint == "gripper" else unit)
+        for index, (joint, motor) in enumerate(motors.items())
+    ]
+    middles = np.array([(motor["range_min"] + motor["range_max"]) / 2 for motor in motors.values()])
+    episode = np.array(stored).T
+    return [(episode[:40], episode[:40]), (episode[40:], episode[40:])], np.radians((ticks - middles) * 360 / 4095)
+
+
+@pytest.mark.parametrize("turned", [(), ("elbow_flex", "gripper")])
+@pytest.mark.parametrize("unit", ["deg", "range"])
+def test_the_map_of_the_so101_tells_the_unit_by_the_servos_ticks(here, capsys, unit, turned):
+    motors = write_calibration(here / "cal.json", SO101, turned)
+    episodes, truth = so101(unit, motors, np.random.default_rng(1))
+    write_lerobot(here / "d", episodes, SO101, "so101_follower")
+    dataset = read(imported("d", "--map", "so101_lerobot", "--calibration", "cal.json"))
+    assert ("Read as degrees" if unit == "deg" else "Read as −100 … 100") in capsys.readouterr().out
+    assert dataset.joints == SO101 and dataset.fps == RATE
+    states = np.concatenate([dataset.states[:39, :6], dataset.states[39:, :6]])
+    wanted = np.concatenate([truth[:39], truth[40:79]])
+    np.testing.assert_allclose(states[:, :5], wanted[:, :5], atol=1e-5)
+    gripper = motors["gripper"]
+    share = (wanted[:, 5] / np.radians(360 / 4095)) / (gripper["range_max"] - gripper["range_min"]) + 0.5
+    low, high = -0.17453297762778586, 1.7453291995659765
+    np.testing.assert_allclose(states[:, 5], low + share * (high - low), atol=1e-5)
+
+
+def test_degrees_of_an_earlier_lerobot_are_told_by_its_ticks(here, capsys):
+    motors = write_calibration(here / "cal.json", SO101)
+    episodes, truth = so101("deg", motors, np.random.default_rng(1))
+    earlier = np.array([4095 / 4096] * 5 + [1])
+    write_lerobot(here / "d", [(s * earlier, c * earlier) for s, c in episodes], SO101, "so101_follower")
+    dataset = read(imported("d", "--map", "so101_lerobot"))
+    assert "Read as degrees (readings are the servo's ticks" in capsys.readouterr().out
+    np.testing.assert_allclose(dataset.states[:39, :5], truth[:39, :5] * 4095 / 4096, atol=1e-5)
+
+
+def test_ranges_without_a_calibration_are_refused_and_the_remedy_works(here, capsys):
+    motors = write_calibration(here / "FILE", SO101)
+    episodes, _ = so101("range", motors, np.random.default_rng(1))
+    write_lerobot(here / "d", episodes, SO101, "so101_follower")
+    assert "--calibration FILE" in refused(capsys, "import", "d", "--map", "so101_lerobot")
+    assert main(["import", "d", "--map", "so101_lerobot", "--calibration", "FILE", "--out", "done"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("robot", "command"),
+    [
+        ("so101_follower", "gap find"),
+        ("so_follower", "pair"),
+        ("so100_follower", "train forward"),
+        ("koch_follower", "gap find"),
+        ("arm2", "pair"),
+    ],
+)
+def test_degrees_are_answered_with_the_command_that_imports_them(here, capsys, robot, command):
+    joints = JOINTS if robot == "arm2" else SO101
+    episodes = [(np.resize(s, (60, len(joints))), np.resize(c, (60, len(joints)))) for s, c in scaled(180 / np.pi)]
+    write_lerobot(here / "d", episodes, joints, robot)
+    model = [] if command == "train forward" else ["--model", "arm.xml"]
+    (remedy,) = remedies(refused(capsys, *command.split(), "d", *model))
+    assert main([*remedy, "--out", "done"]) == 0
+    dataset = read(here / "done")
+    assert np.abs(dataset.states[:, 0]).max() < 2 and verify(here / "done") == []
+
+
+def test_the_shipped_names_may_be_short():
+    assert load_map("koch") == load_map("koch_lerobot") and load_map("so100") == load_map("so100_lerobot")
+
+
+# Clocks
+
+
+CLOCKS = {
+    "slow": lambda k: k * 0.04,
+    "hole": lambda k: k * 0.02 + (k >= 40) * 1.0,
+    "back": lambda k: k * 0.02 - (k == 30) * 0.1,
+}
+
+
+@pytest.mark.parametrize(("clock", "command"), zip(CLOCKS, ("gap find", "pair", "train forward"), strict=True))
+def test_a_clock_that_denies_the_rate_is_refused_and_every_remedy_works(here, capsys, clock, command):
+    stamp(write_lerobot(here / "d", motions()), CLOCKS[clock])
+    model = [] if command == "train forward" else ["--model", "arm.xml"]
+    error = refused(capsys, *command.split(), "d", *model)
+    assert main(["info", "d"]) == 0
+    assert "not usable as it is" in capsys.readouterr().out
+    for number, remedy in enumerate(remedies(error)):
+        assert main([*remedy, "--out", f"r{number}"]) == 0
+        assert verify(here / f"r{number}") == []
+        assert main(["pair", f"r{number}", "--model", "arm.xml", "--out", f"p{number}"]) == 0
+
+
+def test_a_hole_divides_the_episodes_and_the_clock_is_kept(here, capsys):
+    stamp(write_lerobot(here / "d", motions()), CLOCKS["hole"])
+    dataset = read(imported("d"))
+    assert dataset.lengths.tolist() == [39, 19] * 3
+    assert "1.02 s are missing before row 40" in capsys.readouterr().out
+    np.testing.assert_allclose(dataset.columns[TIME][39:58, 0], np.arange(19) * 0.02, atol=1e-5)
+
+
+def test_a_clock_that_only_jitters_is_a_warning_and_kept(here, capsys):
+    stamp(write_lerobot(here / "d", motions()), lambda k: k * 0.02 + (k % 3) * 0.006)
+    assert main(["pair", "d", "--model", "arm.xml", "--out", "p"]) == 0
+    assert (
+        "warning: in episode 0 the step before rows 3, 6, 9, 12, 15 and 14 more places is 8 ms instead"
+        in capsys.readouterr().err
+    )
+    assert main(["info", "d"]) == 0
+    assert "warning: in episode 0 the step before" in capsys.readouterr().out
+    folder = imported("d")
+    assert "Warning irregular_time" in capsys.readouterr().out
+    time = read(folder).columns[TIME][:59, 0]
+    k = np.arange(59)
+    np.testing.assert_allclose(time, k * 0.02 + (k % 3) * 0.006, atol=1e-6)
+    assert "irregular_time" in read_provenance(folder).notes
+
+
+def test_wraps_and_frozen_readings_are_reported(here, capsys):
+    episodes = motions(rows=100)
+    episodes[0][0][30:, 0] -= 2 * np.pi
+    episodes[1][0][3:, 1] = episodes[1][0][3, 1]
+    write_lerobot(here / "d", episodes)
+    imported("d")
+    out = capsys.readouterr().out
+    assert "encoder's wrap" in out and "the reading of j2 stands still" in out
+    assert main(["pair", "d", "--model", "arm.xml", "--out", "p"]) == 0
+    assert "j1 reaches" in capsys.readouterr().err
+
+
+def test_episodes_are_cut_in_time(here):
+    write_lerobot(here / "d", motions())
+    assert read(imported("d", "--cut", "0.4")).lengths.tolist() == [20, 39] * 3
+
+
+# Signs and zeros
+
+
+def test_a_joint_whose_sign_or_zero_contradicts_the_model_is_reported(here, capsys):
+    def held(flip: float = 1.0, zero: float = 0.0):
+        """Poses that are held against gravity, the first joint turned round or moved."""
+        model_states, commands = zip(*motions(6, 80), strict=True)
+        pair = [np.array([flip, 1.0]), np.array([zero, 0.0])]
+        return [(s * pair[0] + pair[1], c * pair[0] + pair[1]) for s, c in zip(model_states, commands, strict=True)]
+
+    write_lerobot(here / "right", held())
+    write_lerobot(here / "turned", held(flip=-1.0))
+    write_lerobot(here / "moved", held(zero=2.0))
+    assert check(read(imported("right")), "arm.xml") == []
+    assert {finding.check for finding in check(read(imported("turned")), "arm.xml")} == {"model_gravity"}
+    capsys.readouterr()
+    assert main(["import", "moved", "--model", "arm.xml", "--out", "m"]) == 0
+    out = capsys.readouterr().out
+    assert "beyond the model's range" in out and "with another zero it would not" in out
+
+
+@pytest.mark.parametrize("moved", [(0.6, 0.0), (0.0, 1.0), (-0.4, 0.0)])
+def test_a_wrong_zero_is_told_by_the_loads_alone(here, moved):
+    recorded = [(states + moved, commands + moved) for states, commands in motions(6, 80)]
+    write_lerobot(here / "d", recorded)
+    Path("free.xml").write_text(ARM.replace(' range="-2 2"', ""))
+    joint = JOINTS[int(np.flatnonzero(moved)[0])]
+    (finding,) = check(read(imported("d")), "free.xml")
+    said = re.search(rf"where {joint} stands (\S+) rad further$", finding.what)
+    assert finding.check == "model_gravity"
+    assert float(said[1]) == pytest.approx(-sum(moved), abs=0.2)
+
+
+SO_RANGES = {  # of MuJoCo Menagerie's trs_so_arm100
+    "Rotation": (-2.2, 2.2), "Pitch": (-3.14158, 0.2), "Elbow": (0, 3.14158), "Wrist_Pitch": (-2.0, 1.8),
+    "Wrist_Roll": (-3.14158, 3.14158), "Jaw": (-0.2, 2.0),
+}  # fmt: skip
+KOCH_RANGES = {  # of MuJoCo Menagerie's low_cost_robot_arm
+    "base_rotation": (-2.2, 2.2), "pitch": (-1.57, 0.6), "elbow": (-1.57, 1.45), "wrist_pitch": (-2.0, 2.0),
+    "wrist_roll": (-3.14, 3.14), "gripper": (-1.6, 0.032),
+}  # fmt: skip
+
+
+def write_chain(path: Path, ranges: dict[str, tuple[float, float]]) -> None:
+    """Write an arm of joints with ranges."""
+    links = "".join(
+        f'<body pos="0.1 0 0"><joint name="{joint}" axis="0 1 0" range="{low} {high}"/><geom size="0.01" mass="0.1"/>'
+        for joint, (low, high) in ranges.items()
+    )
+    servos = "".join(f'<position joint="{joint}" kp="20"/>' for joint in ranges)
+    path.write_text(
+        f'<mujoco><compiler angle="radian"/><worldbody>{links}{"</body>" * len(ranges)}</worldbody>'
+        f"<actuator>{servos}</actuator></mujoco>"
+    )
+
+
+@pytest.mark.parametrize("name,ranges,off", [("so100", SO_RANGES, 2), ("koch", KOCH_RANGES, 1)])
+def test_the_zeros_that_a_map_names_for_a_model_are_that_models(here, capsys, name, ranges, off):
+    """The lines that stand as comments in the map are put to use: without them the zeros are reported."""
+    rng = np.random.default_rng(0)
+    poses = np.c_[rng.uniform(-40, 40, (80, 5)), rng.uniform(0, 100, 80)]
+    write_lerobot(here / "d", [(poses, poses)], SO101, robot=f"{name}_follower")
+    write_chain(here / "arm.xml", ranges)
+    shipped = (MAPS / f"{name}_lerobot.toml").read_text()
+    lines = {key: re.search(rf"^#   ({key} = .*)$", shipped, re.M)[1] for key in ("joints", "names", "offset")}
+    shipped = re.sub(r"^joints = .*$", lines["joints"], shipped, flags=re.M)
+    shipped = shipped.replace("joints.gripper]", f"joints.{[*ranges][-1]}]")
+    for file, keys in (("named", ("names",)), ("right", ("names", "offset"))):
+        added = "\n".join(['unit = "deg"', *(lines[key] for key in keys)])
+        Path(f"{file}.toml").write_text(shipped.replace('unit = "deg"', added))
+    found = {}
+    for file in ("named", "right"):
+        capsys.readouterr()
+        options = ["--unit", "deg", "--map", f"{file}.toml", "--model", "arm.xml", "--json"]
+        assert main(["import", "d", *options, "--out", file]) == 0
+        found[file] = [one for one in json.loads(capsys.readouterr().out)["audit"] if one["check"] == "model_zero"]
+    assert len(found["named"]) == off and "check 'offset' of" in found["named"][0]["message"]
+    assert found["right"] == []
+
+
+# Cameras, texts, tasks
+
+
+@pytest.fixture(scope="module")
+def filmed(tmp_path_factory) -> Path:
+    return write_lerobot(tmp_path_factory.mktemp("filmed") / "cam", scaled(180 / np.pi), camera=True)
+
+
+def seen(root: Path, row: int) -> dict[str, object]:
+    """What LeRobot itself shows of a frame."""
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    return LeRobotDataset("nas/test", root=root, video_backend="pyav")[row]
+
+
+def check_pictures(root: Path, frames: dict[int, int], tasks: dict[int, str]) -> None:
+    """Every camera, text and matrix of some frames is that of the row it was recorded in."""
+    for frame, row in frames.items():
+        item = seen(root, frame)
+        assert item["language"] == f"row {row}" and item["task"] == tasks[frame]
+        assert np.allclose(item["grid"], row)
+        for camera in ("front", "wrist"):
+            assert float(item[f"observation.images.{camera}"].mean()) == pytest.approx(4 * row / 255, abs=0.012)
+
+
+def test_cameras_texts_and_tasks_survive_import_split_merge_and_pack(here, filmed, capsys):
+    folder = imported(str(filmed), "--unit", "deg")
+    assert verify(folder) == []
+    check_pictures(folder, {0: 0, 58: 58, 59: 0, 100: 41}, {0: "pick 0", 58: "pick 0", 59: "pick 1", 100: "pick 1"})
+    (video,) = folder.rglob("*.mp4")
+    (original,) = filmed.rglob("*.mp4")
+    assert video.read_bytes() == original.read_bytes()
+    assert main(["split", str(folder), "--episodes", "1", "--names", "one", "rest"]) == 0
+    (one,), (rest,) = (list((here / "datasets" / name).iterdir()) for name in ("one", "rest"))
+    check_pictures(one, {0: 0, 30: 30}, {0: "pick 1", 30: "pick 1"})
+    assert main(["merge", str(one), str(rest), "--out", "merged"]) == 0
+    check_pictures(here / "merged", {5: 5, 59: 0, 70: 11}, {5: "pick 1", 59: "pick 0", 70: "pick 0"})
+    assert main(["pack", "merged", "--out", "d.nas.tar"]) == 0
+    assert main(["unpack", "d.nas.tar", "--folder", "far"]) == 0
+    (unpacked,) = (here / "far/merged").iterdir()
+    check_pictures(unpacked, {5: 5, 70: 11}, {5: "pick 1", 70: "pick 0"})
+    for root in (one, here / "merged", unpacked):
+        assert verify(root) == []
+    assert main(["pair", str(folder), "--model", "arm.xml", "--out", "paired"]) == 0
+    check_pictures(here / "paired", {100: 41}, {100: "pick 1"})
+
+
+def test_parts_of_episodes_keep_their_pictures(here, filmed):
+    folder = imported(str(filmed), "--unit", "deg", "--cut", "0.4")
+    dataset = read(folder)
+    assert dataset.lengths.tolist() == [20, 39] * 3
+    check_pictures(folder, {20: 20, 58: 58, 79: 20}, {20: "pick 0", 58: "pick 0", 79: "pick 1"})
+
+
+def lose_the_last_episode(root: Path) -> None:
+    (path,) = (root / "data").rglob("*.parquet")
+    table = pq.read_table(path)
+    pq.write_table(table.filter(pa.compute.less(table["episode_index"], 2)), path)
+
+
+def test_pictures_of_the_episodes_that_are_whole_are_rescued(here, filmed):
+    shutil.copytree(filmed, here / "damaged")
+    lose_the_last_episode(here / "damaged")
+    assert main(["recover", "damaged", "--out", "rescued"]) == 0
+    assert read(here / "rescued").lengths.tolist() == [60, 60]
+    check_pictures(
+        here / "rescued", {0: 0, 59: 59, 60: 0, 119: 59}, {0: "pick 0", 59: "pick 0", 60: "pick 1", 119: "pick 1"}
+    )
+    assert verify(here / "rescued") == []
+
+
+def test_a_killed_recording_keeps_its_videos(here, capsys):
+    """LeRobot saved three episodes and was killed: a data file without its end, no table of episodes, whole videos."""
+    write_lerobot(here / "d", scaled(180 / np.pi), camera=True, only_video=True, killed=True)
+    assert not list((here / "d/meta/episodes").glob("*/*.parquet"))
+    assert main(["recover", "d", "--out", "rescued"]) == 0
+    assert "left out" not in capsys.readouterr().out
+    assert read(here / "rescued").lengths.tolist() == [60, 60, 60]
+    for frame in (0, 59, 60, 100, 179):
+        item = seen(here / "rescued", frame)
+        assert item["task"] == f"pick {frame // 60 % 2}"
+        assert float(item["observation.images.front"].mean()) == pytest.approx(4 * (frame % 60) / 255, abs=0.012)
+    assert verify(here / "rescued") == []
+    (video,) = (here / "d").rglob("*.mp4")
+    video.write_bytes(video.read_bytes()[:2000])
+    assert main(["recover", "d", "--out", "blind"]) == 0
+    assert f"{video.name} is not a whole video" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("pattern", "reason"),
+    [
+        ("meta/episodes/*/*.parquet", "meta/episodes does not say where the pictures of episode 0 lie"),
+        ("videos/*/*/*.mp4", "file-000.mp4 is missing"),
+    ],
+)
+def test_pictures_that_cannot_be_rescued_are_named_with_their_place(here, filmed, pattern, reason, capsys):
+    shutil.copytree(filmed, here / "damaged")
+    lose_the_last_episode(here / "damaged")
+    for path in (here / "damaged").glob(pattern):
+        path.unlink()
+    assert main(["recover", "damaged", "--out", "rescued"]) == 0
+    (said,) = [line for line in capsys.readouterr().out.splitlines() if "left out" in line]
+    assert "'observation.images.front' (video" in said and reason in said and "damaged/videos" in said
+    assert read(here / "rescued").carried is None
+    assert verify(here / "rescued") == []
+
+
+def said_by_checkers(root: Path) -> set[tuple[str, str]]:
+    """What lerobot-doctor and robovet find wrong or warn of."""
+    from lerobot_doctor.dataset_loader import load_dataset
+    from lerobot_doctor.runner import Severity, run_checks
+    from robovet.checks import run_doctor
+    from robovet.dataset import load_dataset as load
+
+    messages = [m for result in run_checks(load_dataset(str(root))).results for m in result.messages]
+    found = {(m.severity.value, m.message) for m in messages if m.severity != Severity.PASS}
+    results = run_doctor(load(root)).results
+    return found | {(r.severity.label, r.summary) for r in results if r.severity.label in ("WARN", "FAIL")}
+
+
+def test_two_public_checkers_find_nothing_wrong_with_what_we_write(here):
+    time = np.arange(150)[:, None] / RATE
+    angles = [40 * np.sin(time * [2.1, 2.9] + number) for number in range(3)]
+    theirs = write_lerobot(here / "d", [(angle, angle + 1) for angle in angles], camera=True, only_video=True)
+    folder = imported("d", "--unit", "deg")
+    assert main(["split", str(folder), "--episodes", "1", "--names", "one", "rest"]) == 0
+    (one,) = (here / "datasets/one").iterdir()
+    for root in (folder, one):
+        more = said_by_checkers(root) - said_by_checkers(theirs)
+        # Videos are never encoded again, so they keep the pictures of frames that are in no transition.
+        assert all(re.search(r"\.mp4 has 450 frames, expected (447|149)", sentence) for _, sentence in more), more
+        assert {one for one in said_by_checkers(root) if one[0] == "FAIL"} == set()
+
+
+def test_a_gripper_of_a_robot_without_a_map_takes_its_range_from_the_model(here, capsys):
+    names = ("j1", "gripper")
+    episodes = [(np.column_stack([s[:, 0] * 57, 50 + 40 * np.sin(s[:, 1])]),) * 2 for s, _ in motions()]
+    write_lerobot(here / "d", episodes, names)
+    (here / "arm.xml").write_text(ARM.replace("j2", "gripper"))
+    said = refused(capsys, "pair", "d", "--model", "arm.xml")
+    assert said.strip().endswith("nas import d --unit deg --model MODEL.xml.")
+    assert "add --model" in refused(capsys, "import", "d", "--unit", "deg")
+    dataset = read(imported("d", "--unit", "deg", "--model", "arm.xml"))
+    wanted = -2 + 4 * episodes[0][0][:59, 1] / 100
+    np.testing.assert_allclose(dataset.states[:59, 1], wanted, atol=1e-5)
+
+
+def test_radians_by_the_map_of_degrees_are_refused_and_the_remedy_works(here, capsys):
+    episodes = [(np.resize(s, (60, 6)), np.resize(c, (60, 6))) for s, c in motions()]
+    for states, commands in episodes:
+        states[:, 5] = commands[:, 5] = 50 + 10 * states[:, 5]  # the gripper, in 0 … 100
+    write_lerobot(here / "d", episodes, SO101, "so101_follower")
+    assert "say --unit rad" in refused(capsys, "import", "d", "--map", "so101_lerobot")
+    dataset = read(imported("d", "--map", "so101_lerobot", "--unit", "rad"))
+    np.testing.assert_allclose(dataset.states[:59, :5], episodes[0][0][:59, :5], atol=1e-6)
+
+
+def test_joints_of_several_turns_are_taken_where_it_is_said_and_used_throughout(here, capsys):
+    write_lerobot(here / "d", scaled(20.0))
+    assert main(["pair", "d", "--model", "arm.xml", "--out", "p"]) == 2
+    folder = imported("d", "--unit", "rad")
+    assert np.abs(read(folder).states[:, :2]).max() > 4 * np.pi
+    assert verify(folder) == []
+    for command in (["pair", str(folder), "--out", "p"], ["gap", "find", str(folder)]):
+        assert main([*command, "--model", "arm.xml"]) == 0
