@@ -1,14 +1,10 @@
 """What a benchmark found: a table of times, the ratios, and the hardware."""
 
-import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 from nas_data.benchmarks.hardware import hardware
 from nas_data.benchmarks.rounds import Ratio, Times
-from nas_data.commands.base import CommandResult
-from nas_data.errors import OptionError
 
 
 @dataclass(frozen=True)
@@ -87,21 +83,3 @@ class BenchmarkResult:
             "notes": self.notes,
             "hardware": hardware(),
         }
-
-
-def run_in_temporary_folder(benchmark: Callable[..., BenchmarkResult], **sizes: int) -> CommandResult:
-    """Run a benchmark in a folder that is removed afterwards.
-
-    Args:
-        benchmark: Takes the folder and the sizes.
-        sizes: How much of everything.
-
-    Raises:
-        OptionError: a size is below one.
-    """
-    for name, size in sizes.items():
-        if size < 1:
-            raise OptionError(f"--{name} is {size}; at least 1 is needed.")
-    with tempfile.TemporaryDirectory(prefix="nas-benchmark-") as folder:
-        result = benchmark(Path(folder), **sizes)
-    return CommandResult(result.to_text(), result.to_json())

@@ -30,7 +30,8 @@ class Evaluate(TakesModel):
 
     def run(self) -> CommandResult:
         """Evaluate and return the tables."""
-        from nas_data.api.learning import LearnedModel, evaluate
+        from nas_data.api.evaluation import evaluate
+        from nas_data.api.learned import LearnedModel
         from nas_data.dataset import versions
         from nas_data.dataset.dataset import Dataset
 
