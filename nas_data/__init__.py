@@ -11,6 +11,7 @@ from nas_data.environment_ids import register_when_loaded
 if TYPE_CHECKING:
     from nas_data.api.evaluation import evaluate
     from nas_data.api.gap import identify
+    from nas_data.api.importing import import_logs
     from nas_data.api.learned import LearnedModel
     from nas_data.api.pairing import pair
     from nas_data.api.policy import load_policy
@@ -28,6 +29,7 @@ __all__ = [
     "NasError",
     "evaluate",
     "identify",
+    "import_logs",
     "load_policy",
     "pair",
     "record",
@@ -42,6 +44,7 @@ HOMES = {
     "NasError": "errors",
     "evaluate": "api.evaluation",
     "identify": "api.gap",
+    "import_logs": "api.importing",
     "load_policy": "api.policy",
     "pair": "api.pairing",
     "record": "api.recording",
