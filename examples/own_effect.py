@@ -1,6 +1,7 @@
 """An effect of one's own: a cable that pulls a joint back, recorded, fitted and written into a model."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import ClassVar
 
 import mujoco
@@ -44,8 +45,7 @@ def main() -> None:
     spec = find_robot("pendulum").spec()
     add_effects(spec, [CablePull(joint="pendulum", stiffness=best.x)])
     spec.compile()
-    with open("pendulum_with_cable.xml", "w") as file:
-        file.write(spec.to_xml())
+    Path("pendulum_with_cable.xml").write_text(spec.to_xml(), encoding="utf-8")
     print("pendulum_with_cable.xml loads in plain MuJoCo")
 
 
