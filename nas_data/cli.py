@@ -1,16 +1,14 @@
 """The program `nas`: finds the command file that the words name, reads its options with tyro and runs it."""
 
-import ast
 import contextlib
 import importlib
 import io
 import itertools
 import json
-import math
 import os
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,9 +30,9 @@ def command_files() -> dict[str, Path]:
 
 
 def summary(path: Path) -> str:
-    """Return the first line of a command file's docstring without importing it."""
-    text = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
-    return text.splitlines()[0] if text else ""
+    """Return the first line of a command file, which is the sentence that its docstring begins with."""
+    with path.open(encoding="utf-8") as file:
+        return file.readline().strip().strip('"')
 
 
 def overview(prefix: str = "") -> str:
@@ -68,21 +66,6 @@ def command_class(name: str) -> "type[Command]":
         if isinstance(value, type) and issubclass(value, Command) and value.__module__ == module.__name__:
             return value
     raise TypeError(f"{module.__name__} holds no Command")
-
-
-def finite(value: object) -> object:
-    """Replace what JSON cannot say (NaN, infinity, arrays, paths) by what it can."""
-    if isinstance(value, Mapping):
-        return {str(key): finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(item) for item in value]
-    if isinstance(value, Path):
-        return str(value)
-    if hasattr(value, "tolist"):
-        return finite(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 def fail(message: str, as_json: bool) -> int:
@@ -184,6 +167,8 @@ def run(name: str, rest: list[str]) -> int:
         return fail(refusal(error), command.json)
     except KeyboardInterrupt:
         return fail("interrupted; what was finished is kept.", command.json) and 130
+    from nas_data.typed_json import finite
+
     text = json.dumps(finite(outcome.data), indent=2, allow_nan=False) if command.json else outcome.text
     try:
         print(text, flush=True)

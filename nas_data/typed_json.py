@@ -5,9 +5,11 @@ whose metadata have `optional` is left out. A field with a default may be missin
 not have are ignored.
 """
 
+import math
 import types
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 if TYPE_CHECKING:
@@ -124,3 +126,18 @@ def is_optional(item: "Field[Any]") -> bool:
 def is_needed(item: "Field[Any]") -> bool:
     """Whether a field has no default."""
     return item.default is MISSING and item.default_factory is MISSING
+
+
+def finite(value: object) -> object:
+    """Replace what JSON cannot say (NaN, infinity, arrays, paths) by what it can."""
+    if isinstance(value, Mapping):
+        return {str(key): finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    if isinstance(value, Path):
+        return str(value)
+    if hasattr(value, "tolist"):
+        return finite(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

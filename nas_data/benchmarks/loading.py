@@ -6,11 +6,11 @@ from pathlib import Path
 
 from torch.utils.data import DataLoader
 
+from nas_data.api.recording import record
+from nas_data.benchmarks.bulk import pair_folder, write_version
 from nas_data.benchmarks.lerobot import lerobot, open_dataset
 from nas_data.benchmarks.result import BenchmarkResult
 from nas_data.benchmarks.rounds import Ratio, take_turns
-from nas_data.commands.pair import Pair
-from nas_data.commands.record_sim import RecordSim
 from nas_data.dataset.read import read
 from nas_data.dataset.transitions import as_transitions
 from nas_data.models.episodes import read_episodes
@@ -33,9 +33,9 @@ def benchmark(scratch: Path, episodes: int, frames: int, batches: int, rounds: i
         rounds: How often each side is timed.
     """
     print(f"recording {episodes} episodes of {frames} frames …", file=sys.stderr)
-    root = scratch / "paired"
-    RecordSim(robot=ROBOT, rate=RATE, episodes=episodes, seconds=frames / RATE, out=scratch / "recorded").run()
-    Pair(dataset=scratch / "recorded", model=ROBOT, out=root).run()
+    dataset = record(ROBOT, rate=RATE, episodes=episodes, seconds=frames / RATE)
+    recorded = write_version(dataset, scratch / "recorded")
+    root = pair_folder(recorded, ROBOT, scratch / "paired")
 
     def ours() -> int:
         dataset, _ = as_transitions(read(root))

@@ -10,10 +10,10 @@ import mujoco
 import mujoco.rollout
 import numpy as np
 
+from nas_data.api.recording import record
+from nas_data.benchmarks.bulk import pair_folder, write_version
 from nas_data.benchmarks.result import BenchmarkResult
 from nas_data.benchmarks.rounds import Ratio, take_turns
-from nas_data.commands.pair import Pair
-from nas_data.commands.record_sim import RecordSim
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
 from nas_data.pairing import pair
@@ -77,14 +77,14 @@ def benchmark(scratch: Path, episodes: int, frames: int, rounds: int) -> Benchma
         rounds: How often each side is timed.
     """
     print(f"recording {episodes} episodes of {frames} frames …", file=sys.stderr)
-    root = scratch / "recorded"
     simulator = MujocoSimulator.load(ROBOT, 1 / RATE)
-    RecordSim(robot=ROBOT, rate=RATE, episodes=episodes, seconds=frames / RATE, quantum=0.0, out=root).run()
+    recording = record(ROBOT, rate=RATE, episodes=episodes, seconds=frames / RATE, quantum=0.0)
+    root = write_version(recording, scratch / "recorded")
     dataset = read(root)
     versions = (scratch / f"paired-{number}" for number in count())
 
     def command() -> int:
-        Pair(dataset=root, model=ROBOT, out=next(versions)).run()
+        pair_folder(root, ROBOT, next(versions))
         return dataset.n_frames
 
     def in_memory() -> int:

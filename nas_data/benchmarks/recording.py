@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nas_data.api.recording import record
+from nas_data.benchmarks.bulk import pair_folder, write_version
 from nas_data.benchmarks.gym_arm import GymArm
 from nas_data.benchmarks.lerobot import create, lerobot
 from nas_data.benchmarks.result import BenchmarkResult
 from nas_data.benchmarks.rounds import Ratio, take_turns
-from nas_data.commands.pair import Pair
-from nas_data.commands.record_sim import RecordSim
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION, NEXT_STATE, SIM_STATE, STATE, TIME
 from nas_data.dataset.read import read
@@ -34,7 +34,7 @@ OURS, OTHER = "nas record sim + nas pair", "Gymnasium + LeRobot"
 
 @dataclass(frozen=True)
 class Bulk:
-    """Our way: the two commands, from nothing to a paired version on disk.
+    """Our way: what the two commands do, from nothing to a paired version on disk.
 
     Attributes:
         folder: Where the versions go.
@@ -48,18 +48,9 @@ class Bulk:
 
     def record(self, name: str) -> Path:
         """Record and pair; return the paired version."""
-        recorded, paired = self.folder / f"{name}-recorded", self.folder / f"{name}-paired"
-        RecordSim(
-            robot=ROBOT,
-            effect=EFFECTS,
-            rate=RATE,
-            episodes=self.episodes,
-            seconds=self.seconds,
-            quantum=0.0,
-            out=recorded,
-        ).run()
-        Pair(dataset=recorded, model=ROBOT, out=paired).run()
-        return paired
+        dataset = record(ROBOT, effects=EFFECTS, rate=RATE, episodes=self.episodes, seconds=self.seconds, quantum=0.0)
+        recorded = write_version(dataset, self.folder / f"{name}-recorded")
+        return pair_folder(recorded, ROBOT, self.folder / f"{name}-paired")
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from nas_data.api.recording import record
+from nas_data.benchmarks.bulk import pair_folder, write_version
 from nas_data.benchmarks.learning_curve import Curve, Point, learn, when
 from nas_data.benchmarks.result import SECONDS, BenchmarkResult
 from nas_data.benchmarks.rounds import Ratio, Times
-from nas_data.commands.pair import Pair
-from nas_data.commands.record_sim import RecordSim
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
 from nas_data.envs.ergo_reacher import TASK
@@ -94,9 +94,9 @@ def benchmark(scratch: Path, episodes: int, budget: int, seeds: int) -> Benchmar
         seeds: How many, from 0.
     """
     print(f"recording {episodes} episodes …", file=sys.stderr)
-    RecordSim(env=ENVIRONMENT, dynamics=DYNAMICS, episodes=episodes, quantum=0.0, out=scratch / "recorded").run()
-    Pair(dataset=scratch / "recorded", model=TASK.robot, out=scratch / "paired").run()
-    dataset = read(scratch / "paired")
+    recording = record(env=ENVIRONMENT, dynamics=DYNAMICS, episodes=episodes, quantum=0.0)
+    recorded = write_version(recording, scratch / "recorded")
+    dataset = read(pair_folder(recorded, TASK.robot, scratch / "paired"))
     races = []
     for seed in range(seeds):
         races.append(Race.run(dataset, seed, budget))

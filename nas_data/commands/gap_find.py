@@ -26,9 +26,9 @@ class GapFind(TakesModel):
 
     def run(self) -> CommandResult:
         """Find and print."""
-        from nas_data.cli import finite
         from nas_data.gap.finding.find import find
         from nas_data.gap.problem import Problem
+        from nas_data.typed_json import finite
 
         problem = Problem.load(self.dataset, self.actuated(self.model))
         found = find(problem.dataset, problem.evidence, problem.train.nominal, problem.train.floor)

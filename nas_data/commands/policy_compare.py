@@ -48,9 +48,9 @@ class PolicyCompare(Command):
         """Train, judge and compare."""
         import json
 
-        from nas_data.cli import finite
         from nas_data.envs.loop.dynamics_spec import DynamicsSpec
         from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Study, compare
+        from nas_data.typed_json import finite
 
         for option, value in (("--frames", self.frames), ("--episodes", self.episodes), ("--workers", self.workers)):
             if value < 1:

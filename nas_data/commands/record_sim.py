@@ -36,7 +36,7 @@ class RecordSim(TakesModel):
     effects: Path | None = None
     """A file of effects, such as the effects.json of a gap report."""
     excitation: str = "steps"
-    """Command signal, NAME or NAME:PARAMETER=NUMBER,…, such as steps, babbling, ramps, sine, multisine, triangle or chirp."""
+    """Command signal, NAME or NAME:PARAMETER=NUMBER,…, such as steps, babbling, sine, multisine, triangle or chirp."""
     commands: Path | None = None
     """Play a CSV file instead: columns <joint>.pos (or .vel, .effort, as the model takes them), perhaps 'episode'."""
     episodes: int = 200

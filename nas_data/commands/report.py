@@ -25,10 +25,10 @@ class Report(Command):
         """Read the runs and write the page."""
         if not self.runs:
             raise OptionError("Name at least one run's folder; see: nas report --help.")
-        from nas_data.reports.file import write_whole
         from nas_data.reports.page import HtmlPage, is_ours
         from nas_data.reports.run_sections import models_section, policies_section
         from nas_data.reports.runs import find_runs
+        from nas_data.whole_file import write_whole
 
         if self.out.is_dir() or (self.out.exists() and not is_ours(self.out)):
             raise OutputExists(f"{self.out} exists and is no page of ours; choose another --out.")

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 from nas_data.errors import OptionError, UnknownName
 from nas_data.gap.output_folder import ASSETS, FILES, FOLDERS, check_free, clear
 from nas_data.joint_units import HINGE
-from nas_data.reports.file import write_whole
 from nas_data.typed_json import FormError, LacksKeys, as_object, from_json
 from nas_data.visible_files import visible
+from nas_data.whole_file import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

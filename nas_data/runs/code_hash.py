@@ -11,6 +11,7 @@ PACKAGE = ROOT.name
 # They store, refuse, show or tell.
 APART = (
     "environment_info", "cli", "commands", "dataset", "engine_warnings", "errors", "gap.showing", "registry", "reports",
+    "whole_file",
 )  # fmt: skip
 # Each of their functions imports what one option needs. Whoever asks for a hash names the options that are taken.
 CHOOSING = ("envs.loop.dynamics_spec", "simulators.engines")

@@ -11,8 +11,8 @@ from typing import Generic, Protocol, TypeVar
 
 from nas_data.dataset.provenance import now
 from nas_data.errors import OutputExists
-from nas_data.reports.file import write_whole
 from nas_data.runs.environment_info import commit
+from nas_data.whole_file import write_whole
 
 PLAN = "plan.json"
 STAGES = "stages"

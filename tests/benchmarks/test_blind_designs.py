@@ -5,8 +5,7 @@ from functools import cache
 import mujoco
 import numpy as np
 import pytest
-from support.blind_samples import drawn, shorten
-from test_blind_plants import INDEPENDENT, reference
+from support.blind_samples import INDEPENDENT, drawn, reference, shorten
 
 from nas_data.benchmarks.blind.motions import SIGNALS
 from nas_data.benchmarks.blind.plants.base import find_plant

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from support.blind_samples import entry_of, know_everything, know_nothing, report_of, shorten
-from test_blind_plants import INDEPENDENT
+from support.blind_samples import INDEPENDENT, entry_of, know_everything, know_nothing, report_of, shorten
 
 from nas_data.benchmarks.blind.benchmark import BlindPlan, run
 from nas_data.benchmarks.blind.case import FAMILIES, Identity

@@ -9,10 +9,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from support.blind_samples import PERIOD, arms, positions, steps
+from support.blind_samples import INDEPENDENT, arms, positions, reference, steps
 
 from nas_data.benchmarks.blind import plants
-from nas_data.benchmarks.blind.arms import NominalArm
 from nas_data.benchmarks.blind.catalogue import INSIDE, OUTSIDE
 from nas_data.benchmarks.blind.plants.base import chain_of, stack_arms
 from nas_data.benchmarks.blind.plants.body import PlantBody
@@ -23,9 +22,7 @@ from nas_data.benchmarks.blind.truth import Base, Hidden, Truth
 FOLDER = Path(plants.__file__).parent
 NATIVE = "mujoco_plant.py"
 NOMINAL = Truth(Base.nominal(6))
-FINE = 1e-4  # [s] timestep of the reference
 CLOSE = np.radians(0.1)
-INDEPENDENT = ("numpy", pytest.param("bullet", marks=pytest.mark.bullet))
 
 
 def imported(path: Path) -> set[str]:
@@ -37,29 +34,6 @@ def imported(path: Path) -> set[str]:
         elif isinstance(node, ast.ImportFrom):
             names |= {str(node.module)} | {f"{node.module}.{alias.name}" for alias in node.names}
     return names
-
-
-def reference(
-    arm: NominalArm, commands: np.ndarray, poses: np.ndarray, period: float = PERIOD, settle: float = 0.5
-) -> np.ndarray:
-    """Return positions (E, T + 1, n) of the nominal arm in MuJoCo at a fine timestep."""
-    spec = arm.spec()
-    spec.option.timestep = FINE
-    for joint in spec.joints:
-        joint.solref_friction = [2 * FINE, 1]
-    model = spec.compile()
-    shown = []
-    for episode, pose in zip(commands, poses, strict=True):
-        data = mujoco.MjData(model)
-        data.qpos[:] = data.ctrl[:] = pose
-        mujoco.mj_step(model, data, round(settle / FINE))
-        rows = [data.qpos.copy()]
-        for command in episode:
-            data.ctrl[:] = command
-            mujoco.mj_step(model, data, round(period / FINE))
-            rows.append(data.qpos.copy())
-        shown.append(rows)
-    return np.array(shown)
 
 
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.py")), ids=lambda path: path.name)

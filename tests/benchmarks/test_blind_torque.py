@@ -5,8 +5,7 @@ from functools import cache
 import mujoco
 import numpy as np
 import pytest
-from support.blind_samples import entry_of, followed, know_everything, know_nothing, report_of, shorten
-from test_blind_plants import INDEPENDENT
+from support.blind_samples import INDEPENDENT, entry_of, followed, know_everything, know_nothing, report_of, shorten
 
 from nas_data.benchmarks.blind.arms import NominalArm
 from nas_data.benchmarks.blind.benchmark import BlindPlan, run

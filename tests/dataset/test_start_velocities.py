@@ -8,11 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.linear_samples import LinearSimulator
+from support.start_samples import seen
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, effort_feature, position_feature, state_feature
 from nas_data.dataset.start_velocities import CLEAR, StartVelocities, find_start_velocities, fit_velocity
-from nas_data.dataset.transitions import estimate_velocities
 from nas_data.gap.episode_batch import EpisodeBatch, window
 from nas_data.pairing import initial_states
 
@@ -20,39 +19,6 @@ QUANTUM = np.radians(0.29)  # [rad] XL-320
 RATES = (20, 30, 50, 100, 200, 500, 1000)  # [Hz]
 FORMULAS = ("backward", "forward", "central", "quadratic")
 EPISODES, SECONDS = 10, 2.0
-
-
-def seen(
-    positions: np.ndarray, velocities: np.ndarray, rate: float, formula: str = "quadratic", effort: bool = False
-) -> Dataset:
-    """Return readings (E, T) of one joint as a dataset; velocities computed by a formula, or those given where ''."""
-    steps = np.diff(positions, axis=1) * rate
-    computed = {
-        "": velocities,
-        "backward": np.pad(steps, ((0, 0), (1, 0)), mode="edge"),
-        "forward": np.pad(steps, ((0, 0), (0, 1)), mode="edge"),
-        "central": np.gradient(positions, 1 / rate, axis=1),
-        "quadratic": estimate_velocities(positions.T, rate).T,
-    }[formula]
-    states = np.stack([positions, computed], axis=-1).astype(np.float32)
-    joints = ("joint",)
-    command = (effort_feature if effort else position_feature)(joints)
-    features = {STATE: state_feature(joints), ACTION: command, NEXT_STATE: state_feature(joints)}
-    columns = {
-        STATE: states[:, :-1].reshape(-1, 2),
-        ACTION: states[:, 1:, :1].reshape(-1, 1),
-        NEXT_STATE: states[:, 1:].reshape(-1, 2),
-    }
-    return Dataset(features, columns, np.full(len(positions), positions.shape[1] - 1), rate)
-
-
-def derived_torques(positions: np.ndarray, torques: np.ndarray, rate: float) -> Dataset:
-    """Return positions [rad] and torques [N·m] of one joint 'spindle', shape (E, T), as transitions; speeds derived."""
-    dataset = seen(positions, np.zeros_like(positions), rate, effort=True)
-    joints = ("spindle",)
-    features = {STATE: state_feature(joints), ACTION: effort_feature(joints), NEXT_STATE: state_feature(joints)}
-    told = torques[:, :-1].reshape(-1, 1).astype(np.float32)
-    return replace(dataset, features=features, columns={**dataset.columns, ACTION: told})
 
 
 def swings(rate: float, start: float = 0.0, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:

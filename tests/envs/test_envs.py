@@ -6,11 +6,11 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
-import torch
 from gymnasium.utils.env_checker import check_env as check_gymnasium
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from stable_baselines3.common.env_checker import check_env as check_stable_baselines
+from support.env_samples import play, small_model
 from support.first_order_arm import FirstOrderArm
 
 from nas_data import registry
@@ -22,8 +22,6 @@ from nas_data.envs.loop.arm_vec_env import ArmVecEnv
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.envs.loop.task_batch import TaskBatch
 from nas_data.errors import CheckpointError, JointMismatch, SimulationDiverged, UnknownName
-from nas_data.models.checkpoint import save
-from nas_data.models.lstm import DynamicsModel
 
 EVERY = [(task, dynamics) for task in registry.names("envs") for dynamics in find_task(task).dynamics]
 
@@ -190,24 +188,6 @@ def test_a_simulation_that_diverges_says_so():
 def test_a_step_before_the_first_reset_is_refused():
     with pytest.raises(gymnasium.error.ResetNeeded):
         ArmEnv("ErgoReacher", stepper=FirstOrderArm(1)).step(np.zeros(4, dtype=np.float32))
-
-
-def small_model(folder, kind="delta", joints=TASK.joints, fps=1 / TASK.period, gain=1.0):
-    """A checkpoint with random weights, its output scaled by `gain`."""
-    torch.manual_seed(0)
-    model = DynamicsModel(kind, joints, hidden=8, layers=1, fps=fps)
-    with torch.no_grad():
-        for layer in (model.outer, model.shortcut):
-            layer.weight.mul_(gain)
-            layer.bias.mul_(gain)
-    return str(save(model, folder))
-
-
-def play(env, steps=60):
-    """Return the observations and rewards of an episode under fixed actions."""
-    rng = np.random.default_rng(0)
-    taken = [env.step(rng.uniform(-1, 1, 4).astype(np.float32))[:2] for _ in range(steps)]
-    return np.array([[*observation, reward] for observation, reward in taken])
 
 
 def test_a_correction_of_nothing_leaves_the_source_as_it_is(tmp_path):

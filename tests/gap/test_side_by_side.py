@@ -5,7 +5,7 @@ import threading
 import mujoco
 import numpy as np
 import pytest
-from test_gap_core import commanded
+from support.evidence_samples import commanded
 
 from nas_data.effects.base import parse
 from nas_data.gap import side_by_side as module

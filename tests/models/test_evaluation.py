@@ -12,7 +12,6 @@ from support.linear_samples import LinearSimulator, knows, network, silent
 from support.recording_samples import paired_pendulum, pendulum, recorded_on, wander, without
 from support.simulator_samples import motors
 
-from nas_data.cli import finite
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, position_feature, state_feature
 from nas_data.errors import JointMismatch
@@ -21,6 +20,7 @@ from nas_data.models import evaluation as evaluation_module
 from nas_data.models.evaluation import Evaluation, evaluate
 from nas_data.pairing import pair
 from nas_data.simulators.mujoco import MujocoSimulator
+from nas_data.typed_json import finite
 
 ARM = LinearSimulator(("a", "b"), a=0.5 * np.eye(4), b=np.zeros((4, 2)))  # every step halves the state
 

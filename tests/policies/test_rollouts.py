@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from safetensors.numpy import save_file
+from support.rollout_samples import LOCKSTEP, evaluate, policy, refused, work_in
 from support.xl320_samples import be_patient, torques, virtual
 
 from nas_data.cli import main
@@ -47,7 +47,6 @@ from nas_data.simulators.contact import contact_counts
 from nas_data.simulators.mujoco import MujocoSimulator
 
 JOINTS = ergojr_joints()
-LOCKSTEP = ("--on", "ergojr", "--port", "virtual", "--lockstep")
 DUEL = (*LOCKSTEP, "--defender-port", "virtual")
 UNDER_WAY = Path("datasets/rolled/recording")
 
@@ -60,41 +59,6 @@ def _patient(monkeypatch) -> None:
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch) -> Path:
     return work_in(tmp_path, monkeypatch)
-
-
-def work_in(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(folder)
-    monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(folder / "calibration"))
-    return folder
-
-
-def policy(environment: str, actions: tuple[float, ...]) -> str:
-    """Write a policy that always does the same."""
-    task, folder = find_task(environment), Path(f"policy_{environment}")
-    width = task.observation_space.shape[0]
-    folder.mkdir(exist_ok=True)
-    tensors = {
-        "mlp_extractor.policy_net.0.weight": np.zeros((4, width)),
-        "mlp_extractor.policy_net.0.bias": np.zeros(4),
-        "action_net.weight": np.zeros((len(actions), 4)),
-        "action_net.bias": np.array(actions),
-        "observation.mean": np.zeros(width),
-        "observation.variance": np.ones(width),
-    }
-    save_file({name: values.astype(np.float32) for name, values in tensors.items()}, folder / "policy.safetensors")
-    config = {"kind": "ppo", "seed": 0, "frames": 0, "plant": {"environment": environment}}
-    (folder / "config.json").write_text(json.dumps(config))
-    return str(folder)
-
-
-def evaluate(capsys, *words: str) -> dict:
-    assert main(["policy", "evaluate", *words, "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
-
-
-def refused(capsys, *words: str) -> str:
-    assert main(["policy", "evaluate", *words]) == 2
-    return capsys.readouterr().err.splitlines()[-1]
 
 
 # One arm

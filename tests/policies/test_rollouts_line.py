@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.rollout_samples import LOCKSTEP, evaluate, policy, refused, work_in
 from support.xl320_samples import be_patient, virtual
-from test_rollouts import LOCKSTEP, evaluate, folder, policy, refused  # noqa: F401  # a fixture
 
 from nas_data.dataset.features import TIME
 from nas_data.dataset.provenance import read_provenance
@@ -24,6 +24,11 @@ from nas_data.recorders.tolerance import TRIES, Tolerance
 JOINTS = ergojr_joints()
 ERRORS = (BadReply, ServoSilent, NobodyAnswers)
 REACHER = (-0.8, -0.2, 0.2, 0.1)  # there at once in the first episode, and never in the second
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch) -> Path:
+    return work_in(tmp_path, monkeypatch)
 
 
 def failing(times: int, errors: Iterator[type[Exception]]) -> Callable[[], str]:

@@ -21,7 +21,7 @@ def extended(tmp_path_factory) -> Path:
         shutil.copytree(ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "pyproject.toml", root)
     blocks = dict(BLOCK.findall((ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")))
-    assert {Path(name).parts[1] for name in blocks} == {"effects", "robots", "envs"}
+    assert sorted(Path(name).parts[1] for name in blocks) == ["effects", "envs", "excitations", "robots"]  # one each
     for name, text in blocks.items():
         assert not (root / name).exists(), f"{name} exists already; the example needs another name"
         (root / name).write_text(text, encoding="utf-8")
@@ -36,7 +36,7 @@ def run(root: Path, *command: str) -> str:
 
 
 def test_the_effect_passes_the_contract_of_effects(extended):
-    tests = extended / "tests" / "test_effects.py"
+    tests = extended / "tests" / "support" / "typical_effects.py"
     typical = 'TYPICAL = {\n    ("cable_pull", "stiffness"): 0.05,'
     assert tests.read_text().count("TYPICAL = {") == 1
     tests.write_text(tests.read_text().replace("TYPICAL = {", typical))
@@ -47,13 +47,17 @@ def test_the_robot_passes_the_contract_of_robots(extended):
     assert re.search(r"[2-9] passed", run(extended, "pytest", "tests/robots/test_robots.py", "-k", "flag"))
 
 
+def test_the_excitation_passes_the_contract_of_excitations(extended):
+    assert re.search(r"[4-9] passed", run(extended, "pytest", "tests/excitations/test_excitations.py", "-k", "pulses"))
+
+
 def test_the_environment_passes_the_checkers(extended):
     assert re.search(r"[2-9] passed", run(extended, "pytest", "tests/envs/test_envs.py", "-k", "raise_flag"))
 
 
 def test_the_plug_ins_are_found_by_their_names(extended):
     recorded = ("record", "sim", "--robot", "flag", "--effect", "cable_pull:joint=hoist,stiffness=0.05")
-    run(extended, "nas_data", *recorded, "--episodes", "2", "--out", "flag")
+    run(extended, "nas_data", *recorded, "--excitation", "pulses", "--episodes", "2", "--out", "flag")
     run(extended, "nas_data", "verify", "flag")
 
 

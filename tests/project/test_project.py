@@ -1,13 +1,11 @@
-"""The project as a whole: its commands explain themselves, start fast, and what is shipped is complete and clean."""
+"""The project as a whole: what is shipped is complete and clean."""
 
-import ast
 import os
 import re
 import shlex
 import shutil
 import subprocess
 import sys
-import time
 import tomllib
 import zipfile
 from pathlib import Path
@@ -16,19 +14,12 @@ import pytest
 import tyro
 from packaging.requirements import Requirement
 
-from nas_data.cli import command_class, command_files, main, split
+from nas_data.cli import command_class, split
 
 ROOT = Path(__file__).parents[2]
-COMMANDS = sorted(command_files())
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 PYTHONS = {"311": "3.11", "312": "3.12"}
 
-HELP_SECONDS = 0.3  # [s] how long `nas --help` may take
-ATTEMPTS = 20  # runs of which the fastest counts: other tests run beside this one
-HEAVY = {
-    "datasets", "gymnasium", "huggingface_hub", "lerobot", "matplotlib", "mujoco", "numpy", "onnx", "onnxruntime",
-    "pandas", "pyarrow", "pybullet", "scipy", "stable_baselines3", "tensorboard", "torch",
-}  # fmt: skip
 MACHINE_PATH = re.compile(r"/(?:work|tmp|root|farm|home|Users)/\w")
 MARKED = re.compile(r"<!-- test(: slow)? -->\s*```(bash|python)\n(.*?)```", re.DOTALL)
 PAGES = ["README.md", *sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs").rglob("*.md"))]
@@ -43,87 +34,6 @@ def own_files() -> list[Path]:
     listed = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
     names = subprocess.run(listed, cwd=ROOT, check=True, capture_output=True, text=True).stdout
     return [path for name in names.split("\0") if name and (path := ROOT / name).is_file()]
-
-
-def loaded_by(code: str) -> set[str]:
-    """Return the packages that a fresh Python has loaded after some code."""
-    code = f"{code}\nimport sys\nprint(*sorted({{name.split('.')[0] for name in sys.modules}}), file=sys.stderr)"
-    run = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=ROOT)
-    return set(run.stderr.split())
-
-
-# Commands
-
-
-def examples(name: str) -> list[str]:
-    """Return the examples in a command's description, each without the program's name."""
-    return re.findall(r"Example: nas (.*)", command_class(name).__doc__ or "")
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_each_command_explains_itself(name, capsys):
-    with pytest.raises(SystemExit) as stopped:
-        main([*name.split(), "--help"])
-    assert stopped.value.code == 0
-    shown = re.sub(r"\s+", " ", capsys.readouterr().out)
-    assert f"usage: nas {name}" in shown
-    assert f"Example: nas {name}" in shown
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_each_example_is_a_command_that_can_be_typed(name):
-    assert examples(name)
-    for example in examples(name):
-        words, options = split(shlex.split(example))
-        assert words == name
-        kind = command_class(name)
-        assert isinstance(tyro.cli(kind, args=options, config=(tyro.conf.FlagCreatePairsOff,)), kind)
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_each_option_of_a_command_is_described(name):
-    tree = ast.parse(command_files()[name].read_text())
-    kind = next(
-        node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == command_class(name).__name__
-    )
-    for field, following in zip(kind.body, [*kind.body[1:], None], strict=True):
-        if isinstance(field, ast.AnnAssign) and "ClassVar" not in ast.unparse(field.annotation):
-            described = isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant)
-            assert described, f"nas {name}: {ast.unparse(field.target)} has no docstring"
-
-
-def test_the_overview_lists_every_command_with_a_sentence(capsys):
-    assert main(["--help"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    for name in COMMANDS:
-        assert any(re.match(rf"  {name} +\w.*[.…]$", line) for line in lines), name
-
-
-def test_the_overview_answers_at_once():
-    program = Path(sys.executable).with_name("nas")
-    command = [str(program)] if program.exists() else [sys.executable, "-m", "nas_data"]
-    fastest = float("inf")
-    for _ in range(ATTEMPTS):
-        begun = time.perf_counter()
-        subprocess.run([*command, "--help"], check=True, capture_output=True)
-        fastest = min(fastest, time.perf_counter() - begun)
-        if fastest < HELP_SECONDS:
-            return
-    pytest.fail(f"nas --help took {fastest:.2f} s in the fastest of {ATTEMPTS} runs; {HELP_SECONDS} s is the limit")
-
-
-def test_the_overview_loads_nothing_heavy():
-    assert loaded_by("from nas_data.cli import main; main(['--help'])") & (HEAVY | {"tyro"}) == set()
-
-
-def test_the_files_of_the_commands_load_nothing_heavy():
-    code = "from nas_data.cli import command_class, command_files\nfor name in command_files(): command_class(name)"
-    assert loaded_by(code) & HEAVY == set()
-
-
-def test_importing_the_package_loads_only_the_standard_library():
-    before = loaded_by("")
-    assert loaded_by("import nas_data") - before - set(sys.stdlib_module_names) == {"nas_data"}
 
 
 # Files

@@ -16,11 +16,11 @@ import pyarrow as pa
 import pyarrow.compute
 import pyarrow.parquet as pq
 import pytest
+from support.bag_samples import MAP as BAG_MAP
+from support.bag_samples import write_json_mcap, write_rosbag
 from support.dataset_samples import recorded
 from support.import_samples import columns_of, map_text, motion, write_log, write_map
 from support.lerobot_samples import ARM
-from test_import_bags import MAP as BAG_MAP
-from test_import_bags import write_json_mcap, write_rosbag
 
 from nas_data.cli import main
 from nas_data.dataset import layout

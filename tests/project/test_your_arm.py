@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.bag_samples import write_mcap
 from support.lerobot_samples import RATE, SO101, from_ticks, write_calibration, write_lerobot
-from test_actuators import URDF
-from test_import_bags import write_mcap
+from support.urdf_samples import URDF
 
 from nas_data.robots.base import find_robot
 from nas_data.simulators.mujoco import MujocoSimulator

@@ -22,13 +22,13 @@ from nas_data.errors import CheckpointError
 from nas_data.joint_units import HINGE
 from nas_data.policies import learner, ppo
 from nas_data.policies.compare import RESULT
-from nas_data.reports.file import write_whole
 from nas_data.reports.learning_figures import LearningCurve, learning, model_training, returns_on_target
 from nas_data.reports.page import Facts, HtmlPage, HtmlTable, PageSection, Picture, Text, is_ours
 from nas_data.reports.prediction_figures import growth, joint_errors, quartiles, trajectory
 from nas_data.reports.run_sections import models_section, policies_section
 from nas_data.reports.runs import find_runs
 from nas_data.reports.style import OTHERS, STROKES, strokes, to_png
+from nas_data.whole_file import write_whole
 
 PIXEL = b"\x89PNG\r\n\x1a\n" + bytes(16)
 SMALL = learner.Hyperparameters(arms=4, rollout=256, minibatches=2, epochs=1)

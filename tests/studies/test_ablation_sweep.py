@@ -14,15 +14,15 @@ import numpy as np
 import pytest
 from support.command_samples import SIMULATED, Place, done, nas
 from support.recording_samples import GAP, pendulum, recorded_on, wander
+from support.sweep_samples import BRIEF, TINY, answers, here_and_now, planned, silent
 from support.training_samples import same
-from test_gap_workflow import ARM, recorded
+from support.two_joint_arm import ARM, recorded
 
 from nas_data.dataset.read import read
 from nas_data.dataset.versions import new_version
 from nas_data.effects.base import parse
 from nas_data.errors import DatasetInvalid, WorkerLost
 from nas_data.gap.write_model import write_effects
-from nas_data.models.presets import preset
 from nas_data.models.split import hold_out, rows_of
 from nas_data.runs.environment_info import commit
 from nas_data.studies.ablation import trial as trials
@@ -32,41 +32,10 @@ from nas_data.studies.ablation.inflation import read as read_inflation
 from nas_data.studies.ablation.kinds.base import Lesson, find_kind
 from nas_data.studies.ablation.material import SweepData
 from nas_data.studies.ablation.subsets import divide, draw
-from nas_data.studies.ablation.sweep import SweepPlan, run_sweep
+from nas_data.studies.ablation.sweep import run_sweep
 from nas_data.studies.ablation.trial import UNFINISHED, do_trial
 
 SAMPLE = Path(__file__).parents[2] / "datasets/ergojr_sample"
-BRIEF = ("--hidden", "8", "--updates", "2", "--horizon", "20")
-TINY = preset("fast", hidden=8, layers=1, updates=2, horizon=20, frames=100)
-CIRCUMSTANCES = {"wall_seconds", "cpu_seconds", "packages", "commit"}
-
-
-def plan(place: Place, **changes) -> SweepPlan:
-    """Return a sweep of six trials on the pendulum."""
-    material = SweepData(place.paired)
-    kinds, amounts = ("delta", "forward"), (Amount(2, "episodes"), Amount(4, "episodes"), Amount(6, "episodes"))
-    return replace(SweepPlan(kinds, amounts, (0,), TINY, 0.2, material), **changes)
-
-
-def planned(place: Place, folder: Path, **changes) -> list[trials.Trial]:
-    swept = plan(place, **changes)
-    return swept.trials(swept.material.content(), folder)
-
-
-def here_and_now(function, jobs, workers, after=None):
-    """Run jobs in this process."""
-    for number, job in enumerate(jobs):
-        yield number, function(job)
-
-
-def silent(_: str) -> None:
-    """Say nothing."""
-
-
-def answers(folder: Path) -> dict[str, dict]:
-    """Return the results of a sweep's trials by their key, without what differs from run to run."""
-    found = {path.stem: json.loads(path.read_text()) for path in (folder / "trials").glob("*.json")}
-    return {key: {k: v for k, v in record.items() if k not in CIRCUMSTANCES} for key, record in found.items()}
 
 
 # trials

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import ray
 from support.command_samples import nas
-from test_ablation_sweep import BRIEF, answers, here_and_now, planned, silent
+from support.sweep_samples import BRIEF, answers, here_and_now, planned, silent
 
 from nas_data.errors import MissingPackage, UnknownName, WorkerLost
 from nas_data.studies.ablation.amount import Amount

@@ -5,7 +5,9 @@ import shutil
 from functools import cache
 from pathlib import Path
 
+import mujoco
 import numpy as np
+import pytest
 
 from nas_data.benchmarks.blind.arms import NominalArm, ergojr, random_arm
 from nas_data.benchmarks.blind.case import Case, Identity
@@ -118,3 +120,30 @@ def know_everything(dataset: Path, model: Path, out: Path) -> None:
     (out / "model.xml").write_text(spec.to_xml())
     report = report_of([entry_of(*entry) for entry in hidden], "explained")
     (out / "report.json").write_text(json.dumps(report))
+
+
+FINE = 1e-4  # [s] timestep of the reference
+INDEPENDENT = ("numpy", pytest.param("bullet", marks=pytest.mark.bullet))
+
+
+def reference(
+    arm: NominalArm, commands: np.ndarray, poses: np.ndarray, period: float = PERIOD, settle: float = 0.5
+) -> np.ndarray:
+    """Return positions (E, T + 1, n) of the nominal arm in MuJoCo at a fine timestep."""
+    spec = arm.spec()
+    spec.option.timestep = FINE
+    for joint in spec.joints:
+        joint.solref_friction = [2 * FINE, 1]
+    model = spec.compile()
+    shown = []
+    for episode, pose in zip(commands, poses, strict=True):
+        data = mujoco.MjData(model)
+        data.qpos[:] = data.ctrl[:] = pose
+        mujoco.mj_step(model, data, round(settle / FINE))
+        rows = [data.qpos.copy()]
+        for command in episode:
+            data.ctrl[:] = command
+            mujoco.mj_step(model, data, round(period / FINE))
+            rows.append(data.qpos.copy())
+        shown.append(rows)
+    return np.array(shown)

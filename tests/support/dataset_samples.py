@@ -1,5 +1,7 @@
 """Small datasets for the tests, and hypothesis strategies that draw any dataset the contract allows."""
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -42,6 +44,11 @@ def recorded(lengths=(5, 7, 5), fps=50.0, seed=0, joints=JOINTS, tasks=("walk", 
     }
     tasks = tuple(tasks[index % len(tasks)] for index in range(len(lengths)))
     return Dataset(features, columns, lengths, fps, "ergojr", tasks)
+
+
+def walks() -> Dataset:
+    """Return four episodes of one task, two of them equally long."""
+    return replace(recorded(lengths=(20, 7, 20, 31)), tasks=("walk",) * 4)
 
 
 def same(a: Dataset, b: Dataset) -> bool:

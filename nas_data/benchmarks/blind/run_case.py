@@ -130,7 +130,7 @@ def read_record(path: Path) -> Record | None:
 
 def store_record(path: Path, record: Record) -> Record:
     """Store a finished case and return it as it reads back, whole or not at all on the disk."""
-    from nas_data.cli import finite
+    from nas_data.typed_json import finite
 
     text = json.dumps(finite(record), indent=1, allow_nan=False)
     path.parent.mkdir(parents=True, exist_ok=True)

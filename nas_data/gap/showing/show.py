@@ -5,7 +5,7 @@ from pathlib import Path
 from nas_data.gap.report import REPORT, GapReport
 from nas_data.gap.showing.page import build
 from nas_data.gap.showing.series import Series
-from nas_data.reports.file import write_whole
+from nas_data.whole_file import write_whole
 
 PAGE, FIGURES = "report.html", "figures"
 

@@ -9,10 +9,10 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from nas_data.errors import OptionError
-from nas_data.reports.file import write_whole
 from nas_data.reports.films.motion import Motion
 from nas_data.reports.films.scene import Scene, colour
 from nas_data.simulators.offscreen import Pictures
+from nas_data.whole_file import write_whole
 
 LINE, EDGE = 22, 10  # [px] height of a line of the caption, and space around it
 TYPE_SIZE = 15  # [px]

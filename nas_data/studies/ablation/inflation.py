@@ -13,9 +13,9 @@ from threadpoolctl import threadpool_limits
 
 from nas_data.dataset.layout import read_json
 from nas_data.models.threads import one_thread
-from nas_data.reports.file import write_whole
 from nas_data.studies.ablation.kinds.base import find_kind
 from nas_data.studies.ablation.trial import UNFINISHED, Trial, prepare
+from nas_data.whole_file import write_whole
 
 FILE = "inflation.json"
 PROBE_UPDATES = 10  # of a trial that only measures: seconds of work

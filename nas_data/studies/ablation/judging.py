@@ -1,11 +1,11 @@
 """How far a predictor is off on held-out episodes, beside source, hold and command on the same."""
 
-from nas_data.cli import finite
 from nas_data.dataset.dataset import Dataset
 from nas_data.metrics import Errors
 from nas_data.models.evaluation import MODEL, Evaluation, evaluate
 from nas_data.sources import SourceModel
 from nas_data.studies.ablation.kinds.base import Learned
+from nas_data.typed_json import finite
 
 SOURCE = "source"
 BASELINES = (SOURCE, "hold", "command")

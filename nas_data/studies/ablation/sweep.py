@@ -11,7 +11,6 @@ from typing import Any
 
 from nas_data.errors import OutputExists
 from nas_data.models.presets import TrainingOptions
-from nas_data.reports.file import write_whole
 from nas_data.studies.ablation.amount import Amount
 from nas_data.studies.ablation.code import trial_code
 from nas_data.studies.ablation.executors.base import Executor
@@ -20,6 +19,7 @@ from nas_data.studies.ablation.material import Content, SweepData
 from nas_data.studies.ablation.progress import SweepProgress
 from nas_data.studies.ablation.trial import TRIALS, UNFINISHED, Config, Record, Trial, do_trial
 from nas_data.visible_files import visible
+from nas_data.whole_file import write_whole
 
 SWEEP, LOCK = "sweep.json", ".lock"
 

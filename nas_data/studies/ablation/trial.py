@@ -18,7 +18,6 @@ from nas_data.errors import NasError, WorkerLost
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.split import rows_of
 from nas_data.models.threads import one_thread
-from nas_data.reports.file import write_whole
 from nas_data.runs.environment_info import commit
 from nas_data.studies.ablation.amount import Amount
 from nas_data.studies.ablation.code import trial_code
@@ -26,6 +25,7 @@ from nas_data.studies.ablation.judging import judge
 from nas_data.studies.ablation.kinds.base import Lesson, find_kind
 from nas_data.studies.ablation.material import Content, SweepData
 from nas_data.studies.ablation.subsets import Run, draw
+from nas_data.whole_file import write_whole
 
 SCHEMA = 1
 TRIALS, UNFINISHED = "trials", ".unfinished"

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.cli import finite
 from nas_data.reports.ablation_figure import AblationCurve, error_over_amount
-from nas_data.reports.file import write_whole
 from nas_data.reports.style import to_png
 from nas_data.studies.ablation.kinds.base import find_kind
 from nas_data.studies.ablation.summary import LOOPS, Cell, SweepSummary
 from nas_data.studies.ablation.table import markdown
+from nas_data.typed_json import finite
+from nas_data.whole_file import write_whole
 
 JSON, TABLE, FIGURE = "ablation.json", "ablation.md", "ablation.png"
 

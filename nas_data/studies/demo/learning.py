@@ -16,7 +16,6 @@ from nas_data.metrics import Errors
 from nas_data.models.evaluation import MODEL, Evaluation, evaluate
 from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions
-from nas_data.reports.file import write_whole
 from nas_data.runs.parallel import run_jobs
 from nas_data.runs.stages import INDENT, Report, StageResult
 from nas_data.sources import find_source
@@ -25,6 +24,7 @@ from nas_data.studies.demo.plan import Demo
 from nas_data.studies.demo.recording import HELDOUT, TRAIN, newest
 from nas_data.studies.experiments.pipeline.learning import ModelJob, train_model
 from nas_data.studies.experiments.pipeline.trajectories import PREDICTORS, compare_models
+from nas_data.whole_file import write_whole
 
 FOLDERS: dict[Kind, str] = {"delta": "models/phi", "forward": "models/psi"}
 ROLLOUTS = "models/rollouts.safetensors"

@@ -12,7 +12,6 @@ from nas_data.gap.showing.page_tables import NONE, joints_table
 from nas_data.gap.showing.page_verdict import lead
 from nas_data.gap.showing.page_words import confidence, friendly, interval, join_items, spoken
 from nas_data.gap.showing.series import Series
-from nas_data.reports.file import write_whole
 from nas_data.reports.page import Block, Facts, HtmlPage, HtmlTable, PageSection, Picture, Text
 from nas_data.reports.prediction_figures import growth, joint_errors, trajectory
 from nas_data.reports.run_sections import learning_picture, models_picture, policies_table, target_picture
@@ -26,6 +25,7 @@ from nas_data.studies.demo.plan import Demo, DemoPlan
 from nas_data.studies.demo.policies import BASELINES, load_baselines
 from nas_data.studies.demo.policies import FOLDER as POLICIES
 from nas_data.studies.demo.recording import HELDOUT, TRAIN, newest
+from nas_data.whole_file import write_whole
 
 PAGE = "report.html"
 FIGURES = "figures"

@@ -11,11 +11,11 @@ from nas_data.policies.evaluate import score_baselines
 from nas_data.policies.intervals import bootstrap_of
 from nas_data.policies.learner import Hyperparameters
 from nas_data.policies.watching import watching
-from nas_data.reports.file import write_whole
 from nas_data.runs.stages import INDENT, StageResult
 from nas_data.studies.demo.learning import FOLDERS, cores
 from nas_data.studies.demo.naming import named_dynamics
 from nas_data.studies.demo.plan import Demo
+from nas_data.whole_file import write_whole
 
 FOLDER = "policies"
 BASELINES = "policies/baselines.json"

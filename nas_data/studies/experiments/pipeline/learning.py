@@ -15,9 +15,9 @@ from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.run import CHECKPOINT, HISTORY, STATE, TrainingRun
 from nas_data.models.training import ModelTraining
-from nas_data.reports.file import write_whole
 from nas_data.runs.code_hash import code_hash
 from nas_data.sources import kept_files, locate_source
+from nas_data.whole_file import write_whole
 
 TRAINED_BY = "nas_data.models.run"
 

@@ -6,16 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from nas_data.cli import finite
 from nas_data.environment_ids import environment_name
 from nas_data.envs.base import find_task, find_task_file
 from nas_data.errors import OptionError, UnknownName
-from nas_data.reports.file import write_whole
 from nas_data.runs.environment_info import commit, versions
 from nas_data.runs.parallel import combine_errors
 from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request, find_experiment
 from nas_data.studies.experiments.pipeline.methods import check_methods
 from nas_data.studies.experiments.pipeline.naming import stem_of
+from nas_data.typed_json import finite
+from nas_data.whole_file import write_whole
 
 
 @dataclass(frozen=True)

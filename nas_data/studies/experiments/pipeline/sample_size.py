@@ -25,7 +25,6 @@ from nas_data.models.presets import TrainingOptions
 from nas_data.models.split import rows_of
 from nas_data.policies.compare import Record, Run, do_run, silence
 from nas_data.policies.learner import Hyperparameters, PolicyTraining
-from nas_data.reports.file import write_whole
 from nas_data.studies.ablation.amount import Amount
 from nas_data.studies.ablation.subsets import draw
 from nas_data.studies.experiments.pipeline.artifacts import DATASETS, NAMED, NAMES, PHI, PHI_NAMED, PSI, Artifacts
@@ -34,6 +33,7 @@ from nas_data.studies.experiments.pipeline.learning import ModelJob, read_record
 from nas_data.studies.experiments.pipeline.methods import METHODS, on_source, target
 from nas_data.studies.experiments.pipeline.pairs import pair_again
 from nas_data.studies.experiments.pipeline.sizes import FOR_FEW
+from nas_data.whole_file import write_whole
 
 SUBSET = "subset"
 BY_PRESET = {f"nas_{name}": name for name in FOR_FEW}

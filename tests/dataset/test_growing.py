@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.dataset_samples import recorded, same
+from support.dataset_samples import same, walks
 
 from nas_data.dataset.incremental_writer import Growing
 from nas_data.dataset.provenance import Provenance
@@ -17,7 +17,7 @@ from nas_data.dataset.read import read
 from nas_data.errors import DatasetInvalid, OutputExists
 
 SIMULATED = Provenance(how="hardware", robot="ergojr")
-EPISODES = replace(recorded(lengths=(20, 7, 20, 31)), tasks=("walk",) * 4)
+EPISODES = walks()
 TESTS = Path(__file__).parents[1]
 
 
@@ -95,9 +95,11 @@ def test_it_can_be_removed(tmp_path):
 WRITER = """
 import sys
 sys.path.insert(0, sys.argv[2])
-from dataclasses import replace
 from pathlib import Path
-from test_dataset_growing import EPISODES, SIMULATED, Growing
+from support.dataset_samples import walks
+from nas_data.dataset.incremental_writer import Growing
+from nas_data.dataset.provenance import Provenance
+EPISODES, SIMULATED = walks(), Provenance(how="hardware", robot="ergojr")
 growing = Growing(Path(sys.argv[1]))
 print("ready", flush=True)
 while True:

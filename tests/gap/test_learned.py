@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from support.report_samples import gap_report
-from test_gap_workflow import ARM, recorded
+from support.two_joint_arm import ARM, recorded
 
 from nas_data.cli import main
 from nas_data.effects.base import parse

@@ -8,7 +8,7 @@ import gymnasium
 import mujoco
 import numpy as np
 import pytest
-from test_envs import play, small_model
+from support.env_samples import play, small_model
 
 from nas_data import cli
 from nas_data.effects.base import parse

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 from support.effect_samples import PERIOD
-from test_effects import NAMES, OF_OBJECTS, typical
+from support.typical_effects import NAMES, OF_OBJECTS, typical
 
 from nas_data.effects.base import Effect, add_effects, find_effect
 from nas_data.errors import ModelFileError

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from support.evidence_samples import JOINTS, QUANTUM, commanded, measured
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.noise import median, noise_of_differences, quantum
@@ -18,7 +19,7 @@ from nas_data.envs.base import find_task
 from nas_data.errors import DatasetInvalid
 from nas_data.gap.episode_batch import EpisodeBatch, divide, windows
 from nas_data.gap.floor import noise_floor, step_errors
-from nas_data.gap.nominal import Nominal, fine_timestep, with_timestep
+from nas_data.gap.nominal import Nominal, fine_timestep
 from nas_data.gap.nominal_parameters import base_parameters
 from nas_data.gap.search.fit import fit, solve_bounded
 from nas_data.gap.search.objective import FitTask
@@ -31,36 +32,7 @@ from nas_data.robots.base import find_robot
 from nas_data.simulators.initial_states import InitialLoad
 from nas_data.simulators.mujoco import MujocoSimulator
 
-JOINTS = ("m1", "m2", "m3", "m4", "m5", "m6")
 SAMPLE = Path(__file__).parents[2] / "datasets" / "ergojr_sample"
-QUANTUM = np.radians(0.29)
-
-
-def commanded(episodes: int = 4, seconds: float = 1.5, seed: int = 0) -> EpisodeBatch:
-    """Episodes of random targets held half a second, nothing measured yet."""
-    rng = np.random.default_rng(seed)
-    commands = rng.uniform(-0.7, 0.7, (episodes, round(2 * seconds), 6)).repeat(50, axis=1)
-    empty = np.zeros_like(commands)
-    counts = np.ones(commands.shape[:2], bool)
-    return EpisodeBatch(JOINTS, 0.01, np.zeros((episodes, 6)), commands, empty, counts, np.arange(episodes))
-
-
-def measured(
-    effects: str = "", factors: dict[str, float] | None = None, seed: int = 0, timestep: float | None = None
-) -> tuple[Nominal, EpisodeBatch]:
-    """The ErgoJr and what a target with an effect measures, with noise and quantisation of an XL-320.
-
-    The target takes the model's own physics steps unless a timestep is given [s].
-    """
-    evidence = commanded(seed=seed)
-    nominal = Nominal.load("ergojr", evidence)
-    hidden = [parse(effects)] if effects else []
-    target = with_timestep(nominal, timestep) if timestep else nominal
-    truth = target.predict(evidence, hidden, factors)
-    noisy = truth + np.random.default_rng(seed + 1).normal(0, np.radians(0.05), truth.shape)
-    rounded = np.round(noisy / QUANTUM) * QUANTUM
-    parts = (evidence.starts, evidence.commands, rounded, evidence.counts, evidence.numbers)
-    return nominal, EpisodeBatch(JOINTS, 0.01, *parts)
 
 
 @given(step=st.floats(1e-3, 2e-2), seed=st.integers(0, 100))

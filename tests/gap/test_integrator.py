@@ -5,9 +5,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from support.delivery_samples import delivered, nominal
 from support.report_samples import gap_report
-from test_gap_delivery import delivered, nominal
-from test_gap_workflow import ARM, recorded
+from support.two_joint_arm import ARM, recorded
 
 from nas_data.cli import main
 from nas_data.effects.base import make_effect

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from support.dataset_samples import recorded, same
+from support.lerobot_writing import open_dataset, record, resume
 
 from nas_data.cli import main
 from nas_data.dataset import layout
@@ -32,7 +33,9 @@ def folder(tmp_path, monkeypatch):
 
 # Processes to be killed are forked from one that has imported all they need: LeRobot alone takes seconds.
 FORKING = multiprocessing.get_context("forkserver")
-FORKING.set_forkserver_preload(["lerobot.datasets.lerobot_dataset", "test_dataset_lerobot", "test_dataset_killed"])
+FORKING.set_forkserver_preload(
+    ["lerobot.datasets.lerobot_dataset", "support.dataset_samples", "support.lerobot_writing"]
+)
 
 BEGIN = "target = create(lerobot_dataset, EPISODES, root)\n"
 AGAIN = "target = resume(lerobot_dataset, root)\n"
@@ -43,24 +46,6 @@ MIDWAY = (
     "for row in range(5):\n"
     "    target.add_frame({**{key: column[row] for key, column in EPISODES.columns.items()}, 'task': 'walk'})\n"
 )
-
-
-def make_durable(dataset):
-    """Let LeRobot close its files after each episode."""
-    if isinstance(dataset.meta.info, dict):
-        dataset.meta.info["data_files_size_in_mb"] = 1e-9
-    else:
-        dataset.meta.info.data_files_size_in_mb = 1e-9
-    dataset.meta._metadata_buffer_size = dataset.meta.metadata_buffer_size = 1
-    save = dataset.save_episode
-
-    def save_episode():
-        save()
-        close = dataset.writer.close_writer if hasattr(dataset.writer, "close_writer") else dataset._close_writer
-        close()
-        dataset.meta._close_writer()
-
-    dataset.save_episode = save_episode
 
 
 def episodes(first, stop):
@@ -79,8 +64,9 @@ SESSION = """
 import os, signal
 import datasets.config
 from lerobot.datasets import lerobot_dataset
-from test_dataset_lerobot import create, record, resume
-from test_dataset_killed import EPISODES, make_durable
+from support.dataset_samples import recorded
+from support.lerobot_writing import create, make_durable, record, resume
+EPISODES = recorded(lengths=(20,) * 12)
 datasets.config.HF_DATASETS_CACHE = root.parent / "cache"
 """
 
@@ -144,7 +130,6 @@ def test_a_first_session_survives_a_second_one_that_was_killed(folder):
 def test_what_was_rescued_is_opened_and_continued_by_lerobot(folder, monkeypatch):
     lerobot_dataset = pytest.importorskip("lerobot.datasets.lerobot_dataset")
     import datasets.config
-    from test_dataset_lerobot import open_dataset, record, resume
 
     monkeypatch.setattr(datasets.config, "HF_DATASETS_CACHE", folder / "cache")
     root = killed(folder / "rec", BEGIN, episodes(0, 4), KILL)
@@ -174,7 +159,7 @@ def killed_while_writing(folder, part, dataset="recorded()"):
     script = (
         "import os, signal\n"
         "os.chdir(folder)\n"
-        "from dataset_samples import recorded\n"
+        "from support.dataset_samples import recorded\n"
         "from nas_data.dataset import write as writing, versions\n"
         "from nas_data.dataset.provenance import Provenance\n"
         "put = writing.write_synced\n"

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.search_samples import afresh, arm, begun, names, played, tasks
-from test_start_velocities import derived_torques
+from support.start_samples import derived_torques
 
 from nas_data.effects.base import parse
 from nas_data.gap.name import name

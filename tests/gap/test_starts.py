@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_gap_core import QUANTUM, commanded
+from support.evidence_samples import QUANTUM, commanded
 
 from nas_data.dataset.features import ENVIRONMENT
 from nas_data.effects.base import Effect, parse

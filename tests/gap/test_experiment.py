@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.command_samples import done
-from test_gap_workflow import ARM
+from support.two_joint_arm import ARM
 
 from nas_data.command_file import check_limits, read_commands
 from nas_data.dataset.read import read

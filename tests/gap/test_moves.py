@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.evidence_samples import QUANTUM, measured
 from support.search_samples import NOISE, afresh, arm, begun, described, fitted, names
-from test_gap_core import QUANTUM, measured
 
 from nas_data import registry
 from nas_data.effects.base import parse

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.dataset_samples import recorded, same
+from support.lerobot_writing import create, open_dataset, record, resume
 
 from nas_data.dataset import layout
 from nas_data.dataset.content import content_hash
@@ -39,38 +40,6 @@ def lerobot(tmp_path, monkeypatch):
 
     monkeypatch.setattr(datasets.config, "HF_DATASETS_CACHE", tmp_path / "cache")
     return lerobot_dataset
-
-
-def open_dataset(lerobot, root):
-    return lerobot.LeRobotDataset("nas/test", root=root, video_backend="pyav")
-
-
-def create(lerobot, dataset, root):
-    features = {key: {**feature.to_info(), "shape": (feature.width,)} for key, feature in dataset.features.items()}
-    return lerobot.LeRobotDataset.create(
-        "nas/test",
-        fps=dataset.fps,
-        features=features,
-        root=root,
-        robot_type=dataset.robot_type,
-        use_videos=False,
-        video_backend="pyav",
-    )
-
-
-def resume(lerobot, root):
-    kind = lerobot.LeRobotDataset
-    if hasattr(kind, "resume"):
-        return kind.resume("nas/test", root=root, video_backend="pyav")
-    return kind("nas/test", root=root, video_backend="pyav")
-
-
-def record(target, dataset, episodes):
-    for episode in episodes:
-        for row in range(*dataset.episode(episode).indices(dataset.n_frames)):
-            frame = {key: column[row] for key, column in dataset.columns.items()}
-            target.add_frame({**frame, "task": dataset.tasks[episode]})
-        target.save_episode()
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.evidence_samples import QUANTUM, measured
 from support.search_samples import arm, played, tasks
-from test_gap_core import QUANTUM, measured
 
 from nas_data.effects.base import parse
 from nas_data.gap.search.fit import fit, loss

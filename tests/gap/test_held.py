@@ -5,7 +5,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from test_gap_delivery import nominal
+from support.delivery_samples import nominal
 
 from nas_data.gap.write_model import write_model
 

@@ -1,0 +1,41 @@
+"""Every effect of the catalogue at a size that is typical of a hobby servo."""
+
+from nas_data import registry
+from nas_data.effects.base import Effect, find_effect, make_effect
+
+NAMES = registry.names("effects")
+OF_OBJECTS = {"object_mass", "object_friction"}
+JOINT = "m3"
+# a size of each parameter that is typical of a hobby servo
+TYPICAL = {
+    ("backlash", "half_width"): 0.02,
+    ("joint_compliance", "stiffness"): 1.5,
+    ("coulomb_friction", "torque"): 0.02,
+    ("stribeck_friction", "torque"): 0.05,
+    ("stribeck_friction", "kinetic_ratio"): 0.5,
+    ("stribeck_friction", "stribeck_velocity"): 0.3,
+    ("viscous_friction", "coefficient"): 0.02,
+    ("load_friction", "ratio"): 0.2,
+    ("rotor_inertia", "inertia"): 0.002,
+    ("servo_stiffness", "factor"): 0.7,
+    ("servo_damping", "factor"): 0.4,
+    ("torque_limit", "torque"): 0.1,
+    ("speed_limit", "speed"): 2.0,
+    ("command_delay", "delay"): 0.025,
+    ("joint_offset", "offset"): 0.03,
+    ("deadband", "half_width"): 0.03,
+    ("payload", "mass"): 0.05,
+    ("payload", "x"): 0.04,
+    ("payload", "y"): 0.03,
+    ("payload", "z"): 0.05,
+    ("base_tilt", "roll"): 0.1,
+    ("base_tilt", "pitch"): 0.1,
+    ("object_mass", "factor"): 4.0,
+    ("object_friction", "factor"): 4.0,
+}
+
+
+def typical(name: str, joint: str | None = JOINT, **changed: float) -> Effect:
+    kind = find_effect(name)
+    values = {p.name: TYPICAL[name, p.name] for p in kind.parameters} | changed
+    return make_effect(name, joint if kind.per_joint else None, values)
