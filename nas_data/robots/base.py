@@ -167,7 +167,7 @@ def robot_names() -> tuple[str, ...]:
     return tuple(sorted({*registry.names("robots"), *(path.stem for path in visible(FOLDER, "*.xml"))}))
 
 
-class Constants(TypedDict, total=False):
+class RobotConstants(TypedDict, total=False):
     """What a model may say of its robot beside physics; see `Robot`."""
 
     rate: float
@@ -177,7 +177,7 @@ class Constants(TypedDict, total=False):
     tip: str
 
 
-def read_constants(spec: mujoco.MjSpec, path: Path) -> Constants:
+def read_constants(spec: mujoco.MjSpec, path: Path) -> RobotConstants:
     """Return the constants of a robot that its model holds in `<custom>`.
 
     These are `<numeric name="nas_rate" data="50"/>`, the control rate [Hz], likewise `nas_position_quantum` [rad],
@@ -190,7 +190,7 @@ def read_constants(spec: mujoco.MjSpec, path: Path) -> Constants:
     Raises:
         ModelFileError: a number is none of these or cannot be, or there is no such site.
     """
-    own: Constants = {}
+    own: RobotConstants = {}
     for number in spec.numerics:
         name, values = number.name.removeprefix(PREFIX), tuple(map(float, number.data))
         if name == number.name:

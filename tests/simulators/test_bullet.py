@@ -14,7 +14,6 @@ import pytest
 from support.simulator_samples import damped_ergojr
 from support.typical_effects import NAMES, OF_OBJECTS, typical
 
-
 from nas_data.effects.base import Effect, parse
 from nas_data.errors import JointMismatch, ModelFileError
 from nas_data.robots.base import Robot, find_robot, robot_names
