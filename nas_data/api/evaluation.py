@@ -25,7 +25,7 @@ from nas_data.models import checkpoint
 from nas_data.models.evaluation import PLAIN, Evaluation
 from nas_data.models.evaluation import evaluate as evaluate_predictors
 from nas_data.pairing import warn_of_ranges
-from nas_data.robots.base import find_robot
+from nas_data.robots.base import find_robot, robot_names
 from nas_data.simulators.base import Simulator
 from nas_data.sources import SourceModel, locate_source
 
@@ -50,7 +50,7 @@ def evaluate(
     the model was trained on where that is in memory, else to the very dataset that it is judged by.
 
     Args:
-        learned: φ or ψ, its folder, or an MJCF or URDF file that is judged by itself.
+        learned: φ or ψ, its folder, or a model that is judged by itself: an MJCF or URDF file, or a robot's name.
         dataset: Any recording of the same joints and rate, or its folder; need not be paired.
         model: The source; the one kept with the model or the dataset where None.
         engine: `mujoco` or `bullet`; the source's own where None.
@@ -69,7 +69,7 @@ def evaluate(
         ModelFileError: φ is to be judged without a source, or the model file cannot be used.
     """
     say = progress or silent
-    alone = not isinstance(learned, LearnedModel) and Path(learned).is_file()  # a checkpoint is a folder
+    alone = is_model(learned)
     if alone and model is not None:
         raise OptionError(f"{learned} is a model by itself; leave out --model, or give a checkpoint that corrects it.")
     given = as_optional_model(str(learned) if alone else model, actuators)
@@ -86,6 +86,13 @@ def evaluate(
         network = None if judged is None else judged.network
         found = evaluate_predictors(recorded, simulator, network, count or count_aloud(say), others)
     return replace(found, notes=notes)
+
+
+def is_model(learned: LearnedModel | str | Path) -> bool:
+    """Whether a model file or a robot's name is given, not what was learned: a checkpoint is a folder."""
+    if isinstance(learned, LearnedModel):
+        return False
+    return Path(learned).is_file() or (str(learned) in robot_names() and not Path(learned).exists())
 
 
 def as_learned(learned: LearnedModel | str | Path) -> LearnedModel:

@@ -36,9 +36,10 @@ def test_an_effect_of_ones_own_is_found_again(tmp_path):
     assert 'stiffness="' in (tmp_path / "pendulum_with_cable.xml").read_text()
 
 
+@pytest.mark.slow
 def test_the_virtual_arm_is_recorded_and_its_play_shows(tmp_path):
     said = run(tmp_path, "ergojr_virtual")
-    errors = {joint: float(error) for joint, error in re.findall(r"(m\d): one-step error ([\d.]+)°", said)}
+    errors = {joint: float(error) for joint, error in re.findall(r"(m\d): open-loop error ([\d.]+)°", said)}
     assert max(errors, key=errors.get) == "m3"
 
 
