@@ -10,6 +10,7 @@ import argparse
 from pathlib import Path
 
 import nas_data as nas
+from nas_data.models.presets import preset
 
 MODEL = "so101_follower"
 # A stand-in for a real arm: softer servos and some friction.
@@ -26,7 +27,7 @@ def main() -> None:
     options.add_argument("logs", nargs="*", type=Path)
     options.add_argument("--map", help="what the numbers in the logs mean")
     options.add_argument("--model", default=MODEL)
-    options.add_argument("--updates", type=int, default=40, help="of the training; 400 for a good one")
+    options.add_argument("--updates", type=int, default=60, help="of the training; 400 for a good one")
     given = options.parse_args()
 
     if given.logs:
@@ -40,7 +41,8 @@ def main() -> None:
 
     # φ corrects the model: it learns measured minus simulated from pairs.
     paired = nas.pair(ds.select(learned_from), given.model)
-    phi = nas.train_delta(paired, preset="few", updates=given.updates, progress=print)
+    options = preset("few", hidden=32, frames=3200, updates=given.updates)
+    phi = nas.train_delta(paired, preset=options, progress=print)
     print(phi)
 
     # Open loop: the model starts once an episode and then sees commands only.
