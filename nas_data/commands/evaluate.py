@@ -18,8 +18,8 @@ class Evaluate(TakesModel):
     """
 
     checkpoint: tyro.conf.Positional[Path]
-    """Folder written by `nas train` (its `checkpoint`, or the training's folder), or a model: an MJCF or URDF file, or a
-    robot's name."""
+    """Folder written by `nas train` (its `checkpoint`, or the training's folder), or a model: an MJCF or URDF file, or
+    a robot's name."""
     dataset: tyro.conf.Positional[Path]
     """Dataset to evaluate on; need not be paired."""
     model: str | None = None
