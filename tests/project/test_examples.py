@@ -54,7 +54,7 @@ def test_a_hidden_effect_is_named(tmp_path):
 @pytest.mark.slow
 def test_a_csv_log_becomes_a_report(tmp_path):
     said = run(tmp_path, "own_arm_from_csv")
-    assert re.search(r"elbow: coulomb_friction torque 0\.1[2-8]", said)
+    assert re.search(r"elbow: backlash half_width 0\.0[34]", said)
     assert (tmp_path / "runs/own_arm/model.xml").is_file()
 
 

@@ -7,11 +7,11 @@ import numpy as np
 import nas_data as nas
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-HIDDEN = "coulomb_friction:joint=elbow,torque=0.15"
+HIDDEN = "backlash:joint=elbow,half_width=0.04"
 
 
 def write_log(path: Path) -> None:
-    """Record the arm with friction that its model lacks, and write positions and goals in degrees."""
+    """Record the arm with play that its model lacks, and write positions and goals in degrees."""
     ds = nas.record(
         EXAMPLES / "own_arm.xml",
         effects=[HIDDEN],

@@ -17,8 +17,8 @@ def code_cells(notebook: dict) -> list[dict]:
     return [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
 
 
-def run_notebook(notebook: dict) -> dict[str, object]:
-    """Run every code cell, put its outputs into it, and return the namespace that they leave."""
+def run_notebook(notebook: dict, path: Path | None = None) -> dict[str, object]:
+    """Run every code cell, put its outputs into it, keep what is done in a file, and return the names that are left."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -26,6 +26,8 @@ def run_notebook(notebook: dict) -> dict[str, object]:
     for number, cell in enumerate(code_cells(notebook), start=1):
         began = time.monotonic()
         cell["execution_count"], cell["outputs"] = number, list(run_cell("".join(cell["source"]), names, number))
+        if path is not None:
+            path.write_text(json.dumps(notebook, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
         print(f"cell {number}: {time.monotonic() - began:.1f} s", file=sys.stderr, flush=True)
     return names
 
@@ -59,6 +61,4 @@ def run_cell(source: str, names: dict[str, object], number: int):
 
 if __name__ == "__main__":
     path = Path(sys.argv[1]).resolve()
-    content = json.loads(path.read_text(encoding="utf-8"))
-    run_notebook(content)
-    path.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    run_notebook(json.loads(path.read_text(encoding="utf-8")), path)
