@@ -253,7 +253,7 @@ def test_a_recording_is_what_the_command_writes(arm, tmp_path):
 
 
 def test_logs_come_by_a_map(tmp_path):
-    seconds = np.arange(100) / 50
+    seconds = np.arange(101) / 50
     table = np.column_stack([seconds, *(np.degrees(0.5 * np.sin(seconds + ahead)) for ahead in (0.0, 0.02))])
     np.savetxt(tmp_path / "log.csv", table, delimiter=",", header="time,q,goal", comments="")
     columns = {"position": "q", "command": "goal"}
