@@ -10,8 +10,8 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT.name
 # They store, refuse, show or tell.
 APART = (
-    "environment_info", "cli", "commands", "dataset", "engine_warnings", "errors", "gap.showing", "registry", "reports",
-    "whole_file",
+    "cli", "commands", "dataset", "errors", "gap.showing", "mjcf.engine_warnings", "registry", "reports",
+    "runs.environment_info", "whole_file",
 )  # fmt: skip
 # Each of their functions imports what one option needs. Whoever asks for a hash names the options that are taken.
 CHOOSING = ("envs.loop.dynamics_spec", "simulators.engines")

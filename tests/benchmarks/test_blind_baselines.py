@@ -31,11 +31,11 @@ def weak_servo(tmp_path_factory):
 def written_case(folder: Path) -> Path:
     """Write a case with a weak servo into a folder; return where."""
     arm = arms()[0]
-    commands, poses = steps(4, 1.0)
+    commands, poses = steps(3, 0.9)
     truth = Truth(Base.nominal(6), (Hidden("servo_stiffness", "m3", {"factor": 0.5}),))
-    true = positions("numpy", arm, [truth], commands, poses)[0]
+    true = positions("mujoco", arm, [truth], commands, poses)[0]
     episodes = Episodes(commands, poses, true, SENSOR.positions(true, np.random.default_rng(0)))
-    case = draw_case("none", "numpy", 0, 0)
+    case = draw_case("none", "mujoco", 0, 0)
     write_case(replace(case, arm=arm, truth=truth, recorded=episodes, fresh=episodes, marks=(9.0,),
                        marked_joints=("m3",)), folder / "case")  # fmt: skip
     return folder / "case"

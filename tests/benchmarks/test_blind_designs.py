@@ -90,7 +90,7 @@ def test_without_effects_a_plant_follows_mujoco_within_the_noise(plant, number):
     assert error < 0.1 * np.sqrt(np.square(speeds).mean())
 
 
-@pytest.mark.parametrize("number", ARMS)
+@pytest.mark.parametrize("number", [ARMS[0], *(pytest.param(number, marks=pytest.mark.slow) for number in ARMS[1:])])
 def test_the_model_handed_over_follows_its_plant_up_to_its_timestep(number):
     """MuJoCo's positions run ahead by half a timestep, for a step adds the speed at its end."""
     arm, conditions, commands, poses = drawn(number)

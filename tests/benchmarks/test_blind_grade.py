@@ -128,7 +128,7 @@ def small(monkeypatch):
 
 
 def test_who_knows_everything_is_right_and_leaves_little(small, tmp_path):
-    plan = BlindPlan(("one", "two"), ("numpy",), 1, 4)
+    plan = BlindPlan(("one", "two"), ("mujoco",), 1, 4)
     records = run(plan, tmp_path, know_everything, lambda line: None)
     assert all(record["exact"] for record in records), records
     for record in records:
@@ -136,17 +136,17 @@ def test_who_knows_everything_is_right_and_leaves_little(small, tmp_path):
 
 
 def test_who_says_nothing_is_right_only_where_nothing_hides(small, tmp_path):
-    records = run(BlindPlan(("none", "one"), ("numpy",), 1, 0), tmp_path, know_nothing, lambda line: None)
+    records = run(BlindPlan(("none", "one"), ("mujoco",), 1, 0), tmp_path, know_nothing, lambda line: None)
     assert [record["exact"] for record in records] == [True, False]
     assert records[1]["fresh"]["after"] == records[1]["fresh"]["before"]
     assert "abstained" in print_tables(tables(records))
 
 
 def test_a_finished_case_is_never_done_again(small, tmp_path):
-    plan = BlindPlan(("none",), ("numpy",), 2, 0)
+    plan = BlindPlan(("none",), ("mujoco",), 2, 0)
     said: list[str] = []
     first = run(plan, tmp_path, know_nothing, said.append)
-    (tmp_path / "results" / "none-numpy-0-0001.json").unlink()
+    (tmp_path / "results" / "none-mujoco-0-0001.json").unlink()
     again = run(plan, tmp_path, know_nothing, said.append)
     assert len(said) == 3
     assert [record["case"] for record in again] == [record["case"] for record in first]
@@ -154,7 +154,7 @@ def test_a_finished_case_is_never_done_again(small, tmp_path):
 
 
 def test_a_record_names_the_code_that_decided_it(small, tmp_path, edited):
-    plan = BlindPlan(("none",), ("numpy",), 1, 0)
+    plan = BlindPlan(("none",), ("mujoco",), 1, 0)
     (record,) = run(plan, tmp_path, know_nothing, lambda line: None)
     assert record["commit"] == commit() and len(record["code"]) == 64
     (identity,) = plan.identities()
@@ -163,18 +163,18 @@ def test_a_record_names_the_code_that_decided_it(small, tmp_path, edited):
         ("nas_data.effects.deadband", "half_width"),  # what may be named
         ("nas_data.benchmarks.blind.grade", "CONFIDENT = 0.8"),  # what grades
         ("nas_data.benchmarks.blind.settings.xl320", "RATE = 100.0"),  # what is drawn
-        ("nas_data.benchmarks.blind.plants.numpy_plant", "def simulate"),  # what moves
+        ("nas_data.benchmarks.blind.plants.mujoco_plant", "def multiply"),  # what moves
     ):
         edited(module, old, f"{old}1")
         assert case_code(identity) != record["code"], module
 
 
 def test_cases_that_other_code_judged_are_refused_and_left_alone(small, tmp_path, edited):
-    plan = BlindPlan(("none", "one"), ("numpy",), 1, 0)
+    plan = BlindPlan(("none", "one"), ("mujoco",), 1, 0)
     run(plan, tmp_path, know_nothing, lambda line: None)
     before = {path: path.read_bytes() for path in (tmp_path / "results").glob("*.json")}
     edited("nas_data.benchmarks.blind.grade", "CONFIDENT = 0.8", "CONFIDENT = 0.9")
-    more = BlindPlan(("none", "one"), ("numpy",), 2, 0)
+    more = BlindPlan(("none", "one"), ("mujoco",), 2, 0)
     with pytest.raises(OutputExists, match=r"holds 2 cases judged by other code of nas_data .* choose another --out"):
         run(more, tmp_path, know_nothing, lambda line: None)
     assert {path: path.read_bytes() for path in (tmp_path / "results").glob("*.json")} == before
@@ -182,10 +182,10 @@ def test_cases_that_other_code_judged_are_refused_and_left_alone(small, tmp_path
 
 
 def test_a_record_that_names_no_code_is_refused(small, tmp_path):
-    plan = BlindPlan(("none",), ("numpy",), 1, 0)
+    plan = BlindPlan(("none",), ("mujoco",), 1, 0)
     (record,) = run(plan, tmp_path, know_nothing, lambda line: None)
     del record["code"], record["commit"]
-    store_record(tmp_path / "results" / "none-numpy-0-0000.json", record)
+    store_record(tmp_path / "results" / "none-mujoco-0-0000.json", record)
     with pytest.raises(OutputExists, match=r"holds 1 case judged by other code of nas_data \(they name no commit\)"):
         run(plan, tmp_path, know_nothing, lambda line: None)
     shutil.rmtree(tmp_path / "results")
@@ -193,7 +193,7 @@ def test_a_record_that_names_no_code_is_refused(small, tmp_path):
 
 
 def test_a_baseline_of_other_code_is_refused_too(small, tmp_path, edited):
-    plan = BlindPlan(("none",), ("numpy",), 1, 0, baselines=("one_step",))
+    plan = BlindPlan(("none",), ("mujoco",), 1, 0, baselines=("one_step",))
     (record,) = run(plan, tmp_path, know_nothing, lambda line: None)
     assert len(record["baselines"]["one_step"]["code"]) == 64
     edited("nas_data.benchmarks.blind.baselines.one_step", "LEAST = 0.02", "LEAST = 0.03")
@@ -205,7 +205,7 @@ def test_a_workflow_that_fails_is_a_fault_and_the_benchmark_goes_on(small, tmp_p
     def break_down(dataset, model, out):
         raise ArithmeticError("no idea")
 
-    records = run(BlindPlan(("none",), ("numpy",), 2, 0), tmp_path, break_down, lambda line: None)
+    records = run(BlindPlan(("none",), ("mujoco",), 2, 0), tmp_path, break_down, lambda line: None)
     assert [record["verdict"] for record in records] == ["failed", "failed"]
     assert "no idea" in records[0]["fault"]
     assert tables(records)["families"][0]["failed"] == 2
@@ -213,11 +213,11 @@ def test_a_workflow_that_fails_is_a_fault_and_the_benchmark_goes_on(small, tmp_p
 
 def test_words_that_mean_nothing_are_refused_before_any_work(tmp_path):
     with pytest.raises(UnknownName, match="baseline"):
-        run(BlindPlan(("none",), ("numpy",), 1, 0, baselines=("guess",)), tmp_path, know_nothing, print)
+        run(BlindPlan(("none",), ("mujoco",), 1, 0, baselines=("guess",)), tmp_path, know_nothing, print)
     assert main(["benchmark", "gap", "--families", "four", "--out", str(tmp_path)]) == 2
 
 
 def test_the_noise_floor_is_that_of_the_readings(small, tmp_path):
-    record = run(BlindPlan(("none",), ("numpy",), 1, 0), tmp_path, know_nothing, lambda line: None)[0]
+    record = run(BlindPlan(("none",), ("mujoco",), 1, 0), tmp_path, know_nothing, lambda line: None)[0]
     assert 0.08 < np.degrees(record["fresh"]["floor"]) < 0.12
-    assert json.loads((tmp_path / "results" / "none-numpy-0-0000.json").read_text()) == record
+    assert json.loads((tmp_path / "results" / "none-mujoco-0-0000.json").read_text()) == record

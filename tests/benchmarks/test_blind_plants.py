@@ -68,7 +68,7 @@ def test_rigid_body_dynamics_equal_mujocos(arm):
 @pytest.mark.parametrize("plant", INDEPENDENT)
 @pytest.mark.parametrize("arm", arms(), ids=lambda arm: arm.name)
 def test_without_effects_a_plant_follows_mujoco(plant, arm):
-    commands, poses = steps(1, 2.0, hold=100)
+    commands, poses = steps(1, 0.6, hold=30)
     played = positions(plant, arm, [NOMINAL], commands, poses)[0]
     error = np.sqrt(np.square(played - reference(arm, commands, poses)).mean(axis=(0, 1)))
     assert error.max() < CLOSE
@@ -78,7 +78,7 @@ def test_without_effects_a_plant_follows_mujoco(plant, arm):
 def played_with_each_effect(plant: str) -> dict[str | None, np.ndarray]:
     """Return positions (1, T + 1, n) of an arm with each effect in its second joint, and with none."""
     arm = arms()[0]
-    commands, poses = steps(1, 0.8, hold=40)
+    commands, poses = steps(1, 0.4, hold=20)
     truths = {None: NOMINAL}
     for name, kind in {**INSIDE, **OUTSIDE}.items():
         values = kind.draw(np.random.default_rng(5), Constants.of(arm.model()), 1, False)
@@ -97,7 +97,7 @@ def test_each_effect_moves_the_joint_it_sits_in(plant, effect):
 @pytest.mark.bullet
 def test_both_independent_plants_agree_on_hidden_effects():
     arm, rng = arms()[0], np.random.default_rng(6)
-    commands, poses = steps(1, 0.8, hold=40)
+    commands, poses = steps(1, 0.4, hold=20)
     values = {name: INSIDE[name].draw(rng, Constants.of(arm.model()), 1, False) for name in ("backlash", "deadband")}
     truths = [Truth(Base.draw(6, rng), (Hidden(name, "m2", value),)) for name, value in values.items()]
     one, other = (positions(plant, arm, truths, commands, poses) for plant in ("numpy", "bullet"))
@@ -108,9 +108,9 @@ def test_friction_holds_a_loaded_joint_without_creep():
     arm = arms()[0]
     poses = np.full((1, 6), 0.4)
     hidden = Hidden("coulomb_friction", "m2", {"torque": 0.15})
-    still = np.repeat(poses[:, None], 200, axis=1)
+    still = np.repeat(poses[:, None], 80, axis=1)
     played = positions("numpy", arm, [Truth(NOMINAL.base, (hidden,))], still, poses)[0]
-    assert np.ptp(played[0, 100:, 1]) < 1e-9
+    assert np.ptp(played[0, 40:, 1]) < 1e-9
 
 
 def test_a_command_arrives_after_its_delay_and_not_before():

@@ -1,6 +1,7 @@
 """Machines under commanded torques: episodes cut from motions under way, true to MuJoCo on every plant."""
 
 from functools import cache
+from itertools import product
 
 import mujoco
 import numpy as np
@@ -28,6 +29,7 @@ from nas_data.dataset.verify import verify
 TORQUE = find_setting("torque")
 FINE = 2e-5  # [s] timestep of the reference, which runs ahead by half of it
 MACHINES = [1, 6, 11]  # numbers of drawn machines: hinges and slides of three joints, with friction and without
+SOME = [MACHINES[0], *(pytest.param(number, marks=pytest.mark.slow) for number in MACHINES[1:])]
 
 
 @pytest.fixture(autouse=True)
@@ -76,7 +78,7 @@ def test_machines_differ_in_all_that_users_differ_in():
 
 @pytest.mark.parametrize("number", MACHINES)
 def test_rigid_body_dynamics_with_slides_equal_mujocos(number):
-    arm, *_ = followed(number)
+    arm, _ = TORQUE.draw(Identity("none", "numpy", number, 5, setting="torque"))
     model, rng, n = arm.model(), np.random.default_rng(0), len(arm.joints)
     chain = chain_of(stack_arms([PlantBody.of(Constants.of(model), Base.nominal(n))], 4))
     q, v = rng.uniform(-1.5, 1.5, (4, n)), rng.uniform(-5, 5, (4, n))
@@ -91,7 +93,7 @@ def test_rigid_body_dynamics_with_slides_equal_mujocos(number):
 
 
 @pytest.mark.parametrize("plant", INDEPENDENT)
-@pytest.mark.parametrize("number", MACHINES)
+@pytest.mark.parametrize("number", SOME)
 def test_without_effects_a_plant_follows_mujoco_within_the_noise(plant, number):
     arm, conditions, tape = followed(number)
     n, few = len(arm.joints), tape[:1]
@@ -104,7 +106,7 @@ def test_without_effects_a_plant_follows_mujoco_within_the_noise(plant, number):
     assert error < 0.1 * np.sqrt(np.square(speeds).mean())
 
 
-@pytest.mark.parametrize("number", MACHINES)
+@pytest.mark.parametrize("number", SOME)
 def test_the_model_handed_over_follows_its_plant_up_to_its_timestep(number):
     arm, conditions, tape = followed(number)
     n, truths = len(arm.joints), [Truth(Base.nominal(len(arm.joints)))]
@@ -117,20 +119,35 @@ def test_the_model_handed_over_follows_its_plant_up_to_its_timestep(number):
 @pytest.mark.parametrize("effect", TORQUE.inside)
 def test_an_effect_does_to_a_plant_what_ours_does_to_the_model(plant, effect):
     """The change that each hidden effect makes, in a joint that turns and in one that slides."""
-    arm, conditions, tape = followed(MACHINES[0])
-    kind, n, few = TORQUE.inside[effect], len(arm.joints), tape[:2]
-    constants = Constants.of(arm.model())
+    _, conditions, _ = followed(MACHINES[0])
+    own, native = (changes(name) for name in (plant, "mujoco"))
     for row in (0, 1):
-        values = kind.draw(np.random.default_rng(row), constants, row, False)
-        hidden = Hidden(effect, arm.joints[row] if kind.per_joint else None, values)
-        truths = [Truth(Base.nominal(n)), Truth(Base.nominal(n), (hidden,))]
-        own, native = (play(name, arm, truths, few, conditions.period)[..., :n] for name in (plant, "mujoco"))
-        moved = np.sqrt(np.square(own[1] - own[0]).mean())
+        moved = np.sqrt(np.square(own[effect, row]).mean())
         assert moved > conditions.sensor.floor
-        assert np.sqrt(np.square((own[1] - own[0]) - (native[1] - native[0])).mean()) < 0.1 * moved
+        assert np.sqrt(np.square(own[effect, row] - native[effect, row]).mean()) < 0.1 * moved
 
 
-@pytest.mark.parametrize("plant", ["numpy", pytest.param("bullet", marks=[pytest.mark.bullet, pytest.mark.slow])])
+@cache
+def changes(plant: str) -> dict[tuple[str, int], np.ndarray]:
+    """Return what each effect, in the first joint and in the second, changes in positions, shape (2, T + 1, n)."""
+    arm, conditions, tape = followed(MACHINES[0])
+    n, constants, hidden = len(arm.joints), Constants.of(arm.model()), {}
+    for (name, kind), row in product(TORQUE.inside.items(), (0, 1)):
+        values = kind.draw(np.random.default_rng(row), constants, row, False)
+        hidden[name, row] = Hidden(name, arm.joints[row] if kind.per_joint else None, values)
+    truths = [Truth(Base.nominal(n)), *(Truth(Base.nominal(n), (one,)) for one in hidden.values())]
+    played = play(plant, arm, truths, tape[:2], conditions.period)[..., :n]
+    return dict(zip(hidden, played[1:] - played[0], strict=True))
+
+
+@pytest.mark.parametrize(
+    "plant",
+    [
+        "mujoco",
+        pytest.param("numpy", marks=pytest.mark.slow),
+        pytest.param("bullet", marks=[pytest.mark.bullet, pytest.mark.slow]),
+    ],
+)
 def test_motions_stay_in_range_and_torques_within_their_limits(plant):
     case = draw_case("two", plant, 2, 3, setting="torque")
     constants = Constants.of(case.arm.model())
@@ -140,7 +157,7 @@ def test_motions_stay_in_range_and_torques_within_their_limits(plant):
 
 
 def test_pieces_go_on_where_the_one_before_ended_and_fresh_ones_begin_in_motion(tmp_path):
-    case = draw_case("one", "numpy", 0, 3, setting="torque")
+    case = draw_case("none", "mujoco", 0, 3, setting="torque")
     pieces, positions = case.conditions.pieces, case.recorded.positions
     for number in range(len(positions) - 1):
         apart = np.abs(positions[number + 1, 0] - positions[number, -1]).max()
@@ -150,7 +167,7 @@ def test_pieces_go_on_where_the_one_before_ended_and_fresh_ones_begin_in_motion(
         n = len(case.arm.joints)
         np.testing.assert_array_equal(fresh["starts"][:, :n], fresh["positions"][:, 0])
         assert (np.abs(fresh["starts"][:, n:]).max(axis=0) > 0.01).all()
-    again = draw_case("one", "numpy", 0, 3, setting="torque")
+    again = draw_case("none", "mujoco", 0, 3, setting="torque")
     assert again.answer() == case.answer()
     np.testing.assert_array_equal(again.recorded.readings, case.recorded.readings)
 
@@ -158,11 +175,11 @@ def test_pieces_go_on_where_the_one_before_ended_and_fresh_ones_begin_in_motion(
 def test_a_dataset_has_torques_and_speeds_measured_or_estimated(tmp_path):
     sorts = {}
     for number in range(12):
-        _, conditions = TORQUE.draw(Identity("none", "numpy", number, 3, setting="torque"))
+        _, conditions = TORQUE.draw(Identity("none", "mujoco", number, 3, setting="torque"))
         sorts.setdefault(conditions.sensor.speed_noise is None, number)
     estimated = set()
     for number in sorts.values():
-        case = draw_case("none", "numpy", number, 3, setting="torque")
+        case = draw_case("none", "mujoco", number, 3, setting="torque")
         write_case(case, tmp_path / str(number))
         assert verify(tmp_path / str(number) / DATASET) == []
         dataset, n = read(tmp_path / str(number) / DATASET), len(case.arm.joints)

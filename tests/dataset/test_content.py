@@ -35,7 +35,7 @@ def test_the_hash_of_a_known_dataset_never_changes():
     assert content_hash(tiny()) == GOLDEN
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(any_dataset(), st.data())
 def test_changing_any_value_changes_the_hash(dataset, data):
     key = data.draw(st.sampled_from(sorted(dataset.features)))
@@ -48,7 +48,7 @@ def test_changing_any_value_changes_the_hash(dataset, data):
     assert content_hash(changed) != content_hash(dataset)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(any_dataset())
 def test_order_of_columns_memory_layout_and_byte_order_do_not_count(dataset):
     keys = list(reversed(dataset.features))
@@ -81,7 +81,7 @@ def test_everything_but_the_values_counts_too():
     assert len({content_hash(other) for other in [dataset, *others]}) == 1 + len(others)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(any_dataset())
 def test_statistics_equal_numpys_for_every_episode_and_over_all(dataset):
     found = statistics(dataset.columns, dataset.lengths)

@@ -34,7 +34,7 @@ def table_of(dataset):
     return pa.table(columns)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(any_dataset(), st.booleans(), st.sampled_from(["1.0", "2.0"]), st.data())
 def test_the_footer_is_made_again_for_all_whole_row_groups(dataset, dictionary, version, data):
     table, widths = table_of(dataset), [column.shape[1] for column in dataset.columns.values()]

@@ -205,7 +205,7 @@ def test_nothing_is_not_rescued(folder, capsys):
     assert "Traceback" not in capsys.readouterr().err
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.data())
 def test_what_is_rescued_is_always_a_prefix_of_what_was_recorded(data):
     """Cut or delete any file: a prefix comes back to the last bit, or a sentence."""
@@ -236,7 +236,7 @@ def test_what_is_rescued_is_always_a_prefix_of_what_was_recorded(data):
         layout.FILE_MEGABYTES = megabytes
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.data())
 def test_a_flipped_bit_is_never_passed_over_in_silence(data):
     dataset = recorded(lengths=(6, 4, 5))

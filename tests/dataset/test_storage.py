@@ -29,7 +29,7 @@ from nas_data.errors import DatasetInvalid, DatasetNotFound, OutputExists
 SIMULATED = Provenance(how="simulated", robot="ergojr")
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(any_dataset())
 def test_what_is_written_is_read_back_to_the_last_bit(dataset):
     with tempfile.TemporaryDirectory() as folder:

@@ -27,7 +27,7 @@ from nas_data.simulators.mujoco import MujocoSimulator
 
 RATE = 100.0  # [Hz]
 QUANTUM = np.radians(0.29)  # [rad] XL-320
-EPISODES = 20
+EPISODES = 14
 STEPS = 200
 PLAY_AND_DELAY = ("backlash:joint=m3,half_width=0.05", "command_delay:delay=0.03")
 
@@ -205,7 +205,7 @@ def test_late_rows_and_other_rates_are_noticed():
     times[3:5] *= 1.25
     found = search(even.with_column(TIME, time_feature(), times.reshape(-1, 1)))
     finding, ok = said(found, "timing")
-    assert not ok and "rows come at 80 Hz" in finding and "2 of 20 episodes" in finding
+    assert not ok and "rows come at 80 Hz" in finding and f"2 of {EPISODES} episodes" in finding
     assert any("different rates" in sentence for sentence in found.undecidable)
 
 
@@ -251,7 +251,7 @@ def test_rows_with_the_torque_off_are_left_out():
     )
     found = search(released)
     assert all(gap.open_loop < 0.01 for gap in found.joints.values())
-    assert "20 % of the rows, in 10 episodes" in said(found, "torque off")[0]
+    assert f"20 % of the rows, in {EPISODES // 2} episodes" in said(found, "torque off")[0]
     assert while_driven(dataset) is dataset
 
 

@@ -17,9 +17,20 @@ from nas_data.gap.search.final import Final
 LOAD, PLAY = "load_friction:joint=m2,ratio=0.3", "backlash:joint=m2,half_width=0.03"
 
 
-def problem(tmp_path: Path, *effects: str) -> Problem:
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("pressed")
+
+
+@pytest.fixture(scope="module")
+def given(folder: Path) -> Problem:
+    """A recording of an arm that rubs under load, and its model."""
+    return problem(folder / "arm", LOAD)
+
+
+def problem(folder: Path, *effects: str) -> Problem:
     options = [option for text in effects for option in ("--effect", text)]
-    out = str(tmp_path / "arm")
+    out = str(folder)
     command = ["record", "sim", "--robot", "ergojr", *options, "--noise", "0.0009", "--out", out]
     assert main([*command, "--episodes", "6", "--seconds", "1.5"]) == 0
     return Problem.load(out, "ergojr")
@@ -40,8 +51,7 @@ def flags(folder: Path) -> dict[str, bool]:
     return {entry["effect"]: entry["in_model_xml"] for entry in entries}
 
 
-def test_the_file_rubs_under_load_by_itself(tmp_path: Path):
-    given = problem(tmp_path, LOAD)
+def test_the_file_rubs_under_load_by_itself(given: Problem, folder: Path, tmp_path: Path):
     found = outcome(given, tmp_path / "report", LOAD)
     assert found.whole
     assert flags(tmp_path / "report") == {"load_friction": True}
@@ -49,7 +59,7 @@ def test_the_file_rubs_under_load_by_itself(tmp_path: Path):
     assert error(given, found.before) > 1.5
     floor = float(np.degrees(np.sqrt((given.held.floor**2).mean())))
     assert error(given, found.written) < 1.4 * floor
-    again = Problem.load(tmp_path / "arm", found.model)
+    again = Problem.load(folder / "arm", found.model)
     assert not again.held.nominal.notes
     assert error(again, again.held.nominal.predict(again.held.evidence)) == pytest.approx(
         error(given, found.written), rel=0.05
@@ -57,15 +67,14 @@ def test_the_file_rubs_under_load_by_itself(tmp_path: Path):
 
 
 def test_beside_play_the_file_has_the_nearest_effect(tmp_path: Path):
-    given = problem(tmp_path, LOAD, PLAY)
+    given = problem(tmp_path / "arm", LOAD, PLAY)
     found = outcome(given, tmp_path / "report", LOAD, PLAY)
     assert not found.whole
     assert flags(tmp_path / "report") == {"load_friction": False, "backlash": True}
     assert error(given, found.after) < 0.5 * error(given, found.written) < 0.5 * error(given, found.before)
 
 
-def test_pads_made_for_a_wrong_size_are_made_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    given = problem(tmp_path, LOAD)
+def test_pads_made_for_a_wrong_size_are_made_anew(given: Problem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     wrong = ((0.05, 20.0),)
     monkeypatch.setattr(added_file, "SIZES", wrong)
     assert not outcome(given, tmp_path / "wrong", LOAD).whole
@@ -75,8 +84,9 @@ def test_pads_made_for_a_wrong_size_are_made_anew(tmp_path: Path, monkeypatch: p
     assert error(given, found.written) < 1.4 * float(np.degrees(np.sqrt((given.held.floor**2).mean())))
 
 
-def test_a_file_that_does_not_do_quite_the_same_is_still_the_nearest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    given = problem(tmp_path, LOAD)
+def test_a_file_that_does_not_do_quite_the_same_is_still_the_nearest(
+    given: Problem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setattr(added_file, "AS_GOOD", 0.5)
     found = outcome(given, tmp_path / "report", LOAD)
     assert not found.whole

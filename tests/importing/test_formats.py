@@ -71,7 +71,7 @@ def table(column: str, chosen: list[Unit], section: str) -> str:
     return f'column = "{column}"\n' + "\n".join(joints)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(
     position=st.lists(units(FACTORS, st.floats(-0.5, 0.5)), min_size=2, max_size=2),
     command=st.lists(units(FACTORS, st.floats(-0.5, 0.5)), min_size=2, max_size=2),

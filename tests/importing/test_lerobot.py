@@ -149,8 +149,16 @@ def test_ranges_without_a_calibration_are_refused_and_the_remedy_works(here, cap
     assert main(["import", "d", "--map", "so101_lerobot", "--calibration", "FILE", "--out", "done"]) == 0
 
 
-@pytest.mark.parametrize("robot", ["so101_follower", "so_follower", "so100_follower", "koch_follower", "arm2"])
-@pytest.mark.parametrize("command", ["gap find", "pair", "train forward"])
+@pytest.mark.parametrize(
+    ("robot", "command"),
+    [
+        ("so101_follower", "gap find"),
+        ("so_follower", "pair"),
+        ("so100_follower", "train forward"),
+        ("koch_follower", "gap find"),
+        ("arm2", "pair"),
+    ],
+)
 def test_degrees_are_answered_with_the_command_that_imports_them(here, capsys, robot, command):
     joints = JOINTS if robot == "arm2" else SO101
     episodes = [(np.resize(s, (60, len(joints))), np.resize(c, (60, len(joints)))) for s, c in scaled(180 / np.pi)]
@@ -176,8 +184,7 @@ CLOCKS = {
 }
 
 
-@pytest.mark.parametrize("clock", CLOCKS)
-@pytest.mark.parametrize("command", ["gap find", "pair", "train forward"])
+@pytest.mark.parametrize(("clock", "command"), zip(CLOCKS, ("gap find", "pair", "train forward"), strict=True))
 def test_a_clock_that_denies_the_rate_is_refused_and_every_remedy_works(here, capsys, clock, command):
     stamp(write_lerobot(here / "d", motions()), CLOCKS[clock])
     model = [] if command == "train forward" else ["--model", "arm.xml"]

@@ -1,17 +1,19 @@
 """Simulations that leave all bounds: their episodes end badly, and the others, like other jobs, go on."""
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 from support.first_order_arm import FirstOrderArm
+from support.jobs import half, named
 
 from nas_data.envs.ergo_reacher import TASK
 from nas_data.envs.loop.arm_env import ArmEnv
 from nas_data.envs.loop.arm_vec_env import ArmVecEnv
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.envs.loop.task_batch import TaskBatch
-from nas_data.errors import JobsFailed, SimulationDiverged, UnknownName
+from nas_data.errors import JobsFailed, SimulationDiverged
 from nas_data.policies import compare as comparing
 from nas_data.policies import evaluate
 from nas_data.policies.compare import Study, compare
@@ -137,49 +139,43 @@ def note():
 
 def test_training_goes_on_counts_what_diverged_and_learns_to_avoid_it(tmp_path):
     told = []
-    keen = Hyperparameters(arms=8, rollout=1024, minibatches=8, learning_rate=1e-3)
+    keen = Hyperparameters(arms=8, rollout=1024, minibatches=8, epochs=4, learning_rate=2e-3)
     train(PolicyTraining(DynamicsSpec("ErgoReacher"), 0, 12 * 1024, keen), tmp_path, told.append, Fragile(keen.arms))
     diverged = read_progress(tmp_path)["diverged"]
     assert diverged[-1] < diverged[0] / 3
     assert any("diverged" in line for line in told)
 
 
-def half(number):
-    if number % 2:
-        raise SimulationDiverged(f"number {number} left all bounds.")
-    return number
+# one job at a time here, or two in threads, which are begun and judged as processes are
+SIDE_BY_SIDE = pytest.mark.parametrize(("workers", "pool"), [(1, None), (2, ThreadPoolExecutor)])
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_other_jobs_go_on_where_some_fail_and_the_failures_are_told_at_the_end(workers):
+@SIDE_BY_SIDE
+def test_other_jobs_go_on_where_some_fail_and_the_failures_are_told_at_the_end(workers, pool):
     done = []
     with pytest.raises(JobsFailed, match=r"2 of 5 jobs failed.*number 1 left.*number 3 left"):
-        for number, result in run_jobs(half, range(5), workers):
+        for number, result in run_jobs(half, range(5), workers, pool=pool):
             done.append((number, result))
     assert sorted(done) == [(0, 0), (2, 2), (4, 4)]
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_jobs_that_build_on_failed_ones_are_left_out_and_that_is_said(workers):
+@SIDE_BY_SIDE
+def test_jobs_that_build_on_failed_ones_are_left_out_and_that_is_said(workers, pool):
     done = []
     with pytest.raises(JobsFailed, match=r"2 of 6 jobs failed; 2 that build on them were left out; all others are"):
-        for number, _ in run_jobs(half, range(6), workers, {2: [1], 4: [0], 5: [2, 0]}):
+        for number, _ in run_jobs(half, range(6), workers, {2: [1], 4: [0], 5: [2, 0]}, pool):
             done.append(number)
     assert sorted(done) == [0, 4]
     assert done.index(0) < done.index(4)
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_a_single_failure_stays_what_it_is(workers):
+@SIDE_BY_SIDE
+def test_a_single_failure_stays_what_it_is(workers, pool):
     with pytest.raises(SimulationDiverged, match="number 1"):
-        list(run_jobs(half, range(3), workers))
+        list(run_jobs(half, range(3), workers, pool=pool))
 
 
-def named(number):
-    raise UnknownName("number", str(number), ["one"])
-
-
-def test_a_name_that_a_worker_does_not_know_is_told_as_here():
+def test_a_name_that_a_worker_process_does_not_know_is_told_as_here():
     with pytest.raises(JobsFailed, match=r"no number '0'; choose one of: one\. There is no number '1'"):
         list(run_jobs(named, range(2), 2))
 

@@ -192,7 +192,7 @@ def test_every_file_of_a_policy_is_plain_data(tmp_path):
 
 def test_a_short_training_on_the_analytic_arm_beats_every_baseline(tmp_path):
     torch.manual_seed(0)
-    learn(tmp_path, 50_000, hyperparameters=Hyperparameters(arms=16, rollout=2048, minibatches=8, learning_rate=1e-3))
+    learn(tmp_path, 30_000, hyperparameters=Hyperparameters(arms=16, rollout=2048, minibatches=8, learning_rate=1e-3))
     arm = FirstOrderArm(50)
     score = evaluate.score_policy(load_policy(tmp_path), REACHER, 50, arm)
     baselines = evaluate.score_baselines(REACHER, 50, arm)

@@ -123,11 +123,16 @@ def inner_imports(module):
     return found
 
 
+def test_the_modules_that_are_treated_otherwise_are_there():
+    for part in (*code_hash.APART, *code_hash.CHOOSING):
+        assert code_hash.file_of(f"nas_data.{part}"), part
+
+
 def test_imports_are_found_in_every_block_but_not_those_for_type_checkers():
     tree = ast.parse(SCATTERED)
     for deep, wanted in (
-        (True, "stages metrics actuator_lookup default_servos parallel sources pairing"),
-        (False, "stages default_servos"),
+        (True, "runs.stages metrics mjcf.actuator_lookup mjcf.default_servos runs.parallel sources pairing"),
+        (False, "runs.stages mjcf.default_servos"),
     ):
         found = {
             name for statement in code_hash.statements(tree, deep) for name in code_hash.imported_modules(statement)
@@ -179,7 +184,6 @@ def test_a_study_refuses_policies_of_other_code_and_leaves_them_alone(tmp_path, 
     with pytest.raises(OutputExists, match="other code of nas_data"):
         compare(study, tmp_path, report=lambda _: None)
     assert (tmp_path / "source/seed0" / CONFIG).read_bytes() == held
-    code_hash.analyse_module.cache_clear()
     assert first.records["source", 0]["question"]["code"]
 
 

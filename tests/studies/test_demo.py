@@ -21,12 +21,15 @@ from nas_data.errors import OutputExists
 from nas_data.gap.report import GapReport
 from nas_data.gap.write_model import write_effects
 from nas_data.runs.stages import Stage, StageResult, claim, read_done, run_stages
-from nas_data.studies.demo import naming
+from nas_data.studies.demo import naming, plan
 from nas_data.studies.demo.naming import FOLDER
 from nas_data.studies.demo.pipeline import STAGES
-from nas_data.studies.demo.plan import FULL, NAMED, QUICK, Demo
+from nas_data.studies.demo.plan import FULL, NAMED, Demo
 from nas_data.studies.demo.recording import DATASETS, HELDOUT, TRAIN, newest
 
+SMALLER = {"episodes": 6, "frames": 256, "rollout": 256, "minibatches": 2, "epochs": 1, "judged": 2}
+WHOLE = plan.QUICK
+QUICK = replace(WHOLE, **SMALLER)
 NAMES = [stage.name for stage in STAGES]
 ROW = r"<tr><th>([\w ]+ in [\w ]+)</th>(.*?)</tr>"  # of the table of what hides and what was named
 
@@ -72,15 +75,36 @@ def leave_report(folder: Path) -> None:
     np.savez(folder / "series.npz", time=time, joints=joints, episodes=[1], floor=floor, **moved, **still)
 
 
-@pytest.fixture(scope="module")
-def demo(tmp_path_factory) -> tuple[Path, Answer]:
-    """The folder of a quick demo, and what the program said."""
-    folder = tmp_path_factory.mktemp("somewhere") / "demo"
-    claim(Demo(QUICK, folder, print))
+@pytest.fixture(scope="module", autouse=True)
+def _small():
+    """Let the quick demo be smaller still."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(plan, "QUICK", QUICK)
+        yield
+
+
+def run_demo(folder: Path, size: plan.DemoPlan) -> Answer:
+    """Run the quick demo in a folder."""
+    claim(Demo(size, folder, print))
     leave_report(folder / FOLDER)
     answer = nas("demo", "--quick", "--out", folder)
     assert answer.code == 0, answer.err
-    return folder, answer
+    return answer
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory, _small) -> tuple[Path, Answer]:
+    """The folder of a quick demo, and what the program said."""
+    folder = tmp_path_factory.mktemp("somewhere") / "demo"
+    return folder, run_demo(folder, QUICK)
+
+
+@pytest.mark.slow
+def test_the_quick_demo_does_every_stage_at_its_own_size(tmp_path, monkeypatch):
+    monkeypatch.setattr(plan, "QUICK", WHOLE)
+    answer = run_demo(tmp_path / "demo", WHOLE)
+    assert len(re.findall(r"^      took \d+ s$", answer.err, re.MULTILINE)) == len(STAGES)
+    assert (tmp_path / "demo/report.html").is_file()
 
 
 def times(folder: Path) -> dict[Path, int]:
@@ -212,7 +236,8 @@ def test_a_second_run_changes_nothing_and_says_so(demo):
 def test_a_second_run_loads_no_network_library(demo):
     folder, _ = demo
     code = (
-        "import sys; from nas_data.cli import main; "
+        "import sys; from dataclasses import replace; from nas_data.cli import main; "
+        f"from nas_data.studies.demo import plan; plan.QUICK = replace(plan.QUICK, **{SMALLER}); "
         f"assert main(['demo', '--quick', '--out', {str(folder)!r}]) == 0; "
         "assert not {'torch', 'stable_baselines3', 'matplotlib', 'lerobot'} & set(sys.modules)"
     )

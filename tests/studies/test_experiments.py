@@ -376,6 +376,16 @@ def test_enough_is_within_five_per_cent_of_the_best(medians, enough):
 
 
 def test_figure8_counts_hits_and_draws_a_response(tmp_path):
+    request = tiny(tmp_path, "ErgoShield", seeds=(0,), methods=("source", "nas"))
+    shield = conduct("figure8", request).data["environments"]["ErgoShield"]
+    assert set(shield["methods"]) == {"source", "nas"}
+    assert shield["authors"]["nas"]["values"] == [20.17, 11.95]
+    assert np.shape(shield["response"]["positions"]["source + φ"]) == (300, 6)
+    assert (tmp_path / f"{stem_of('figure8', request)}-response.png").is_file()
+
+
+@pytest.mark.slow
+def test_figure8_compares_all_methods_and_says_which_else_there_are(tmp_path):
     found = conduct("figure8", tiny(tmp_path, "ErgoShield", seeds=(0,)))
     shield = found.data["environments"]["ErgoShield"]
     assert set(shield["methods"]) == {"expert", "source", "forward", "nas", "randomised"}

@@ -52,6 +52,7 @@ def drawn(number: int, episodes: int = 1) -> tuple[NominalArm, Conditions, np.nd
     return arm, conditions, *setting.episodes(conditions, episodes, control, identity.stream("commands"))
 
 
+@cache
 def followed(number: int) -> tuple[NominalArm, Conditions, Tape]:
     """Return a machine of the setting `torque`, its conditions, and what its nominal self did."""
     identity = Identity("none", "numpy", number, 5, setting="torque")

@@ -49,8 +49,8 @@ def played(
     effects: Sequence[str] = (),
     factors: Mapping[str, float] | None = None,
     target: str | None = None,
-    episodes: int = 6,
-    seconds: float = 1.5,
+    episodes: int = 4,
+    seconds: float = 0.9,
     size: float = 0.7,
 ) -> tuple[Nominal, EpisodeBatch]:
     """Return a model and what a target with hidden effects measures of it, from rest.

@@ -10,7 +10,7 @@ from nas_data.dataset.provenance import Provenance
 from nas_data.dataset.versions import new_version
 
 SIMULATED = Provenance(how="simulated", robot="ergojr", seeds=(3,), contiguous=True, signal={"name": "steps"})
-FEW = settings(max_examples=20, deadline=None)
+FEW = settings(max_examples=10, deadline=None)
 
 
 def original(dataset, provenance=SIMULATED, attachments=None, name=None):
