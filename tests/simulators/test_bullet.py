@@ -140,7 +140,7 @@ EFFECTS = SIZED + [typical(name) for name in NAMES if name not in ELSEWHERE | {e
 
 
 @pytest.mark.bullet
-@pytest.mark.parametrize("effect", EFFECTS, ids=Effect.name)
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name())
 def test_every_effect_acts_in_both_engines_alike(effect):
     acts_alike(effect, "ergojr")
 
