@@ -27,7 +27,7 @@ def main() -> None:
     options.add_argument("logs", nargs="*", type=Path)
     options.add_argument("--map", help="what the numbers in the logs mean")
     options.add_argument("--model", default=MODEL)
-    options.add_argument("--updates", type=int, default=60, help="of the training; 400 for a good one")
+    options.add_argument("--updates", type=int, default=30, help="of the training; 400 for a good one")
     given = options.parse_args()
 
     if given.logs:

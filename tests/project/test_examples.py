@@ -73,8 +73,9 @@ def test_phi_corrects_a_so101_simulated_or_recorded(tmp_path, given):
         arguments = (str(tmp_path / "mine"),)
     said = run(tmp_path, "so101", *arguments)
     loop = said[said.index("Open loop") :]
-    errors = {name: float(value) for name, value in re.findall(r"^ *(source \+ φ|source) +([\d.]+)", loop, re.M)}
-    assert errors["source + φ"] < 0.7 * errors["source"]
+    rows = re.findall(r"^ *(source \+ φ|source) +(.*)$", loop, re.M)
+    errors = {name: float(values.split()[-2]) for name, values in rows}  # of all joints
+    assert errors["source + φ"] < 0.8 * errors["source"]
 
 
 def test_every_script_is_short_and_is_run_here():
