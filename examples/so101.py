@@ -30,8 +30,10 @@ def main() -> None:
     options.add_argument("--updates", type=int, default=30, help="of the training; 400 for a good one")
     given = options.parse_args()
 
-    if given.logs:
+    if given.map:
         ds = nas.import_logs(given.logs, map=given.map, cut=3)
+    elif given.logs:
+        ds = nas.Dataset.load(given.logs[0])
     else:
         ds = nas.record(MODEL, effects=EFFECTS, excitation="ramps", rate=50, episodes=40, seconds=3)
     print(ds)
