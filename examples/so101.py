@@ -23,12 +23,12 @@ EFFECTS = (
 
 def main() -> None:
     """Get a recording, hold a quarter of it out, train φ, and print the errors."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("logs", nargs="*", type=Path)
-    options.add_argument("--map", help="what the numbers in the logs mean")
-    options.add_argument("--model", default=MODEL)
-    options.add_argument("--updates", type=int, default=30, help="of the training; 400 for a good one")
-    given = options.parse_args()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("logs", nargs="*", type=Path)
+    parser.add_argument("--map", help="what the numbers in the logs mean")
+    parser.add_argument("--model", default=MODEL)
+    parser.add_argument("--updates", type=int, default=30, help="of the training; 400 for a good one")
+    given = parser.parse_args()
 
     if given.map:
         ds = nas.import_logs(given.logs, map=given.map, cut=3)
@@ -43,8 +43,8 @@ def main() -> None:
 
     # φ corrects the model: it learns measured minus simulated from pairs.
     paired = nas.pair(ds.select(learned_from), given.model)
-    options = preset("few", hidden=32, frames=3200, updates=given.updates)
-    phi = nas.train_delta(paired, preset=options, progress=print)
+    small = preset("few", hidden=32, frames=3200, updates=given.updates)
+    phi = nas.train_delta(paired, preset=small, progress=print)
     print(phi)
 
     # Open loop: the model starts once an episode and then sees commands only.
