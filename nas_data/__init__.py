@@ -9,10 +9,14 @@ from typing import TYPE_CHECKING
 from nas_data.environment_ids import register_when_loaded
 
 if TYPE_CHECKING:
+    from nas_data.api.evaluation import evaluate
     from nas_data.api.gap import identify
-    from nas_data.api.learning import LearnedModel, evaluate, train_delta, train_forward
+    from nas_data.api.importing import import_logs
+    from nas_data.api.learned import LearnedModel
     from nas_data.api.pairing import pair
     from nas_data.api.policy import load_policy
+    from nas_data.api.recording import record
+    from nas_data.api.training import train_delta, train_forward
     from nas_data.dataset.dataset import Dataset
     from nas_data.errors import NasError
     from nas_data.gap.report import GapReport
@@ -25,8 +29,10 @@ __all__ = [
     "NasError",
     "evaluate",
     "identify",
+    "import_logs",
     "load_policy",
     "pair",
+    "record",
     "train_delta",
     "train_forward",
 ]
@@ -34,14 +40,16 @@ __all__ = [
 HOMES = {
     "Dataset": "dataset.dataset",
     "GapReport": "gap.report",
-    "LearnedModel": "api.learning",
+    "LearnedModel": "api.learned",
     "NasError": "errors",
-    "evaluate": "api.learning",
+    "evaluate": "api.evaluation",
     "identify": "api.gap",
+    "import_logs": "api.importing",
     "load_policy": "api.policy",
     "pair": "api.pairing",
-    "train_delta": "api.learning",
-    "train_forward": "api.learning",
+    "record": "api.recording",
+    "train_delta": "api.training",
+    "train_forward": "api.training",
 }  # the module of each name, which a type checker reads above
 
 if not TYPE_CHECKING:  # a type checker would take every other name for one, too

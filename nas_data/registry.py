@@ -1,6 +1,9 @@
 """The folder is the registry: each file of a plug-in folder defines one thing under the file's name."""
 
 import importlib
+import re
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import TypeVar
@@ -35,23 +38,38 @@ def module(folder: str, name: str, kind: str) -> ModuleType:
 
 
 def plugin(folder: str, name: str, kind: str, base: type[T]) -> type[T]:
-    """Return the class that a plug-in's file defines.
+    """Return the class of a plug-in: what its file defines, or a class of the user's own that is loaded.
 
     Args:
         folder: Plug-in folder, for example `effects`.
-        name: File's name without `.py`.
+        name: File's name without `.py`; `cable_pull` for a user's class `CablePull`.
         kind: What such a thing is called in an error, for example `effect`.
         base: What it derives from.
 
     Raises:
-        UnknownName: the folder has no such file; lists those it has.
+        UnknownName: there is neither; lists the names of the folder.
     """
+    if name not in names(folder) and (own := [sub for sub in subclasses(base) if snake_case(sub.__name__) == name]):
+        return own[-1]
     found = module(folder, name, kind)
     return next(
         value
         for value in vars(found).values()
         if isinstance(value, type) and issubclass(value, base) and value.__module__ == found.__name__
     )
+
+
+def subclasses(base: type[T]) -> Iterator[type[T]]:
+    """Yield the loaded classes that derive from one, in the order of their definition."""
+    for kind in base.__subclasses__():
+        yield kind
+        yield from subclasses(kind)
+
+
+@cache
+def snake_case(name: str) -> str:
+    """Return a class's name as its file is called: `CommandDelay` → `command_delay`."""
+    return re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
 
 
 def value(folder: str, name: str, kind: str, wanted: type[T]) -> T:

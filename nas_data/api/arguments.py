@@ -14,11 +14,17 @@ from nas_data.gap.write_model import EFFECTS
 from nas_data.robots.base import TORQUES
 
 Progress = Callable[[str], None]
+Count = Callable[[int, int], None]
 Actuators = Literal["position", "torque"]
 
 
 def silent(text: str) -> None:
     """Say nothing."""
+
+
+def count_aloud(progress: Progress) -> Count:
+    """Return what tells of control steps done as sentences."""
+    return lambda done, total: progress(f"rolling out {done}/{total}")
 
 
 def as_dataset(dataset: Dataset | str | Path, episodes: Sequence[int] = ()) -> Dataset:

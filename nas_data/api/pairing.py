@@ -9,7 +9,7 @@ from nas_data.api.arguments import Actuators, as_dataset, as_model, as_named
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.foreign import warn
 from nas_data.dataset.origin import Origin
-from nas_data.dataset.provenance import Provenance
+from nas_data.dataset.provenance import now, package_versions
 from nas_data.effects.base import Effect, parse
 from nas_data.errors import NasError
 from nas_data.gap.report import GapReport
@@ -18,6 +18,17 @@ from nas_data.pairing import pair as pair_with
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.engines import load_simulator
 from nas_data.sources import check_kept, describe_left_out, source_files
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairingSource:
+    """What predicts; see `pair`."""
+
+    model: str | Path
+    engine: str = "mujoco"
+    effects: Sequence[Effect | str] = ()
+    report: GapReport | str | Path | None = None
+    actuators: Actuators = "position"
 
 
 @dataclass(frozen=True)
@@ -66,48 +77,35 @@ def pair(
         JointMismatch: model and dataset have other joints or kinds of command.
         ModelFileError, OptionError, UnknownName: model, effects or engine cannot be used.
     """
-    return make_pairs(dataset, model, engine=engine, effects=effects, report=report, actuators=actuators).dataset
+    source = PairingSource(model=model, engine=engine, effects=effects, report=report, actuators=actuators)
+    return make_pairs(as_dataset(dataset), source).dataset
 
 
-def make_pairs(
-    dataset: Dataset | str | Path,
-    model: str | Path,
-    *,
-    engine: str = "mujoco",
-    effects: Sequence[Effect | str] = (),
-    report: GapReport | str | Path | None = None,
-    actuators: Actuators = "position",
-) -> Pairing:
-    """Do as `pair`, and say how it came about."""
-    recorded = as_dataset(dataset)
-    named = None if report is None else as_named(report)
-    added = [parse(effect) if isinstance(effect, str) else effect for effect in effects]
+def make_pairs(recorded: Dataset, by: PairingSource) -> Pairing:
+    """Do as `pair`, and say how it came about.
+
+    Args:
+        recorded: N transitions, as `as_dataset` returns them.
+        by: What predicts.
+    """
+    named = None if by.report is None else as_named(by.report)
+    added = [parse(effect) if isinstance(effect, str) else effect for effect in by.effects]
     added += named.effects if named else ()
-    plain = find_robot(as_model(model, actuators))
+    model = as_model(by.model, by.actuators)
+    plain = find_robot(model)
     robot = named.robot(plain, recorded.joints) if named else plain
-    simulator = load_simulator(robot, 1 / recorded.fps, recorded.joints, tuple(added), engine)
+    simulator = load_simulator(robot, 1 / recorded.fps, recorded.joints, tuple(added), by.engine)
     began = time.perf_counter()
     paired = pair_with(recorded, simulator)
     seconds = time.perf_counter() - began
     missing = object_warnings(recorded, simulator)
     warnings = [*warn_of_ranges(recorded, robot.spec().compile()), *missing]
     warn(missing)
-    files, remark = keep_source(robot, added, paired, engine, as_model(model, actuators))
-    origin = recorded.origin
+    files, remark = keep_source(robot, added, paired, by.engine, model)
+    origin, source = recorded.origin, simulator.describe()
     assert origin is not None
-    before, source = origin.provenance, simulator.describe()
-    provenance = replace(
-        Provenance(how="paired"),
-        robot=before.robot,
-        source=source,
-        target=before.target,
-        signal=before.signal,
-        seeds=before.seeds,
-        parents=origin.parents,
-        derived=before.derived,
-        contiguous=before.contiguous,
-        notes=before.notes,
-    )
+    made = {"how": "paired", "when": now(), "packages": dict(package_versions()), "content_hash": "", "files": {}}
+    provenance = replace(origin.provenance, **made, source=source, parents=origin.parents)  # type: ignore[arg-type]
     kept = {f"meta/{name}": content for name, content in files.items()}
     paired = replace(paired, origin=None)
     paired = replace(paired, origin=Origin(paired, provenance, origin.derived, attachments=kept))

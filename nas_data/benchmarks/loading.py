@@ -6,7 +6,8 @@ from pathlib import Path
 
 from torch.utils.data import DataLoader
 
-from nas_data.benchmarks.bulk import pair_folder, record_robot, robot_target
+from nas_data.api.recording import record
+from nas_data.benchmarks.bulk import pair_folder, write_version
 from nas_data.benchmarks.lerobot import lerobot, open_dataset
 from nas_data.benchmarks.result import BenchmarkResult
 from nas_data.benchmarks.rounds import Ratio, take_turns
@@ -32,8 +33,8 @@ def benchmark(scratch: Path, episodes: int, frames: int, batches: int, rounds: i
         rounds: How often each side is timed.
     """
     print(f"recording {episodes} episodes of {frames} frames …", file=sys.stderr)
-    target = robot_target(ROBOT, RATE, exact=False)
-    recorded = record_robot(target, scratch / "recorded", episodes, frames / RATE)
+    dataset = record(ROBOT, rate=RATE, episodes=episodes, seconds=frames / RATE)
+    recorded = write_version(dataset, scratch / "recorded")
     root = pair_folder(recorded, ROBOT, scratch / "paired")
 
     def ours() -> int:

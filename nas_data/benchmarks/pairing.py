@@ -10,7 +10,8 @@ import mujoco
 import mujoco.rollout
 import numpy as np
 
-from nas_data.benchmarks.bulk import pair_folder, record_robot, robot_target
+from nas_data.api.recording import record
+from nas_data.benchmarks.bulk import pair_folder, write_version
 from nas_data.benchmarks.result import BenchmarkResult
 from nas_data.benchmarks.rounds import Ratio, take_turns
 from nas_data.dataset.dataset import Dataset
@@ -77,7 +78,8 @@ def benchmark(scratch: Path, episodes: int, frames: int, rounds: int) -> Benchma
     """
     print(f"recording {episodes} episodes of {frames} frames …", file=sys.stderr)
     simulator = MujocoSimulator.load(ROBOT, 1 / RATE)
-    root = record_robot(robot_target(ROBOT, RATE), scratch / "recorded", episodes, frames / RATE)
+    recording = record(ROBOT, rate=RATE, episodes=episodes, seconds=frames / RATE, quantum=0.0)
+    root = write_version(recording, scratch / "recorded")
     dataset = read(root)
     versions = (scratch / f"paired-{number}" for number in count())
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nas_data.benchmarks.bulk import pair_folder, record_robot, robot_target
+from nas_data.api.recording import record
+from nas_data.benchmarks.bulk import pair_folder, write_version
 from nas_data.benchmarks.gym_arm import GymArm
 from nas_data.benchmarks.lerobot import create, lerobot
 from nas_data.benchmarks.result import BenchmarkResult
@@ -47,8 +48,8 @@ class Bulk:
 
     def record(self, name: str) -> Path:
         """Record and pair; return the paired version."""
-        target = robot_target(ROBOT, RATE, EFFECTS)
-        recorded = record_robot(target, self.folder / f"{name}-recorded", self.episodes, self.seconds)
+        dataset = record(ROBOT, effects=EFFECTS, rate=RATE, episodes=self.episodes, seconds=self.seconds, quantum=0.0)
+        recorded = write_version(dataset, self.folder / f"{name}-recorded")
         return pair_folder(recorded, ROBOT, self.folder / f"{name}-paired")
 
 

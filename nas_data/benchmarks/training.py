@@ -5,7 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from nas_data.benchmarks.bulk import pair_folder, record_environment
+from nas_data.api.recording import record
+from nas_data.benchmarks.bulk import pair_folder, write_version
 from nas_data.benchmarks.learning_curve import Curve, Point, learn, when
 from nas_data.benchmarks.result import SECONDS, BenchmarkResult
 from nas_data.benchmarks.rounds import Ratio, Times
@@ -93,7 +94,8 @@ def benchmark(scratch: Path, episodes: int, budget: int, seeds: int) -> Benchmar
         seeds: How many, from 0.
     """
     print(f"recording {episodes} episodes …", file=sys.stderr)
-    recorded = record_environment(ENVIRONMENT, DYNAMICS, scratch / "recorded", episodes)
+    recording = record(env=ENVIRONMENT, dynamics=DYNAMICS, episodes=episodes, quantum=0.0)
+    recorded = write_version(recording, scratch / "recorded")
     dataset = read(pair_folder(recorded, TASK.robot, scratch / "paired"))
     races = []
     for seed in range(seeds):

@@ -1,30 +1,38 @@
-"""What the commands that time something have in common."""
+"""What the timing benchmarks share: options that are sizes, a folder that goes afterwards, a table of times."""
 
-import tempfile
 from collections.abc import Callable
+from dataclasses import dataclass, fields
+from importlib import import_module
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from nas_data.commands.base import CommandResult
+from nas_data.commands.base import Command, CommandResult
 from nas_data.errors import OptionError
+from nas_data.registry import snake_case
 
 if TYPE_CHECKING:
     from nas_data.benchmarks.result import BenchmarkResult
 
 
-def run_in_temporary_folder(benchmark: "Callable[..., BenchmarkResult]", **sizes: int) -> CommandResult:
-    """Run a benchmark in a folder that is removed afterwards.
+@dataclass(frozen=True, kw_only=True)
+class Benchmark(Command):
+    """A command whose options are sizes; `BenchmarkPairing` runs `benchmark` of `nas_data/benchmarks/pairing.py`."""
 
-    Args:
-        benchmark: Takes the folder and the sizes.
-        sizes: How much of everything.
+    def run(self) -> CommandResult:
+        """Measure in a folder that is removed afterwards.
 
-    Raises:
-        OptionError: a size is below one.
-    """
-    for name, size in sizes.items():
-        if size < 1:
-            raise OptionError(f"--{name} is {size}; at least 1 is needed.")
-    with tempfile.TemporaryDirectory(prefix="nas-benchmark-") as folder:
-        result = benchmark(Path(folder), **sizes)
-    return CommandResult(result.to_text(), result.to_json())
+        Raises:
+            OptionError: a size is below one.
+        """
+        shared = {field.name for field in fields(Command)}
+        sizes: dict[str, int] = {field.name: getattr(self, field.name) for field in fields(self)}
+        sizes = {name: size for name, size in sizes.items() if name not in shared}
+        for name, size in sizes.items():
+            if size < 1:
+                raise OptionError(f"--{name} is {size}; at least 1 is needed.")
+        name = snake_case(type(self).__name__).removeprefix("benchmark_")
+        benchmark: Callable[..., BenchmarkResult] = import_module(f"nas_data.benchmarks.{name}").benchmark
+        with TemporaryDirectory(prefix="nas-benchmark-") as folder:
+            result = benchmark(Path(folder), **sizes)
+        return CommandResult(result.to_text(), result.to_json())

@@ -39,7 +39,7 @@ class RecordArm(Command):
     seconds: float = 3.0
     """Length of an episode [s]; three targets of a second each in the paper's protocol."""
     excitation: str = "steps"
-    """Command signal, NAME or NAME:PARAMETER=NUMBER,…: steps, babbling, ramps, sine, multisine, triangle or chirp."""
+    """Command signal, NAME or NAME:PARAMETER=NUMBER,…, such as steps, babbling, sine, multisine, triangle or chirp."""
     commands: Path | None = None
     """Play a CSV file instead: columns <joint>.pos [rad], one row a control step, optional column 'episode'."""
     start: Literal["rest", "random"] = "rest"

@@ -49,7 +49,7 @@ class Train(TakesModel):
 
     def run(self) -> CommandResult:
         """Train, evaluate on the held-out episodes beside the baselines, and say where the checkpoint lies."""
-        from nas_data.api.learning import train
+        from nas_data.api.training import TrainingRequest, train
         from nas_data.dataset import versions
         from nas_data.dataset.dataset import Dataset
         from nas_data.models.presets import preset
@@ -67,19 +67,19 @@ class Train(TakesModel):
         root = versions.resolve(self.dataset)
         name = versions.identity(root).split("/")[0]
         folder = self.out or Path("runs") / f"{self.kind}-{name}-seed{self.seed}"
-        learned = train(
-            self.kind,
-            Dataset.load(root, self.episodes),
-            options,
-            self.model,
-            self.engine,
-            folder,
-            self.device,
-            self.actuators,
-            report,
-            self.episodes,
-            Counting("rolling out what was held out"),
+        request = TrainingRequest(
+            kind=self.kind,
+            options=options,
+            model=self.model,
+            engine=self.engine,
+            actuators=self.actuators,
+            out=folder,
+            device=self.device,
+            episodes=self.episodes,
+            progress=report,
+            count=Counting("rolling out what was held out"),
         )
+        learned = train(Dataset.load(root, self.episodes), request)
         evaluation = learned.held_out
         text = f"{evaluation.text()}\n\n" if evaluation else ""
         title = f"Held out ({learned.split}):\n\n" if evaluation else ""

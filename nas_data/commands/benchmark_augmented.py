@@ -2,12 +2,11 @@
 
 from dataclasses import dataclass
 
-from nas_data.commands._benchmark import run_in_temporary_folder
-from nas_data.commands.base import Command, CommandResult
+from nas_data.commands._benchmark import Benchmark
 
 
 @dataclass(frozen=True, kw_only=True)
-class BenchmarkAugmented(Command):
+class BenchmarkAugmented(Benchmark):
     """Learn with PPO in environments with φ, without it, and with a network each, in turns; processor time counts.
 
     Example: nas benchmark augmented --rounds 15
@@ -17,9 +16,3 @@ class BenchmarkAugmented(Command):
     """Frames of a rollout, over all environments; at least 64."""
     rounds: int = 15
     """How often each side is timed; the median counts."""
-
-    def run(self) -> CommandResult:
-        """Measure; nothing is written."""
-        from nas_data.benchmarks.augmented import benchmark
-
-        return run_in_temporary_folder(benchmark, frames=self.frames, rounds=self.rounds)

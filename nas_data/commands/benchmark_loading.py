@@ -2,12 +2,11 @@
 
 from dataclasses import dataclass
 
-from nas_data.commands._benchmark import run_in_temporary_folder
-from nas_data.commands.base import Command, CommandResult
+from nas_data.commands._benchmark import Benchmark
 
 
 @dataclass(frozen=True, kw_only=True)
-class BenchmarkLoading(Command):
+class BenchmarkLoading(Benchmark):
     """Read a whole dataset with our reader and a part of it with LeRobot's, in turns.
 
     Example: nas benchmark loading --episodes 100 --frames 300
@@ -21,11 +20,3 @@ class BenchmarkLoading(Command):
     """Batches of 256 frames that the DataLoader reads in a round; its time per frame stands for the rest."""
     rounds: int = 5
     """How often each side is timed; the median counts."""
-
-    def run(self) -> CommandResult:
-        """Measure in a folder that is removed afterwards."""
-        from nas_data.benchmarks.loading import benchmark
-
-        return run_in_temporary_folder(
-            benchmark, episodes=self.episodes, frames=self.frames, batches=self.batches, rounds=self.rounds
-        )

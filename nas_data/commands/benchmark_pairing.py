@@ -2,12 +2,11 @@
 
 from dataclasses import dataclass
 
-from nas_data.commands._benchmark import run_in_temporary_folder
-from nas_data.commands.base import Command, CommandResult
+from nas_data.commands._benchmark import Benchmark
 
 
 @dataclass(frozen=True, kw_only=True)
-class BenchmarkPairing(Command):
+class BenchmarkPairing(Benchmark):
     """Pair a recorded dataset and run the bare rollouts, in turns; 1 means that nothing else costs time.
 
     Example: nas benchmark pairing --episodes 300 --frames 300
@@ -19,9 +18,3 @@ class BenchmarkPairing(Command):
     """Frames of each episode."""
     rounds: int = 9
     """How often each side is timed; the median counts."""
-
-    def run(self) -> CommandResult:
-        """Measure in a folder that is removed afterwards."""
-        from nas_data.benchmarks.pairing import benchmark
-
-        return run_in_temporary_folder(benchmark, episodes=self.episodes, frames=self.frames, rounds=self.rounds)

@@ -2,12 +2,11 @@
 
 from dataclasses import dataclass
 
-from nas_data.commands._benchmark import run_in_temporary_folder
-from nas_data.commands.base import Command, CommandResult
+from nas_data.commands._benchmark import Benchmark
 
 
 @dataclass(frozen=True, kw_only=True)
-class BenchmarkTraining(Command):
+class BenchmarkTraining(Benchmark):
     """Give the paper's recipe a budget of processor time, then train ours until its held-out loss is as low.
 
     Example: nas benchmark training --budget 15
@@ -19,9 +18,3 @@ class BenchmarkTraining(Command):
     """Processor time of the paper's recipe [s]; twice, for it is also tried at a tenth of its learning rate."""
     seeds: int = 3
     """Repetitions with other weights, split and order; the median counts."""
-
-    def run(self) -> CommandResult:
-        """Measure in a folder that is removed afterwards."""
-        from nas_data.benchmarks.training import benchmark
-
-        return run_in_temporary_folder(benchmark, episodes=self.episodes, budget=self.budget, seeds=self.seeds)

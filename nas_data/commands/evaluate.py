@@ -18,7 +18,8 @@ class Evaluate(TakesModel):
     """
 
     checkpoint: tyro.conf.Positional[Path]
-    """Folder written by `nas train` (its `checkpoint`, or the training's folder), or an MJCF or URDF file."""
+    """Folder written by `nas train` (its `checkpoint`, or the training's folder), or a model: an MJCF or URDF file, or
+    a robot's name."""
     dataset: tyro.conf.Positional[Path]
     """Dataset to evaluate on; need not be paired."""
     model: str | None = None
@@ -30,12 +31,12 @@ class Evaluate(TakesModel):
 
     def run(self) -> CommandResult:
         """Evaluate and return the tables."""
-        from nas_data.api.learning import LearnedModel, evaluate
+        from nas_data.api.evaluation import evaluate, is_model
+        from nas_data.api.learned import LearnedModel
         from nas_data.dataset import versions
         from nas_data.dataset.dataset import Dataset
 
-        alone = self.checkpoint.is_file()  # a checkpoint is a folder
-        learned = None if alone else LearnedModel.load(self.checkpoint)
+        learned = None if is_model(self.checkpoint) else LearnedModel.load(self.checkpoint)
         root = versions.resolve(self.dataset)
         dataset = Dataset.load(root, self.episodes)
         evaluation = evaluate(

@@ -2,7 +2,6 @@
 
 import sys
 import time
-import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,12 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from nas_data.commands.base import Command, CommandResult
-from nas_data.errors import LogError, OptionError
 
 if TYPE_CHECKING:
     from nas_data.dataset.audits.base import AuditFinding
-    from nas_data.importing.lerobot import Said
-    from nas_data.importing.map import Map
     from nas_data.recorders.logs import Import
 
 PATIENCE = 2.0  # [s] after which progress is shown
@@ -64,107 +60,28 @@ class ImportLogs(Command):
 
     def run(self) -> CommandResult:
         """Read, audit, convert and write."""
-        from dataclasses import replace
-
+        from nas_data.api.importing import ImportRequest, read_logs
         from nas_data.dataset import versions
-        from nas_data.dataset.cutting import cut_every
 
-        if not self.logs:
-            raise OptionError("No log is given; say: nas import LOG… --map MAP.toml")
-        mapping, notes = self._mapping()
-        name = self.name or (mapping.robot if mapping else self._dataset_name())
-        versions.check_place(out=self.out, name=name)
-        result = self._by_map(mapping) if mapping else self._as_it_is()
-        findings = result.findings
-        if self.model is not None:
-            from nas_data.importing.against_model import check
-
-            findings = (*findings, *check(result.dataset, self.model, self._middles(mapping)))
-        dataset = result.dataset if self.cut is None else cut_every(result.dataset, self.cut)
-        result = replace(result, dataset=dataset, findings=findings)
-        root = versions.save(dataset, result.provenance, out=self.out, name=name, attachments=result.attachments)
-        text = [*notes, *(f"derived {key}: {how}" for key, how in result.provenance.derived.items() if not mapping)]
-        return CommandResult(
-            "\n".join([_text(result, root), *(f"  {line}" for line in text)]), _data(result, root, notes)
+        versions.check_place(out=self.out, name=self.name or "dataset")
+        request = ImportRequest(
+            logs=self.logs,
+            map=self.map,
+            unit=self.unit,
+            calibration=self.calibration,
+            model=self.model,
+            rate=self.rate,
+            uniform=self.uniform,
+            cut=self.cut,
+            progress=_Progress(),
         )
-
-    def _mapping(self) -> "tuple[Map | None, tuple[str, ...]]":
-        """Return the map with what the options say, and what was decided; None where numbers stay as they are."""
-        from nas_data.importing.lerobot import is_dataset, map_text, settle
-        from nas_data.importing.map_file import load_map, parse_map
-        from nas_data.importing.section import MapSection
-
-        if self.map is None and not self._said.needs_map:
-            return None, ()
-        if self.map is None:
-            path = self.logs[0]
-            if not is_dataset(path):
-                raise OptionError(f"{path} is no LeRobot dataset; give --map, which says what a log's columns mean.")
-            text = map_text(path, self.unit, self.model)
-            mapping = parse_map(MapSection(tomllib.loads(text), f"the map of {path}"), "generated", text)
-        else:
-            mapping = load_map(self.map)
-        if mapping.layout.format == "lerobot":
-            return settle(mapping, self.logs, self._said)
-        given = [name for name in ("unit", "calibration", "rate", "uniform") if getattr(self, name)]
-        if given:
-            raise OptionError(f"--{given[0]} is for LeRobot datasets; say it in the map {self.map} instead.")
-        return mapping, ()
-
-    def _middles(self, mapping: "Map | None") -> dict[str, float]:
-        """Return where joints are put whose calibrated range is in its middle, of a LeRobot dataset."""
-        from nas_data.importing.calibration import middles_of, motors_of, read_calibration
-
-        if mapping is None or mapping.layout.format != "lerobot":
-            return {}
-        file = self.calibration
-        return middles_of(mapping, [] if file is None else motors_of(mapping, read_calibration(file), file))
-
-    @property
-    def _said(self) -> "Said":
-        from nas_data.importing.lerobot import Said
-
-        return Said(self.unit, self.calibration, self.rate, self.uniform)
-
-    def _by_map(self, mapping: "Map") -> "Import":
-        """Import logs by their map."""
-        from dataclasses import replace
-
-        from nas_data.importing.lerobot import CALIBRATION_ATTACHMENT
-        from nas_data.recorders.logs import import_logs
-
-        result = import_logs(self.logs, mapping, _Progress())
-        if self.calibration is None:
-            return result
-        content = self.calibration.read_bytes()
-        return replace(result, attachments={**result.attachments, CALIBRATION_ATTACHMENT: content})
-
-    def _dataset_name(self) -> str:
-        """Return the name of what is made of one dataset of LeRobot's.
-
-        Raises:
-            LogError: there is nothing.
-            OptionError: it is none, or there are several.
-        """
-        from nas_data.importing.lerobot import is_dataset
-
-        path = self.logs[0]
-        absent = next((log for log in self.logs if not log.exists()), None)
-        if absent is not None:
-            raise LogError(f"There is no log {absent}; give recorded files or folders, or a LeRobot dataset's folder.")
-        if not is_dataset(path):
-            raise OptionError(f"{path} is no LeRobot dataset; give --map, which says what a log's columns mean.")
-        if len(self.logs) > 1:
-            raise OptionError("LeRobot datasets are imported one at a time; then join them: nas merge.")
-        return path.resolve().name
-
-    def _as_it_is(self) -> "Import":
-        """Import one dataset of LeRobot's whose numbers are in SI."""
-        from nas_data.importing.lerobot import import_dataset
-        from nas_data.recorders.logs import Import
-
-        dataset, provenance, findings = import_dataset(self.logs[0], self._said)
-        return Import(dataset, provenance, {}, findings)
+        imported = read_logs(request)
+        result, name = imported.result, self.name or imported.name
+        root = versions.save(result.dataset, result.provenance, out=self.out, name=name, attachments=result.attachments)
+        derived = () if imported.mapped else result.provenance.derived.items()
+        lines = [*imported.notes, *(f"derived {key}: {how}" for key, how in derived)]
+        text = "\n".join([_text(result, root), *(f"  {line}" for line in lines)])
+        return CommandResult(text, _data(result, root, imported.notes))
 
 
 class _Progress:

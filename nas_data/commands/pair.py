@@ -32,7 +32,7 @@ class Pair(TakesModel):
 
     def run(self) -> CommandResult:
         """Pair the dataset and write the new version."""
-        from nas_data.api.pairing import make_pairs
+        from nas_data.api.pairing import PairingSource, make_pairs
         from nas_data.dataset import versions
         from nas_data.dataset.dataset import Dataset
         from nas_data.dataset.origin import describe
@@ -42,14 +42,14 @@ class Pair(TakesModel):
         versions.check_place(out=self.out, parent=root)
         dataset = Dataset.load(root)
         derived = dict(dataset.origin.derived) if dataset.origin else {}
-        pairing = make_pairs(
-            dataset,
-            self.model,
+        source = PairingSource(
+            model=self.model,
             engine=self.engine,
             effects=self.effect,
             report=self.effects,
             actuators=self.actuators,
         )
+        pairing = make_pairs(dataset, source)
         paired = pairing.dataset
         provenance, kept = describe(paired)
         folder = versions.save(paired, provenance, out=self.out, parent=root, attachments=kept)

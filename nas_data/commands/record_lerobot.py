@@ -59,7 +59,7 @@ class RecordLerobot(RecordArm):
     speed: float = 2.0
     """Speed that commands are limited to [rad/s]: a step becomes a ramp."""
     excitation: str = "multisine"
-    """Command signal, NAME or NAME:PARAMETER=NUMBER,…: steps, babbling, ramps, sine, multisine, triangle or chirp."""
+    """Command signal, NAME or NAME:PARAMETER=NUMBER,…, such as steps, babbling, sine, multisine, triangle or chirp."""
     episodes: int = 50
     """Number of episodes."""
     seconds: float = 6.0

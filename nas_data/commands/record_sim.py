@@ -4,21 +4,13 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import tyro
 
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
-from nas_data.errors import OptionError
 
-if TYPE_CHECKING:
-    from nas_data.recorders.readings import Readings
-    from nas_data.recorders.session import PlaybackProtocol, Target
-    from nas_data.robots.base import Robot
-
-FASTEST = 100_000.0  # [Hz] beyond any robot's control rate
-LONGEST = 86_400.0  # [s] an episode of a day
 PATIENCE = 2.0  # [s] of silence between two reports
 
 
@@ -44,7 +36,7 @@ class RecordSim(TakesModel):
     effects: Path | None = None
     """A file of effects, such as the effects.json of a gap report."""
     excitation: str = "steps"
-    """Command signal, NAME or NAME:PARAMETER=NUMBER,…: steps, babbling, ramps, sine, multisine, triangle or chirp."""
+    """Command signal, NAME or NAME:PARAMETER=NUMBER,…, such as steps, babbling, sine, multisine, triangle or chirp."""
     commands: Path | None = None
     """Play a CSV file instead: columns <joint>.pos (or .vel, .effort, as the model takes them), perhaps 'episode'."""
     episodes: int = 200
@@ -74,17 +66,38 @@ class RecordSim(TakesModel):
 
     def run(self) -> CommandResult:
         """Record and write the dataset."""
+        from nas_data.api.recording import record
         from nas_data.dataset.content import content_hash
+        from nas_data.dataset.origin import describe
         from nas_data.dataset.versions import check_place, save
-        from nas_data.recorders.session import RecordingSession
-        from nas_data.recorders.simulated import record, to_dataset
 
         began = time.monotonic()
-        session = RecordingSession.draw(self._target(), self._protocol())
-        name = self.name or f"{session.target.robot.name}_{session.task}"
-        check_place(out=self.out, name=name)
-        dataset = to_dataset(session, record(session, SimulationProgress(len(session.commands))))
-        path = save(dataset, session.provenance(self.blind), out=self.out, name=name)
+        check_place(out=self.out, name=self.name or "dataset")
+        dataset = record(
+            self.robot,
+            env=self.env,
+            dynamics=self.dynamics,
+            effects=self.effect,
+            report=self.effects,
+            excitation=self.excitation,
+            commands=self.commands,
+            episodes=self.episodes,
+            seconds=self.seconds,
+            rate=self.rate,
+            start=self.start,
+            joints=self.joints,
+            noise=self.noise,
+            quantum=self.quantum,
+            velocity_noise=self.velocity_noise,
+            seed=self.seed,
+            blind=self.blind,
+            engine=self.engine,
+            actuators=self.actuators,
+            progress=RecordingPace(),
+        )
+        provenance, _ = describe(dataset)
+        name = self.name or f"{dataset.robot_type}_{dataset.tasks[0]}"
+        path = save(dataset, provenance, out=self.out, name=name)
         took = time.monotonic() - began
         text = (
             f"Recorded {dataset.n_episodes} episodes of {dataset.robot_type}, {dataset.n_frames} frames at "
@@ -100,93 +113,15 @@ class RecordSim(TakesModel):
         }
         return CommandResult(text, data)
 
-    def _target(self) -> "Target":
-        """Build the target and its sensors."""
-        from nas_data.effects.base import parse
-        from nas_data.gap.named import Named
-        from nas_data.recorders.session import Target
-        from nas_data.robots.base import find_robot
-        from nas_data.simulators.engines import load_simulator
 
-        if self.env is not None:
-            return self._environment(self.env)
-        robot = find_robot(self.actuated(self.robot))
-        rate = robot.rate if self.rate is None else self.rate
-        if not 0 < rate <= FASTEST:
-            raise OptionError(f"--rate is {rate}; it must lie above 0 and up to {FASTEST:g} Hz.")
-        named = Named.read(self.effects) if self.effects else None
-        effects = [*(named.effects if named else ()), *map(parse, self.effect)]
-        target = named.robot(robot, robot.joints) if named else robot
-        simulator = load_simulator(target, 1 / rate, effects=effects, engine=self.engine)
-        return Target(robot, simulator, self._readings(robot), rate)
-
-    def _environment(self, name: str) -> "Target":
-        """Build an environment's target and its sensors."""
-        from nas_data.envs.base import find_task
-        from nas_data.recorders.session import Target
-        from nas_data.simulators.engines import load_simulator
-
-        own: dict[str, object] = {"rate": self.rate, "effect": self.effect, "effects": self.effects}
-        own |= {"joints": self.joints, "actuators": self.actuators != "position"}
-        given = [option for option, value in own.items() if value]
-        if given or self.start != "rest":
-            raise OptionError(f"--{(given or ['start'])[0]} does not go with --env: the environment brings its own.")
-        task = find_task(name)
-        robot, effects = task.body(self.dynamics)
-        simulator = load_simulator(robot, task.period, task.joints, effects, self.engine)
-        return Target(robot, simulator, self._readings(robot), 1 / task.period)
-
-    def _readings(self, robot: "Robot") -> "Readings":
-        """Say how the sensors show the state."""
-        from nas_data.recorders.readings import Readings
-
-        return Readings(
-            noise=self.noise,
-            quantum=robot.position_quantum if self.quantum is None else self.quantum,
-            velocity_noise=self.velocity_noise,
-            # whoever asks for exact positions does not want a coarse velocity register either
-            velocity_quantum=0.0 if self.quantum == 0 else robot.velocity_quantum,
-        )
-
-    def _protocol(self) -> "PlaybackProtocol":
-        """Say what is to be played."""
-        from nas_data.environment_ids import environment_id
-        from nas_data.envs.base import find_task_file
-        from nas_data.excitations.base import parse
-        from nas_data.recorders.session import PlaybackProtocol, check_amount
-
-        seconds = self._seconds()
-        check_amount(self.episodes, seconds, LONGEST)
-        return PlaybackProtocol(
-            excitation=parse(self.excitation),
-            file=self.commands,
-            episodes=self.episodes,
-            seconds=seconds,
-            start=self.start,
-            seed=self.seed,
-            joints=self.joints,
-            environment=environment_id(find_task_file(self.env)) if self.env else "",
-        )
-
-    def _seconds(self) -> float:
-        """Return the length of an episode [s]."""
-        if self.seconds is not None or self.env is None:
-            return 3.0 if self.seconds is None else self.seconds
-        from nas_data.envs.base import find_task
-
-        task = find_task(self.env)
-        return task.horizon * task.period
-
-
-class SimulationProgress:
+class RecordingPace:
     """Says on stderr how many episodes are recorded, once recording takes long."""
 
-    def __init__(self, episodes: int) -> None:
-        self.episodes = episodes
+    def __init__(self) -> None:
         self.said = time.monotonic()
 
-    def __call__(self, done: int) -> None:
+    def __call__(self, text: str) -> None:
         """Report, at most every two seconds."""
         if time.monotonic() - self.said > PATIENCE:
             self.said = time.monotonic()
-            print(f"recorded {done} of {self.episodes} episodes", file=sys.stderr)
+            print(text, file=sys.stderr)

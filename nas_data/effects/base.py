@@ -115,8 +115,8 @@ class Effect:
 
     @classmethod
     def name(cls) -> str:
-        """The effect's name, which is its file's."""
-        return cls.__module__.rsplit(".", 1)[-1]
+        """The effect's name: its class's in small letters, which is its file's."""
+        return registry.snake_case(cls.__name__)
 
     @classmethod
     def neutral(cls, joint: str | None = None) -> Self:

@@ -29,8 +29,8 @@ class Excitation:
 
     @classmethod
     def name(cls) -> str:
-        """The excitation's name, which is its file's."""
-        return cls.__module__.rsplit(".", 1)[-1]
+        """The excitation's name: its class's in small letters, which is its file's."""
+        return registry.snake_case(cls.__name__)
 
     def shape(self, rng: np.random.Generator, episodes: int, steps: int, period: float, span: np.ndarray) -> np.ndarray:
         """Draw the course of the commands within the range.

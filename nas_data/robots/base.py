@@ -8,11 +8,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import TypedDict
 
 import mujoco
 
 from nas_data import registry
-from nas_data.errors import ModelFileError
+from nas_data.errors import ModelFileError, UnknownName
 from nas_data.mjcf.actuator_lookup import driven_joint
 from nas_data.mjcf.check_angle_units import angle_doubts
 from nas_data.mjcf.default_servos import add_position_servos, add_torque_motors, motor_joints
@@ -26,6 +27,7 @@ MISSING = re.compile(r"Error opening file '([^']+)'")  # how MuJoCo speaks of me
 URDF = ".urdf"
 KNOWN = (".xml", URDF)  # endings by which MuJoCo knows a model
 TORQUES = ":torque"  # after a URDF's name: its joints have motors, which take torques
+PREFIX = "nas_"  # of a model's own constants, in its <custom>
 NOT_A_NUMBER = "'NaN'"  # in MuJoCo's warning, after which it reads the number as not given
 
 
@@ -160,6 +162,56 @@ def slide_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
     return tuple(joint.name for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_SLIDE)
 
 
+def robot_names() -> tuple[str, ...]:
+    """Return the robots that come with the program: files of constants, and models that hold their own."""
+    return tuple(sorted({*registry.names("robots"), *(path.stem for path in visible(FOLDER, "*.xml"))}))
+
+
+class RobotConstants(TypedDict, total=False):
+    """What a model may say of its robot beside physics; see `Robot`."""
+
+    rate: float
+    position_quantum: float
+    velocity_quantum: float
+    rest: tuple[float, ...]
+    tip: str
+
+
+def read_constants(spec: mujoco.MjSpec, path: Path) -> RobotConstants:
+    """Return the constants of a robot that its model holds in `<custom>`.
+
+    These are `<numeric name="nas_rate" data="50"/>`, the control rate [Hz], likewise `nas_position_quantum` [rad],
+    `nas_velocity_quantum` [rad/s] and `nas_rest` [rad], and `<text name="nas_tip" data="SITE"/>`.
+
+    Args:
+        spec: The model.
+        path: Its file, for errors.
+
+    Raises:
+        ModelFileError: a number is none of these or cannot be, or there is no such site.
+    """
+    own: RobotConstants = {}
+    for number in spec.numerics:
+        name, values = number.name.removeprefix(PREFIX), tuple(map(float, number.data))
+        if name == number.name:
+            continue
+        if name == "rest":
+            own["rest"] = values
+        elif name in ("rate", "position_quantum", "velocity_quantum") and len(values) == 1 and values[0] > 0:
+            own[name] = values[0]  # type: ignore[literal-required]  # one of the three
+        else:
+            raise ModelFileError(
+                f"{path} gives {number.name} as {' '.join(f'{value:g}' for value in values)}; it may give nas_rate, "
+                "nas_position_quantum and nas_velocity_quantum, a number above 0 each, and nas_rest, one a joint."
+            )
+    for text in spec.texts:
+        if text.name == f"{PREFIX}tip":
+            if spec.site(text.data) is None:
+                raise ModelFileError(f"{path} gives nas_tip as '{text.data}', which is no site of the model.")
+            own["tip"] = text.data
+    return own
+
+
 def find_robot(name_or_path: str | Path) -> Robot:
     """Return a robot of ours by name, or any user's model by its file.
 
@@ -170,21 +222,26 @@ def find_robot(name_or_path: str | Path) -> Robot:
         ModelFileError: the file cannot be used as a model, or names its actuators itself.
     """
     given = str(name_or_path).removesuffix(TORQUES)
-    path, named = Path(given), given in registry.names("robots")
+    path, named = Path(given), given in robot_names()
     add_actuators = add_position_servos if given == str(name_or_path) else add_torque_motors
     if add_actuators is add_torque_motors and path.suffix != URDF:
         raise ModelFileError(f"{given} says itself what moves its joints; leave out --actuators, which is for a URDF.")
-    if path.suffix or path.is_file() or (path.is_dir() and not named):
+    if named and given in registry.names("robots") and not path.is_file():
+        return registry.module("robots", given, "robot").ROBOT
+    if named and not path.is_file():
+        path = FOLDER / f"{given}.xml"
+    if path.suffix or path.is_file() or path.is_dir():
         spec = read_spec(path)
+        own = read_constants(spec, path)
         for doubt in angle_doubts(path, spec.compile(), bool(spec.compiler.degree)):
             say_once(doubt)
         if path.suffix == URDF and (joints := motor_joints(spec)):
-            return Robot(name=path.stem, mjcf=path, joints=joints, edit=add_actuators)
+            return Robot(name=path.stem, mjcf=path, joints=joints, edit=add_actuators, **own)
         joints = actuated_joints(spec)
         if not joints:
             raise ModelFileError(f"{path} has no actuator that drives a joint; add <position joint=…> actuators.")
         if bases := falling_bases(spec):
             say_held(path, bases)
-            return Robot(name=path.stem, mjcf=path, joints=joints, edit=hold_bases, bases=bases)
-        return Robot(name=path.stem, mjcf=path, joints=joints)
-    return registry.module("robots", given, "robot").ROBOT
+            return Robot(name=path.stem, mjcf=path, joints=joints, edit=hold_bases, bases=bases, **own)
+        return Robot(name=path.stem, mjcf=path, joints=joints, **own)
+    raise UnknownName("robot", given, robot_names())

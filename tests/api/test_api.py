@@ -5,8 +5,9 @@ import re
 import subprocess
 import sys
 import time
-from dataclasses import FrozenInstanceError, astuple, is_dataclass
+from dataclasses import FrozenInstanceError, astuple, dataclass, is_dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import gymnasium
 import numpy as np
@@ -18,7 +19,7 @@ import nas_data as nas
 from nas_data.dataset.content import content_hash
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.verify import verify
-from nas_data.effects.base import parse
+from nas_data.effects.base import Effect, Parameter, parse
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import DatasetInvalid, JointMismatch, MissingPackage, OptionError, UnknownName
 from nas_data.policies.learner import Hyperparameters, PolicyTraining
@@ -233,6 +234,43 @@ def test_lerobots_own_recording_is_read_with_what_it_lacks_derived(ds, tmp_path)
     assert saved.parents[0].name == "theirs"
 
 
+# --- recordings and logs
+
+
+def test_a_recording_is_what_the_command_writes(arm, tmp_path):
+    from nas_data.cli import main
+
+    effect, rate = "backlash:joint=pendulum,half_width=0.05", 50
+    made = nas.record(arm, effects=[effect], rate=rate, episodes=2, seconds=1, noise=1e-3, seed=3)
+    amount = ("--episodes", "2", "--seconds", "1", "--noise", "1e-3", "--seed", "3")
+    command = ("record", "sim", "--robot", str(arm), "--effect", effect, "--rate", str(rate), *amount)
+    assert main([*command, "--out", str(tmp_path / "written")]) == 0
+    written = nas.Dataset.load(tmp_path / "written")
+    assert content_hash(made) == content_hash(written)
+    saved = read_provenance(made.save(tmp_path / "made"))
+    assert saved.target == read_provenance(tmp_path / "written").target
+    assert saved.target["effects"][0]["effect"] == "backlash"
+
+
+def test_logs_come_by_a_map(tmp_path):
+    seconds = np.arange(101) / 50
+    table = np.column_stack([seconds, *(np.degrees(0.5 * np.sin(seconds + ahead)) for ahead in (0.0, 0.02))])
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header="time,q,goal", comments="")
+    columns = {"position": "q", "command": "goal"}
+    read = "".join(f'[read.{what}]\ncolumns = ["{name}"]\nunit = "deg"\n' for what, name in columns.items())
+    (tmp_path / "map.toml").write_text(
+        'format = "csv"\nrobot = "my_arm"\njoints = ["shoulder"]\nrate = 50.0\nalignment = "action_follows_state"\n'
+        f'velocity = "derive"\n[read.time]\ncolumn = "time"\nunit = "s"\n{read}'
+    )
+    made = nas.import_logs(tmp_path / "log.csv", map=tmp_path / "map.toml", cut=1)
+    assert (made.robot_type, made.joints, made.n_episodes) == ("my_arm", ("shoulder",), 2)
+    np.testing.assert_allclose(made.states[:50, 0], 0.5 * np.sin(seconds[:50]), atol=1e-6)
+    saved = made.save(tmp_path / "arm")
+    assert (saved / "meta/import_map.toml").read_text() == (tmp_path / "map.toml").read_text()
+    with pytest.raises(OptionError, match="no LeRobot dataset"):
+        nas.import_logs(tmp_path / "log.csv")
+
+
 # --- pairing
 
 
@@ -248,6 +286,27 @@ def test_a_source_may_have_effects(ds, arm, paired):
     changed = nas.pair(ds, model=arm, effects=["viscous_friction:joint=pendulum,coefficient=0.1"])
     assert changed.origin.provenance.source["effects"][0]["effect"] == "viscous_friction"
     assert not np.array_equal(changed.sim_states, paired.sim_states)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CablePull(Effect):
+    """An effect of one's own."""
+
+    stiffness: float
+
+    parameters: ClassVar = (Parameter("stiffness", "N·m/rad", 0.0, 1.0, 0.0),)
+
+    def edit(self, spec) -> None:
+        spec.joint(self.joint).stiffness[0] += self.stiffness
+
+
+def test_an_effect_of_ones_own_goes_by_the_name_of_its_class(ds, arm, paired):
+    by_name = nas.pair(ds, model=arm, effects=["cable_pull:joint=pendulum,stiffness=0.2"])
+    as_object = nas.pair(ds, model=arm, effects=[CablePull(joint="pendulum", stiffness=0.2)])
+    assert content_hash(by_name) == content_hash(as_object) != content_hash(paired)
+    assert by_name.origin.provenance.source["effects"][0]["effect"] == "cable_pull"
+    with pytest.raises(UnknownName, match="no effect 'cable_push'"):
+        parse("cable_push:joint=pendulum,stiffness=0.2")
 
 
 # --- the gap report

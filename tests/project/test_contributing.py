@@ -13,14 +13,19 @@ ROOT = Path(__file__).parents[2]
 BLOCK = re.compile(r"<!-- file: (\S+) -->\n```\w+\n(.*?)```", re.DOTALL)
 
 
-CONTRACTS = ("tests/effects/test_effects.py", "tests/robots/test_robots.py", "tests/envs/test_envs.py")
-PLUG_INS = "cable_pull or flag"
-RECORDED = ("record", "sim", "--robot", "flag", "--effect", "cable_pull:joint=hoist,stiffness=0.05", "--episodes", "2")
+CONTRACTS = (
+    "tests/effects/test_effects.py",
+    "tests/robots/test_robots.py",
+    "tests/envs/test_envs.py",
+    "tests/excitations/test_excitations.py",
+)
+PLUG_INS = "cable_pull or flag or pulses"
+RECORDED = ("record", "sim", "--robot", "flag", "--effect", "cable_pull:joint=hoist,stiffness=0.05")
 ALL = f"""
 import sys
 import pytest
 from nas_data.cli import main
-assert main({[*RECORDED, "--out", "flag"]}) == 0
+assert main({[*RECORDED, "--excitation", "pulses", "--episodes", "2", "--out", "flag"]}) == 0
 assert main(["verify", "flag"]) == 0
 sys.exit(pytest.main(["-vv", *{list(CONTRACTS)}, "-k", "{PLUG_INS}"]))
 """
@@ -34,7 +39,7 @@ def extended(tmp_path_factory) -> Path:
         shutil.copytree(ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "pyproject.toml", root)
     blocks = dict(BLOCK.findall((ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")))
-    assert {Path(name).parts[1] for name in blocks} == {"effects", "robots", "envs"}
+    assert sorted(Path(name).parts[1] for name in blocks) == ["effects", "envs", "excitations", "robots"]  # one each
     for name, text in blocks.items():
         assert not (root / name).exists(), f"{name} exists already; the example needs another name"
         (root / name).write_text(text, encoding="utf-8")
@@ -60,7 +65,12 @@ def told(extended) -> str:
 
 @pytest.mark.parametrize(
     ("contract", "plug_in", "fewest"),
-    [(CONTRACTS[0], "cable_pull", 4), (CONTRACTS[1], "flag", 2), (CONTRACTS[2], "raise_flag", 2)],
+    [
+        (CONTRACTS[0], "cable_pull", 4),
+        (CONTRACTS[1], "flag", 2),
+        (CONTRACTS[2], "raise_flag", 2),
+        (CONTRACTS[3], "pulses", 4),
+    ],
 )
 def test_a_plug_in_passes_the_contract_of_its_folder(told, contract, plug_in, fewest):
     passed = [line for line in told.splitlines() if line.startswith(contract) and "PASSED" in line]

@@ -7,15 +7,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from nas_data import registry
 from nas_data.dataset.features import EFFORT
 from nas_data.errors import ModelFileError, UnknownName
-from nas_data.robots.base import Robot, find_robot
+from nas_data.robots.base import Robot, find_robot, robot_names
 from nas_data.simulators.layout import Layout
 from nas_data.simulators.limits import command_limits, excitable_limits
 from nas_data.simulators.mujoco import MujocoSimulator
 
-ROBOTS = registry.names("robots")
+ROBOTS = robot_names()
 MOTORS = {"pusher", "striker"}  # simulated only, with torque motors and exact sensors
 ERGOJRS = [name for name in ROBOTS if name.startswith("ergojr")]
 
@@ -39,7 +38,6 @@ def zero_posture(name: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
 def test_names_joints_sensors_and_tip_are_as_the_file_says(robot):
     model = robot.spec().compile()
     layout = Layout.of(model, robot.joints, robot.name)
-    assert registry.module("robots", robot.name, "robot").ROBOT is robot
     assert layout.joints == robot.joints
     assert (set(layout.kinds) == {EFFORT}) == (robot.name in MOTORS)
     for joint in robot.joints:
@@ -47,6 +45,34 @@ def test_names_joints_sensors_and_tip_are_as_the_file_says(robot):
         assert model.sensor_objid[sensor.id] == model.joint(joint).id
     assert robot.tip is None or model.site(robot.tip).id >= 0
     assert (robot.position_quantum > 0) == (robot.velocity_quantum > 0) == (robot.name not in MOTORS)
+
+
+FLAG = """<mujoco>
+  <custom>
+    <numeric name="nas_rate" data="40"/><numeric name="nas_rest" data="0.3"/><text name="nas_tip" data="top"/>{more}
+  </custom>
+  <worldbody><body><joint name="hoist" axis="0 1 0"/><geom size="0.1"/><site name="top"/></body></worldbody>
+  <actuator><position name="hoist" joint="hoist" kp="1"/></actuator>
+</mujoco>"""
+
+
+def test_a_model_may_hold_the_constants_of_its_robot(tmp_path):
+    (tmp_path / "flag.xml").write_text(FLAG.format(more=""))
+    robot = find_robot(tmp_path / "flag.xml")
+    assert (robot.rate, robot.rest, robot.tip, robot.position_quantum) == (40.0, (0.3,), "top", 0.0)
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ('<numeric name="nas_velocity_quantum" data="-1"/>', "nas_velocity_quantum as -1; it may give nas_rate"),
+        ('<numeric name="nas_speed" data="1"/>', "nas_speed as 1"),
+    ],
+)
+def test_constants_that_cannot_be_are_refused(tmp_path, more, words):
+    (tmp_path / "flag.xml").write_text(FLAG.format(more=more))
+    with pytest.raises(ModelFileError, match=words):
+        find_robot(tmp_path / "flag.xml")
 
 
 def test_stays_finite_and_within_limits_under_random_commands(robot):

@@ -1,0 +1,148 @@
+"""Judge φ, ψ and model files beside what needs no learning."""
+
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from nas_data.api.arguments import (
+    Actuators,
+    Count,
+    Progress,
+    as_dataset,
+    as_optional_model,
+    count_aloud,
+    name_of,
+    silent,
+)
+from nas_data.api.learned import LearnedModel
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.foreign import warn
+from nas_data.dataset.origin import kept_folders
+from nas_data.errors import ModelFileError, NasError, OptionError
+from nas_data.models import checkpoint
+from nas_data.models.evaluation import PLAIN, Evaluation
+from nas_data.models.evaluation import evaluate as evaluate_predictors
+from nas_data.pairing import warn_of_ranges
+from nas_data.robots.base import find_robot, robot_names
+from nas_data.simulators.base import Simulator
+from nas_data.sources import SourceModel, locate_source
+
+MUJOCO = "mujoco"
+
+
+def evaluate(
+    learned: LearnedModel | str | Path,
+    dataset: Dataset | str | Path,
+    *,
+    model: str | Path | None = None,
+    engine: str | None = None,
+    episodes: Sequence[int] = (),
+    plain_fit: bool = True,
+    actuators: Actuators = "position",
+    progress: Progress | None = None,
+    count: Count | None = None,
+) -> Evaluation:
+    """Compare φ, ψ or a model file with hold, source, command and a plain fit, in one step and in open loop.
+
+    The plain fit is what a user has without names and networks: every smooth parameter of the source, fitted to what
+    the model was trained on where that is in memory, else to the very dataset that it is judged by.
+
+    Args:
+        learned: φ or ψ, its folder, or a model that is judged by itself: an MJCF or URDF file, or a robot's name.
+        dataset: Any recording of the same joints and rate, or its folder; need not be paired.
+        model: The source; the one kept with the model or the dataset where None.
+        engine: `mujoco` or `bullet`; the source's own where None.
+        episodes: Only these; all by default.
+        plain_fit: Whether the plain fit is made; it takes seconds to minutes.
+        actuators: What moves the joints of a URDF.
+        progress: Told what is being done.
+        count: Told of control steps done and to do; `progress` is where None.
+
+    Returns:
+        Errors by predictor, overall, per joint and per episode: `evaluation.open_loop["source"].per_joint` [rad; m].
+
+    Raises:
+        JointMismatch: dataset, source and model do not fit together.
+        CheckpointError: the checkpoint cannot be used.
+        ModelFileError: φ is to be judged without a source, or the model file cannot be used.
+    """
+    say = progress or silent
+    alone = is_model(learned)
+    if alone and model is not None:
+        raise OptionError(f"{learned} is a model by itself; leave out --model, or give a checkpoint that corrects it.")
+    given = as_optional_model(str(learned) if alone else model, actuators)
+    judged = None if alone else as_learned(learned)
+    recorded = as_dataset(dataset, episodes)
+    with checkpoint_folder(judged) as own, kept_folders(recorded) as folders:
+        if judged is not None:
+            checkpoint.check_fits(judged.network, recorded, own[0])
+        source = find_judging_source(judged, given, engine, [*own, *folders])
+        simulator = source.simulator(recorded) if source else None
+        if simulator is not None and given is not None:
+            warn_of_ranges(recorded, find_robot(given).spec().compile())
+        others, notes = ({}, ()) if not plain_fit or source is None else fit_plain(judged, recorded, source, say)
+        network = None if judged is None else judged.network
+        found = evaluate_predictors(recorded, simulator, network, count or count_aloud(say), others)
+    return replace(found, notes=notes)
+
+
+def is_model(learned: LearnedModel | str | Path) -> bool:
+    """Whether a model file or a robot's name is given, not what was learned: a checkpoint is a folder."""
+    if isinstance(learned, LearnedModel):
+        return False
+    return Path(learned).is_file() or (str(learned) in robot_names() and not Path(learned).exists())
+
+
+def as_learned(learned: LearnedModel | str | Path) -> LearnedModel:
+    """Return φ or ψ, read where a folder is given."""
+    return learned if isinstance(learned, LearnedModel) else LearnedModel.load(learned)
+
+
+@contextmanager
+def checkpoint_folder(learned: LearnedModel | None) -> Iterator[list[Path]]:
+    """Yield the folder of a model's checkpoint, written for a moment where it is in memory only; none of none."""
+    if learned is None:
+        yield []
+    elif learned.folder is not None:
+        yield [learned.folder]
+    else:
+        with tempfile.TemporaryDirectory() as folder:
+            yield [learned.save(Path(folder, "checkpoint"))]
+
+
+def find_judging_source(
+    learned: LearnedModel | None, model: str | None, engine: str | None, kept_in: Sequence[Path]
+) -> SourceModel | None:
+    """Return the source that is compared with; None where ψ is judged and none is known.
+
+    Raises:
+        ModelFileError: φ is judged and none is known.
+    """
+    try:
+        return locate_source(model, (), kept_in, engine)
+    except ModelFileError:
+        if model is None and learned is not None and learned.kind == "forward":
+            return None
+        if model is None and learned is not None and learned.folder is None:
+            raise ModelFileError('This φ keeps no source; give the one that it corrects: model="MODEL.xml".') from None
+        raise
+
+
+def fit_plain(
+    learned: LearnedModel | None, dataset: Dataset, source: SourceModel, say: Progress
+) -> tuple[Mapping[str, Simulator], tuple[str, ...]]:
+    """Return the plain fit of a source by its name, with what it was fitted to; nothing where it cannot be made."""
+    from nas_data.gap.plain import fit_plain_source
+
+    if source.effects or source.engine != MUJOCO:
+        return {}, (f"no {PLAIN}: it is made of a plain model in MuJoCo",)
+    trained_on = learned.trained_on if learned else None
+    fitted, what = (trained_on, "what the model was trained on") if trained_on else (dataset, "these very episodes")
+    try:
+        simulator = fit_plain_source(fitted, str(source.model), name_of(fitted), say)
+    except NasError as error:
+        warn([f"no {PLAIN}: {error}"])
+        return {}, (f"no {PLAIN}: {error}",)
+    return {PLAIN: simulator}, (f"{PLAIN}: every smooth parameter of the source, fitted to {what}",)

@@ -1,0 +1,190 @@
+"""Recorded logs of any robot, or LeRobot datasets in any unit, as a dataset in memory."""
+
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from nas_data.api.arguments import Progress, silent
+from nas_data.dataset.cutting import cut_every
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.foreign import warn
+from nas_data.dataset.origin import Origin
+from nas_data.errors import LogError, OptionError
+from nas_data.importing.against_model import check as check_against_model
+from nas_data.importing.calibration import middles_of, motors_of, read_calibration
+from nas_data.importing.lerobot import CALIBRATION_ATTACHMENT, Said, import_dataset, is_dataset, map_text, settle
+from nas_data.importing.map import Map
+from nas_data.importing.map_file import load_map, parse_map
+from nas_data.importing.section import MapSection
+from nas_data.recorders.logs import Import
+from nas_data.recorders.logs import import_logs as import_by_map
+
+LEROBOT = "lerobot"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportRequest:
+    """What is imported; see `import_logs`."""
+
+    logs: tuple[Path, ...]
+    map: str | None = None
+    unit: str | None = None
+    calibration: Path | None = None
+    model: str | None = None
+    rate: float | None = None
+    uniform: bool = False
+    cut: float | None = None
+    progress: Progress = silent
+
+    @property
+    def said(self) -> Said:
+        """What is said of LeRobot datasets beside a map."""
+        return Said(self.unit, self.calibration, self.rate, self.uniform)
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A dataset made of logs, and how it came about.
+
+    Attributes:
+        result: Dataset, provenance and findings.
+        name: What to call it where nobody says.
+        notes: What was decided, a sentence each.
+        mapped: Whether a map says what the numbers mean.
+    """
+
+    result: Import
+    name: str
+    notes: tuple[str, ...]
+    mapped: bool
+
+
+def import_logs(
+    logs: str | Path | Sequence[str | Path],
+    *,
+    map: str | Path | None = None,
+    unit: str | None = None,
+    calibration: str | Path | None = None,
+    model: str | Path | None = None,
+    rate: float | None = None,
+    uniform: bool = False,
+    cut: float | None = None,
+    progress: Progress | None = None,
+) -> Dataset:
+    """Read logs (CSV, Parquet, NPZ, JSON, MCAP, ROS bags) or LeRobot datasets in any unit.
+
+    Recordings are audited: errors refuse, doubts are told on stderr. `save` writes the dataset and its map.
+
+    Args:
+        logs: A log, a folder of logs or a LeRobot dataset; or several.
+        map: Mapping file (TOML), or the name of a shipped one such as `so101_npz`; None for a LeRobot dataset.
+        unit: Unit of a LeRobot dataset: `deg`, `range` (−100 … 100, with a calibration) or `rad`.
+        calibration: LeRobot's calibration file of the robot that recorded.
+        model: A model of the robot, which sign and zero of each joint are checked against.
+        rate: Rows a second [Hz] of a LeRobot dataset, in place of its own.
+        uniform: Take the rows of a LeRobot dataset as evenly spaced, whatever its time stamps say.
+        cut: Cut episodes into stretches of so many seconds.
+        progress: Told which log is read.
+
+    Raises:
+        LogError: a log cannot be read, or an audit refuses it.
+        MapError: the map names something that a log lacks.
+        DatasetInvalid, OptionError: logs and what is said of them do not fit together.
+    """
+    paths = [logs] if isinstance(logs, str | Path) else logs
+    request = ImportRequest(
+        logs=tuple(Path(path) for path in paths),
+        map=None if map is None else str(map),
+        unit=unit,
+        calibration=None if calibration is None else Path(calibration),
+        model=None if model is None else str(model),
+        rate=rate,
+        uniform=uniform,
+        cut=cut,
+        progress=progress or silent,
+    )
+    result = read_logs(request).result
+    warn(tuple(f"{finding.file}: {finding.message}" for finding in result.findings))
+    origin = Origin(result.dataset, result.provenance, result.provenance.derived, attachments=dict(result.attachments))
+    return replace(result.dataset, origin=origin)
+
+
+def read_logs(request: ImportRequest) -> Imported:
+    """Do as `import_logs`, and say how it came about."""
+    if not request.logs:
+        raise OptionError("No log is given; say: nas import LOG… --map MAP.toml")
+    mapping, notes = find_map(request)
+    if mapping is None:
+        name = name_of_dataset(request.logs)
+        dataset, provenance, findings = import_dataset(request.logs[0], request.said)
+        result = Import(dataset, provenance, {}, findings)
+    else:
+        name, result = mapping.robot, import_by_map(request.logs, mapping, request.progress)
+        if request.calibration is not None:
+            kept = {CALIBRATION_ATTACHMENT: request.calibration.read_bytes()}
+            result = replace(result, attachments={**result.attachments, **kept})
+    if request.model is not None:
+        doubts = check_against_model(result.dataset, request.model, find_middles(mapping, request.calibration))
+        result = replace(result, findings=(*result.findings, *doubts))
+    if request.cut is not None:
+        result = replace(result, dataset=cut_every(result.dataset, request.cut))
+    return Imported(result, name, notes, mapping is not None)
+
+
+def find_map(request: ImportRequest) -> tuple[Map | None, tuple[str, ...]]:
+    """Return the map with what the options say, and what was decided; None where numbers stay as they are.
+
+    Raises:
+        OptionError: the options do not go together.
+    """
+    said = request.said
+    if request.map is None and not said.needs_map:
+        return None, ()
+    if request.map is None:
+        path = request.logs[0]
+        check_dataset(path)
+        text = map_text(path, request.unit, request.model)
+        mapping = parse_map(MapSection(tomllib.loads(text), f"the map of {path}"), "generated", text)
+    else:
+        mapping = load_map(request.map)
+    if mapping.layout.format == LEROBOT:
+        return settle(mapping, request.logs, said)
+    given = next((name for name in ("unit", "calibration", "rate", "uniform") if getattr(request, name)), None)
+    if given:
+        raise OptionError(f"--{given} is for LeRobot datasets; say it in the map {request.map} instead.")
+    return mapping, ()
+
+
+def find_middles(mapping: Map | None, calibration: Path | None) -> dict[str, float]:
+    """Return where joints are put whose calibrated range is in its middle, of a LeRobot dataset."""
+    if mapping is None or mapping.layout.format != LEROBOT:
+        return {}
+    motors = [] if calibration is None else motors_of(mapping, read_calibration(calibration), calibration)
+    return middles_of(mapping, motors)
+
+
+def name_of_dataset(logs: Sequence[Path]) -> str:
+    """Return the name of what is made of one dataset of LeRobot's.
+
+    Raises:
+        LogError: there is nothing.
+        OptionError: it is none, or there are several.
+    """
+    absent = next((log for log in logs if not log.exists()), None)
+    if absent is not None:
+        raise LogError(f"There is no log {absent}; give recorded files or folders, or a LeRobot dataset's folder.")
+    check_dataset(logs[0])
+    if len(logs) > 1:
+        raise OptionError("LeRobot datasets are imported one at a time; then join them: nas merge.")
+    return logs[0].resolve().name
+
+
+def check_dataset(path: Path) -> None:
+    """Refuse what is no dataset of LeRobot's, which needs a map.
+
+    Raises:
+        OptionError: says so.
+    """
+    if not is_dataset(path):
+        raise OptionError(f"{path} is no LeRobot dataset; give --map, which says what a log's columns mean.")

@@ -1,0 +1,71 @@
+"""φ or ψ in memory: trained or read, to be judged and saved."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.models import checkpoint
+from nas_data.models.evaluation import Evaluation
+from nas_data.models.lstm import DynamicsModel, Kind
+from nas_data.sources import kept_files
+
+
+@dataclass(frozen=True, repr=False)
+class LearnedModel:
+    """φ or ψ, frozen.
+
+    Attributes:
+        network: The network, in evaluation mode.
+        source: Files of the source that φ corrects, by name.
+        split: What was held out for early stopping, in words.
+        held_out: Errors on that; None where no source was at hand, or the model was read from a folder.
+        history: A row for each validation: update, validation error, loss, seconds.
+        trained_on: The recording; None where the model was read from a folder.
+        folder: Its checkpoint; None where it is in memory only.
+    """
+
+    network: DynamicsModel
+    source: Mapping[str, bytes] = field(default_factory=dict)
+    split: str = ""
+    held_out: Evaluation | None = None
+    history: tuple[Mapping[str, float], ...] = ()
+    trained_on: Dataset | None = None
+    folder: Path | None = None
+
+    def __repr__(self) -> str:
+        """Return kind, joints and held-out error in a line."""
+        name = {"delta": "φ", "forward": "ψ"}[self.kind]
+        error = ""
+        if self.held_out is not None:
+            errors = next(iter(self.held_out.open_loop.values()))
+            error = f"; held-out open-loop error {errors.overall:.3g} {errors.unit.si}"
+        return f"LearnedModel({name} of {', '.join(self.joints)} at {self.network.fps:g} Hz{error})"
+
+    @property
+    def kind(self) -> Kind:
+        """`delta` for φ, `forward` for ψ."""
+        return self.network.kind
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of its joints."""
+        return tuple(self.network.joints)
+
+    @classmethod
+    def load(cls, folder: str | Path) -> "LearnedModel":
+        """Read a checkpoint.
+
+        Args:
+            folder: Written by `nas train` or `save`; the checkpoint, or the training's folder around it.
+
+        Raises:
+            CheckpointError: it is missing or damaged.
+        """
+        place = checkpoint.find(Path(folder))
+        return cls(checkpoint.load_frozen(place), kept_files(place), folder=place)
+
+    def save(self, folder: str | Path) -> Path:
+        """Write a checkpoint, which every command takes; an older one in the folder is replaced."""
+        Path(folder).parent.mkdir(parents=True, exist_ok=True)
+        return checkpoint.save(self.network, Path(folder), self.source)

@@ -1,0 +1,152 @@
+"""Record episodes from a simulated target: a robot with any effects, noise and quantisation."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+from nas_data.api.arguments import Actuators, Progress, as_model, as_named, silent
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.origin import Origin
+from nas_data.effects.base import Effect
+from nas_data.effects.base import parse as parse_effect
+from nas_data.environment_ids import environment_id
+from nas_data.envs.base import find_task, find_task_file
+from nas_data.errors import OptionError
+from nas_data.excitations.base import Excitation
+from nas_data.excitations.base import parse as parse_excitation
+from nas_data.gap.report import GapReport
+from nas_data.recorders.readings import Readings
+from nas_data.recorders.session import PlaybackProtocol, RecordingSession, Target, check_amount
+from nas_data.recorders.simulated import record as play_session
+from nas_data.recorders.simulated import to_dataset
+from nas_data.robots.base import Robot, find_robot
+from nas_data.simulators.engines import load_simulator
+
+Start = Literal["rest", "random"]
+
+FASTEST = 100_000.0  # [Hz] beyond any robot's control rate
+LONGEST = 86_400.0  # [s] an episode of a day
+SECONDS = 3.0  # [s] of an episode, as in the paper's recordings
+
+
+def record(
+    robot: str | Path = "ergojr",
+    *,
+    env: str | None = None,
+    dynamics: str = "backlash",
+    effects: Sequence[Effect | str] = (),
+    report: GapReport | str | Path | None = None,
+    excitation: Excitation | str = "steps",
+    commands: str | Path | None = None,
+    episodes: int = 20,
+    seconds: float | None = None,
+    rate: float | None = None,
+    start: Start = "rest",
+    joints: Sequence[str] = (),
+    noise: float = 0.0,
+    quantum: float | None = None,
+    velocity_noise: float = 0.0,
+    seed: int = 0,
+    blind: bool = False,
+    engine: str = "mujoco",
+    actuators: Actuators = "position",
+    progress: Progress | None = None,
+) -> Dataset:
+    """Play commands on a simulated target, and return what its sensors would have reported.
+
+    Args:
+        robot: A robot's name, or an MJCF or URDF file.
+        env: An environment instead: its robot and rate, its own starts, and a signal in its action space.
+        dynamics: What the target is, for `env`: one of the environment's dynamics.
+        effects: Effects that the target has, for example `"backlash:joint=m3,half_width=0.02"`.
+        report: A gap report, or its folder, whose effects and retuned base the target has as well.
+        excitation: Command signal, `NAME` or `NAME:PARAMETER=NUMBER,…`.
+        commands: A CSV file of commands to play instead, in columns `<joint>.pos`, `.vel` or `.effort`.
+        episodes: Number of episodes.
+        seconds: Length of each [s]; 3, or an environment's own, where None.
+        rate: Control rate [Hz]; the robot's own where None.
+        start: First pose: the robot's rest, or random within a fifth of each range.
+        joints: Move only these joints, the others resting; all by default.
+        noise: Standard deviation of the measured positions [rad].
+        quantum: Resolution of the measured positions [rad]; 0 for exact readings, the robot's own where None.
+        velocity_noise: Standard deviation of the measured velocities [rad/s].
+        seed: Of commands, poses and noise; same seed, same bits.
+        blind: Keep the effects out of the provenance, for tests in which they are to be found.
+        engine: `mujoco` or `bullet`.
+        actuators: What moves the joints of a URDF: `position` servos, or motors (`torque`).
+        progress: Told how many episodes are recorded.
+
+    Returns:
+        Transitions at the control rate, with velocities; `save` writes them.
+
+    Raises:
+        OptionError, UnknownName: a value is out of its range, or there is no such robot, environment or effect.
+        JointMismatch, LogError: joints or the file of commands do not fit the robot.
+        ModelFileError: the model cannot be used.
+    """
+    if env is None:
+        body = find_robot(as_model(robot, actuators))
+        readings = readings_of(body, noise, quantum, velocity_noise)
+        target = target_of(body, readings, effects, report, rate, engine)
+    else:
+        own: dict[str, object] = {"rate": rate, "effect": effects, "effects": report, "joints": joints}
+        own |= {"actuators": actuators != "position", "start": start != "rest"}
+        given = next((option for option, value in own.items() if value), None)
+        if given:
+            raise OptionError(f"--{given} does not go with --env: the environment brings its own.")
+        task = find_task(env)
+        body, built_in = task.body(dynamics)
+        simulator = load_simulator(body, task.period, task.joints, built_in, engine)
+        target = Target(body, simulator, readings_of(body, noise, quantum, velocity_noise), 1 / task.period)
+        seconds = task.horizon * task.period if seconds is None else seconds
+    seconds = SECONDS if seconds is None else seconds
+    check_amount(episodes, seconds, LONGEST)
+    protocol = PlaybackProtocol(
+        excitation=parse_excitation(excitation) if isinstance(excitation, str) else excitation,
+        file=None if commands is None else Path(commands),
+        episodes=episodes,
+        seconds=seconds,
+        start=start,
+        seed=seed,
+        joints=tuple(joints),
+        environment=environment_id(find_task_file(env)) if env else "",
+    )
+    session, say = RecordingSession.draw(target, protocol), progress or silent
+    total = len(session.commands)
+    dataset = to_dataset(session, play_session(session, lambda done: say(f"recorded {done} of {total} episodes")))
+    return replace(dataset, origin=Origin(dataset, session.provenance(blind)))
+
+
+def target_of(
+    robot: Robot,
+    readings: Readings,
+    effects: Sequence[Effect | str],
+    report: GapReport | str | Path | None,
+    rate: float | None,
+    engine: str,
+) -> Target:
+    """Return a robot with effects and sensors as what is recorded.
+
+    Raises:
+        OptionError: the control rate cannot be.
+    """
+    rate = robot.rate if rate is None else rate
+    if not 0 < rate <= FASTEST:
+        raise OptionError(f"--rate is {rate}; it must lie above 0 and up to {FASTEST:g} Hz.")
+    named = None if report is None else as_named(report)
+    added = [*(named.effects if named else ())]
+    added += [parse_effect(effect) if isinstance(effect, str) else effect for effect in effects]
+    body = named.robot(robot, robot.joints) if named else robot
+    return Target(robot, load_simulator(body, 1 / rate, effects=added, engine=engine), readings, rate)
+
+
+def readings_of(robot: Robot, noise: float, quantum: float | None, velocity_noise: float) -> Readings:
+    """Say how the sensors of a robot show its state."""
+    return Readings(
+        noise=noise,
+        quantum=robot.position_quantum if quantum is None else quantum,
+        velocity_noise=velocity_noise,
+        # whoever asks for exact positions does not want a coarse velocity register either
+        velocity_quantum=0.0 if quantum == 0 else robot.velocity_quantum,
+    )

@@ -1,0 +1,221 @@
+"""Train φ and ψ on a dataset in memory or in a folder."""
+
+import json
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from nas_data.api.arguments import (
+    Actuators,
+    Count,
+    Progress,
+    as_dataset,
+    as_optional_model,
+    count_aloud,
+    name_of,
+    silent,
+)
+from nas_data.api.learned import LearnedModel
+from nas_data.dataset import versions
+from nas_data.dataset.dataset import Dataset
+from nas_data.dataset.origin import identity_of, kept_folders
+from nas_data.errors import DatasetInvalid, ModelFileError
+from nas_data.models.evaluation import evaluate as evaluate_predictors
+from nas_data.models.lstm import Kind
+from nas_data.models.presets import TrainingOptions
+from nas_data.models.presets import preset as find_preset
+from nas_data.models.run import CHECKPOINT, HISTORY, TrainingRun
+from nas_data.models.training import ModelTraining
+from nas_data.pairing import check_source, warn_of_ranges
+from nas_data.robots.base import find_robot
+from nas_data.simulators.base import Simulator
+from nas_data.sources import find_source, kept_files, source_files
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingRequest:
+    """What is trained, from what, and where to.
+
+    Attributes:
+        kind: `delta` for φ, `forward` for ψ.
+        options: How to train.
+        model: The source, where the dataset keeps none.
+        engine: Its engine.
+        actuators: What moves the joints of a URDF.
+        out: Folder of the training; None for one that is removed afterwards.
+        device: torch device.
+        episodes: Which of the recording's episodes the dataset holds, for provenance; empty for all.
+        progress: Told of each validation.
+        count: Told of control steps done and to do in the last rollouts; `progress` is where None.
+    """
+
+    kind: Kind
+    options: TrainingOptions
+    model: str | Path | None = None
+    engine: str | None = None
+    actuators: Actuators = "position"
+    out: str | Path | None = None
+    device: str | None = None
+    episodes: Sequence[int] = ()
+    progress: Progress = silent
+    count: Count | None = None
+
+
+def train_delta(
+    dataset: Dataset | str | Path,
+    *,
+    model: str | Path | None = None,
+    engine: str | None = None,
+    out: str | Path | None = None,
+    preset: str | TrainingOptions = "fast",
+    updates: int | None = None,
+    seed: int | None = None,
+    device: str | None = None,
+    actuators: Actuators = "position",
+    progress: Progress | None = None,
+) -> LearnedModel:
+    """Train φ: (state, command, simulated next state) → measured next − simulated next.
+
+    Args:
+        dataset: Paired transitions, or their folder.
+        model: The source that it was paired with; needed only where the dataset keeps none.
+        engine: `mujoco` or `bullet`; the source's own where None.
+        out: Folder for checkpoint, history and TensorBoard files, in which an interrupted training goes on; in memory
+            where None.
+        preset: `fast`, `few`, `symmetric` or `paper`, or options of one's own.
+        updates: Updates in free running, in place of the preset's; 0 trains by teacher forcing.
+        seed: Of weights, split, order and windows, in place of the preset's; same seed, same bits.
+        device: torch device; a GPU where there is one by default.
+        actuators: What moves the joints of a URDF given as model.
+        progress: Told of each validation in a line.
+
+    Raises:
+        DatasetInvalid: the dataset is not paired, or too short.
+        JointMismatch: the source is another one than that of the predictions.
+        OutputExists: `out` holds something else.
+        OptionError, UnknownName: a value is out of its range, or there is no such preset.
+    """
+    request = TrainingRequest(
+        kind="delta",
+        options=options_of(preset, updates, seed),
+        model=model,
+        engine=engine,
+        out=out,
+        device=device,
+        actuators=actuators,
+        progress=progress or silent,
+    )
+    return train(as_dataset(dataset), request)
+
+
+def train_forward(
+    dataset: Dataset | str | Path,
+    *,
+    model: str | Path | None = None,
+    engine: str | None = None,
+    out: str | Path | None = None,
+    preset: str | TrainingOptions = "fast",
+    updates: int | None = None,
+    seed: int | None = None,
+    device: str | None = None,
+    actuators: Actuators = "position",
+    progress: Progress | None = None,
+) -> LearnedModel:
+    """Train ψ: (state, command) → measured next − current; it needs no simulator.
+
+    Arguments and errors are those of `train_delta`; the dataset need not be paired, and a model is only compared with.
+    """
+    request = TrainingRequest(
+        kind="forward",
+        options=options_of(preset, updates, seed),
+        model=model,
+        engine=engine,
+        out=out,
+        device=device,
+        actuators=actuators,
+        progress=progress or silent,
+    )
+    return train(as_dataset(dataset), request)
+
+
+def options_of(preset: str | TrainingOptions, updates: int | None, seed: int | None) -> TrainingOptions:
+    """Return a preset's options, some of them changed; None leaves one as it is."""
+    if isinstance(preset, str):
+        return find_preset(preset, updates=updates, seed=seed)
+    changed = {name: value for name, value in (("updates", updates), ("seed", seed)) if value is not None}
+    return replace(preset, **changed)  # type: ignore[arg-type]  # dataclasses.replace is not generic over fields
+
+
+def train(dataset: Dataset, request: TrainingRequest) -> LearnedModel:
+    """Train φ or ψ on transitions, as `as_dataset` returns them; see `train_delta`."""
+    if request.out is None:
+        with tempfile.TemporaryDirectory() as brief:
+            return replace(train(dataset, replace(request, out=Path(brief, "training"))), folder=None)
+    kind, folder, say = request.kind, Path(request.out), request.progress
+    if kind == "delta":
+        check_paired(dataset)
+    origin, seen = dataset.origin, identity_of(dataset)
+    notes = [f"derived {key}: {how}" for key, how in (origin.derived if origin else {}).items()]
+    provenance: dict[str, object] = {
+        "dataset": {"name": seen.name, "content_hash": seen.content_hash, "episodes": list(request.episodes)}
+    }
+    given = as_optional_model(request.model, request.actuators)
+    with kept_folders(dataset) as kept_in:
+        simulator, kept = find_training_source(kind, dataset, given, request.engine, kept_in, notes)
+        if simulator is not None:
+            recorded = origin.provenance.source if origin and given is None else None
+            provenance["source"] = recorded or simulator.describe()
+        training = ModelTraining(kind, dataset, request.options, simulator, provenance, request.device)
+        run = TrainingRun(training, folder, say, kept)
+        notes.append(f"{dataset.n_episodes} episodes, {dataset.n_frames} transitions; held out: {training.split.what}")
+        notes.append(f"{training.phase.name}, {training.phase.updates} updates; validation is {training.criterion}")
+        for note in notes:  # only now: bad input is one sentence and nothing else
+            say(note)
+        network = run.run()
+        held_out = None
+        if simulator is not None or kind == "forward":
+            count = request.count or count_aloud(say)
+            held_out = evaluate_predictors(training.split.held, simulator, network, count)
+    rows = json.loads((folder / HISTORY).read_text(encoding="utf-8"))
+    return LearnedModel(network, kept, training.split.what, held_out, tuple(rows), dataset, folder / CHECKPOINT)
+
+
+def check_paired(dataset: Dataset) -> None:
+    """Refuse a dataset without a source's predictions.
+
+    Raises:
+        DatasetInvalid: says how to make one with them.
+    """
+    origin = dataset.origin
+    if origin is not None and origin.root is not None:
+        versions.check_paired(origin.root, dataset, "A delta model")
+    if not dataset.paired:
+        raise DatasetInvalid(
+            "A delta model learns from the source's predictions, which the dataset does not hold: "
+            'pair it first, nas_data.pair(dataset, model="MODEL.xml").'
+        )
+
+
+def find_training_source(
+    kind: Kind, dataset: Dataset, model: str | None, engine: str | None, kept_in: Sequence[Path], notes: list[str]
+) -> tuple[Simulator | None, Mapping[str, bytes]]:
+    """Return the source and the files that keep it with the checkpoint; None, with a note, where there is none."""
+    try:
+        simulator = find_source(model, (), dataset, kept_in, engine)
+    except ModelFileError as error:
+        if model is not None:
+            raise
+        if kind == "delta":
+            told = str(error).replace(str(kept_in[0]), str(name_of(dataset)))
+            notes.append(
+                f"{told} Without it, training is by teacher forcing alone, and open-loop errors cannot be told."
+            )
+        return None, {}
+    if kind == "delta" and dataset.paired:
+        check_source(dataset, simulator)
+    if model is None:
+        return simulator, kept_files(kept_in[0])
+    robot = find_robot(model)
+    warn_of_ranges(dataset, robot.spec().compile())
+    return simulator, source_files(robot)
