@@ -1,4 +1,4 @@
-"""The page of a gap report: verdict first, what to change, how much that brings, what was found, what to record next."""
+"""The page of a gap report: verdict first, what to change, how much that brings, what to record next."""
 
 from pathlib import Path
 
