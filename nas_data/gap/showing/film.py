@@ -10,11 +10,12 @@ from nas_data.gap.report import GapReport
 from nas_data.gap.showing.figures import AFTER, BEFORE, RETUNED
 from nas_data.gap.showing.series import Series
 from nas_data.gap.write_model import MODEL
+from nas_data.joint_units import joint_unit
 from nas_data.reports.page import Block, ShortFilm, Text
 
 SECONDS = 4.0  # of the episode
-RATE = 15  # [Hz] pictures a second
-SIZE = (400, 480)  # [px] height and width
+RATE = 12  # [Hz] pictures a second
+SIZE = (360, 440)  # [px] height and width
 
 
 def film_blocks(folder: Path, report: GapReport, series: Series) -> list[Block]:
@@ -37,6 +38,7 @@ def draw(model: Path, report: GapReport, series: Series) -> ShortFilm:
         ModelFileError: the model cannot be drawn.
     """
     from nas_data.dataset.dataset import Dataset
+    from nas_data.dataset.features import POSITION, STATE, Feature
     from nas_data.reports.films.film import Film, write_mp4
     from nas_data.reports.films.motion import MEASURED, Ghost, Motion
     from nas_data.robots.base import find_robot
@@ -47,15 +49,16 @@ def draw(model: Path, report: GapReport, series: Series) -> ShortFilm:
     body = MujocoSimulator(find_robot(model), series.period, series.joints, threads=1)
     last = AFTER if report.effects else RETUNED
     ghosts = []
-    for name, positions in ((MEASURED, series.measured), (BEFORE, series.before), (last, series.after)):
+    # in this order their colours are those of the charts
+    for name, positions in ((MEASURED, series.measured), (last, series.after), (BEFORE, series.before)):
         errors = np.square(positions[episode, rows] - series.measured[episode, rows])
         states = np.concatenate([positions[episode, rows], np.zeros_like(positions[episode, rows])], axis=1)
         each = np.stack([np.sqrt(errors[:, chosen].mean(axis=1)) for chosen in places], axis=1)
         ghosts.append(Ghost(name, body, states, each))
+    names = tuple(joint + POSITION for joint in series.joints)
+    state = Feature(names, tuple(joint_unit(joint, series.slides).si for joint in series.joints))
     shown = series.measured[episode, rows]
-    recorded = Dataset.from_arrays(
-        [shown], [shown[:-1]], rate=rate, joints=series.joints, slides=series.slides, turns=True
-    )
+    recorded = Dataset({STATE: state}, {STATE: shown[:-1]}, np.array([len(shown) - 1]), rate)
     motion = Motion(int(series.episodes[episode]), recorded, tuple(ghosts))
     with tempfile.TemporaryDirectory() as place:
         film = Film(motion, report.dataset, SIZE)
@@ -66,7 +69,7 @@ def draw(model: Path, report: GapReport, series: Series) -> ShortFilm:
         mp4 = Path(place, "film.mp4").read_bytes()
     caption = (
         f"Episode {series.episodes[episode]} from {series.time[rows.start]:.1f} s on, where the model as handed over "
-        f"is farthest off. Grey: measured. Orange: {BEFORE}. Blue: {last}. Both models follow the commands alone."
+        f"is farthest off. Grey: measured. Blue: {BEFORE}. Orange: {last}. Both models follow the commands alone."
     )
     return ShortFilm(mp4, caption)
 

@@ -88,10 +88,15 @@ def bar(series: Series, name: str, errors: np.ndarray, look: Stroke) -> Trace:
     whisker = {"type": "data", "symmetric": False, "array": [float(shown.max()) - whole]}
     whisker |= {"arrayminus": [whole - float(shown.min())], "thickness": 1.2, "color": LIGHT}
     return {
-        "type": "bar", "orientation": "h", "x": [whole], "y": [name], "name": name, "marker": {"color": look.colour},
-        "text": [f"{whole:.3g}"], "textposition": "auto", "insidetextanchor": "start", "showlegend": False,
+        "type": "bar",
+        "orientation": "h",
+        "x": [whole],
+        "y": [f"{name}: {whole:.3g}{series.kinds[0][0].mark}"],
+        "name": name,
+        "marker": {"color": look.colour},
+        "showlegend": False,
         **({"error_x": whisker} if len(shown) > 1 else {}),
-    }  # fmt: skip
+    }
 
 
 def bars(name: str, caption: str, traces: Sequence[Trace], title: str) -> Chart:

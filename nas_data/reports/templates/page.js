@@ -21,6 +21,7 @@ function themed(layout, narrow) {
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", hovermode: "x unified", dragmode: narrow ? "pan" : "zoom",
     font: { family: getComputedStyle(document.body).fontFamily, size: narrow ? 11 : 13, color: colour("--ink") },
     margin: { l: 10, r: 10, t: 10, b: 10 }, legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom" },
+    modebar: { bgcolor: "rgba(0,0,0,0)", color: colour("--line"), activecolor: colour("--soft") },
     hoverlabel: { bgcolor: colour("--tint"), font: { color: colour("--ink") } }, ...recolour(layout),
   };
   for (const key of new Set(["xaxis", "yaxis", ...Object.keys(layout).filter((name) => /^[xy]axis/.test(name))]))
@@ -30,7 +31,11 @@ function themed(layout, narrow) {
 
 function draw(place) {
   const { data, layout } = JSON.parse(place.nextElementSibling.textContent), narrow = innerWidth < 600;
-  const options = { responsive: true, displaylogo: false, displayModeBar: narrow ? false : "hover" };
+  if (narrow) data.forEach((trace) => { trace.showscale = false; });
+  const options = {
+    responsive: true, displaylogo: false, showSendToCloud: false, plotlyServerURL: "", displayModeBar: narrow ? false : "hover",
+    modeBarButtonsToRemove: ["select2d", "lasso2d", "zoomIn2d", "zoomOut2d", "autoScale2d"],
+  };
   return Plotly.react(place, recolour(data), themed(layout, narrow), options);
 }
 

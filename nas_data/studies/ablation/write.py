@@ -11,10 +11,10 @@ from nas_data.reports.ablation_figure import AblationCurve, error_over_amount
 from nas_data.reports.file import write_whole
 from nas_data.reports.style import to_png
 from nas_data.studies.ablation.kinds.base import find_kind
-from nas_data.studies.ablation.summary import LOOPS, Cell, SweepSummary
+from nas_data.studies.ablation.summary import JSON, LOOPS, Cell, SweepSummary
 from nas_data.studies.ablation.table import markdown
 
-JSON, TABLE, FIGURE = "ablation.json", "ablation.md", "ablation.png"
+TABLE, FIGURE = "ablation.md", "ablation.png"
 
 
 def write(folder: Path, summary: SweepSummary, more: Mapping[str, object], notes: Sequence[str]) -> dict[str, Path]:
