@@ -26,8 +26,8 @@ PYTHONS = {"311": "3.11", "312": "3.12"}
 HELP_SECONDS = 0.3  # [s] how long `nas --help` may take
 ATTEMPTS = 20  # runs of which the fastest counts: other tests run beside this one
 HEAVY = {
-    "datasets", "gymnasium", "huggingface_hub", "lerobot", "matplotlib", "mujoco", "numpy", "onnx", "onnxruntime",
-    "pandas", "pyarrow", "pybullet", "scipy", "stable_baselines3", "tensorboard", "torch",
+    "datasets", "gymnasium", "huggingface_hub", "jinja2", "lerobot", "matplotlib", "mujoco", "numpy", "onnx",
+    "onnxruntime", "pandas", "plotly", "pyarrow", "pybullet", "scipy", "stable_baselines3", "tensorboard", "torch",
 }  # fmt: skip
 MACHINE_PATH = re.compile(r"/(?:work|tmp|root|farm|home|Users)/\w")
 MARKED = re.compile(r"<!-- test(: slow)? -->\s*```(bash|python)\n(.*?)```", re.DOTALL)
