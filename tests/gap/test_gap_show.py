@@ -10,7 +10,7 @@ from html import unescape
 import numpy as np
 import pytest
 from support.command_samples import nas
-from support.gap_samples import BACKLASH, DELAY, FIND, FLOOR, REPORT, REST, series, written
+from support.gap_samples import BACKLASH, DELAY, FIND, FLOOR, JOINTS, REPORT, REST, series, written
 
 from nas_data.errors import OptionError
 from nas_data.gap.report import GapReport

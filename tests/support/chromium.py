@@ -73,17 +73,27 @@ class Chromium:
 
     def open(self, page: Path, width: int, dark: bool = False) -> None:
         """Open a page in a window of a width [px] and wait until its charts are drawn."""
+        self.look(width, dark)
+        self.call("Page.navigate", url=page.resolve().as_uri())
+        assert self.wait("document.body && document.body.dataset.drawn"), self.complaints
+
+    def look(self, width: int, dark: bool) -> None:
+        """Change the window's width [px], and whether the reader prefers dark pages."""
         scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
         self.call("Emulation.setEmulatedMedia", features=scheme)
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
-        self.call("Page.navigate", url=page.resolve().as_uri())
-        self.value(
-            f"""new Promise((done) => {{
-                const end = Date.now() + {1000 * PATIENCE};
-                const look = () =>
-                    document.body && document.body.dataset.drawn || Date.now() > end ? done() : setTimeout(look, 50);
-                look();
-            }})"""
+
+    def wait(self, condition: str) -> bool:
+        """Wait until a JavaScript expression holds in the page; return whether it ever did."""
+        return bool(
+            self.value(
+                f"""new Promise((done) => {{
+                    const end = Date.now() + {1000 * PATIENCE};
+                    const look = () =>
+                        ({condition}) ? done(true) : Date.now() > end ? done(false) : setTimeout(look, 50);
+                    look();
+                }})"""
+            )
         )
 
     def value(self, expression: str) -> object:
