@@ -1,6 +1,7 @@
 """Write one self-contained HTML page about runs, a gap, a sweep or a dataset."""
 
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -86,10 +87,6 @@ def kind_of(path: Path) -> str:
 
 def page_of(path: Path, kind: str) -> "HtmlPage":
     """Return the page of a gap, a sweep or a dataset."""
-    if kind == "gaps":
-        from nas_data.gap.showing.page import page_of_folder
-    elif kind == "sweeps":
-        from nas_data.studies.ablation.page import page_of_folder
-    else:
-        from nas_data.reports.dataset_page import page_of_folder
-    return page_of_folder(path)
+    modules = {"gaps": "gap.showing.page", "sweeps": "studies.ablation.page", "datasets": "reports.dataset_page"}
+    page: HtmlPage = import_module(f"nas_data.{modules[kind]}").page_of_folder(path)
+    return page

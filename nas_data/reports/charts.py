@@ -150,7 +150,7 @@ def motion(
         "y1": floor,
         "layer": "below",
     }
-    layout = {
+    layout: dict[str, object] = {
         "xaxis": axis("time since the start of the episode [s]", anchor="y2"),
         "yaxis": axis(labels[0], domain=[0.42, 1.0]),
         "yaxis2": axis(f"error [{labels[1]}]", domain=[0.0, 0.35]),

@@ -56,17 +56,17 @@ class EpisodeFigures:
         return {name: values for name, values in named.items() if np.isfinite(values).all()}
 
 
-def page_of_folder(path: Path) -> HtmlPage:
+def page_of_folder(folder: Path) -> HtmlPage:
     """Return the page of a dataset.
 
     Args:
-        path: A version's folder, or `datasets/NAME` for the newest version.
+        folder: A version's, or `datasets/NAME` for the newest version.
 
     Raises:
         DatasetNotFound: there is none.
         DatasetInvalid: it cannot be read.
     """
-    summary = summarize(path)
+    summary = summarize(folder)
     title = f"Dataset {summary.name}"
     if summary.unusable:
         reason = PageSection("Not usable as it is", [Text(summary.unusable)])
@@ -344,8 +344,10 @@ def episode_chart(dataset: Dataset, episode: int) -> Chart:
             stroke = {"line": {"color": VERMILION, "width": 1.2, "shape": "hv"}}
             command = unit.factor * dataset.commands[rows, place]
             traces.append(line(time, command, "command", Stroke(VERMILION), **stroke, **where))
-        panels.title(place, f"{joint} [{unit.mark.strip()}] over time [s]")
-    return Chart(f"episode_{episode}", f"Episode {episode}.", traces, panels.layout, panels.height)
+        panels.title(place, f"{joint} [{unit.mark.strip()}]")
+    return Chart(
+        f"episode_{episode}", f"Episode {episode}: positions over time [s].", traces, panels.layout, panels.height
+    )
 
 
 def rests_on(summary: DatasetSummary) -> PageSection:

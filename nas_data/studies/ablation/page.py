@@ -5,13 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
-from nas_data.reports.charts import Trace, axis, band, level, line, logarithmic
+from nas_data.reports.charts import Trace, axis, band, line, logarithmic
 from nas_data.reports.page import Block, Chart, HtmlPage, HtmlTable, PageSection, Text
 from nas_data.reports.style import Stroke, strokes
 from nas_data.studies.ablation.kinds.base import find_kind
 from nas_data.studies.ablation.summary import JSON, Cell, SweepSummary
 from nas_data.studies.ablation.table import HEADERS, rows
 
+WIDER = 1.05  # by which the axis of amounts goes beyond them
 TITLES = {"open_loop": "open loop", "one_step": "one step"}
 
 
@@ -46,18 +47,19 @@ def errors_chart(summary: SweepSummary, loop: str) -> Chart:
         for kind, cells in summary.cells.items()
         for trace in curve(cells, loop, labels[kind], looks[labels[kind]], summary.shown.factor)
     ]
-    across = {name: summary.shown.factor * both[loop].median for name, both in summary.baselines.items()}
     amounts = sorted({cell.size for cells in summary.cells.values() for cell in cells})
+    ends = np.array([amounts[0] / WIDER, amounts[-1] * WIDER])
+    across = {name: summary.shown.factor * both[loop].median for name, both in summary.baselines.items()}
+    traces += [line(ends, np.full(2, value), name, looks[name]) for name, value in across.items() if 0 < value < np.inf]
     layout = {
         "xaxis": axis(
             f"{summary.unit} of training data", type="log", tickvals=amounts, ticktext=[f"{a:.3g}" for a in amounts]
         ),
         "yaxis": logarithmic(f"position error, {TITLES[loop]} [{summary.shown.mark.strip()}]"),
-        "shapes": [level(value, name, looks[name].colour) for name, value in across.items() if 0 < value < np.inf],
     }
     caption = (
-        f"Held-out error, {TITLES[loop]}: median over seeds, and a band from the lowest to the highest. Dotted lines "
-        "are predictors that learn nothing. Where a seed diverged there is no band."
+        f"Held-out error, {TITLES[loop]}: median over seeds, and a band from the lowest to the highest. Lines "
+        "across are predictors that learn nothing. Where a seed diverged there is no band."
     )
     return Chart(loop, caption, traces, layout, height=440)
 
