@@ -45,6 +45,7 @@ def curve(*returns):
 # --- figures
 
 
+@settings(deadline=None)
 @given(arrays(float, st.tuples(st.integers(1, 6), st.integers(1, 9)), elements=st.floats(0, 10)))
 def test_quartiles_are_those_of_the_episodes_that_reach_a_step(values):
     equal = quartiles(list(values))
@@ -54,6 +55,7 @@ def test_quartiles_are_those_of_the_episodes_that_reach_a_step(values):
     np.testing.assert_allclose(longer[:, -1], 3.0)
 
 
+@settings(deadline=None)
 @given(arrays(float, (4, 6), elements=st.floats(-3, 3)), st.floats(0.01, 1))
 def test_the_error_of_joints_that_are_all_off_by_as_much_is_that_much(states, offset):
     wrong = states.copy()
@@ -126,6 +128,7 @@ def test_every_policy_is_a_dot_and_every_method_a_row():
     np.testing.assert_allclose([trace["x"][0] for trace in medians], [0.2, -0.2])
 
 
+@settings(deadline=None)
 @given(st.integers(1, 9000), st.integers(0, 1000))
 def test_a_thinned_curve_keeps_its_extremes_and_its_order(length, seed):
     x, y = np.arange(length), np.random.default_rng(seed).standard_normal(length)
