@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Self
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
-PATIENCE = 30  # [s] until a page that never draws is given up
+PATIENCE = 90  # [s] until a page that never draws is given up
 
 
 def find() -> str | None:
