@@ -72,7 +72,7 @@ class Chart:
 
 
 @dataclass(frozen=True)
-class Difference:
+class ModelDifference:
     """A unified difference of two texts, to read and to copy.
 
     Attributes:
@@ -111,7 +111,7 @@ class ShortFilm:
         return "data:video/mp4;base64," + base64.b64encode(self.mp4).decode()
 
 
-Block = Text | HtmlTable | Facts | Chart | Difference | ShortFilm
+Block = Text | HtmlTable | Facts | Chart | ModelDifference | ShortFilm
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,17 @@ from nas_data.policies import learner, ppo
 from nas_data.policies.compare import RESULT
 from nas_data.reports.charts import thin
 from nas_data.reports.file import write_whole
-from nas_data.reports.page import Chart, Difference, Facts, HtmlPage, HtmlTable, PageSection, ShortFilm, Text, is_ours
+from nas_data.reports.page import (
+    Chart,
+    Facts,
+    HtmlPage,
+    HtmlTable,
+    ModelDifference,
+    PageSection,
+    ShortFilm,
+    Text,
+    is_ours,
+)
 from nas_data.reports.prediction_figures import growth, joint_errors, quartiles, trajectory
 from nas_data.reports.run_sections import learning_charts, models_section, policies_section, target_chart
 from nas_data.reports.runs import LearningCurve, PolicyRun, find_runs
@@ -228,7 +238,7 @@ def test_a_page_without_charts_does_without_their_library():
 
 def test_the_lines_of_a_difference_are_told_apart():
     text = "--- a\n+++ b\n@@ -1 +1 @@\n same\n-old\n+new\n"
-    kinds = [kind for kind, _ in Difference(text).lines]
+    kinds = [kind for kind, _ in ModelDifference(text).lines]
     assert kinds == ["head", "head", "place", "same", "removed", "added"]
 
 

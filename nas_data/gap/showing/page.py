@@ -27,7 +27,7 @@ from nas_data.gap.showing.page_verdict import error, lead, model, of_slides, res
 from nas_data.gap.showing.page_words import capital, effect_title, friendly, join_items, remarks, spoken
 from nas_data.gap.showing.series import Series
 from nas_data.gap.write_model import DIFFERENCE
-from nas_data.reports.page import Block, Difference, HtmlPage, PageSection, Text
+from nas_data.reports.page import Block, HtmlPage, ModelDifference, PageSection, Text
 
 READING = (
     "Gap: every held-out episode is simulated from its first pose with the recorded commands alone (open loop). The "
@@ -87,7 +87,7 @@ def change_blocks(report: GapReport, folder: Path) -> list[Block]:
     file = folder / DIFFERENCE
     text = file.read_text(encoding="utf-8") if file.is_file() else ""
     missing = [effect_title(effect) for effect in report.effects if not effect.in_model_xml]
-    blocks: list[Block] = [Difference(text, SIDES)] if text else []
+    blocks: list[Block] = [ModelDifference(text, SIDES)] if text else []
     blocks += [Text(NOT_WRITTEN.format(join_items(missing)))] if missing else []
     if report.retuned:
         blocks.append(retuned_table(report))
