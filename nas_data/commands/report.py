@@ -1,43 +1,92 @@
-"""Write one self-contained HTML page with the curves and tables of any runs."""
+"""Write one self-contained HTML page about runs, a gap, a sweep or a dataset."""
 
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import tyro
 
 from nas_data.commands.base import Command, CommandResult
 from nas_data.errors import OptionError, OutputExists
 
+if TYPE_CHECKING:
+    from nas_data.reports.page import HtmlPage
+
+KINDS = {"models": "model", "policies": "policy", "gaps": "gap", "sweeps": "sweep", "datasets": "dataset"}
+
 
 @dataclass(frozen=True, kw_only=True)
 class Report(Command):
-    """Show how models and policies learned and how policies do on the target, from the folders of their runs.
+    """Show what lies in some folders: how models and policies learned, a gap, a sweep, a dataset.
 
     Example: nas report runs/delta-arm-seed0 runs/policy --out report.html
     """
 
     runs: tyro.conf.Positional[tuple[Path, ...]]
-    """Folders that `nas train`, `nas policy train`, a comparison or `nas demo` wrote, or folders around them."""
+    """Folders that `nas train`, `nas policy train`, a comparison, `nas demo`, `nas gap` or `nas ablate` wrote, folders
+    around runs, or datasets."""
     out: Path = Path("report.html")
     """The page; an earlier page of ours is replaced."""
 
     def run(self) -> CommandResult:
-        """Read the runs and write the page."""
+        """Read the folders and write the page."""
         if not self.runs:
             raise OptionError("Name at least one run's folder; see: nas report --help.")
-        from nas_data.reports.page import HtmlPage, is_ours
-        from nas_data.reports.run_sections import models_section, policies_section
-        from nas_data.reports.runs import find_runs
+        from nas_data.reports.page import HtmlPage, PageSection, is_ours
         from nas_data.whole_file import write_whole
 
         if self.out.is_dir() or (self.out.exists() and not is_ours(self.out)):
             raise OutputExists(f"{self.out} exists and is no page of ours; choose another --out.")
-        found = find_runs(self.runs)
-        sections = [models_section(found.models)] if found.models else []
-        if found.policies:
-            sections.append(policies_section(found.groups()))
-        page = HtmlPage("Runs of nas_data", sections)
+        pages, counts = self.pages()
+        page = pages[0]
+        if len(pages) > 1:
+            parts = [section for part in pages for section in (PageSection(part.title, []), *part.sections)]
+            page = HtmlPage("Reports of nas_data", parts)
         write_whole(self.out, page.to_html().encode())
-        counts = {"models": len(found.models), "policies": len(found.policies)}
-        text = f"{counts['models']} models and {counts['policies']} policies → {self.out}"
-        return CommandResult(text, {"page": self.out, **counts})
+        told = ", ".join(
+            f"{number} {KINDS[kind] if number == 1 else kind}" for kind, number in counts.items() if number
+        )
+        return CommandResult(f"{told} → {self.out}", {"page": self.out, **counts})
+
+    def pages(self) -> "tuple[list[HtmlPage], dict[str, int]]":
+        """Return the pages of gaps, sweeps and datasets, one about all runs, and how many there are of each kind."""
+        from nas_data.reports.page import HtmlPage
+
+        pages, runs, counts = [], [], dict.fromkeys(KINDS, 0)
+        for path in self.runs:
+            kind = kind_of(path)
+            if kind == "runs":
+                runs.append(path)
+                continue
+            pages.append(page_of(path, kind))
+            counts[kind] += 1
+        if runs:
+            from nas_data.reports.run_sections import models_section, policies_section
+            from nas_data.reports.runs import find_runs
+
+            found = find_runs(runs)
+            sections = [models_section(found.models)] if found.models else []
+            sections += [policies_section(found.groups())] if found.policies else []
+            pages.insert(0, HtmlPage("Runs of nas_data", sections))
+            counts |= {"models": len(found.models), "policies": len(found.policies)}
+        return pages, counts
+
+
+def kind_of(path: Path) -> str:
+    """Return what a folder holds: `gaps`, `sweeps`, `datasets`, or else `runs`."""
+    from nas_data.dataset.layout import INFO
+    from nas_data.dataset.versions import list_versions
+
+    if (path / "report.json").is_file():
+        return "gaps"
+    if (path / "ablation.json").is_file():
+        return "sweeps"
+    return "datasets" if (path / INFO).is_file() or list_versions(path) else "runs"
+
+
+def page_of(path: Path, kind: str) -> "HtmlPage":
+    """Return the page of a gap, a sweep or a dataset."""
+    modules = {"gaps": "gap.showing.page", "sweeps": "studies.ablation.page", "datasets": "reports.dataset_page"}
+    page: HtmlPage = import_module(f"nas_data.{modules[kind]}").page_of_folder(path)
+    return page

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from nas_data.errors import OutputExists
 
-FILES = ("report.json", "report.html", "effects.json", "model.xml", "series.npz", "next_experiment.csv")
+FILES = ("report.json", "report.html", "effects.json", "model.xml", "model.diff", "series.npz", "next_experiment.csv")
 FOLDERS = ("figures", "phi")
 ASSETS = "assets"  # files that `model.xml` needs; others may lie there, too
 MARKS = ("report.json", "effects.json")  # one of them is there as soon as a report is begun

@@ -31,6 +31,7 @@ class Problem:
         held: Model and episodes that judge.
         names: How report and page call dataset and model.
         given: The model as handed over.
+        root: Folder of the dataset.
     """
 
     dataset: Dataset
@@ -39,6 +40,7 @@ class Problem:
     held: FitTask
     names: tuple[str, str]
     given: str | Path
+    root: Path
 
     @classmethod
     def load(cls, dataset: str | Path, model: str | Path) -> "Problem":
@@ -83,4 +85,6 @@ class Problem:
             windows(part, steps // simulator.substeps) for part, steps in ((train, TRAIN_STEPS), (held, HELD_STEPS))
         )
         names = (root.parent.name if root.name.startswith("v") else root.name, Path(model).name)
-        return cls(transitions, evidence, FitTask(nominal, train, floor), FitTask(nominal, held, floor), names, model)
+        return cls(
+            transitions, evidence, FitTask(nominal, train, floor), FitTask(nominal, held, floor), names, model, root
+        )

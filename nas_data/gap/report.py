@@ -342,6 +342,23 @@ class EpisodeNumbers:
     heldout: tuple[int, ...]
 
 
+@dataclass(frozen=True, kw_only=True)
+class MadeFrom:
+    """What a report was made from, and with.
+
+    Attributes:
+        command: What makes it again.
+        content_hash: Of the recording.
+        model_sha256: Of the model file as handed over.
+        versions: Of Python and of packages, by name.
+    """
+
+    command: str
+    content_hash: str
+    model_sha256: str
+    versions: Mapping[str, str]
+
+
 @dataclass(frozen=True, kw_only=True, repr=False)
 class GapReport:
     """What a model lacks, by a recording: `report.json` typed, and the files beside it.
@@ -364,6 +381,7 @@ class GapReport:
         episodes: Which were fitted, and which judged.
         seed: Of all random draws.
         seconds: Wall time of the search [s].
+        made_from: Command, hashes and versions.
         files: Content of the other files of the report's folder, by their path in it.
     """
 
@@ -384,6 +402,7 @@ class GapReport:
     episodes: EpisodeNumbers
     seed: int
     seconds: float
+    made_from: MadeFrom | None = field(default=None, metadata=OPTIONAL)
     files: Mapping[str, bytes] = field(default_factory=dict, compare=False, metadata={"key": None})
 
     def __repr__(self) -> str:
@@ -490,7 +509,7 @@ class GapReport:
             UnknownName: there is no such joint.
             OptionError: the report has no series to draw.
         """
-        from nas_data.gap.showing.page_pictures import draw_all_joints, draw_joint
+        from nas_data.gap.showing.figures import draw_all_joints, draw_joint
 
         if "IPython" in sys.modules:
             import matplotlib.pyplot  # noqa: F401 (notebooks show figures once this is loaded)

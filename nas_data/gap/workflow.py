@@ -1,5 +1,7 @@
 """Find, name, add, show: the whole workflow from a dataset and a model to a report."""
 
+import hashlib
+import shlex
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -7,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.dataset.content import content_hash
+from nas_data.dataset.provenance import package_versions, read_provenance
 from nas_data.errors import NasError, OptionError
 from nas_data.gap.compose import Proposal, compose, write_series
 from nas_data.gap.episode_batch import EpisodeBatch
@@ -17,12 +21,14 @@ from nas_data.gap.floor import ratios
 from nas_data.gap.name import ADEQUATE, Naming, name
 from nas_data.gap.output_folder import check_place, clear
 from nas_data.gap.problem import Problem
-from nas_data.gap.report import GapFindings, GapReport, TriedExperiment
+from nas_data.gap.report import GapFindings, GapReport, MadeFrom, TriedExperiment
 from nas_data.gap.score_model import HeldOutResult, predict_held, score_model
 from nas_data.gap.search.final import Final, finish
 from nas_data.gap.search.hypothesis import Description
 from nas_data.gap.showing.show import show
+from nas_data.gap.write_model import write_difference
 from nas_data.joint_units import mean_of_kind
+from nas_data.robots.base import TORQUES
 from nas_data.typed_json import from_json
 
 EXPERIMENT = "next_experiment.csv"
@@ -87,11 +93,28 @@ def conclude(problem: Problem, found: GapFindings, folder: Path, began: float, s
         outcome = replace(outcome, learned=train_on_top(problem, outcome.model, learn, say))
     experiment = propose_experiment(problem, naming, folder)
     report = compose(problem, found, naming, outcome, experiment, time.monotonic() - began)
+    report = replace(report, made_from=made_from(problem, folder, learn))
+    write_difference(folder, problem.train.nominal, problem.names[1])
     report.write(folder)
     write_series(folder, problem, naming, outcome)
     say("show: draw it")
     show(folder)
     return report.with_files(folder)
+
+
+def made_from(problem: Problem, folder: Path, learn: int) -> MadeFrom:
+    """Return the command that makes a report again, the hashes of what it rests on, and versions."""
+    given = str(problem.given)
+    words = ["nas", "gap", str(problem.root), "--model", given.removesuffix(TORQUES), "--out", str(folder)]
+    words += ["--actuators", "torque"] if given.endswith(TORQUES) else []
+    words += ["--learn", str(learn)] if learn else []
+    provenance = read_provenance(problem.root)
+    return MadeFrom(
+        command=shlex.join(words),
+        content_hash=provenance.content_hash if provenance else content_hash(problem.dataset),
+        model_sha256=hashlib.sha256(problem.train.nominal.robot.mjcf.read_bytes()).hexdigest(),
+        versions=package_versions(),
+    )
 
 
 def deliver(problem: Problem, naming: Naming, folder: Path, say: Say) -> tuple[Naming, HeldOutResult]:

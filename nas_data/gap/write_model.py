@@ -1,6 +1,9 @@
 """Add the named effects to the model, as a file that loads in plain MuJoCo."""
 
+import difflib
 import json
+import re
+import tempfile
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
@@ -13,7 +16,8 @@ from nas_data.gap.export import write_portable
 from nas_data.gap.keyframes import keep_keyframes
 from nas_data.gap.nominal import Nominal, fine_timestep
 
-MODEL, EFFECTS = "model.xml", "effects.json"
+MODEL, EFFECTS, DIFFERENCE = "model.xml", "effects.json", "model.diff"
+LONG_NUMBER = re.compile(r"-?\d+\.\d{6,}(?:e[-+]?\d+)?")
 
 
 def write_model(
@@ -44,6 +48,31 @@ def write_model(
     )  # first: it marks the folder as a report's, whoever is killed now
     write_portable(spec, nominal.robot.mjcf, folder / MODEL)
     return folder / MODEL, written
+
+
+def write_difference(folder: Path, nominal: Nominal, given: str) -> Path:
+    """Write `model.diff`: what `model.xml` changes of the model as handed over, both as MuJoCo writes them.
+
+    Args:
+        folder: Holds `model.xml`.
+        nominal: The model as handed over.
+        given: What it is called.
+    """
+    spec = nominal.edited({})
+    for joint in nominal.joints:
+        measure(spec, joint)
+    with tempfile.TemporaryDirectory() as place:
+        write_portable(spec, nominal.robot.mjcf, Path(place, MODEL))
+        before, after = (rounded(parent / MODEL) for parent in (Path(place), folder))
+    path = folder / DIFFERENCE
+    path.write_text("".join(difflib.unified_diff(before, after, given, MODEL)), encoding="utf-8")
+    return path
+
+
+def rounded(model: Path) -> list[str]:
+    """Return the lines of a model file, its numbers with six digits."""
+    text = model.read_text(encoding="utf-8")
+    return LONG_NUMBER.sub(lambda found: f"{float(found[0]):.6g}", text).splitlines(keepends=True)
 
 
 def write_effects(

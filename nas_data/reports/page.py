@@ -1,39 +1,33 @@
-"""A page that needs nothing but itself: paragraphs, tables and pictures in one HTML file."""
+"""A page that needs nothing but itself: paragraphs, tables, charts, differences and films in one HTML file."""
 
 import base64
-import html
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-STYLE = Path(__file__).with_name("page.css")
+import numpy as np
+
+if TYPE_CHECKING:
+    from jinja2 import Template
+
+TEMPLATES = Path(__file__).with_name("templates")
 GENERATOR = '<meta name="generator" content="nas_data">'  # by which a page of ours is known, and may be replaced
 
 
 @dataclass(frozen=True)
-class Picture:
-    """A figure with its caption.
+class Text:
+    """A paragraph; the lead is set larger."""
 
-    Attributes:
-        name: File's name without `.png`.
-        png: The picture.
-        caption: What it shows.
-    """
-
-    name: str
-    png: bytes
-    caption: str
-
-    def to_html(self) -> str:
-        """Return the picture with its bytes inside."""
-        data = base64.b64encode(self.png).decode()
-        text = html.escape(self.caption)
-        return f'<figure><img alt="{text}" src="data:image/png;base64,{data}"><figcaption>{text}</figcaption></figure>'
+    text: str
+    lead: bool = False
 
 
 @dataclass(frozen=True)
 class HtmlTable:
-    """Rows under headers; the first column names the row, the others are numbers.
+    """Rows under headers, which a click on a header sorts; the first column names the row, the others are numbers.
 
     Attributes:
         headers: One a column.
@@ -45,16 +39,6 @@ class HtmlTable:
     rows: Sequence[Sequence[str]]
     note: str = ""
 
-    def to_html(self) -> str:
-        """Return the table, which scrolls by itself where the page is narrow."""
-        head = "".join(f"<th>{html.escape(header)}</th>" for header in self.headers)
-        body = "".join(
-            f"<tr><th>{html.escape(row[0])}</th>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row[1:])}</tr>"
-            for row in self.rows
-        )
-        note = f'<p class="note">{html.escape(self.note)}</p>' if self.note else ""
-        return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>{note}'
-
 
 @dataclass(frozen=True)
 class Facts:
@@ -62,28 +46,72 @@ class Facts:
 
     entries: Mapping[str, str]
 
-    def to_html(self) -> str:
-        """Return them as a table of two columns."""
-        rows = "".join(
-            f"<tr><th>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>"
-            for name, value in self.entries.items()
-        )
-        return f'<div class="scroll"><table class="facts"><tbody>{rows}</tbody></table></div>'
+
+@dataclass(frozen=True)
+class Chart:
+    """An interactive picture, drawn by plotly.js in the reader's browser.
+
+    Attributes:
+        name: A word that tells it from the other charts of the page.
+        caption: What it shows.
+        traces: What is drawn, as plotly.js takes it; arrays are NumPy's.
+        layout: Axes and shapes, as plotly.js takes them; the page adds fonts, margins and colours.
+        height: Of the picture [px].
+    """
+
+    name: str
+    caption: str
+    traces: Sequence[Mapping[str, object]]
+    layout: Mapping[str, object] = field(default_factory=dict)
+    height: int = 380
+
+    def to_json(self) -> str:
+        """Return traces and layout; no text in it ends the script element in which it stands."""
+        text = json.dumps({"data": self.traces, "layout": self.layout}, default=packed, ensure_ascii=False)
+        return text.replace("<", "\\u003c")
 
 
 @dataclass(frozen=True)
-class Text:
-    """A paragraph; the lead is set larger."""
+class ModelDifference:
+    """A unified difference of two texts, to read and to copy.
+
+    Attributes:
+        text: As `diff -u` writes it.
+        note: What the two texts are.
+    """
 
     text: str
-    lead: bool = False
+    note: str = ""
 
-    def to_html(self) -> str:
-        """Return the paragraph."""
-        return f"<p{' class=lead' if self.lead else ''}>{html.escape(self.text)}</p>"
+    @property
+    def lines(self) -> list[tuple[str, str]]:
+        """Each line with its kind: `head`, `place`, `added`, `removed` or `same`."""
+        kinds = {"---": "head", "+++": "head", "@@ ": "place"}
+        marks = {"+": "added", "-": "removed"}
+        return [
+            (kinds.get(line[:3]) or marks.get(line[:1], "same"), line) for line in self.text.splitlines(keepends=True)
+        ]
 
 
-Block = Picture | HtmlTable | Facts | Text
+@dataclass(frozen=True)
+class ShortFilm:
+    """A film inside the page.
+
+    Attributes:
+        mp4: H.264, which browsers play.
+        caption: What it shows.
+    """
+
+    mp4: bytes
+    caption: str
+
+    @property
+    def source(self) -> str:
+        """The film as a data address."""
+        return "data:video/mp4;base64," + base64.b64encode(self.mp4).decode()
+
+
+Block = Text | HtmlTable | Facts | Chart | ModelDifference | ShortFilm
 
 
 @dataclass(frozen=True)
@@ -93,11 +121,6 @@ class PageSection:
     title: str
     blocks: Sequence[Block]
 
-    def to_html(self) -> str:
-        """Return the section."""
-        heading = f"<h2>{html.escape(self.title)}</h2>\n" if self.title else ""
-        return heading + "\n".join(block.to_html() for block in self.blocks)
-
 
 @dataclass(frozen=True)
 class HtmlPage:
@@ -106,20 +129,49 @@ class HtmlPage:
     title: str
     sections: Sequence[PageSection]
 
-    def pictures(self) -> list[Picture]:
-        """Return the pictures of all sections."""
-        return [block for section in self.sections for block in section.blocks if isinstance(block, Picture)]
+    def charts(self) -> list[Chart]:
+        """Return the charts of all sections."""
+        return [block for section in self.sections for block in section.blocks if isinstance(block, Chart)]
 
     def to_html(self) -> str:
         """Return the page; it asks no server for anything."""
-        title = html.escape(self.title)
-        body = "\n".join(section.to_html() for section in self.sections)
-        return (
-            '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-            f'<meta name="viewport" content="width=device-width, initial-scale=1">\n{GENERATOR}\n'
-            f"<title>{title}</title>\n<style>\n{STYLE.read_text(encoding='utf-8')}</style>\n</head>\n"
-            f"<body>\n<h1>{title}</h1>\n{body}\n</body>\n</html>\n"
-        )
+        library = plotly_js() if self.charts() else ""
+        return page_template().render(page=self, generator=GENERATOR, library=library)
+
+
+@cache
+def page_template() -> "Template":
+    """Return the template of every page."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["kind"] = lambda block: type(block).__name__
+    return environment.get_template("page.html.j2")
+
+
+@cache
+def plotly_js() -> str:
+    """Return plotly.js."""
+    from plotly.offline import get_plotlyjs
+
+    return str(get_plotlyjs())
+
+
+def packed(values: object) -> object:
+    """Return an array as plotly.js takes it: numbers as base64, 4 bytes each, words as a list."""
+    if not isinstance(values, np.ndarray):
+        raise TypeError(f"{values!r} cannot be drawn")
+    if values.dtype.kind not in "fiu":
+        return values.tolist()
+    content = base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode()
+    shape = {"shape": ", ".join(map(str, values.shape))} if values.ndim > 1 else {}
+    return {"dtype": "f4", "bdata": content, **shape}
 
 
 def is_ours(path: Path) -> bool:

@@ -8,10 +8,10 @@ import numpy as np
 from nas_data.joint_units import SHARE
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD
 from nas_data.policies.share import share
-from nas_data.reports.learning_figures import learning, model_training, returns_on_target
-from nas_data.reports.page import Block, HtmlTable, PageSection, Picture, Text
-from nas_data.reports.runs import NAMED, NAMED_AND_LEARNED, ModelRun, PolicyRun, scores
-from nas_data.reports.style import to_png
+from nas_data.reports.charts import Trace, axes, axis, band, dots, line
+from nas_data.reports.page import Block, Chart, HtmlTable, PageSection, Text
+from nas_data.reports.runs import NAMED, NAMED_AND_LEARNED, LearningCurve, ModelRun, PolicyRun, scores
+from nas_data.reports.style import Stroke, strokes
 
 LEARNED_ON = {
     EXPERT_METHOD: "the target itself",
@@ -25,12 +25,16 @@ LEARNED_ON = {
 OF_BOTH = ", each joint's over the spread of the positions of its kind, hinges or slides [%]"
 
 
-def models_picture(models: Sequence[ModelRun]) -> Picture:
-    """Return a picture of the validation errors; models that ran in different ways are not drawn together."""
+def models_chart(models: Sequence[ModelRun]) -> Chart:
+    """Return the validation errors of models over their training."""
     units = list(dict.fromkeys(model.unit for model in models))
     label = f"validation error [{units[0].mark.strip()}]" if len(units) == 1 and units[0] else "validation error"
     names = distinct(models)
-    figure = model_training({name: model.errors for name, model in zip(names, models, strict=True)}, label)
+    looks = strokes(names)
+    traces = []
+    for name, model in zip(names, models, strict=True):
+        updates, errors = np.array(model.errors, float).reshape(-1, 2).T
+        traces.append(line(updates, errors, name, looks[name], mode="lines+markers"))
     what = "; or ".join(
         f"RMS position error of open-loop rollouts{OF_BOTH if unit is SHARE else f' [{unit.mark.strip()}]'}"
         if unit
@@ -38,7 +42,8 @@ def models_picture(models: Sequence[ModelRun]) -> Picture:
         for unit in units
     )
     caption = f"How the models learned, on what was held out for early stopping: {what}. The best is kept."
-    return Picture("model_training", to_png(figure), caption)
+    layout = {"xaxis": axis("updates"), "yaxis": axis(label, rangemode="tozero")}
+    return Chart("model_training", caption, traces, layout)
 
 
 def distinct(models: Sequence[ModelRun]) -> list[str]:
@@ -64,28 +69,59 @@ def models_section(models: Sequence[ModelRun]) -> PageSection:
         for name, model in zip(distinct(models), models, strict=True)
     ]
     headers = ("model", "best validation error", "updates", "time", "learned from", "content hash")
-    return PageSection("Models", [models_picture(models), HtmlTable(headers, rows)])
+    return PageSection("Models", [models_chart(models), HtmlTable(headers, rows)])
 
 
-def learning_picture(groups: Mapping[str, Sequence[PolicyRun]]) -> Picture:
-    """Return a picture of the policies' learning curves."""
-    figure = learning({method: [run.curve for run in runs] for method, runs in groups.items()})
-    return Picture(
-        "learning_curves",
-        to_png(figure),
+def learning_charts(groups: Mapping[str, Sequence[PolicyRun]]) -> list[Chart]:
+    """Return return and success of policies while they learned: median over seeds, band from lowest to highest."""
+    looks = strokes(list(groups))
+    curves = {method: [run.curve for run in runs] for method, runs in groups.items()}
+    caption = (
         "How the policies learned, each method in its own environment, exploring: median over seeds, and a band from "
-        "the lowest to the highest.",
+        "the lowest to the highest."
     )
+    steps = "control steps learned from [thousand]"
+    returns = [trace for name, seeds in curves.items() for trace in over_frames(name, seeds, "returns", 1, looks[name])]
+    success = [
+        trace for name, seeds in curves.items() for trace in over_frames(name, seeds, "success", 100, looks[name])
+    ]
+    return [
+        Chart("learning_curves", caption, returns, axes(steps, "return of an episode")),
+        Chart("success", "The same for reaching the goal.", success, axes(steps, "episodes that reach the goal [%]")),
+    ]
 
 
-def target_picture(groups: Mapping[str, Sequence[PolicyRun]]) -> Picture | None:
-    """Return a picture of the policies' returns on the target; None where none was judged."""
+def over_frames(name: str, seeds: Sequence[LearningCurve], what: str, factor: float, look: Stroke) -> list[Trace]:
+    """Return the median of several seeds, and a band between their extremes; unequal ends are cut to the shortest."""
+    shortest = min(len(seed.frames) for seed in seeds)
+    values = factor * np.stack([getattr(seed, what)[:shortest] for seed in seeds])
+    known = ~np.isnan(values).all(axis=0)
+    values, thousands = values[:, known], seeds[0].frames[:shortest][known] / 1000
+    low, middle, high = np.nanmin(values, axis=0), np.nanmedian(values, axis=0), np.nanmax(values, axis=0)
+    return [*band(thousands, low, high, name, look), line(thousands, middle, name, look)]
+
+
+def target_chart(groups: Mapping[str, Sequence[PolicyRun]]) -> list[Chart]:
+    """Return every policy's mean return on the target: a row a method, a dot a seed; nothing where none was judged."""
     returns = {method: scores(runs, "return") for method, runs in groups.items()}
     returns = {method: values for method, values in returns.items() if len(values)}
     if not returns:
-        return None
-    caption = "The same policies on the target: a dot a seed, a bar at the median. The dotted lines are the two ends."
-    return Picture("returns_on_target", to_png(returns_on_target(returns)), caption)
+        return []
+    looks = strokes(list(returns))
+    traces = []
+    for method, values in returns.items():
+        bar = {"width": 3, "color": looks[method].colour}
+        middle = {"size": 22, "symbol": "line-ns", "line": bar}
+        traces.append(dots(values, [method] * len(values), method, looks[method], showlegend=False, opacity=0.75))
+        median = f"{method}, median"
+        traces.append(dots([np.median(values)], [method], median, looks[method], marker=middle, showlegend=False))
+    layout = {
+        "xaxis": axis("mean return of an episode on the target"),
+        "yaxis": {"autorange": "reversed", "ticksuffix": " "},
+        "hovermode": "closest",
+    }
+    caption = "The same policies on the target: a dot a seed, a bar at the median."
+    return [Chart("returns_on_target", caption, traces, layout, height=120 + 42 * len(returns))]
 
 
 def policies_table(groups: Mapping[str, Sequence[PolicyRun]], extra: Mapping[str, Mapping[str, float]]) -> HtmlTable:
@@ -154,15 +190,14 @@ def last(values: np.ndarray) -> float:
 
 def policies_section(groups: Mapping[str, Sequence[PolicyRun]]) -> PageSection:
     """Return the section about policies."""
-    on_target = target_picture(groups)
     runs = [run for group in groups.values() for run in group]
     environments = ", ".join(sorted({run.environment for run in runs}))
     frames = sorted({run.frames for run in runs})
     sizes = f"{frames[0]:,}" if len(frames) == 1 else f"{frames[0]:,} to {frames[-1]:,}"
     blocks: list[Block] = [
         Text(f"Policies: {len(runs)}, in {environments}, each learned from {sizes} control steps."),
-        learning_picture(groups),
-        *([on_target] if on_target else []),
+        *learning_charts(groups),
+        *target_chart(groups),
         policies_table(groups, {}),
     ]
     return PageSection("Policies", blocks)

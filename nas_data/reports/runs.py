@@ -12,7 +12,6 @@ from nas_data.errors import CheckpointError
 from nas_data.joint_units import HINGE, JointUnit, display_unit
 from nas_data.policies.compare import EXPERT_METHOD, RESULT, SOURCE_METHOD, read_result
 from nas_data.policies.policy import CONFIG, PROGRESS, read_config, read_progress
-from nas_data.reports.learning_figures import LearningCurve
 from nas_data.visible_files import visible
 
 HISTORY, CHECKPOINT = "history.json", "checkpoint"
@@ -61,6 +60,21 @@ class ModelRun:
     def seconds(self) -> float:
         """Time that the training took [s]."""
         return self.history[-1]["seconds"] if self.history else math.nan
+
+
+@dataclass(frozen=True)
+class LearningCurve:
+    """How one seed of a method learned.
+
+    Attributes:
+        frames: Control steps so far, shape (K,).
+        returns: Mean return of the episodes that ended since the row before, NaN where none did, shape (K,).
+        success: Share of them that reached the goal, shape (K,).
+    """
+
+    frames: np.ndarray
+    returns: np.ndarray
+    success: np.ndarray
 
 
 @dataclass(frozen=True)

@@ -33,8 +33,8 @@ COMMANDS = command_files()
 HELP_SECONDS = 0.3  # [s] how long `nas --help` may take
 ATTEMPTS = 20  # runs of which the fastest counts: other tests run beside this one
 HEAVY = {
-    "datasets", "gymnasium", "huggingface_hub", "lerobot", "matplotlib", "mujoco", "numpy", "onnx", "onnxruntime",
-    "pandas", "pyarrow", "pybullet", "scipy", "stable_baselines3", "tensorboard", "torch",
+    "datasets", "gymnasium", "huggingface_hub", "jinja2", "lerobot", "matplotlib", "mujoco", "numpy", "onnx",
+    "onnxruntime", "pandas", "plotly", "pyarrow", "pybullet", "scipy", "stable_baselines3", "tensorboard", "torch",
 }  # fmt: skip
 
 

@@ -10,102 +10,15 @@ from html import unescape
 import numpy as np
 import pytest
 from support.command_samples import nas
+from support.gap_samples import BACKLASH, DELAY, FIND, FLOOR, JOINTS, REPORT, REST, series, written
 
 from nas_data.errors import OptionError
 from nas_data.gap.report import GapReport
-from nas_data.gap.showing.figures import AFTER, BEFORE, RETUNED, per_joint
-from nas_data.gap.showing.page_pictures import ABOVE, models
+from nas_data.gap.showing.figures import ABOVE, AFTER, BEFORE, RETUNED, models, per_joint
 from nas_data.gap.showing.page_words import beside, figures, friendly, join_items
 from nas_data.gap.showing.series import Series
 from nas_data.gap.showing.show import show
 
-JOINTS = ("m1", "m2", "gripper/left")
-FLOOR = np.full(3, 0.0015)
-EPISODES = np.array([2, 5, 8])
-
-BACKLASH = {
-    "effect": "backlash",
-    "joint": "m2",
-    "parameters": {"half_width": {"value": 0.0173, "unit": "rad", "interval95": [0.0162, 0.0184]}},
-    "confidence": 0.97,
-    "evidence": {"heldout_error_before": 0.0211, "heldout_error_after": 0.0021},
-    "alternatives": [{"effect": "joint_compliance", "joint": "m2", "heldout_error_after": 0.0093}],
-    "in_model_xml": True,
-}
-DELAY = {
-    "effect": "command_delay",
-    "joint": None,
-    "parameters": {"delay": {"value": 0.0314, "unit": "s", "interval95": [0.03, 0.0327]}},
-    "confidence": 0.64,
-    "evidence": {"heldout_error_before": 0.05, "heldout_error_after": 0.02},
-    "alternatives": [{"effect": "rotor_inertia", "joint": "m1", "heldout_error_after": 0.0201}],
-    "equals": [{"effect": "rotor_inertia", "joint": "m1"}],
-    "in_model_xml": False,
-}
-REST = {"joint": "m1", "ratio_to_noise": 6.3, "goes_with": "position"}
-BINS = [("speed", "still", 1.2), ("speed", "fast", 14.2), ("reversal", "after a reversal", 33.0)]
-FIND = {
-    "joints": {
-        joint: {
-            "floor": 0.0015,
-            "one_step": 0.002,
-            "one_step_hold": 0.004,
-            "open_loop": 0.02,
-            "open_loop_hold": 0.4,
-            "open_loop_command": 0.1,
-            "ratio_to_noise": 13.3,
-        }
-        for joint in JOINTS
-    },
-    "regimes": [
-        {
-            "joint": joint,
-            "regime": regime,
-            "bin": name,
-            "rows": 90,
-            "rmse": ratio * 0.0015,
-            "rest": 0.0015,
-            "ratio_to_noise": ratio,
-            "share": 0.4,
-            "significant": ratio > 2,
-        }
-        for joint in JOINTS
-        for regime, name, ratio in BINS
-    ],
-    "audit": [
-        {"check": "timing", "finding": "no row is late", "ok": True},
-        {"check": "command shift", "finding": "commands look one row late", "ok": False},
-    ],
-    "undecidable": ["m1 never turned round: play and friction look alike."],
-}
-REPORT = {
-    "schema": 1,
-    "verdict": "explained",
-    "dataset": "arm_steps",
-    "model": "arm.xml",
-    "effects": [BACKLASH],
-    "retuned": [{"parameter": "m2.damping", "factor": 0.934}, {"parameter": "m1.mass", "factor": 1.12}],
-    "unexplained": [],
-    "gap": {
-        "metric": "open-loop position RMSE on held-out episodes",
-        "unit": "rad",
-        "noise_floor": 0.0015,
-        "before": 0.0207,
-        "after": 0.0017,
-        "per_joint": {joint: {"before": 0.02, "after": 0.0017} for joint in JOINTS},
-    },
-    "find": FIND,
-    "shares": {"names": 0.93, "learned": None, "left": 0.07},
-    "placebo": {
-        "effects": [{"effect": "joint_compliance", "joint": "m2"}],
-        "after": 0.0111,
-        "text": "joint_compliance",
-    },
-    "next_experiment": "slow triangle on m2: separates backlash from joint compliance",
-    "episodes": {"train": [0, 1, 3, 4, 6, 7], "heldout": EPISODES.tolist()},
-    "seed": 0,
-    "seconds": 38.4,
-}
 VERDICTS = {
     "none": {"effects": [], "retuned": [], "placebo": None, "shares": None, "next_experiment": None},
     "retuned": {"effects": [], "placebo": None, "next_experiment": None},
@@ -116,43 +29,25 @@ VERDICTS = {
 SAID = {
     "none": "Nothing is missing: on held-out episodes the model arm.xml errs by 1.19°",
     "retuned": "Nothing is missing: the model arm.xml only needs 2 numbers that it already has changed",
-    "explained": "The gap between the model arm.xml and the recording comes from backlash in m2.",
-    "partly_explained": "recording probably comes in part from backlash in m2 and command delay (whole arm).",
-    "unexplained": "Something is missing in the model arm.xml that no effect in the catalogue explains, at m1.",
+    "explained": "The gap between the model arm.xml and the recording comes from backlash in m2: with it,",
+    "partly_explained": "recording probably comes in part from backlash in m2 and command delay (whole arm): with",
+    "unexplained": "Something is missing in the model arm.xml that no effect in the catalogue explains, at m1:",
 }
 
 
-def series(rng, gap=0.02, placebo=True):
-    """Return held-out episodes with a joint (m2) that is off, of which one is shorter than the others."""
-    time = 0.02 * np.arange(1, 101)
-    measured = np.sin(time[None, :, None] * (1 + rng.random((3, 1, 3))))
-    counts = np.ones((3, 100), bool)
-    counts[1, 70:] = False
-
-    def off(size):
-        return measured + FLOOR * rng.standard_normal(measured.shape) + size * np.array([0.0, 1.0, 0.0])
-
-    parts = {"before": off(gap), "retuned": off(0.9 * gap), "after": off(0.0)}
-    parts |= {"placebo": off(0.5 * gap)} if placebo else {}
-    return {
-        "time": time,
-        "joints": np.array(JOINTS),
-        "episodes": EPISODES,
-        "measured": measured,
-        "command": np.sign(measured),
-        "counts": counts,
-        "floor": FLOOR,
-        **parts,
-    }
-
-
-def written(folder, changes=None, drawn=None, gap=0.02):
-    """Write a report and its series."""
-    folder.mkdir(exist_ok=True)
-    report = {**copy.deepcopy(REPORT), **(changes or {})}
-    (folder / "report.json").write_text(json.dumps(report))
-    np.savez(folder / "series.npz", **(drawn or series(np.random.default_rng(0), gap)))
-    return folder
+ORDER = [
+    "What to change",
+    "How the gap shrinks",
+    "Where the gap is",
+    "The names",
+    "Measured, before and after",
+    "A wrong name in its place",
+    "What stays unexplained",
+    "What to record next",
+    "The recording",
+    "Commands, hashes and versions",
+    "How to read this page",
+]
 
 
 @pytest.fixture(scope="module")
@@ -163,7 +58,7 @@ def page(tmp_path_factory):
 
 def text_of(page):
     """Return the words of a page."""
-    content = re.sub(r"<style>.*?</style>", "", page.read_text(), flags=re.DOTALL)
+    content = re.sub(r"<(style|script)\b.*?</\1>", "", page.read_text(), flags=re.DOTALL)
     return unescape(re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", content)))
 
 
@@ -172,19 +67,18 @@ def test_each_verdict_reads_well_and_stands_first(tmp_path, verdict):
     folder = written(tmp_path, {"verdict": verdict, **VERDICTS[verdict]}, gap=0.0 if verdict == "none" else 0.02)
     text = text_of(show(folder))
     assert SAID[verdict] in text
-    opening = text.index(SAID[verdict])
-    assert all(text.index(title) > opening for title in ("What stays unexplained", "How the gap shrinks"))
     assert not re.search(r"\bnan\b|\binf\b|None|\{|\}", text)
+    headings = re.findall(r"<h2.*?>(.*?)</h2>", (tmp_path / "report.html").read_text())
+    assert headings == [title for title in ORDER if title in headings]
+    assert text.rindex(SAID[verdict]) < text.rindex(headings[0])
 
 
 def test_values_stand_in_friendly_units_beside_si(tmp_path):
     text = text_of(show(written(tmp_path, {"verdict": "partly_explained", **VERDICTS["partly_explained"]})))
-    assert "half width 0.991° (0.0173 rad)" in text
-    assert "0.928° … 1.05°" in text
+    assert "half width 0.991° (0.0173 rad) 0.928° … 1.05° 97 % (sure) –" in text
     assert "delay 31.4 ms (0.0314 s)" in text
-    assert "Confidence in this name: 64 % (a guess, not more)" in text
-    assert "These data cannot tell it from rotor inertia in m1." in text
-    assert "A model file cannot quite hold it here: effects.json does" in text
+    assert "64 % (a guess, not more) – rotor inertia in m1" in text
+    assert "A model file cannot quite hold command delay (whole arm): effects.json does" in text
     assert "still 6.3 times the noise; it goes with position" in text
     assert "−6.6 %" in text
     assert "play and friction look alike" in text
@@ -199,18 +93,39 @@ def test_every_number_comes_from_the_files(tmp_path):
 
 
 def test_what_the_written_file_alone_leaves_is_told_where_it_is_more(page, tmp_path):
-    assert "computed from that file, read back" in text_of(page)
+    assert "computed from model.xml, read back" in text_of(page)
     gap = {**REPORT["gap"], "after_model_xml": 0.0047}
     assert "it alone leaves 0.269°" in text_of(show(written(tmp_path, {"gap": gap})))
 
 
-def test_pictures_are_written_and_embedded(page):
-    names = {"gap_per_joint", "joint_m2", "error_over_time", "shares", "episodes", "regimes"}
-    assert {path.stem for path in (page.parent / "figures").glob("*.png")} == names
+def test_figures_are_written_and_every_chart_stands_on_the_page(page):
+    assert {path.stem for path in (page.parent / "figures").glob("*.png")} == {"gap_per_joint", "joint_m2"}
     assert page.name == "report.html"
-    content = page.read_text()
-    assert content.count("data:image/png;base64,") == len(names)
-    assert not re.search(r'(?:src|href)="(?!data:)', content)
+    drawn = {"errors", "errors_of_hinges", "regimes", "error_over_time", "placebo"}
+    assert set(charts(page)) == drawn | {"joint_m1", "joint_m2", "joint_gripper_left"}
+    assert page.stat().st_size < 8e6
+
+
+def charts(page):
+    """Return what the charts of a page draw, by name."""
+    found = re.findall(
+        r'class="chart" id="(.*?)".*?<script type="application/json">(.*?)</script>', page.read_text(), re.S
+    )
+    return {name: json.loads(text) for name, text in found}
+
+
+def test_the_difference_of_the_model_files_can_be_copied_from_the_page(tmp_path):
+    changes = '--- arm.xml\n+++ model.xml\n@@ -1 +1 @@\n-<joint name="m2"/>\n+<joint name="m2" damping="0.1"/>\n'
+    folder = written(tmp_path)
+    (folder / "model.diff").write_text(changes)
+    (copied,) = re.findall(r"<pre>(.*?)</pre>", show(folder).read_text(), re.DOTALL)
+    assert unescape(re.sub(r"<[^>]+>", "", copied)) == changes
+
+
+def test_command_and_hashes_of_a_report_stand_on_its_page(tmp_path):
+    source = {"command": "nas gap arm --model arm.xml --out gap", "content_hash": "c0ffee", "model_sha256": "5ha256"}
+    text = text_of(show(written(tmp_path, {"made_from": {**source, "versions": {"mujoco": "4.0.0"}}})))
+    assert all(value in text for value in (*source.values(), "mujoco 4.0.0"))
 
 
 def test_a_joint_is_drawn_where_its_gap_is_above_the_floor(tmp_path):
@@ -234,6 +149,7 @@ def test_a_joint_that_never_moved_does_not_stretch_the_axis(tmp_path):
 
 def test_pictures_of_an_earlier_report_go(page, tmp_path):
     shutil.copytree(page.parent, tmp_path, dirs_exist_ok=True)
+    (tmp_path / "figures" / "shares.png").write_bytes(b"")
     show(written(tmp_path, {"verdict": "none", **VERDICTS["none"]}, gap=0.0))
     left = {path.stem for path in (tmp_path / "figures").glob("*.png")}
     assert "shares" not in left

@@ -1,6 +1,5 @@
 """Reports: figures show what was measured, pages need nothing but themselves, runs are read as they were written."""
 
-import base64
 import itertools
 import json
 from html.parser import HTMLParser
@@ -22,15 +21,24 @@ from nas_data.errors import CheckpointError
 from nas_data.joint_units import HINGE
 from nas_data.policies import learner, ppo
 from nas_data.policies.compare import RESULT
-from nas_data.reports.learning_figures import LearningCurve, learning, model_training, returns_on_target
-from nas_data.reports.page import Facts, HtmlPage, HtmlTable, PageSection, Picture, Text, is_ours
+from nas_data.reports.charts import thin
+from nas_data.reports.page import (
+    Chart,
+    Facts,
+    HtmlPage,
+    HtmlTable,
+    ModelDifference,
+    PageSection,
+    ShortFilm,
+    Text,
+    is_ours,
+)
 from nas_data.reports.prediction_figures import growth, joint_errors, quartiles, trajectory
-from nas_data.reports.run_sections import models_section, policies_section
-from nas_data.reports.runs import find_runs
+from nas_data.reports.run_sections import learning_charts, models_section, policies_section, target_chart
+from nas_data.reports.runs import LearningCurve, PolicyRun, find_runs
 from nas_data.reports.style import OTHERS, STROKES, strokes, to_png
 from nas_data.whole_file import write_whole
 
-PIXEL = b"\x89PNG\r\n\x1a\n" + bytes(16)
 SMALL = learner.Hyperparameters(arms=4, rollout=256, minibatches=2, epochs=1)
 # Machado, Oliveira and Fernandes (2009), severity 1, on linear RGB.
 BLINDNESS = {
@@ -47,6 +55,7 @@ def curve(*returns):
 # --- figures
 
 
+@settings(deadline=None)
 @given(arrays(float, st.tuples(st.integers(1, 6), st.integers(1, 9)), elements=st.floats(0, 10)))
 def test_quartiles_are_those_of_the_episodes_that_reach_a_step(values):
     equal = quartiles(list(values))
@@ -56,6 +65,7 @@ def test_quartiles_are_those_of_the_episodes_that_reach_a_step(values):
     np.testing.assert_allclose(longer[:, -1], 3.0)
 
 
+@settings(deadline=None)
 @given(arrays(float, (4, 6), elements=st.floats(-3, 3)), st.floats(0.01, 1))
 def test_the_error_of_joints_that_are_all_off_by_as_much_is_that_much(states, offset):
     wrong = states.copy()
@@ -90,26 +100,53 @@ def test_error_growth_draws_the_median_between_the_quartiles():
     assert {2.0, 4.0} <= set(corners[corners[:, 0] == 0.02][:, 1].round(6))
 
 
+def learned(method, *curves, judged=()):
+    """Return policies of a method, one a seed."""
+    scores = [{"return": value, "success_rate": 0.5, "episodes": 10} for value in judged] or [None] * max(
+        1, len(curves)
+    )
+    seeds = list(curves) or [curve(-1, -1)] * len(scores)
+    return [
+        PolicyRun(Path(method), method, seed, "Arm", 300, one, 1.0, score)
+        for seed, (one, score) in enumerate(zip(seeds, scores, strict=True))
+    ]
+
+
 def test_learning_curves_band_reaches_from_the_lowest_to_the_highest_seed():
-    axes = learning({"source": [curve(-3, -2, -1), curve(-5, -4, -3), curve(-4, -2, -1)]}).axes[0]
-    np.testing.assert_allclose(axes.lines[0].get_ydata(), [-4, -2, -1])
-    corners = axes.collections[0].get_paths()[0].vertices
-    assert corners[:, 1].min() == -5
-    assert corners[:, 1].max() == -1
+    runs = learned("source", curve(-3, -2, -1), curve(-5, -4, -3), curve(-4, -2, -1))
+    low, high, median = learning_charts({"source": runs})[0].traces
+    np.testing.assert_allclose(median["y"], [-4, -2, -1])
+    np.testing.assert_allclose(low["y"], [-5, -4, -3])
+    np.testing.assert_allclose(high["y"], [-3, -2, -1])
 
 
 def test_learning_curves_leave_out_rollouts_in_which_no_episode_ended():
-    drawn = learning({"source": [curve(np.nan, -2, -1), curve(np.nan, -4, -3)]}).axes[0].lines[0]
-    np.testing.assert_allclose(drawn.get_ydata(), [-3, -2])
-    np.testing.assert_allclose(drawn.get_xdata(), [0.2, 0.3])
+    runs = learned("source", curve(np.nan, -2, -1), curve(np.nan, -4, -3))
+    median = learning_charts({"source": runs})[0].traces[-1]
+    np.testing.assert_allclose(median["y"], [-3, -2])
+    np.testing.assert_allclose(median["x"], [0.2, 0.3])
 
 
 def test_every_policy_is_a_dot_and_every_method_a_row():
-    returns = {"expert": np.array([0.3, 0.1]), "augmented": np.array([-0.2])}
-    axes = returns_on_target(returns).axes[0]
-    dots = [np.asarray(dots.get_offsets())[:, 0].tolist() for dots in axes.collections]
-    assert dots == [[0.3, 0.1], [-0.2]]
-    assert [label.get_text() for label in axes.get_yticklabels()] == ["expert", "augmented"]
+    groups = {"expert": learned("expert", judged=(0.3, 0.1)), "augmented": learned("augmented", judged=(-0.2,))}
+    (chart,) = target_chart(groups)
+    dots, medians = chart.traces[::2], chart.traces[1::2]
+    assert [(list(trace["x"]), set(trace["y"])) for trace in dots] == [
+        ([0.3, 0.1], {"expert"}),
+        ([-0.2], {"augmented"}),
+    ]
+    np.testing.assert_allclose([trace["x"][0] for trace in medians], [0.2, -0.2])
+
+
+@settings(deadline=None)
+@given(st.integers(1, 9000), st.integers(0, 1000))
+def test_a_thinned_curve_keeps_its_extremes_and_its_order(length, seed):
+    x, y = np.arange(length), np.random.default_rng(seed).standard_normal(length)
+    few, kept = thin(x, y, 200)
+    assert len(few) == len(kept) <= max(200, min(length, 200))
+    assert (np.diff(few) >= 0).all()
+    assert {y.min(), y.max()} <= set(kept)
+    np.testing.assert_array_equal(y[few], kept)
 
 
 def test_a_predictor_and_the_method_that_learns_on_it_share_their_colour_in_every_figure():
@@ -117,7 +154,6 @@ def test_a_predictor_and_the_method_that_learns_on_it_share_their_colour_in_ever
     pictures = [
         trajectory(measured, {"source": measured, "source + φ": measured, "ψ": measured}, measured, 0.1, "a").axes[0],
         growth({name: [np.ones(3)] for name in ("source", "source + φ", "ψ", "command")}, 0.1).axes[0],
-        model_training({"source + φ": [(0, 1.0)], "ψ": [(0, 1.0)]}, "error").axes[0],
     ]
     for axes in pictures:
         for line in axes.lines:
@@ -148,7 +184,7 @@ def test_names_without_a_colour_of_their_own_get_different_ones():
 
 
 def test_the_same_figure_gives_the_same_bytes_and_a_readme_wide_picture():
-    one, other = (to_png(returns_on_target({"source": np.array([1.0, 2.0])})) for _ in range(2))
+    one, other = (to_png(growth({"source": [np.ones(3)]}, 0.1)) for _ in range(2))
     assert one == other
     assert int.from_bytes(one[16:20], "big") == 988  # [px] width in the PNG's header
 
@@ -159,7 +195,7 @@ def test_the_same_figure_gives_the_same_bytes_and_a_readme_wide_picture():
 class Links(HTMLParser):
     """Collects what a page would load, its text, and whether its tags are closed in order."""
 
-    VOID = frozenset({"meta", "img", "br"})
+    VOID = frozenset({"meta", "img", "br", "link"})
 
     def __init__(self, page: str):
         super().__init__()
@@ -168,7 +204,7 @@ class Links(HTMLParser):
         self.close()
 
     def handle_starttag(self, tag, attrs):
-        self.sources += [value for key, value in attrs if key in {"src", "href", "srcset", "data"}]
+        self.sources += [value for key, value in attrs if key in {"src", "href", "srcset", "data"} and value[:1] != "#"]
         if tag not in self.VOID:
             self.open.append(tag)
 
@@ -183,26 +219,37 @@ def page_of(*blocks):
     return HtmlPage("A < B", [PageSection("Where & what", blocks)])
 
 
-def test_a_page_needs_nothing_but_itself_and_holds_its_pictures():
-    page = page_of(Text("one", lead=True), Picture("a", PIXEL, "shows"), HtmlTable(("", "x"), [("row", "1")], "note"))
-    html = page.to_html()
-    links = Links(html)
+def test_a_page_needs_nothing_but_itself_and_holds_its_films_and_charts():
+    chart = Chart("a", "shows", [{"x": np.array([1.0, 2.0]), "y": np.array(["</script>", "b"])}])
+    page = page_of(
+        Text("one", lead=True), chart, HtmlTable(("", "x"), [("row", "1")], "note"), ShortFilm(b"mp4", "moves")
+    )
+    links = Links(page.to_html())
     assert not links.open
-    assert [source[:22] for source in links.sources] == ["data:image/png;base64,"]
-    assert base64.b64decode(links.sources[0][22:]) == PIXEL
-    assert "url(" not in html
-    assert "@import" not in html
-    assert page.pictures() == [Picture("a", PIXEL, "shows")]
+    assert links.sources == ["data:,", "data:video/mp4;base64,bXA0"]
+    assert page.charts() == [chart]
+    read = json.loads(chart.to_json())["data"][0]
+    assert read == {"x": {"dtype": "f4", "bdata": "AACAPwAAAEA="}, "y": ["</script>", "b"]}
+
+
+def test_a_page_without_charts_does_without_their_library():
+    assert len(page_of(Text("one")).to_html()) < 20_000
+
+
+def test_the_lines_of_a_difference_are_told_apart():
+    text = "--- a\n+++ b\n@@ -1 +1 @@\n same\n-old\n+new\n"
+    kinds = [kind for kind, _ in ModelDifference(text).lines]
+    assert kinds == ["head", "head", "place", "same", "removed", "added"]
 
 
 @settings(max_examples=50)
 @given(st.text(alphabet=st.characters(codec="utf-8", exclude_categories=("Cc", "Cs")), min_size=1))
 def test_text_appears_as_it_is_given_whatever_it_holds(text):
-    page = page_of(Text(text), HtmlTable((text,), [(text, text)], text), Facts({text: text}), Picture("a", PIXEL, text))
+    page = page_of(Text(text), HtmlTable((text,), [(text, text)], text), Facts({text: text}), ShortFilm(b"", text))
     links = Links(page.to_html())
     assert not links.open
     assert links.text.count(text) >= 8
-    assert len(links.sources) == 1
+    assert len(links.sources) == 2
 
 
 def test_a_file_appears_whole_and_replaces_the_one_before(tmp_path):
@@ -278,8 +325,8 @@ def test_the_table_says_what_the_records_say_and_how_much_of_the_distance_is_clo
 def test_policies_that_were_not_judged_are_shown_as_they_ended_training(tmp_path):
     a_policy(tmp_path / "seed0", 0)
     section = policies_section(find_runs([tmp_path]).groups())
-    names = [block.name for block in section.blocks if isinstance(block, Picture)]
-    assert names == ["learning_curves"]
+    names = [block.name for block in section.blocks if isinstance(block, Chart)]
+    assert names == ["learning_curves", "success"]
     table = next(block for block in section.blocks if isinstance(block, HtmlTable))
     assert "no policy was judged" in table.note
     assert len(table.headers) == len(table.rows[0])
@@ -306,12 +353,12 @@ def test_nas_report_writes_one_page_about_all_runs(runs, tmp_path):
     page = tmp_path / "report.html"
     answer = nas("report", runs / "phi", runs / "psi", runs / "study", "--out", page, "--json")
     assert answer.code == 0, answer.err
-    assert answer.json == {"page": str(page), "models": 2, "policies": 4}
+    assert answer.json == {"page": str(page), "models": 2, "policies": 4, "gaps": 0, "sweeps": 0, "datasets": 0}
     links = Links(page.read_text(encoding="utf-8"))
     text = " ".join(links.text)
     for expected in ("swing/v1-0a1b2c3d", "source + φ", "ErgoReacher", "-2.50"):
         assert expected in text
-    assert len(links.sources) == 3
+    assert links.sources == ["data:,"]
     assert is_ours(page)
     assert nas("report", runs, "--out", page).code == 0  # its own page may be replaced
 

@@ -121,8 +121,8 @@ def persist(search: Search, h: Hypothesis, without: Container[str]) -> Hypothesi
     """Fit on, scan and begin anew, as long as that brings much and a joint that moved is far from explained.
 
     Wide play and strong friction bend each other's best value: a fit goes along a narrow valley in more steps than any
-    of those that compared names were given, and stand-ins that helped half-way fall off at its end. Many effects have no
-    such valley to themselves, and each fit of them is dear.
+    of those that compared names were given, and stand-ins that helped half-way fall off at its end. Where there
+    are many effects, fits of each of them would take minutes.
     """
     while 0 < len(h.effects) <= drop.MANY and line_scan.unexplained_joints(search, h):
         before = search.null.score.over(h.score)

@@ -1,4 +1,4 @@
-"""Figures of errors: of each joint, of each episode, over time, and what explains how much of them."""
+"""Figures of a gap for files and notebooks: the errors of all joints, and one joint as it moved."""
 
 from collections.abc import Mapping, Sequence
 from typing import Literal
@@ -7,8 +7,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from nas_data.gap.report import GapReport
 from nas_data.gap.showing.series import Series
-from nas_data.joint_units import JointUnit
+from nas_data.joint_units import JointUnit, joint_unit
 from nas_data.reports.style import (
     BLACK,
     BLUE,
@@ -17,6 +18,7 @@ from nas_data.reports.style import (
     ORANGE,
     OTHERS,
     PURPLE,
+    STROKES,
     WIDTH,
     Stroke,
     house_style,
@@ -33,13 +35,50 @@ LOOKS = {
 }
 MARKERS = {BEFORE: "o", RETUNED: "s", PLAIN: "v", AFTER: "D", PLACEBO: "^"}
 FLOOR = "noise floor"
-WINDOW = 0.1  # [s] over which errors are averaged when drawn over time
 NOTHING = 1 / 3  # of a joint's floor, below which its errors are drawn no lower
 MARGIN = 0.04  # of what a logarithmic axis spans, above and below it, where that is much
-MOST_LABELS = 30  # ticks with a name on one axis
 MANY = 8  # names along an axis, or long ones, are turned
 
+ABOVE = 1.25  # noise floors from which a joint's gap is worth a picture of its own
+
 Models = Mapping[str, np.ndarray]
+
+
+def models(report: GapReport, series: Series) -> dict[str, np.ndarray]:
+    """Return the predictions that are drawn; without a named effect, the written model is the retuned one."""
+    plain = {} if series.plain is None else {PLAIN: series.plain}
+    if not report.effects:
+        return {BEFORE: series.before, **plain, RETUNED: series.after}
+    return {BEFORE: series.before, RETUNED: series.retuned, **plain, AFTER: series.after}
+
+
+def models_of_joint(report: GapReport, series: Series) -> dict[str, np.ndarray]:
+    """Return the predictions that are drawn of one joint: the placebo's, too, and no retuned one beside names."""
+    placebo = {} if series.placebo is None else {PLACEBO: series.placebo}
+    shown = {**models(report, series), **placebo}
+    return {name: values for name, values in shown.items() if name != RETUNED or not report.effects}
+
+
+def joints_above(series: Series) -> list[int]:
+    """Return the joints with a gap above the floor, the largest first; the worst joint where none has one."""
+    ratios = series.by_joint(series.before) / series.floor
+    return [int(place) for place in np.argsort(-ratios) if ratios[place] > ABOVE] or [int(np.argmax(ratios))]
+
+
+def commands_torques(report: GapReport) -> bool:
+    """Whether commands are torques: then there is no error of repeating them."""
+    joints = report.find.joints if report.find else {}
+    return bool(joints) and all(gap.open_loop_command is None for gap in joints.values())
+
+
+def draw_all_joints(report: GapReport, series: Series) -> Figure:
+    """Draw the held-out error of each joint by each model, beside the noise floor."""
+    return per_joint(series, models(report, series))
+
+
+def draw_joint(report: GapReport, series: Series, joint: int) -> Figure:
+    """Draw one joint's worst held-out episode."""
+    return joint_motion(series, models_of_joint(report, series), joint, commands_torques(report))
 
 
 def per_joint(series: Series, models: Models) -> Figure:
@@ -69,85 +108,6 @@ def draw_joints(axes: Axes, series: Series, models: Models, unit: JointUnit, cho
     axes.set_xlim(-0.6, len(places) - 0.4)
     axes.grid(visible=False, axis="x")
     logarithmic(axes, f"RMSE on held-out episodes [{unit.mark.strip()}]", [stacked.min(), stacked.max(), *floor])
-
-
-def per_episode(series: Series, models: Models) -> Figure:
-    """Draw the error of each held-out episode by the first and by the last model."""
-    first, *_, last = models
-    with house_style():
-        figure = Figure(figsize=(WIDTH, 3.3))
-        axes = figure.subplots()
-        begin, end = (series.shown(series.by_episode(models[name])) for name in (first, last))
-        places = np.arange(len(begin))
-        axes.vlines(places, begin, end, color=LIGHT, linewidth=1.4, zorder=2)
-        draw_dots(axes, first, places, begin)
-        draw_dots(axes, last, places, end)
-        floor = float(series.shown(np.array(series.overall_floor)))
-        axes.axhline(floor, color=BLACK, linewidth=1.2, label=FLOOR, zorder=1)
-        shown = places[:: -(-len(places) // MOST_LABELS)]
-        axes.set_xticks(shown, [str(series.episodes[place]) for place in shown])
-        axes.set_xlim(-0.6, len(places) - 0.4)
-        axes.grid(visible=False, axis="x")
-        axes.set_xlabel("held-out episode")
-        logarithmic(axes, f"RMSE over {series.over}", [*begin, *end, floor])
-        legend_above(figure, axes)
-    return figure
-
-
-def over_time(series: Series, models: Models) -> Figure:
-    """Draw how errors go on from the start of an episode: median over episodes, band between the quartiles."""
-    with house_style():
-        figure = Figure(figsize=(WIDTH, 3.5))
-        axes = figure.subplots()
-        drawn = []
-        for name, predicted in models.items():
-            rows = series.shown(series.in_time(predicted, WINDOW))
-            low, middle, high = np.nanquantile(rows, [0.25, 0.5, 0.75], axis=0)
-            look = LOOKS[name]
-            axes.fill_between(series.time, low, high, color=look.colour, alpha=0.14, linewidth=0, zorder=look.order)
-            axes.plot(
-                series.time,
-                middle,
-                label=name,
-                color=look.colour,
-                linestyle=look.line,
-                linewidth=look.width,
-                zorder=look.order + 10,
-            )
-            drawn += [np.nanmin(low), np.nanmax(high)]
-        floor = float(series.shown(np.array(series.overall_floor)))
-        axes.axhline(floor, color=BLACK, linewidth=1.2, label=FLOOR, zorder=1)
-        axes.set_xlim(0.0, series.time[-1])
-        axes.set_xlabel("time since the start of an episode [s]")
-        logarithmic(axes, f"RMS error over {series.over}", [*drawn, floor])
-        legend_above(figure, axes)
-    return figure
-
-
-def shares_bar(parts: Mapping[str, float]) -> Figure:
-    """Draw one bar of what explains how much.
-
-    Args:
-        parts: Shares of the squared gap above the noise, at least 0, by what they are; what is left comes last.
-    """
-    with house_style():
-        figure = Figure(figsize=(WIDTH, 1.35))
-        axes = figure.subplots()
-        left = 0.0
-        for number, (name, share) in enumerate(parts.items()):
-            label, colour = (
-                f"{name}: {100 * share:.1f} %",
-                LIGHT if number == len(parts) - 1 else (ORANGE, GREEN)[number],
-            )
-            axes.barh([0], [100 * share], left=[left], height=0.6, color=colour, edgecolor="white", label=label)
-            left += 100 * share
-        axes.set_xlim(0.0, max(left, 1.0))
-        axes.set_yticks([])
-        axes.spines["left"].set_visible(False)
-        axes.grid(visible=False)
-        axes.set_xlabel("share of the squared gap above the noise [%]")
-        legend_above(figure, axes)
-    return figure
 
 
 def draw_dots(axes: Axes, name: str, places: np.ndarray, values: np.ndarray) -> None:
@@ -188,3 +148,55 @@ def label_angle(names: Sequence[str]) -> int:
 def label_anchor(names: Sequence[str], side: Literal["left", "right"]) -> Literal["left", "center", "right"]:
     """Return by which end names hang on their ticks: by one side where they are turned."""
     return side if label_angle(names) else "center"
+
+
+def joint_motion(series: Series, models: Models, joint: int, torques: bool) -> Figure:
+    """Draw one joint in the episode that the model as handed over predicts worst.
+
+    Args:
+        series: Held-out episodes.
+        models: Predictions of each model, shape (E, T, n).
+        joint: Its place.
+        torques: Whether commands are torques, which are not drawn.
+    """
+    episode = series.worst_episode(joint)
+    rows = series.counts[episode]
+    unit = joint_unit(series.joints[joint], series.slides)
+    time, measured = series.time[rows], unit.factor * series.measured[episode, rows, joint]
+    with house_style():
+        figure = Figure(figsize=(WIDTH, 5.0))
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.4, 1.0))
+        if not torques:
+            command = unit.factor * series.command[episode, rows, joint]
+            draw(above, time, command, "command", steps=True)
+        draw(above, time, measured, "measured")
+        for name, predicted in models.items():
+            values = unit.factor * predicted[episode, rows, joint]
+            draw(above, time, values, name)
+            draw(below, time, values - measured, name)
+        floor = unit.factor * float(series.floor[joint])
+        below.axhspan(-floor, floor, color=LIGHT, alpha=0.45, linewidth=0, zorder=0)
+        below.axhline(0.0, color=BLACK, linewidth=0.8, zorder=1)
+        above.set_ylabel(f"position of {series.joints[joint]} [{unit.mark.strip()}]")
+        below.set_ylabel(f"error [{unit.mark.strip()}]")
+        below.set_xlabel("time since the start of the episode [s]")
+        below.set_xlim(0.0, time[-1])
+        # the legend is made of the upper axes' curves; the band has no curve there
+        above.fill_between([], [], color=LIGHT, alpha=0.45, linewidth=0, label=FLOOR)
+        legend_above(figure, above)
+    return figure
+
+
+def draw(axes: Axes, time: np.ndarray, values: np.ndarray, name: str, steps: bool = False) -> None:
+    """Draw one curve in its own look."""
+    look = LOOKS.get(name) or STROKES[name]
+    axes.plot(
+        time,
+        values,
+        label=name,
+        drawstyle="steps-pre" if steps else "default",
+        color=look.colour,
+        linestyle=look.line,
+        linewidth=look.width,
+        zorder=look.order,
+    )

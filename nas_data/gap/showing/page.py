@@ -1,71 +1,128 @@
-"""The page of a gap report: verdict first, then what was found, pictures, what to record next, and how to read it."""
+"""The page of a gap report: verdict first, what to change, how much that brings, what to record next."""
 
-from collections.abc import Sequence
+from pathlib import Path
 
-from nas_data.gap.report import GapReport
-from nas_data.gap.showing.page_pictures import joint_pictures, models, regimes_picture, shrinking
+from nas_data.gap.report import REPORT, GapReport
+from nas_data.gap.showing.figures import models
+from nas_data.gap.showing.film import film_blocks
+from nas_data.gap.showing.page_charts import (
+    error_bars,
+    joint_charts,
+    joint_errors,
+    over_time,
+    placebo_bars,
+    regimes_chart,
+)
 from nas_data.gap.showing.page_tables import (
     audit_facts,
     effects_table,
     experiments_table,
-    facts,
     gap_table,
     joints_table,
+    made_from,
     regimes_table,
     retuned_table,
 )
-from nas_data.gap.showing.page_verdict import error, lead, model, rest, score_basis
-from nas_data.gap.showing.page_words import capital, effect_title, finding, friendly, join_items, spoken
+from nas_data.gap.showing.page_verdict import error, lead, model, of_slides, rest, score_basis
+from nas_data.gap.showing.page_words import capital, effect_title, friendly, join_items, remarks, spoken
 from nas_data.gap.showing.series import Series
-from nas_data.reports.page import Block, HtmlPage, PageSection, Text
+from nas_data.gap.write_model import DIFFERENCE
+from nas_data.reports.page import Block, HtmlPage, ModelDifference, PageSection, Text
 
 READING = (
-    "Gap: every held-out episode is simulated from its first pose with the recorded commands alone (open loop), and "
-    "compared with the positions that were measured. No number was fitted to these "
-    "episodes; they did decide which effects were kept.",
-    "Noise floor: the readings themselves are rounded and noisy; no model can come closer than that. Every picture "
-    "shows it.",
-    "Confidence: how likely name and joint are right. Of names given with 90 %, nine in ten should be. A gap that "
-    "shrinks does not prove a name: a wrong one shrinks it, too, only less, which the placebo shows.",
+    "Gap: every held-out episode is simulated from its first pose with the recorded commands alone (open loop). The "
+    "result is compared with the measured positions. No number was fitted to these episodes; they did decide which "
+    "effects were kept.",
+    "Noise floor: the readings are rounded and noisy. No model can come closer than that.",
+    "Confidence: how likely name and joint are right. Of names given with 90 %, nine in ten should be.",
     "Interval: where the parameter lies with 95 %, if the name is right.",
+    "Stable: whether two halves of the recording agree on the joint's parameters.",
+    "Equals: effects that these data cannot tell from the one named. Read them as: one of these.",
     "Retuned: masses, gains, damping, rotor inertia and friction of a real arm are some percent off its model. They "
     "were free within ±25 % throughout, so that no effect is named for what they explain.",
-    "model.xml is the model with all of this in it. It loads in plain MuJoCo; a sensor <joint>.pos says what is "
-    "measured at each joint.",
 )
+SIDES = (
+    "Both sides as MuJoCo writes them, numbers rounded to six digits, so that only what changes shows. model.xml in "
+    "the report's folder is the whole model with the changes."
+)
+NOT_WRITTEN = "A model file cannot quite hold {}: effects.json does, and model.xml has what comes nearest."
 
 
-def build(report: GapReport, series: Series) -> HtmlPage:
-    """Return the page."""
+def page_of_folder(folder: Path) -> HtmlPage:
+    """Return the page of a report's folder.
+
+    Raises:
+        OptionError: it lacks `report.json` or `series.npz`, or one of them lacks a part.
+    """
+    return build(GapReport.read(folder / REPORT), Series.read(folder), folder)
+
+
+def build(report: GapReport, series: Series, folder: Path) -> HtmlPage:
+    """Return the page; difference and film are made from the files of the folder, as far as they are there."""
     sections = [
         PageSection("", opening(report)),
-        PageSection("What is missing", effects_blocks(report)),
+        PageSection("What to change", change_blocks(report, folder)),
+        PageSection("How the gap shrinks", shrinking(report, series)),
+        PageSection("Where the gap is", [*regimes_chart(report), *joints_table(report), *regimes_table(report)]),
+        PageSection("The names", effects_blocks(report)),
+        PageSection("Measured, before and after", motion_blocks(report, series, folder)),
+        PageSection("A wrong name in its place", placebo_blocks(report, series)),
         PageSection("What stays unexplained", rest_blocks(report)),
-        PageSection("What was retuned", retuned_blocks(report)),
-        PageSection("How the gap shrinks", [*shrinking(report, series), gap_table(series, models(report, series))]),
-        PageSection("Joint by joint", joint_pictures(report, series)),
-        PageSection("A wrong name in its place", placebo_blocks(report)),
         PageSection("What to record next", next_blocks(report)),
-        PageSection("Where the gap is", where_blocks(report)),
-        PageSection("The recording itself", audit_facts(report)),
-        PageSection("How to read this", [Text(line) for line in (*READING, score_basis(report))]),
-        PageSection("What this rests on", [facts(report)]),
+        PageSection("The recording", audit_facts(report)),
+        PageSection("Commands, hashes and versions", [made_from(report)]),
+        PageSection("How to read this page", [Text(line) for line in (*READING, score_basis(report))]),
     ]
     return HtmlPage(f"Gap report of {model(report)}", [section for section in sections if section.blocks])
 
 
 def opening(report: GapReport) -> list[Block]:
-    """Return the verdict, every name with its numbers, and what stays."""
-    found = [Text(" ".join(finding(effect)[:3])) for effect in report.effects]
-    return [Text(lead(report), lead=True), *found, *[Text(rest(entry)) for entry in report.unexplained]]
+    """Return the verdict."""
+    slides = of_slides(report)
+    return [Text(lead(report), lead=True), *([Text(slides)] if slides else [])]
+
+
+def change_blocks(report: GapReport, folder: Path) -> list[Block]:
+    """Return what to change in the model: the difference of the files, and the retuned numbers as factors."""
+    file = folder / DIFFERENCE
+    text = file.read_text(encoding="utf-8") if file.is_file() else ""
+    missing = [effect_title(effect) for effect in report.effects if not effect.in_model_xml]
+    blocks: list[Block] = [ModelDifference(text, SIDES)] if text else []
+    blocks += [Text(NOT_WRITTEN.format(join_items(missing)))] if missing else []
+    if report.retuned:
+        blocks.append(retuned_table(report))
+    return blocks or [Text("Nothing: the model is kept as it was handed over.")]
+
+
+def shrinking(report: GapReport, series: Series) -> list[Block]:
+    """Return how much each model errs, in all and joint by joint."""
+    charts = [error_bars(report, series), *joint_errors(report, series)]
+    return [*charts, *shares_text(report), gap_table(series, models(report, series))]
+
+
+def shares_text(report: GapReport) -> list[Text]:
+    """Say what explains how much, nothing where there was no gap to share."""
+    shares = report.shares
+    if report.verdict == "none" or not shares or shares.names is None:
+        return []
+    named = "named effects and retuning explain" if report.effects else "retuning explains"
+    learned = "" if shares.learned is None else f", the learned correction φ {shares.learned:.1%}"
+    left = "" if shares.left is None else f"; {shares.left:.1%} is left"
+    return [Text(f"Of the squared error above the noise, {named} {shares.names:.1%}{learned}{left}.")]
 
 
 def effects_blocks(report: GapReport) -> list[Block]:
     """Return the table of named effects, and what gives each away."""
     if not report.effects:
-        return []
-    more = [(effect_title(effect), finding(effect)[3:]) for effect in report.effects]
-    return [effects_table(report), *[Text(f"{capital(name)}. {' '.join(rest)}") for name, rest in more if rest]]
+        return [Text("No effect was named.")]
+    more = [(effect_title(effect), remarks(effect)) for effect in report.effects]
+    return [effects_table(report), *[Text(f"{capital(name)}. {' '.join(told)}") for name, told in more if told]]
+
+
+def motion_blocks(report: GapReport, series: Series, folder: Path) -> list[Block]:
+    """Return every joint as it moved and as the models predict, in a film and in curves."""
+    film = film_blocks(folder, report, series)
+    return [*film, over_time(report, series), *joint_charts(report, series)]
 
 
 def rest_blocks(report: GapReport) -> list[Block]:
@@ -80,14 +137,7 @@ def rest_blocks(report: GapReport) -> list[Block]:
     ]
 
 
-def retuned_blocks(report: GapReport) -> list[Block]:
-    """Return the numbers of the model that were changed."""
-    if not report.retuned:
-        return [Text("Nothing: every number that the model already has was kept.")]
-    return [retuned_table(report)]
-
-
-def placebo_blocks(report: GapReport) -> list[Block]:
+def placebo_blocks(report: GapReport, series: Series) -> list[Block]:
     """Return how much less the runner-up shrinks the gap."""
     placebo, gap = report.placebo, report.gap
     if not placebo:
@@ -97,8 +147,9 @@ def placebo_blocks(report: GapReport) -> list[Block]:
         Text(
             f"{capital(told)}: with the same freedom to fit, this placebo leaves "
             f"{friendly(placebo.after, gap.unit)} of the {error(gap, 'before')} before. "
-            f"What is named leaves {error(gap, 'after')}."
-        )
+            f"What is named leaves {error(gap, 'after')}. If the placebo does as well, do not believe the name."
+        ),
+        *placebo_bars(series),
     ]
 
 
@@ -108,8 +159,3 @@ def next_blocks(report: GapReport) -> list[Block]:
     if not text:
         return [Text("Nothing in particular: no rival explanation is close enough to be worth an experiment.")]
     return [Text(f"{capital(text.rstrip('.'))}."), *experiments_table(report)]
-
-
-def where_blocks(report: GapReport) -> Sequence[Block]:
-    """Return the gap of the model as handed over, by joint and by condition."""
-    return [*joints_table(report), *regimes_picture(report), *regimes_table(report)]

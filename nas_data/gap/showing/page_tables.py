@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from nas_data.gap.report import Bin, GapReport, JointGap
+from nas_data.gap.report import Bin, EffectName, GapReport, JointGap
 from nas_data.gap.showing.figures import Models
 from nas_data.gap.showing.page_verdict import by_size, change
 from nas_data.gap.showing.page_words import (
@@ -14,6 +14,7 @@ from nas_data.gap.showing.page_words import (
     figures,
     friendly,
     interval,
+    join_items,
     spoken,
 )
 from nas_data.gap.showing.series import Series
@@ -32,14 +33,21 @@ def effects_table(report: GapReport) -> HtmlTable:
     for effect in report.effects:
         errors = effect.evidence
         shrink = " → ".join(friendly(getattr(errors, end), errors.unit) for end in ENDS)
-        for number, (name, value) in enumerate(effect.parameters.items()):
-            first = (effect_title(effect), confidence(effect.confidence), shrink) if number == 0 else ("", "", "")
+        equals = join_items([effect_title(other) for other in effect.equals]) or NONE
+        for name, value in effect.parameters.items():
             values = spoken(name), beside(value.value, value.unit), interval(value) or NONE
-            rows.append((first[0], *values, first[1], first[2]))
-    headers = ("", "parameter", "value", "95 % interval", "confidence", "error without → with")
+            told = confidence(effect.confidence), is_stable(report, effect), equals, shrink
+            rows.append((effect_title(effect), *values, *told))
+    headers = ("", "parameter", "value", "95 % interval", "confidence", "stable", "equals", "error without → with")
     return HtmlTable(
         headers, rows, "Errors on held-out episodes: of the effect's joint, or of all joints of the arm's first kind."
     )
+
+
+def is_stable(report: GapReport, effect: EffectName) -> str:
+    """Say whether two halves of the recording agree on an effect's joint; on all joints for one of the whole arm."""
+    told = [joint.stable for name, joint in report.joints.items() if effect.joint in (None, name)]
+    return ("yes" if all(told) else "no") if told else NONE
 
 
 def retuned_table(report: GapReport) -> HtmlTable:
@@ -139,18 +147,22 @@ def experiments_table(report: GapReport) -> list[HtmlTable]:
     return [HtmlTable(("", "joints", "length", "difference"), rows, note)] if rows else []
 
 
-def facts(report: GapReport) -> Facts:
-    """Return what the page rests on."""
-    episodes = report.episodes
+def made_from(report: GapReport) -> Facts:
+    """Return what the page rests on, and how it is made again."""
+    episodes, source = report.episodes, report.made_from
     entries = {
+        "Command": source.command if source else "",
         "Dataset": report.dataset,
+        "Content hash": source.content_hash if source else "",
         "Model": report.model,
+        "SHA-256 of the model": source.model_sha256 if source else "",
         "Gap": f"{report.gap.metric}",
         "Fitted": format_episodes(episodes.train),
         "Held out": format_episodes(episodes.heldout),
         "Seed": str(report.seed),
         "Time": f"{report.seconds:.0f} s",
-        "Beside this page": "report.json (these numbers), model.xml, effects.json, series.npz, figures/",
+        "Versions": ", ".join(f"{name} {version}" for name, version in source.versions.items()) if source else "",
+        "Beside this page": "report.json (these numbers), model.xml, model.diff, effects.json, series.npz, figures/",
     }
     return Facts({name: value for name, value in entries.items() if value})
 

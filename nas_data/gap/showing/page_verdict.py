@@ -9,8 +9,8 @@ from nas_data.gap.showing.page_words import LIKELY, effect_title, figures, frien
 
 
 def lead(report: GapReport) -> str:
-    """Return the verdict in a sentence or two."""
-    return VERDICTS.get(report.verdict, other)(report) + of_slides(report)
+    """Return the verdict in one sentence."""
+    return VERDICTS.get(report.verdict, other)(report)
 
 
 def of_slides(report: GapReport) -> str:
@@ -19,7 +19,7 @@ def of_slides(report: GapReport) -> str:
     if gap is None:
         return ""
     return (
-        f" These are errors of the hinges; that of the slides goes from {error(gap, 'before')} to "
+        f"These are errors of the hinges; that of the slides goes from {error(gap, 'before')} to "
         f"{error(gap, 'after')}, beside a noise of {error(gap, 'noise_floor')}."
     )
 
@@ -44,24 +44,25 @@ def retuned_sentence(report: GapReport) -> str:
     count = len(report.retuned)
     numbers = "one number that it already has" if count == 1 else f"{count} numbers that it already has"
     return (
-        f"Nothing is missing: {model(report)} only needs {numbers} changed, by at most {widest(report):.0f} %. "
-        f"{shrunk(report)}, close to the noise of the readings, {error(report.gap, 'noise_floor')}."
+        f"Nothing is missing: {model(report)} only needs {numbers} changed, by at most {widest(report):.0f} %, and the "
+        f"error on held-out episodes {falls(report)}, close to the noise of the readings, "
+        f"{error(report.gap, 'noise_floor')}."
     )
 
 
 def explained_sentence(report: GapReport) -> str:
     """Say what is missing, and that this is all."""
     return (
-        f"{missing(report)} {shrunk(report)}; what is left is close to the noise of the readings, "
-        f"{error(report.gap, 'noise_floor')}."
+        f"{missing(report)} the error on held-out episodes {falls(report)}, and what is left is close to the noise of "
+        f"the readings, {error(report.gap, 'noise_floor')}."
     )
 
 
 def partly_explained_sentence(report: GapReport) -> str:
     """Say what is missing, and that something else is, too."""
     return (
-        f"{missing(report)} {shrunk(report)}, while the noise of the readings is "
-        f"{error(report.gap, 'noise_floor')}: something else is missing, too{places(report)}."
+        f"{missing(report)} the error on held-out episodes {falls(report)}, but the noise of the readings is "
+        f"{error(report.gap, 'noise_floor')}, so something else is missing, too{places(report)}."
     )
 
 
@@ -70,15 +71,15 @@ def unexplained_sentence(report: GapReport) -> str:
     gap = report.gap
     how = "when all its smooth parameters are fitted" if gap.delivered == "plain" else "when its own are retuned"
     return (
-        f"Something is missing in {model(report)} that no effect in the catalogue explains{places(report)}. On "
-        f"held-out episodes it errs by {error(gap, 'before')}, {error(gap, 'after')} {how}; "
-        f"the noise of the readings is {error(gap, 'noise_floor')}."
+        f"Something is missing in {model(report)} that no effect in the catalogue explains{places(report)}: on "
+        f"held-out episodes it errs by {error(gap, 'before')}, by {error(gap, 'after')} {how}, and the noise of the "
+        f"readings is {error(gap, 'noise_floor')}."
     )
 
 
 def other(report: GapReport) -> str:
     """Say what there is to say of a verdict that this page does not know."""
-    return f"Verdict: {report.verdict}. {shrunk(report)}."
+    return f"Verdict {report.verdict}: the error on held-out episodes {falls(report)}."
 
 
 VERDICTS: Mapping[str, Callable[[GapReport], str]] = {
@@ -96,21 +97,18 @@ def model(report: GapReport) -> str:
 
 
 def missing(report: GapReport) -> str:
-    """Return the sentence that names what is missing."""
+    """Return the beginning of a sentence, which names what is missing."""
     effects = [effect_title(effect) for effect in report.effects]
     doubt = "probably " if min(effect.confidence for effect in report.effects) < LIKELY else ""
     part = "in part " if report.verdict == "partly_explained" else ""
-    return f"The gap between {model(report)} and the recording {doubt}comes {part}from {join_items(effects)}."
+    added = "it" if len(effects) == 1 else "them"
+    gap = f"The gap between {model(report)} and the recording"
+    return f"{gap} {doubt}comes {part}from {join_items(effects)}: with {added},"
 
 
-def shrunk(report: GapReport) -> str:
-    """Return how the gap shrinks, without a full stop."""
-    effects = len(report.effects)
-    gap = report.gap
-    added = "With it" if effects == 1 else "With them" if effects else "Retuned"
-    beside = f" (a plain fit of all smooth parameters: {error(gap, 'plain')})" if gap.plain is not None else ""
-    fall = f"from {error(gap, 'before')} to {error(gap, 'after')}{beside}"
-    return f"{added}, the error on held-out episodes falls {fall}"
+def falls(report: GapReport) -> str:
+    """Return how the gap shrinks."""
+    return f"falls from {error(report.gap, 'before')} to {error(report.gap, 'after')}"
 
 
 def places(report: GapReport) -> str:
@@ -149,8 +147,8 @@ def score_basis(report: GapReport) -> str:
     gap = report.gap
     alone = gap.after if gap.after_model_xml is None else gap.after_model_xml
     if friendly(alone, gap.unit) == error(gap, "after"):
-        return "The errors called after were computed from that file, read back."
+        return "The errors called after were computed from model.xml, read back."
     return (
-        f"The errors called after are those of the effects named, of which a model file cannot hold all; it alone "
+        f"The errors called after are those of the effects named, of which model.xml cannot hold all; it alone "
         f"leaves {friendly(alone, gap.unit)}."
     )

@@ -82,37 +82,16 @@ def confidence(value: float) -> str:
     return f"{percent} ({word})"
 
 
-def finding(effect: NamedEffect) -> list[str]:
-    """Return what was found out about a named effect, a sentence each."""
-    values = [
-        f"{spoken(name)} {beside(number.value, number.unit)}"
-        + (f" (95 % interval: {interval(number)})" if interval(number) else "")
-        for name, number in effect.parameters.items()
-    ]
-    errors = effect.evidence
-    without, with_it = (friendly(getattr(errors, end), errors.unit) for end in ENDS)
-    where = f"of {effect.joint}" if effect.joint else "of the arm"
-    sentences = [
-        f"{capital(effect_title(effect))}: {'; '.join(values)}.",
-        f"Confidence in this name: {confidence(effect.confidence)}.",
-        f"Without it, the held-out error {where} is {without}, everything else fitted anew; with it, {with_it}.",
-        *rivals(effect),
-        *signature(effect.name),
-    ]
-    if not effect.in_model_xml:
-        sentences.append(
-            "A model file cannot quite hold it here: effects.json does, and model.xml has what comes nearest to it."
-        )
-    return sentences
+def remarks(effect: NamedEffect) -> list[str]:
+    """Return what else is known of a named effect: its rivals and its mark, a sentence each."""
+    return [*rivals(effect), *signature(effect.name)]
 
 
 def rivals(effect: NamedEffect) -> list[str]:
     """Return how far the alternatives are behind."""
     unit = effect.evidence.unit
     told = [f"{effect_title(other)} ({friendly(other.heldout_error_after, unit)})" for other in effect.alternatives]
-    near = [effect_title(other) for other in effect.equals]
-    sentences = [f"In its place, this error would be left by {join_items(told)}."] if told else []
-    return sentences + ([f"These data cannot tell it from {join_items(near)}."] if near else [])
+    return [f"In its place, this error would be left by {join_items(told)}."] if told else []
 
 
 def signature(name: str) -> list[str]:

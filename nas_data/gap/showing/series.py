@@ -50,6 +50,11 @@ class Series:
     slides: tuple[str, ...] = ()
 
     @property
+    def period(self) -> float:
+        """Control period [s]."""
+        return float(np.diff(self.time, prepend=0.0).mean())
+
+    @property
     def kinds(self) -> list[tuple[JointUnit, np.ndarray]]:
         """The kinds of joints, each with their places; errors over joints are over those of the first."""
         return kinds_of(self.joints, self.slides)
@@ -98,6 +103,10 @@ class Series:
         """Return the RMSE of each episode over the joints of the first kind, shape (E,)."""
         return np.asarray(np.sqrt(self.squares(predicted)[:, self.kinds[0][1]].mean(1)))
 
+    def worst_episode(self, joint: int) -> int:
+        """Return which held-out episode the model as handed over predicts worst at a joint, as its place."""
+        return int(self.squares(self.before)[:, joint].argmax())
+
     def in_time(self, predicted: np.ndarray, window: float) -> np.ndarray:
         """Return the RMS error over joints of the first kind and a sliding window, shape (E, T); NaN beyond the rows.
 
@@ -106,7 +115,7 @@ class Series:
             window: Its length [s]; single readings would mostly show their rounding.
         """
         errors = np.where(self.counts[..., None], predicted - self.measured, 0.0)
-        width = max(1, min(len(self.time), round(window / float(np.diff(self.time, prepend=0.0).mean()))))
+        width = max(1, min(len(self.time), round(window / self.period)))
         box = np.ones(width)
         sums = np.stack([np.convolve(row, box, "same") for row in (errors[..., self.kinds[0][1]] ** 2).mean(-1)])
         rows = np.stack([np.convolve(row, box, "same") for row in self.counts.astype(float)])

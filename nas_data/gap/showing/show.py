@@ -1,34 +1,40 @@
-"""Show a gap report: pictures and one page, from its two files alone."""
+"""Show a gap report: figures and one page, from the files of its folder alone."""
 
+import re
 from pathlib import Path
 
 from nas_data.gap.report import REPORT, GapReport
+from nas_data.gap.showing.figures import draw_all_joints, draw_joint, joints_above
 from nas_data.gap.showing.page import build
 from nas_data.gap.showing.series import Series
+from nas_data.reports.style import to_png
 from nas_data.whole_file import write_whole
 
 PAGE, FIGURES = "report.html", "figures"
 
 
 def show(folder: Path) -> Path:
-    """Write the pictures and the page.
+    """Write the figures and the page.
 
     Args:
-        folder: Holds `report.json` and `series.npz`.
+        folder: Holds `report.json` and `series.npz`, and usually `model.xml` and `model.diff`.
 
     Returns:
         The page.
 
     Raises:
-        OptionError: one of the two files is missing or lacks a part.
+        OptionError: one of the first two files is missing or lacks a part.
     """
-    page = build(GapReport.read(folder / REPORT), Series.read(folder))
-    pictures = {f"{picture.name}.png": picture.png for picture in page.pictures()}
+    report, series = GapReport.read(folder / REPORT), Series.read(folder)
+    figures = {"gap_per_joint.png": draw_all_joints(report, series)}
+    for joint in joints_above(series):
+        name = re.sub(r"[^\w.-]", "_", series.joints[joint])
+        figures[f"joint_{name}.png"] = draw_joint(report, series, joint)
     for stale in (folder / FIGURES).glob("*.png"):
-        if stale.name not in pictures:
+        if stale.name not in figures:
             stale.unlink()
-    for name, png in pictures.items():
-        write_whole(folder / FIGURES / name, png)
+    for name, figure in figures.items():
+        write_whole(folder / FIGURES / name, to_png(figure))
     path = folder / PAGE
-    write_whole(path, page.to_html().encode())
+    write_whole(path, build(report, series, folder).to_html().encode())
     return path

@@ -23,6 +23,11 @@ class Amount:
     value: float
     unit: Unit
 
+    @classmethod
+    def of(cls, word: object, unit: Unit) -> "Amount":
+        """Read the number, or `all`, from JSON."""
+        return cls(math.inf if word == ALL else float(str(word)), unit)
+
     @property
     def is_all(self) -> bool:
         """Whether everything is meant, however much it is."""

@@ -3,7 +3,7 @@
 import math
 
 from nas_data.joint_units import JointUnit, display_unit
-from nas_data.studies.ablation.amount import ALL, Amount
+from nas_data.studies.ablation.amount import Amount
 from nas_data.studies.ablation.trial import Record
 
 METRIC = "mean_of_episodes"  # every held-out episode counts alike, however long
@@ -21,7 +21,7 @@ def config(record: Record) -> dict[str, object]:
 def amount_of(record: Record) -> Amount:
     """Return the amount that a trial was asked to learn from."""
     word, unit = config(record)["amount"], config(record)["unit"]
-    return Amount(math.inf if word == ALL else float(str(word)), "minutes" if unit == "minutes" else "episodes")
+    return Amount.of(word, "minutes" if unit == "minutes" else "episodes")
 
 
 def size(record: Record) -> float:

@@ -1,18 +1,22 @@
 """What a sweep found: median and spread over seeds of each kind and amount, and how much data is enough."""
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from nas_data.joint_units import HINGE, JointUnit
+from nas_data.errors import OptionError
+from nas_data.joint_units import HINGE, JointUnit, display_unit
 from nas_data.studies.ablation.amount import Amount, Unit
 from nas_data.studies.ablation.judging import BASELINES
 from nas_data.studies.ablation.kinds.base import find_kind
 from nas_data.studies.ablation.results import amount_of, config, error, failure, predictors, size, unit_of
 from nas_data.studies.ablation.trial import Record
 
+JSON = "ablation.json"
 ENOUGH = 0.05  # by which the median error may exceed the best one
 LOOPS = ("open_loop", "one_step")
 
@@ -100,6 +104,28 @@ class SweepSummary:
             shown=unit_of(good[0]) if good else HINGE,
         )
 
+    @classmethod
+    def read(cls, path: Path) -> "SweepSummary":
+        """Read the `ablation.json` of a sweep.
+
+        Raises:
+            OptionError: it is none, or lacks a part.
+        """
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+            unit: Unit = "minutes" if content["amount_unit"] == "minutes" else "episodes"
+            cells = {
+                kind: [
+                    Cell(kind, Amount.of(entry["amount"], unit), float(entry[unit]), read_spreads(entry))
+                    for entry in entries
+                ]
+                for kind, entries in content["kinds"].items()
+            }
+            baselines = {name: read_spreads(entry) for name, entry in content["baselines"].items()}
+            return cls(unit, cells, baselines, content["failed"], display_unit(content["unit"]))
+        except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+            raise OptionError(f"{path} is no result of a sweep ({error!r}); make it anew with: nas ablate") from None
+
     def enough(self) -> dict[str, Cell]:
         """Return for each kind the smallest amount whose median open-loop error is within 5 % of its best."""
         found = {}
@@ -165,6 +191,14 @@ def cell_json(cell: Cell) -> dict[str, object]:
 def spreads_json(spreads: Mapping[str, Spread]) -> dict[str, object]:
     """Return the spreads of both ways to predict."""
     return {loop: spread.to_json() for loop, spread in spreads.items()}
+
+
+def read_spreads(entry: Mapping[str, Mapping[str, Sequence[float | None]]]) -> dict[str, Spread]:
+    """Return the spreads of both ways to predict from JSON, which has no infinity."""
+    return {
+        loop: Spread(tuple(math.inf if value is None else float(value) for value in entry[loop]["values"]))
+        for loop in LOOPS
+    }
 
 
 def gather(kind: str, records: Sequence[Record]) -> list[Cell]:

@@ -9,12 +9,12 @@ import numpy as np
 from nas_data.reports.ablation_figure import AblationCurve, error_over_amount
 from nas_data.reports.style import to_png
 from nas_data.studies.ablation.kinds.base import find_kind
-from nas_data.studies.ablation.summary import LOOPS, Cell, SweepSummary
+from nas_data.studies.ablation.summary import JSON, LOOPS, Cell, SweepSummary
 from nas_data.studies.ablation.table import markdown
 from nas_data.typed_json import finite
 from nas_data.whole_file import write_whole
 
-JSON, TABLE, FIGURE = "ablation.json", "ablation.md", "ablation.png"
+TABLE, FIGURE = "ablation.md", "ablation.png"
 
 
 def write(folder: Path, summary: SweepSummary, more: Mapping[str, object], notes: Sequence[str]) -> dict[str, Path]:

@@ -1,4 +1,4 @@
-"""The demo's last stage: one page with pictures, tables, and what they rest on."""
+"""The demo's last stage: one page with charts, tables, and what they rest on."""
 
 from collections.abc import Mapping, Sequence
 
@@ -7,16 +7,18 @@ import numpy as np
 from nas_data.benchmarks.hardware import hardware
 from nas_data.dataset.provenance import now, read_provenance
 from nas_data.gap.report import GapReport
-from nas_data.gap.showing.page_pictures import gap_picture
+from nas_data.gap.showing.page_charts import joint_errors as errors_by_joint
 from nas_data.gap.showing.page_tables import NONE, joints_table
 from nas_data.gap.showing.page_verdict import lead
 from nas_data.gap.showing.page_words import confidence, friendly, interval, join_items, spoken
 from nas_data.gap.showing.series import Series
-from nas_data.reports.page import Block, Facts, HtmlPage, HtmlTable, PageSection, Picture, Text
-from nas_data.reports.prediction_figures import growth, joint_errors, trajectory
-from nas_data.reports.run_sections import learning_picture, models_picture, policies_table, target_picture
+from nas_data.joint_units import HINGE
+from nas_data.reports.charts import axis, logarithmic, motion, spread
+from nas_data.reports.page import Block, Chart, Facts, HtmlPage, HtmlTable, PageSection, Text
+from nas_data.reports.prediction_figures import FLOOR, joint_errors, quartiles
+from nas_data.reports.run_sections import learning_charts, models_chart, policies_table, target_chart
 from nas_data.reports.runs import Runs, find_runs
-from nas_data.reports.style import to_png
+from nas_data.reports.style import strokes
 from nas_data.runs.stages import StageResult, read_stage
 from nas_data.studies.demo.learning import ERRORS, FOLDERS, NAMES, ROLLOUTS, load_errors, load_rollouts
 from nas_data.studies.demo.naming import FOLDER as GAP
@@ -28,7 +30,6 @@ from nas_data.studies.demo.recording import HELDOUT, TRAIN, newest
 from nas_data.whole_file import write_whole
 
 PAGE = "report.html"
-FIGURES = "figures"
 LEAD = (
     "A simulator of a robot arm is never quite right. From recordings of the arm, a network φ learns what it gets "
     "wrong, nas gap can name what it lacks, and policies then learn in the corrected simulator."
@@ -37,7 +38,7 @@ LEARNERS = ("source", "source + φ", "ψ", NAMES)  # whose trajectories are draw
 
 
 def write_page(demo: Demo) -> StageResult:
-    """Write the page, and its pictures once more as files."""
+    """Write the page."""
     runs = find_runs([demo.folder / folder for folder in (*FOLDERS.values(), POLICIES)])
     page = HtmlPage(
         "The gap between a simulator and its robot: recorded, learned, closed",
@@ -48,16 +49,13 @@ def write_page(demo: Demo) -> StageResult:
             PageSection("One joint, as it moved and as it was predicted", [predictions(demo)]),
             PageSection("Errors of prediction", errors_blocks(demo)),
             PageSection("Policies", policies_blocks(demo, runs)),
-            PageSection("How the models learned", [models_picture(runs.models)]),
+            PageSection("How the models learned", [models_chart(runs.models)]),
             PageSection("What this rests on", [Facts(facts(demo))]),
         ],
     )
-    for picture in page.pictures():
-        write_whole(demo.folder / FIGURES / f"{picture.name}.png", picture.png)
     path = demo.folder / PAGE
     write_whole(path, page.to_html().encode())
-    summary = [f"page → {path}, its pictures → {demo.folder / FIGURES}"]
-    return StageResult([], {"page": str(path), "figures": [picture.name for picture in page.pictures()]}, summary)
+    return StageResult([], {"page": str(path)}, [f"page → {path}"])
 
 
 def joints_with(plan: DemoPlan, effect: str) -> list[str]:
@@ -107,7 +105,7 @@ def names_blocks(demo: Demo) -> list[Block]:
             f"Add: {GAP}/model.xml is the source with what was named and retuned. {lead(report)} All that nas gap has "
             f"to say is on its own page, {GAP}/report.html."
         ),
-        gap_picture(report, series),
+        *errors_by_joint(report, series),
     ]
 
 
@@ -136,8 +134,8 @@ def names_table(plan: DemoPlan, report: GapReport) -> HtmlTable:
     return HtmlTable(("", "hidden", "named", "95 % interval", "confidence"), rows, note)
 
 
-def predictions(demo: Demo) -> Picture:
-    """Return the picture of one joint of one episode, both chosen by a rule."""
+def predictions(demo: Demo) -> Chart:
+    """Return the chart of one joint of one episode, both chosen by a rule."""
     plan, curves = demo.plan, load_rollouts(demo.folder / ROLLOUTS)
     joints = plan.task.joints
     candidates = [joints.index(joint) for joint in joints_with(plan, "backlash")]
@@ -145,20 +143,19 @@ def predictions(demo: Demo) -> Picture:
     joint = max(candidates, key=lambda index: float(wrong[:, index].mean()))
     slow = np.arange(0, len(wrong), len(plan.holds))  # the episodes of the first hold
     episode = int(slow[np.argsort(wrong[slow, joint])[len(slow) // 2]])
-    chosen = {name: values[episode, :, joint] for name, values in curves.items()}
-    figure = trajectory(
-        chosen["measured"],
-        {name: chosen[name] for name in LEARNERS if name in chosen},
-        chosen.get("command"),
-        plan.task.period,
-        joints[joint],
+    chosen = {name: np.degrees(values[episode, :, joint]) for name, values in curves.items()}
+    time = plan.task.period * np.arange(1, len(chosen["measured"]) + 1)
+    predicted = {name: chosen[name] for name in LEARNERS if name in chosen}
+    title = f"{joints[joint]} [{HINGE.mark}]"
+    traces, layout = motion(
+        time, chosen["measured"], predicted, chosen.get("command"), (title, HINGE.mark), strokes(list(chosen))
     )
     caption = (
         f"Joint {joints[joint]} in held-out episode {episode}: of the joints with play, the one that the source "
         f"predicts worst; of the episodes that hold targets for {plan.holds[0]:g} s, the one in which the source's "
         "error on it is the median. Every prediction starts at the first measured state and never sees a later one."
     )
-    return Picture("trajectory", to_png(figure), caption)
+    return Chart("trajectory", caption, traces, layout, height=520)
 
 
 def errors_blocks(demo: Demo) -> list[Block]:
@@ -167,16 +164,22 @@ def errors_blocks(demo: Demo) -> list[Block]:
     n = len(demo.plan.task.joints)
     measured = curves.pop("measured")
     grown = {
-        name: [joint_errors(one, other, n) for one, other in zip(values, measured, strict=True)]
+        name: np.degrees(quartiles([joint_errors(one, other, n) for one, other in zip(values, measured, strict=True)]))
         for name, values in curves.items()
     }
+    grown = {name: np.where(np.isfinite(rows), rows.clip(FLOOR), np.nan) for name, rows in grown.items()}
+    time = demo.plan.task.period * np.arange(1, measured.shape[1] + 1)
     caption = (
         f"How errors grow over a rollout: median over {demo.plan.heldout} held-out episodes, band from the lower to "
         "the upper quartile. Hold predicts that nothing moves, command that every joint is where it is told to be."
     )
+    layout = {
+        "xaxis": axis("time since the start of the rollout [s]"),
+        "yaxis": logarithmic(f"position error, RMS of joints [{HINGE.mark}]"),
+    }
     errors = load_errors(demo.folder / ERRORS)
     return [
-        Picture("error_growth", to_png(growth(grown, demo.plan.task.period)), caption),
+        Chart("error_growth", caption, spread(time, grown, strokes(list(grown))), layout),
         error_table(
             errors["open_loop"],
             "Open loop: RMSE of positions over whole episodes [°]. Joints that the task does not act on are commanded "
@@ -200,7 +203,6 @@ def error_table(errors: Mapping[str, Mapping[str, float]], note: str) -> HtmlTab
 def policies_blocks(demo: Demo, runs: Runs) -> Sequence[Block]:
     """Return what is asked of the policies, how they learned and how they do on the target."""
     plan, groups = demo.plan, runs.groups()
-    on_target = target_picture(groups)
     task = Text(
         "The task: bring the tip of the arm to a random point within a second. The reward of each step is minus the "
         "distance in metres, and 1 more within 16 mm, which ends the episode; the highest return is therefore a little "
@@ -215,9 +217,9 @@ def policies_blocks(demo: Demo, runs: Runs) -> Sequence[Block]:
     )
     return [
         task,
-        *([on_target] if on_target else []),
+        *target_chart(groups),
         policies_table(groups, load_baselines(demo.folder / BASELINES)),
-        learning_picture(groups),
+        *learning_charts(groups),
         seeds,
     ]
 

@@ -79,7 +79,7 @@ STAGES = (
         learn_task,
         ("policies",),
     ),
-    Stage("page", "Show", "Pictures and tables go on one page.", show, ("report.html", "figures")),
+    Stage("page", "Show", "Charts and tables go on one page.", show, ("report.html",)),
 )
 
 

@@ -1,0 +1,86 @@
+"""The short film of a gap page: the measured arm and the models before and after, as ghosts in one scene."""
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.errors import MissingPackage, ModelFileError
+from nas_data.gap.report import GapReport
+from nas_data.gap.showing.figures import AFTER, BEFORE, RETUNED
+from nas_data.gap.showing.series import Series
+from nas_data.gap.write_model import MODEL
+from nas_data.joint_units import joint_unit
+from nas_data.reports.page import Block, ShortFilm, Text
+
+SECONDS = 4.0  # of the episode
+RATE = 12  # [Hz] pictures a second
+SIZE = (360, 440)  # [px] height and width
+
+
+def film_blocks(folder: Path, report: GapReport, series: Series) -> list[Block]:
+    """Return the film, a sentence where this machine cannot draw it, nothing where the folder has no model."""
+    if not (folder / MODEL).is_file():
+        return []
+    try:
+        return [draw(folder / MODEL, report, series)]
+    except MissingPackage as error:
+        return [Text(f"There is no film here. {error} Then run: nas gap show {folder.name}")]
+    except ModelFileError as error:
+        return [Text(f"There is no film here. {error}")]
+
+
+def draw(model: Path, report: GapReport, series: Series) -> ShortFilm:
+    """Draw the stretch of the held-out episodes in which the model as handed over is farthest off.
+
+    Raises:
+        MissingPackage: this machine has nothing that draws pictures; names a package.
+        ModelFileError: the model cannot be drawn.
+    """
+    from nas_data.dataset.dataset import Dataset
+    from nas_data.dataset.features import POSITION, STATE, Feature
+    from nas_data.reports.films.film import Film, write_mp4
+    from nas_data.reports.films.motion import MEASURED, Ghost, Motion
+    from nas_data.robots.base import find_robot
+    from nas_data.simulators.mujoco import MujocoSimulator
+
+    episode, rows = worst_stretch(series)
+    rate, places = 1 / series.period, [places for _, places in series.kinds]
+    body = MujocoSimulator(find_robot(model), series.period, series.joints, threads=1)
+    last = AFTER if report.effects else RETUNED
+    ghosts = []
+    # in this order their colours are those of the charts
+    for name, positions in ((MEASURED, series.measured), (last, series.after), (BEFORE, series.before)):
+        errors = np.square(positions[episode, rows] - series.measured[episode, rows])
+        states = np.concatenate([positions[episode, rows], np.zeros_like(positions[episode, rows])], axis=1)
+        each = np.stack([np.sqrt(errors[:, chosen].mean(axis=1)) for chosen in places], axis=1)
+        ghosts.append(Ghost(name, body, states, each))
+    names = tuple(joint + POSITION for joint in series.joints)
+    state = Feature(names, tuple(joint_unit(joint, series.slides).si for joint in series.joints))
+    shown = series.measured[episode, rows]
+    recorded = Dataset({STATE: state}, {STATE: shown[:-1]}, np.array([len(shown) - 1]), rate)
+    motion = Motion(int(series.episodes[episode]), recorded, tuple(ghosts))
+    with tempfile.TemporaryDirectory() as place:
+        film = Film(motion, report.dataset, SIZE)
+        try:
+            write_mp4(film, np.arange(0, len(shown), rate / RATE).astype(int), RATE, Path(place, "film.mp4"))
+        finally:
+            film.close()
+        mp4 = Path(place, "film.mp4").read_bytes()
+    caption = (
+        f"Episode {series.episodes[episode]} from {series.time[rows.start]:.1f} s on, where the model as handed over "
+        f"is farthest off. Grey: measured. Blue: {BEFORE}. Orange: {last}. Both models follow the commands alone."
+    )
+    return ShortFilm(mp4, caption)
+
+
+def worst_stretch(series: Series) -> tuple[int, slice]:
+    """Return the held-out episode, as its place, and the rows in which the model as handed over errs most."""
+    errors = np.square(series.before - series.measured)[..., series.kinds[0][1]].sum(-1) * series.counts
+    length = max(2, min(series.counts.shape[1], round(SECONDS / series.period)))
+    sums = np.concatenate([np.zeros((len(errors), 1)), np.cumsum(errors, axis=1)], axis=1)
+    episode, start = np.unravel_index(
+        np.argmax(sums[:, length:] - sums[:, :-length]), (len(sums), sums.shape[1] - length)
+    )
+    end = min(int(start) + length, int(series.counts[episode].sum()))
+    return int(episode), slice(max(0, end - length), end)

@@ -1,0 +1,224 @@
+"""The charts of a gap report, each with a caption that says what it shows."""
+
+import re
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from nas_data.gap.report import Bin, GapReport
+from nas_data.gap.showing.figures import (
+    AFTER,
+    BEFORE,
+    FLOOR,
+    LOOKS,
+    PLACEBO,
+    PLAIN,
+    RETUNED,
+    commands_torques,
+    models,
+    models_of_joint,
+)
+from nas_data.gap.showing.page_words import friendly, join_items
+from nas_data.gap.showing.series import Series
+from nas_data.joint_units import JointUnit, joint_unit
+from nas_data.reports.charts import Trace, axis, dots, level, logarithmic, motion, spread
+from nas_data.reports.page import Chart
+from nas_data.reports.style import BLACK, GREEN, LIGHT, STROKES, Stroke
+
+LEARNED = "names + φ"
+LOOK_OF = {**STROKES, **LOOKS}
+SYMBOLS = {BEFORE: "circle", RETUNED: "square-open", PLAIN: "triangle-down", AFTER: "diamond", PLACEBO: "triangle-up"}
+TITLES = {BEFORE: "before (stock model)", RETUNED: "retuned (no name)"}
+DELIVERED = {"names": "names", "names and plain": "names and plain fit", "plain": "plain fit", "given": "as given"}
+HEAT = [[0.0, "#ffffd9"], [0.3, "#fecc5c"], [0.65, "#f03b20"], [1.0, "#800026"]]
+LEAST = 3.0  # noise floors at the dark end of the scale, at least: a small gap must not look like a large one
+WINDOW = 0.1  # [s] over which errors are averaged when drawn over time
+QUARTILES = (0.25, 0.5, 0.75)
+
+
+def error_bars(report: GapReport, series: Series) -> Chart:
+    """Return the held-out error of the stock model, the plain fit, the names, φ on top, and the floor."""
+    shown = models(report, series)
+    titles = {**TITLES, AFTER: f"after ({DELIVERED.get(report.gap.delivered or 'names', 'names')})"}
+    made = {titles.get(name, name): (series.by_episode(values), LOOKS[name]) for name, values in shown.items()}
+    traces = [bar(series, name, values, look) for name, (values, look) in made.items()]
+    if report.shares and report.shares.learned is not None and report.shares.left is not None:
+        floor = series.overall_floor
+        first = float(np.sqrt(np.mean(series.by_episode(series.before) ** 2)))
+        left = np.sqrt(floor**2 + report.shares.left * max(first**2 - floor**2, 0.0))
+        traces.append(bar(series, LEARNED, np.array([left]), Stroke(GREEN)))
+    traces.append(bar(series, FLOOR, np.array([series.overall_floor]), Stroke(LIGHT)))
+    return bars(
+        "errors",
+        f"Error of each model on the {len(series.episodes)} held-out episodes. Thin lines reach from the best episode "
+        f"to the worst. {legend(report)}.",
+        traces,
+        f"RMSE over {series.over}",
+    )
+
+
+def placebo_bars(series: Series) -> list[Chart]:
+    """Return the error of a wrong name beside that before and after; nothing where there is none."""
+    if series.placebo is None:
+        return []
+    made = {BEFORE: series.before, PLACEBO: series.placebo, AFTER: series.after}
+    traces = [bar(series, name, series.by_episode(values), LOOKS[name]) for name, values in made.items()]
+    traces.append(bar(series, FLOOR, np.array([series.overall_floor]), Stroke(LIGHT)))
+    return [
+        bars(
+            "placebo",
+            "The same episodes, with a wrong name in the right one's place.",
+            traces,
+            f"RMSE over {series.over}",
+        )
+    ]
+
+
+def bar(series: Series, name: str, errors: np.ndarray, look: Stroke) -> Trace:
+    """Return the bar of a model: its RMSE, and a line from its best to its worst episode.
+
+    Args:
+        series: Decides the unit.
+        name: The model's.
+        errors: Of each episode, shape (E,).
+        look: Its colour.
+    """
+    shown = series.shown(errors)
+    whole = float(np.sqrt(np.mean(shown**2)))
+    whisker = {"type": "data", "symmetric": False, "array": [float(shown.max()) - whole]}
+    whisker |= {"arrayminus": [whole - float(shown.min())], "thickness": 1.2, "color": LIGHT}
+    return {
+        "type": "bar",
+        "orientation": "h",
+        "x": [whole],
+        "y": [f"{name}: {whole:.3g}{series.kinds[0][0].mark}"],
+        "name": name,
+        "marker": {"color": look.colour},
+        "showlegend": False,
+        **({"error_x": whisker} if len(shown) > 1 else {}),
+    }
+
+
+def bars(name: str, caption: str, traces: Sequence[Trace], title: str) -> Chart:
+    """Return a chart of horizontal bars, the first on top."""
+    layout = {
+        "xaxis": axis(title, rangemode="tozero"),
+        "yaxis": {"autorange": "reversed", "ticksuffix": " "},
+        "hovermode": "closest",
+    }
+    return Chart(name, caption, traces, layout, height=90 + 42 * len(traces))
+
+
+def legend(report: GapReport) -> str:
+    """Return what the names in the legends mean."""
+    parts = ["Before: the model as handed over", "retuned: its own numbers fitted, nothing added"]
+    parts += ["plain fit: every smooth parameter of every joint fitted, no name given"]
+    return "; ".join(parts + (["after: with what is named added"] if report.effects else []))
+
+
+def joint_errors(report: GapReport, series: Series) -> list[Chart]:
+    """Return the held-out error of each joint by each model; hinges and slides have charts of their own."""
+    shown = models(report, series)
+    return [errors_of_kind(series, shown, unit, chosen) for unit, chosen in series.kinds]
+
+
+def errors_of_kind(series: Series, shown: Mapping[str, np.ndarray], unit: JointUnit, chosen: np.ndarray) -> Chart:
+    """Return the errors of the joints of one kind."""
+    names = [series.joints[joint] for joint in chosen]
+    rows = {name: unit.factor * series.by_joint(made)[chosen] for name, made in shown.items()}
+    traces = [
+        dots(
+            names, values, name, LOOKS[name], marker={"color": LOOKS[name].colour, "size": 10, "symbol": SYMBOLS[name]}
+        )
+        for name, values in rows.items()
+    ]
+    floor = {"color": BLACK, "size": 26, "symbol": "line-ew", "line": {"width": 2, "color": BLACK}}
+    traces.append(dots(names, unit.factor * series.floor[chosen], FLOOR, Stroke(BLACK), marker=floor))
+    layout = {"xaxis": {}, "yaxis": logarithmic(f"RMSE [{unit.mark.strip()}]")}
+    return Chart(
+        f"errors_of_{unit.kind}", f"Error of each joint on the held-out episodes: {unit.kind}.", traces, layout
+    )
+
+
+def over_time(report: GapReport, series: Series) -> Chart:
+    """Return how errors go on from the start of an episode."""
+    shown = {name: series.shown(series.in_time(made, WINDOW)) for name, made in models_of_joint(report, series).items()}
+    quartiles = {name: np.nanquantile(rows, QUARTILES, axis=0) for name, rows in shown.items()}
+    layout = {
+        "xaxis": axis("time since the start of an episode [s]"),
+        "yaxis": logarithmic(f"RMS error over {series.over}"),
+        "shapes": [level(float(series.shown(np.array(series.overall_floor))), FLOOR, BLACK)],
+    }
+    caption = (
+        "How the error goes on from the start of an episode: median over the held-out episodes, band from the lower to "
+        "the upper quartile. Every episode is predicted from its first pose and its commands alone."
+    )
+    return Chart("error_over_time", caption, spread(series.time, quartiles, LOOKS), layout)
+
+
+def joint_charts(report: GapReport, series: Series) -> list[Chart]:
+    """Return a chart of every joint as it moved, the one with the largest gap first."""
+    ratios = series.by_joint(series.before) / series.floor
+    return [joint_chart(report, series, int(place)) for place in np.argsort(-ratios)]
+
+
+def joint_chart(report: GapReport, series: Series, joint: int) -> Chart:
+    """Return the chart of one joint's worst held-out episode."""
+    shown, name, episode = models_of_joint(report, series), series.joints[joint], series.worst_episode(joint)
+    unit, rows = joint_unit(name, series.slides), series.counts[episode]
+    curves = {label: unit.factor * values[episode, rows, joint] for label, values in shown.items()}
+    command = None if commands_torques(report) else unit.factor * series.command[episode, rows, joint]
+    traces, layout = motion(
+        series.time[rows],
+        unit.factor * series.measured[episode, rows, joint],
+        curves,
+        command,
+        (f"{name} [{unit.mark.strip()}]", unit.mark.strip()),
+        LOOK_OF,
+        unit.factor * float(series.floor[joint]),
+    )
+    aside = [{**trace, "visible": "legendonly"} if trace["name"] == PLACEBO else trace for trace in traces]
+    errors = [f"{label} {friendly(series.by_joint(values)[joint], unit.si)}" for label, values in shown.items()]
+    caption = (
+        f"{name} in episode {series.episodes[episode]}, which the model as handed over predicts worst of the held-out "
+        f"ones. The grey band is the noise floor. Error over all held-out episodes: {join_items(errors)}."
+    )
+    return Chart("joint_" + re.sub(r"[^\w.-]", "_", name), caption, aside, layout, height=520)
+
+
+def regimes_chart(report: GapReport) -> list[Chart]:
+    """Return the heat map of joints and conditions, where there is one."""
+    bins: Sequence[Bin] = report.find.regimes if report.find else ()
+    if not bins:
+        return []
+    joints = list(dict.fromkeys(entry.joint for entry in bins))
+    places = list(dict.fromkeys(f"{entry.regime}: {entry.bin}" for entry in bins))
+    ratios, texts = np.full((len(places), len(joints)), np.nan), np.full((len(places), len(joints)), "", object)
+    for entry in bins:
+        where = places.index(f"{entry.regime}: {entry.bin}"), joints.index(entry.joint)
+        ratios[where] = entry.ratio_to_noise
+        digits = 1 if entry.ratio_to_noise < 100 else 0
+        texts[where] = f"{entry.ratio_to_noise:.{digits}f}{'*' if entry.significant else ''}"
+    top = max(LEAST, float(np.nanmax(ratios)))
+    ticks = [value for value in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000) if value <= top]
+    scale = {
+        "tickvals": np.log10(ticks),
+        "ticktext": list(map(str, ticks)),
+        "thickness": 12,
+        "title": {"text": "× noise"},
+    }
+    heat: Trace = {
+        "type": "heatmap", "x": joints, "y": places, "z": np.log10(np.clip(ratios, 1.0, None)), "text": texts,
+        "texttemplate": "%{text}", "hovertemplate": "%{x}<br>%{y}<br>%{text} × noise<extra></extra>",
+        "zmin": 0.0, "zmax": float(np.log10(top)), "colorscale": HEAT, "xgap": 1, "ygap": 1, "colorbar": scale,
+    }  # fmt: skip
+    layout = {
+        "xaxis": {"side": "top", "showgrid": False},
+        "yaxis": {"autorange": "reversed", "showgrid": False},
+        "hovermode": "closest",
+    }
+    caption = (
+        "Error of the model as handed over under each condition, in noise floors; 1 is perfect. A star marks what "
+        "differs from the joint's other rows by more than chance."
+    )
+    return [Chart("regimes", caption, [heat], layout, height=110 + 26 * len(places))]

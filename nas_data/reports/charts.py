@@ -1,0 +1,159 @@
+"""What charts are made of: lines, bands, dots and axes in the house colours, thinned to what a screen can show."""
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from nas_data.reports.style import Stroke
+
+MOST_POINTS = 2000  # of a curve; more than a screen has pixels, so that zooming in still shows something
+DASHES = {"-": "solid", "--": "dash", "-.": "dashdot", ":": "dot"}
+VEIL = "2b"  # alpha of bands, as a colour's fourth byte
+
+Trace = dict[str, object]
+
+
+def line(x: np.ndarray, y: np.ndarray, name: str, look: Stroke, **more: object) -> Trace:
+    """Return a curve.
+
+    Args:
+        x: Shape (T,).
+        y: Shape (T,); NaN where there is nothing.
+        name: What it is called in the legend; curves of one name are shown and hidden together.
+        look: Its colour and stroke.
+        more: Further keys of plotly's `scatter`.
+    """
+    x, y = thin(x, y)
+    stroke = {"color": look.colour, "width": look.width, "dash": DASHES[look.line]}
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "x": x,
+        "y": y,
+        "name": name,
+        "legendgroup": name,
+        "line": stroke,
+        **more,
+    }
+
+
+def band(x: np.ndarray, low: np.ndarray, high: np.ndarray, name: str, look: Stroke) -> list[Trace]:
+    """Return the area between two curves, shape (T,) each; it goes with the curve of the same name."""
+    hidden = Stroke(look.colour, look.line, 0)
+    kept = np.isfinite(low) & np.isfinite(high)
+    quiet = {"showlegend": False, "hoverinfo": "skip"}
+    below, above = (line(x[kept], edge[kept], name, hidden, **quiet) for edge in (low, high))
+    return [below, {**above, "fill": "tonexty", "fillcolor": look.colour + VEIL}]
+
+
+def dots(
+    x: Sequence[object] | np.ndarray, y: Sequence[object] | np.ndarray, name: str, look: Stroke, **more: object
+) -> Trace:
+    """Return dots, one for each pair of values; see `line`."""
+    marker = {"color": look.colour, "size": 9}
+    return {
+        "type": "scatter", "mode": "markers", "x": np.asarray(x), "y": np.asarray(y), "name": name,
+        "legendgroup": name, "marker": marker, **more,
+    }  # fmt: skip
+
+
+def axes(x: str, y: str, **more: object) -> dict[str, object]:
+    """Return a layout with titled axes; further keys are plotly's."""
+    return {"xaxis": axis(x), "yaxis": axis(y), **more}
+
+
+def axis(title: str, **more: object) -> dict[str, object]:
+    """Return an axis with its title; further keys are plotly's."""
+    return {"title": {"text": title}, **more}
+
+
+def logarithmic(title: str, **more: object) -> dict[str, object]:
+    """Return a logarithmic axis with plain numbers on it."""
+    return axis(title, type="log", tickformat="~g", dtick="D2", **more)
+
+
+def level(value: float, text: str, colour: str) -> dict[str, object]:
+    """Return a layout's shape: a horizontal line with its name."""
+    label = {"text": text, "textposition": "end", "font": {"size": 11}}
+    stroke = {"color": colour, "width": 1.4, "dash": "dot"}
+    return {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": value, "y1": value, "line": stroke, "label": label}
+
+
+def thin(x: np.ndarray, y: np.ndarray, most: int = MOST_POINTS) -> tuple[np.ndarray, np.ndarray]:
+    """Return at most so many points of a curve: the lowest and the highest of each stretch, in their order.
+
+    Extremes survive, as a mean or every k-th point would not let them.
+
+    Args:
+        x: Shape (T,).
+        y: Shape (T,); NaN where there is nothing.
+        most: An even number of points.
+    """
+    if len(y) <= most:
+        return x, y
+    edges = np.linspace(0, len(y), most // 2 + 1).astype(int)
+    low, high = np.where(np.isnan(y), np.inf, y), np.where(np.isnan(y), -np.inf, y)
+    kept = [
+        start + place
+        for start, end in pairwise(edges)
+        for place in sorted({int(low[start:end].argmin()), int(high[start:end].argmax())})
+    ]
+    return x[kept], y[kept]
+
+
+def spread(x: np.ndarray, values: Mapping[str, np.ndarray], looks: Mapping[str, Stroke]) -> list[Trace]:
+    """Return the median of several rows with a band from the lower to the upper quartile, of each name.
+
+    Args:
+        x: Shape (T,).
+        values: By name, shape (3, T): lower quartile, median, upper quartile.
+        looks: By name.
+    """
+    bands = [trace for name, (low, _, high) in values.items() for trace in band(x, low, high, name, looks[name])]
+    return bands + [line(x, middle, name, looks[name]) for name, (_, middle, _) in values.items()]
+
+
+def motion(
+    time: np.ndarray,
+    measured: np.ndarray,
+    predicted: Mapping[str, np.ndarray],
+    command: np.ndarray | None,
+    labels: tuple[str, str],
+    looks: Mapping[str, Stroke],
+    floor: float = 0.0,
+) -> tuple[list[Trace], dict[str, object]]:
+    """Return one joint as it moved and as it was predicted, the errors below, with their layout.
+
+    Args:
+        time: Since the start [s], shape (T,).
+        measured: Positions as shown, shape (T,).
+        predicted: The same by name.
+        command: Commanded positions as shown, shape (T,); None where they are none.
+        labels: Title of the vertical axis above, and unit of the errors.
+        looks: By name, with `measured` and `command`.
+        floor: Noise floor as shown, a band about zero.
+    """
+    steps = {"line": {"color": looks["command"].colour, "width": 1.2, "shape": "hv"}}
+    traces = [] if command is None else [line(time, command, "command", looks["command"], **steps)]
+    traces.append(line(time, measured, "measured", looks["measured"]))
+    for name, values in predicted.items():
+        traces.append(line(time, values, name, looks[name]))
+        traces.append(line(time, values - measured, name, looks[name], yaxis="y2", showlegend=False))
+    noise = {
+        "type": "rect",
+        "xref": "paper",
+        "x0": 0,
+        "x1": 1,
+        "yref": "y2",
+        "y0": -floor,
+        "y1": floor,
+        "layer": "below",
+    }
+    layout: dict[str, object] = {
+        "xaxis": axis("time since the start of the episode [s]", anchor="y2"),
+        "yaxis": axis(labels[0], domain=[0.42, 1.0]),
+        "yaxis2": axis(f"error [{labels[1]}]", domain=[0.0, 0.35]),
+        "shapes": [{**noise, "line": {"width": 0}, "fillcolor": "#99999955"}] if floor else [],
+    }
+    return traces, layout

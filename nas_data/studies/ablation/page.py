@@ -1,0 +1,73 @@
+"""The page of a sweep: how much data is enough, errors over the amount of data, and every cell in a table."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from nas_data.reports.charts import Trace, axis, band, line, logarithmic
+from nas_data.reports.page import Block, Chart, HtmlPage, HtmlTable, PageSection, Text
+from nas_data.reports.style import Stroke, strokes
+from nas_data.studies.ablation.kinds.base import find_kind
+from nas_data.studies.ablation.summary import JSON, Cell, SweepSummary
+from nas_data.studies.ablation.table import HEADERS, rows
+
+WIDER = 1.05  # by which the axis of amounts goes beyond them
+TITLES = {"open_loop": "open loop", "one_step": "one step"}
+
+
+def page_of_folder(folder: Path) -> HtmlPage:
+    """Return the page of a sweep's folder.
+
+    Raises:
+        OptionError: its `ablation.json` is damaged.
+    """
+    return build(SweepSummary.read(folder / JSON), folder.name)
+
+
+def build(summary: SweepSummary, name: str) -> HtmlPage:
+    """Return the page of a sweep, called by a name."""
+    drawn: list[Block] = [errors_chart(summary, loop) for loop in TITLES] if summary.cells else []
+    what = f"Position RMSE on held-out episodes, mean of the episodes [{summary.shown.shown}]; spread over seeds."
+    sections = [
+        PageSection("", [Text(summary.sentence(), lead=True)]),
+        PageSection("Error over the amount of data", drawn),
+        PageSection("Every amount", [HtmlTable(HEADERS, rows(summary), what)]),
+        PageSection("Failed trials", [Text(sentence) for sentence in summary.failed]),
+    ]
+    return HtmlPage(f"Sweep {name}", [section for section in sections if section.blocks])
+
+
+def errors_chart(summary: SweepSummary, loop: str) -> Chart:
+    """Return the errors of each kind over the amount of data, and of what learns nothing as lines across."""
+    labels = {kind: find_kind(kind).label for kind in summary.cells}
+    looks = strokes([*labels.values(), *summary.baselines])
+    traces = [
+        trace
+        for kind, cells in summary.cells.items()
+        for trace in curve(cells, loop, labels[kind], looks[labels[kind]], summary.shown.factor)
+    ]
+    amounts = sorted({cell.size for cells in summary.cells.values() for cell in cells})
+    ends = np.array([amounts[0] / WIDER, amounts[-1] * WIDER])
+    across = {name: summary.shown.factor * both[loop].median for name, both in summary.baselines.items()}
+    traces += [line(ends, np.full(2, value), name, looks[name]) for name, value in across.items() if 0 < value < np.inf]
+    layout = {
+        "xaxis": axis(
+            f"{summary.unit} of training data", type="log", tickvals=amounts, ticktext=[f"{a:.3g}" for a in amounts]
+        ),
+        "yaxis": logarithmic(f"position error, {TITLES[loop]} [{summary.shown.mark.strip()}]"),
+    }
+    caption = (
+        f"Held-out error, {TITLES[loop]}: median over seeds, and a band from the lowest to the highest. Lines "
+        "across are predictors that learn nothing. Where a seed diverged there is no band."
+    )
+    return Chart(loop, caption, traces, layout, height=440)
+
+
+def curve(cells: Sequence[Cell], loop: str, name: str, look: Stroke, factor: float) -> list[Trace]:
+    """Return a kind's median error over its amounts, and the band between its extremes."""
+    sizes = np.array([cell.size for cell in cells])
+    spreads = [cell.errors[loop] for cell in cells]
+    rows = factor * np.array([(spread.ends[0], spread.median, spread.ends[1]) for spread in spreads]).T
+    low, middle, high = np.where(np.isfinite(rows), rows, np.nan)
+    return [*band(sizes, low, high, name, look), line(sizes, middle, name, look, mode="lines+markers")]
