@@ -38,7 +38,8 @@ def driving_actuators(model: mujoco.MjModel, joint: int) -> np.ndarray:
     name = model.joint(joint).name
     tendons = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, name + end) for end in STANDING]
     target = model.actuator_trnid[:, 0]
-    by_joint, by_tendon = np.flatnonzero(target == joint).tolist(), []
+    by_joint: list[int] = np.flatnonzero(target == joint).tolist()
+    by_tendon: list[int] = []
     for tendon in tendons:
         by_tendon += np.flatnonzero(target == tendon).tolist() if tendon >= 0 else []
     kind, inputs = model.actuator_trntype, model.actuator_ctrlnum
