@@ -15,7 +15,6 @@ from nas_data.errors import NasError, OptionError
 from nas_data.gap.compose import Proposal, compose, write_series
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.experiments.experiment import Rival, next_experiment, write
-from nas_data.gap.export import check_portable
 from nas_data.gap.finding.find import find
 from nas_data.gap.floor import ratios
 from nas_data.gap.name import ADEQUATE, Naming, name
@@ -28,6 +27,7 @@ from nas_data.gap.search.hypothesis import Description
 from nas_data.gap.showing.show import show
 from nas_data.gap.write_model import write_difference
 from nas_data.joint_units import mean_of_kind
+from nas_data.mjcf.export import check_portable
 from nas_data.robots.base import TORQUES
 from nas_data.typed_json import from_json
 

@@ -12,9 +12,9 @@ import mujoco
 from nas_data.dataset.features import POSITION
 from nas_data.effects.base import Effect, add_effects
 from nas_data.errors import OptionError
-from nas_data.gap.export import write_portable
 from nas_data.gap.keyframes import keep_keyframes
 from nas_data.gap.nominal import Nominal, fine_timestep
+from nas_data.mjcf.export import write_portable
 
 MODEL, EFFECTS, DIFFERENCE = "model.xml", "effects.json", "model.diff"
 LONG_NUMBER = re.compile(r"-?\d+\.\d{6,}(?:e[-+]?\d+)?")

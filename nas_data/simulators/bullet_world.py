@@ -16,6 +16,7 @@ import numpy as np
 from nas_data.errors import MissingPackage, ModelFileError
 from nas_data.simulators.urdf import ROTOR, joint_name, link_name, to_urdf
 
+SOFT = 0.5  # [-] least impedance of a constraint below which it pulls rather than holds; MuJoCo's default is 0.9
 RIGID = 1e9  # [N·m] no gear slips
 UNBOUNDED = 1e5  # [rad/s] PyBullet's own bound, 100 rad/s, is within reach of what a constraint has to undo
 
@@ -259,7 +260,9 @@ def refuse_foreign(model: mujoco.MjModel) -> None:
     Raises:
         ModelFileError: names what it is.
     """
+    soft = model.eq_active0.astype(bool) & (model.eq_solimp[:, 0] < SOFT)
     foreign = {
+        "soft equality constraints": bool(soft.any()),
         "tendons with limits or friction": bool((model.tendon_limited | (model.tendon_frictionloss > 0)).any()),
         "flexible bodies": model.nflex > 0,
     }

@@ -115,13 +115,13 @@ def test_a_killed_writer_leaves_only_a_hidden_folder(tmp_path):
     script = (
         "import os, signal, sys; sys.path.insert(0, sys.argv[2])\n"
         "from pathlib import Path\n"
-        "from dataset_samples import recorded\n"
+        "from support.dataset_samples import recorded\n"
         "from nas_data.dataset import write as writing\n"
         "from nas_data.dataset.provenance import Provenance\n"
         "writing.card = lambda *_: os.kill(os.getpid(), signal.SIGKILL)\n"
         "writing.write(recorded(), Path(sys.argv[1]) / 'd', Provenance(how='simulated'))\n"
     )
-    run = subprocess.run([sys.executable, "-c", script, str(tmp_path), str(Path(__file__).parent)], check=False)
+    run = subprocess.run([sys.executable, "-c", script, str(tmp_path), str(Path(__file__).parents[1])], check=False)
     assert run.returncode == -signal.SIGKILL
     assert not (tmp_path / "d").exists()
     assert len(staging.leftovers(tmp_path, "d")) == 1

@@ -10,8 +10,8 @@ from support.delivery_samples import PARTS, arm, delivered, nominal
 
 from nas_data.effects.base import Effect, make_effect
 from nas_data.errors import ModelFileError
-from nas_data.gap.export import check_portable, write_portable
 from nas_data.gap.write_model import write_model
+from nas_data.mjcf.export import check_portable, write_portable
 from nas_data.robots.base import find_robot
 
 
@@ -57,7 +57,7 @@ def test_a_model_that_cannot_be_written_is_refused_before_the_search(tmp_path: P
     with pytest.raises(ModelFileError, match=r"arm\.xml cannot be written as a model of its own"):
         check_portable(nominal(path).spec, tmp_path / "elsewhere/arm.xml")
     data = recorded(path, tmp_path / "data", "--episodes", "2")
-    monkeypatch.setattr("nas_data.gap.export.find_file", lambda *given: None)
+    monkeypatch.setattr("nas_data.mjcf.export.find_file", lambda *given: None)
     capsys.readouterr()
     assert main(["gap", str(data), "--model", str(path), "--out", str(tmp_path / "out")]) == 2
     told = capsys.readouterr().err

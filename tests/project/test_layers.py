@@ -14,9 +14,10 @@ LAYERS = (
     "errors", "warn_once", "visible_files", "whole_file", "typed_json", "arrays", "registry", "joint_units",
     "metrics", "command_file", "environment_ids",
     # data, models and engines
-    "dataset", "runs", "mjcf", "robots", "effects", "excitations", "simulators", "pairing", "sources", "models",
+    "dataset", "runs", "mjcf", "servos", "robots", "effects", "excitations", "simulators", "pairing", "sources",
+    "models",
     # the gap and what is learned of it; pages and figures are drawn with what stands before it
-    "reports.style", "reports.page", "gap", "envs",
+    "reports.style", "reports.page", "reports.charts", "reports.films", "gap", "envs",
     # arms and their recordings
     "hardware", "importing", "recorders", "policies",
     # what users call

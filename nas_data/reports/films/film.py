@@ -136,6 +136,7 @@ def write_mp4(
     """
     import av
 
+    av.logging.set_level(av.logging.ERROR)  # LeRobot lets encoders say what they do
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".{path.name}.partial")
     try:

@@ -7,9 +7,9 @@ import mujoco
 import numpy as np
 
 from nas_data.errors import ModelFileError
-from nas_data.gap.export import find_file, references
 from nas_data.mjcf.bake_inertia import explicit
 from nas_data.mjcf.engine_warnings import heard_warnings
+from nas_data.mjcf.export import find_file, references
 from nas_data.reports.films.motion import Ghost, Motion
 
 # measured grey, then the models: vermilion, blue, green, purple of Okabe and Ito, told apart by the colour-blind
