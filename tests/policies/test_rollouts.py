@@ -167,10 +167,13 @@ def test_a_duel_is_fought_and_kept(capsys, monkeypatch):
 def test_a_sword_may_lie_on_a_shield_but_no_arm_on_the_other():
     rng, task = np.random.default_rng(0), find_task("ErgoShield")
     attackers, defenders = rng.uniform(-1.2, 1.2, (10_000, 6)), rng.uniform(-GUARD, GUARD, (10_000, 6))
-    stepper = task.simulator().stepper(len(attackers))
-    stepper.reset(np.concatenate([attackers, 0 * attackers, defenders, 0 * defenders], axis=1))
     poses = np.concatenate([attackers, defenders], axis=1)
-    struck = poses[geometric_touches(stepper)]
+    states = np.concatenate([attackers, 0 * attackers, defenders, 0 * defenders], axis=1)
+    stepper, touching = task.simulator().stepper(500), []
+    for start in range(0, len(states), stepper.size):  # a simulation takes 14 MB
+        stepper.reset(states[start : start + stepper.size])
+        touching.append(geometric_touches(stepper))
+    struck = poses[np.concatenate(touching)]
     bodies, edges, alone = ways_of_two(), ways_of_two(edges=True), Ways(find_robot("ergojr_penholder"))
     assert len(struck) > 50
     assert np.mean([edges.touches(pose) for pose in struck]) < 0.2, "the others have an arm on the other as well"
