@@ -1,63 +1,19 @@
 """Stages side by side: what builds on nothing unfinished is begun, and what fails takes only its followers along."""
 
-import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from safetensors.numpy import load_file
 from support.experiment_samples import tiny
+from support.stage_samples import ALL, Plan, do_one, staged
 
 from nas_data.errors import SimulationDiverged
 from nas_data.runs.stages import STAGES as NOTES
-from nas_data.runs.stages import Stage, StageResult, Work, read_stage
-from nas_data.runs.stages_side_by_side import Part, do_part, prerequisites, run_side_by_side
+from nas_data.runs.stages import Work, read_stage
+from nas_data.runs.stages_side_by_side import prerequisites, run_side_by_side
 from nas_data.studies.experiments.pipeline.artifacts import PHI, PSI
-
-PATIENCE = 60.0  # [s] to wait for another process
-
-
-@dataclass(frozen=True)
-class Plan:
-    """Which stage fails, and which wait for each other."""
-
-    fails: str = ""
-    meet: tuple[str, ...] = ()
-
-    def describe(self) -> dict[str, object]:
-        return {}
-
-
-def working(name: str):
-    def work(job: Work[Plan]) -> StageResult:
-        began = time.time()
-        if name == job.plan.fails:
-            raise SimulationDiverged(f"{name} cannot be done.")
-        (job.folder / f"{name}.begun").touch()
-        for other in job.plan.meet if name in job.plan.meet else ():
-            while not (job.folder / f"{other}.begun").exists():
-                assert time.time() - began < PATIENCE, "it is not begun beside the other"
-                time.sleep(0.01)
-        (job.folder / name).write_text(str(job.threads))
-        job.report(f"{name} works")
-        return StageResult([f"{name} is done"], {"began": began, "ended": time.time()})
-
-    return work
-
-
-def staged(name: str, *builds_on: str) -> Stage[Plan]:
-    return Stage(name, f"Stage {name}", "does something", working(name), (name,), builds_on)
-
-
-ALL = {
-    stage.name: stage
-    for stage in (staged("root"), staged("left", "root"), staged("right", "root"), staged("on_left", "root", "left"))
-}
-
-
-def do_one(part: Part[Plan]) -> None:
-    do_part(ALL[part.stage], part)
 
 
 def go(folder: Path, plan: Plan, workers: int = 2) -> list[str]:
