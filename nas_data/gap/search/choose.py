@@ -35,22 +35,25 @@ def choose(search: Search, plain: Hypothesis, without: Container[str] = ()) -> H
     """
     if not search.above_floor(search.null):
         return search.null
-    first = search.round
+    first, early = search.round, None
     if not is_explained(search, plain) and len(search.above_floor(search.null)) <= FEW_JOINTS:
-        up = climb(search, search.null, without)
+        early = climb(search, search.null, without)
         free = search.rescore(plain)
-        if is_explained(search, up) and up.score < free.fit.loss + free.heldout_misfit:
-            return up
+        if is_explained(search, early) and early.score < free.fit.loss + free.heldout_misfit:
+            return early
         search.return_to(first)
     down = descend(search, plain, without)
     if len(drop.parts(down)) > MANY * len(search.excited):
         return climb(search, down, without)
     if not search.above_floor(down) and is_simple(down):
         return review(search, apply_moves(search, down, ("merge_joints", "one_for_several"), without), without)
-    search.return_to(first)
-    up = climb(search, search.null, without, down if is_explained(search, down) else None)
+    up = early
+    if up is None:
+        search.return_to(first)
+        up = climb(search, search.null, without, down if is_explained(search, down) else None)
+    up = search.rescore(up)
     if is_explained(search, up) and up.score <= search.rescore(down).score:
-        return up
+        return search.relinearise(up) if early else up
     down = climb(search, search.relinearise(down), without)
     up = search.rescore(up)
     search.report("up from the model", up)
