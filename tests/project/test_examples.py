@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from support.example_log import write_log
-from support.notebooks import run_notebook
+from support.notebooks import code_cells, run_notebook
 
 import nas_data as nas
 
@@ -94,3 +94,12 @@ def test_the_notebook_runs(tmp_path, monkeypatch):
     errors = left["judged"].open_loop
     assert errors["source + φ"].overall < errors["source"].overall
     assert "backlash" in {effect.name for effect in left["report"].effects}
+
+
+def test_the_notebook_holds_its_outputs_and_is_small():
+    cells = code_cells(json.loads(NOTEBOOK.read_text(encoding="utf-8")))
+    assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))
+    kinds = {key for cell in cells for output in cell["outputs"] for key in output.get("data", {"stream": ""})}
+    assert {"stream", "image/png"} <= kinds
+    assert not any(output["output_type"] == "error" for cell in cells for output in cell["outputs"])
+    assert NOTEBOOK.stat().st_size < 300_000  # bytes
