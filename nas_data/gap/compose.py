@@ -11,7 +11,8 @@ from nas_data.gap.floor import ratios
 from nas_data.gap.name import ADEQUATE, Finding, Naming
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.problem import Problem
-from nas_data.gap.report import (
+from nas_data.gap.report import GapReport
+from nas_data.gap.report_parts import (
     Alternative,
     ArmGap,
     EffectName,
@@ -20,7 +21,6 @@ from nas_data.gap.report import (
     FittedParameter,
     GapErrors,
     GapFindings,
-    GapReport,
     HeldoutErrors,
     JointDescription,
     NamedEffect,

@@ -8,10 +8,11 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.metrics import Errors
-from nas_data.models.evaluation import open_loop_model, open_loop_source
+from nas_data.models.evaluation import open_loop_model
 from nas_data.models.presets import preset
 from nas_data.models.run import TrainingRun
 from nas_data.models.training import ModelTraining, error_scales
+from nas_data.open_loop import open_loop_source
 from nas_data.pairing import pair
 from nas_data.robots.base import find_robot
 from nas_data.simulators.mujoco import MujocoSimulator

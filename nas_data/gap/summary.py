@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from nas_data.gap.report import FittedParameter, GapErrors, GapReport, NamedEffect
+from nas_data.gap.report import GapReport
+from nas_data.gap.report_parts import FittedParameter, GapErrors, NamedEffect
 from nas_data.joint_units import display_unit
 
 VERDICTS = {

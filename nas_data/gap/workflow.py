@@ -20,7 +20,8 @@ from nas_data.gap.floor import ratios
 from nas_data.gap.name import ADEQUATE, Naming, name
 from nas_data.gap.output_folder import check_place, clear
 from nas_data.gap.problem import Problem
-from nas_data.gap.report import GapFindings, GapReport, MadeFrom, TriedExperiment
+from nas_data.gap.report import GapReport
+from nas_data.gap.report_parts import GapFindings, MadeFrom, TriedExperiment
 from nas_data.gap.score_model import HeldOutResult, predict_held, score_model
 from nas_data.gap.search.final import Final, finish
 from nas_data.gap.search.hypothesis import Description

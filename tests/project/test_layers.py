@@ -14,7 +14,8 @@ LAYERS = (
     "errors", "warn_once", "visible_files", "whole_file", "typed_json", "arrays", "registry", "joint_units",
     "metrics", "command_file", "environment_ids",
     # data, models and engines
-    "dataset", "runs", "mjcf", "servos", "robots", "effects", "excitations", "simulators", "pairing", "sources",
+    "dataset", "runs", "mjcf", "servos", "robots", "effects", "excitations", "simulators", "pairing",
+    "open_loop", "sources",
     "models",
     # the gap and what is learned of it; pages and figures are drawn with what stands before it
     "reports.style", "reports.page", "reports.charts", "reports.films", "gap", "envs",

@@ -15,7 +15,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.versions import new_version
 from nas_data.errors import MissingPackage, OptionError
 from nas_data.metrics import Errors
-from nas_data.models.evaluation import open_loop_source
+from nas_data.open_loop import open_loop_source
 from nas_data.reports.films.film import Film, frames_between
 from nas_data.reports.films.motion import follow, names_of
 from nas_data.reports.films.scene import COLOURS, Scene

@@ -12,7 +12,8 @@ from nas_data.effects.base import Effect, Parameter, add_effects, make_effect
 from nas_data.effects.edits.servo import damping, stiffness, torque_limit
 from nas_data.errors import OptionError
 from nas_data.gap.nominal import Nominal
-from nas_data.gap.report import REPORT, FittedEffect
+from nas_data.gap.report import REPORT
+from nas_data.gap.report_parts import FittedEffect
 from nas_data.gap.write_model import EFFECTS
 from nas_data.joint_units import unit_at
 from nas_data.typed_json import from_json

@@ -15,7 +15,7 @@ from nas_data.gap.finding.regimes import find_regimes
 from nas_data.gap.finding.torque_off import while_driven
 from nas_data.gap.finding.undecidable import undecidable
 from nas_data.gap.nominal import Nominal
-from nas_data.gap.report import GapFindings
+from nas_data.gap.report_parts import GapFindings
 
 
 def find(dataset: Dataset, evidence: EpisodeBatch, nominal: Nominal, floor: np.ndarray) -> GapFindings:

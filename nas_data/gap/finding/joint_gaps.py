@@ -6,7 +6,7 @@ from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.finding.recorded import RecordedRows
 from nas_data.gap.finding.repeatability import repeatability
 from nas_data.gap.nominal import Nominal
-from nas_data.gap.report import JointGap
+from nas_data.gap.report_parts import JointGap
 from nas_data.joint_units import joint_unit
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.finding.conditions import Condition
 from nas_data.gap.finding.significance import grouped_chance, holm, paired_chance
-from nas_data.gap.report import Bin
+from nas_data.gap.report_parts import Bin
 
 FEWEST = 20  # rows below which a bin or its rest says nothing
 VISIBLE = 1.2  # noise floors that a joint's error must exceed for its bins to be tested: less has no place

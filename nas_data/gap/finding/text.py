@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from nas_data.gap.report import Bin, Check, JointGap
+from nas_data.gap.report_parts import Bin, Check, JointGap
 from nas_data.joint_units import SLIDE, JointUnit, display_unit, table_unit
 
 SHOWN = 3  # regimes a joint

@@ -7,7 +7,7 @@ import numpy as np
 from nas_data.gap.finding.audits.excitation import constant, find_unmoved_joints, names
 from nas_data.gap.finding.recorded import RecordedRows
 from nas_data.gap.finding.significance import episodes_needed
-from nas_data.gap.report import Bin
+from nas_data.gap.report_parts import Bin
 
 SHORT = 5.0  # [s] of recording below which little can be told
 RATES = 0.02  # relative difference between the rates of episodes

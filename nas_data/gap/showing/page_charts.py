@@ -5,7 +5,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from nas_data.gap.report import Bin, GapReport
+from nas_data.gap.report import GapReport
+from nas_data.gap.report_parts import Bin
 from nas_data.gap.showing.figures import (
     AFTER,
     BEFORE,

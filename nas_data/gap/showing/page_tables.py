@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
-from nas_data.gap.report import Bin, EffectName, GapReport, JointGap
+from nas_data.gap.report import GapReport
+from nas_data.gap.report_parts import Bin, EffectName, JointGap
 from nas_data.gap.showing.figures import Models
 from nas_data.gap.showing.page_verdict import by_size, change
 from nas_data.gap.showing.page_words import (

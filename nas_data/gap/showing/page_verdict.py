@@ -4,7 +4,8 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Literal
 
-from nas_data.gap.report import GapErrors, GapReport, Retuned, Unexplained
+from nas_data.gap.report import GapReport
+from nas_data.gap.report_parts import GapErrors, Retuned, Unexplained
 from nas_data.gap.showing.page_words import LIKELY, effect_title, figures, friendly, join_items
 
 

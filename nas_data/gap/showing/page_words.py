@@ -6,7 +6,7 @@ from typing import Literal
 
 from nas_data.effects.base import find_effect
 from nas_data.errors import UnknownName
-from nas_data.gap.report import EffectName, FittedParameter, NamedEffect
+from nas_data.gap.report_parts import EffectName, FittedParameter, NamedEffect
 
 FRIENDLY = {
     "rad": ("°", 180 / math.pi),

@@ -11,7 +11,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import kept_folders
 from nas_data.effects.base import add_effects
 from nas_data.joint_units import JointUnit, kinds_of
-from nas_data.models.evaluation import open_loop_scene
+from nas_data.open_loop import open_loop_scene
 from nas_data.pairing import initial_states, object_states, with_model_units
 from nas_data.simulators.mujoco import MujocoSimulator
 from nas_data.sources import SourceModel, locate_source

@@ -7,7 +7,7 @@ from typing import Protocol, cast
 
 from nas_data import registry
 from nas_data.gap.finding.audits.base import Examined
-from nas_data.gap.report import Check
+from nas_data.gap.report_parts import Check
 
 FIRST = ("timing", "repeated_samples", "command_shift", "velocities", "readings")  # time before everything else
 

@@ -10,7 +10,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.gap.finding.loads import Loads
 from nas_data.gap.finding.recorded import RecordedRows
 from nas_data.gap.nominal import Nominal
-from nas_data.gap.report import Check
+from nas_data.gap.report_parts import Check
 
 
 @dataclass(frozen=True)

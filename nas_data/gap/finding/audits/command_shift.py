@@ -7,7 +7,7 @@ import numpy as np
 from nas_data.errors import ModelFileError
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.finding.audits.base import Examined, join_names
-from nas_data.gap.report import Check
+from nas_data.gap.report_parts import Check
 
 NAME = "command shift"
 SHIFTS = (-3, -2, -1, 0, 1, 2, 3)  # [rows] by which commands are moved; positive acts later

@@ -5,7 +5,7 @@ import numpy as np
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.finding.audits.base import Examined, join_names
 from nas_data.gap.finding.recorded import STILL
-from nas_data.gap.report import Check
+from nas_data.gap.report_parts import Check
 
 NAME = "excitation"
 STEADY = 1e-6  # [rad or N·m] within which a command is constant

@@ -1,7 +1,7 @@
 """Model: what of it is simulated otherwise than it was handed over."""
 
 from nas_data.gap.finding.audits.base import Examined
-from nas_data.gap.report import Check
+from nas_data.gap.report_parts import Check
 
 NAME = "model"
 

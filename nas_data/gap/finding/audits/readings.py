@@ -1,7 +1,7 @@
 """Readings: jumps and wraps, units, signs, and joints that follow another joint's command."""
 
 from nas_data.gap.finding.audits.base import Examined, summarise_audits
-from nas_data.gap.report import Check
+from nas_data.gap.report_parts import Check
 
 NAME = "readings"
 CHECKS = ("jump", "unit_slip", "command_scale", "command_sign", "command_is_position", "joints_swapped")

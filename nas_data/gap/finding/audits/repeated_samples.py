@@ -1,7 +1,7 @@
 """Repeated samples: readings that stand still while the arm moves, because the device is slower than the recorder."""
 
 from nas_data.gap.finding.audits.base import Examined, summarise_audits
-from nas_data.gap.report import Check
+from nas_data.gap.report_parts import Check
 
 NAME = "repeated samples"
 

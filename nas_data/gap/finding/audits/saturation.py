@@ -3,7 +3,7 @@
 import numpy as np
 
 from nas_data.gap.finding.audits.base import Examined, join_names, percent
-from nas_data.gap.report import Check
+from nas_data.gap.report_parts import Check
 from nas_data.simulators.limits import command_limits
 
 NAME = "saturation"

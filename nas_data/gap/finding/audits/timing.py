@@ -2,7 +2,7 @@
 
 from nas_data.dataset.features import TIME
 from nas_data.gap.finding.audits.base import Examined, summarise_audits
-from nas_data.gap.report import Check
+from nas_data.gap.report_parts import Check
 
 NAME = "timing"
 CHECKS = ("time_backwards", "repeated_time", "rate", "irregular_time", "time_gap")

@@ -2,7 +2,7 @@
 
 from nas_data.gap.finding.audits.base import Examined, percent
 from nas_data.gap.finding.torque_off import TORQUE, torque_on
-from nas_data.gap.report import Check
+from nas_data.gap.report_parts import Check
 
 NAME = "torque off"
 

@@ -2,7 +2,7 @@
 
 from nas_data.dataset.recording import are_derived
 from nas_data.gap.finding.audits.base import Examined, summarise_audits
-from nas_data.gap.report import Check
+from nas_data.gap.report_parts import Check
 
 NAME = "velocities"
 CHECKS = ("velocity_scale", "velocity_lag", "position_contradicts_velocity")
