@@ -1,6 +1,6 @@
 """What the workflow is given: a recording and a model, divided into episodes to fit and episodes to judge by."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from nas_data.dataset.dataset import Dataset
@@ -13,6 +13,7 @@ from nas_data.gap.finding.torque_off import until_driven_again
 from nas_data.gap.floor import noise_floor, step_errors
 from nas_data.gap.gains import with_relative_gains
 from nas_data.gap.nominal import Nominal
+from nas_data.gap.overlaps import without_overlaps
 from nas_data.gap.search.objective import FitTask
 from nas_data.pairing import check_fits, warn_of_ranges
 
@@ -29,6 +30,7 @@ class Problem:
         evidence: Its episodes.
         train: Model and episodes that are fitted.
         held: Model and episodes that judge.
+        as_given: The model as handed over; `train` and `held` leave out the contacts that the recording contradicts.
         names: How report and page call dataset and model.
         given: The model as handed over.
         root: Folder of the dataset.
@@ -38,6 +40,7 @@ class Problem:
     evidence: EpisodeBatch
     train: FitTask
     held: FitTask
+    as_given: Nominal
     names: tuple[str, str]
     given: str | Path
     root: Path
@@ -74,7 +77,8 @@ class Problem:
                 f"{root} has {len(evidence)} episode; at least two are needed, one to fit and one to judge by: "
                 f"record more, or cut it in time: nas split {root} --seconds 3."
             )
-        nominal = Nominal.load(model, evidence)
+        as_given = Nominal.load(model, evidence)
+        nominal = without_overlaps(as_given, evidence)
         simulator = nominal.simulator()
         check_fits(transitions, simulator)
         warn_of_ranges(transitions, nominal.robot.spec().compile())
@@ -85,6 +89,10 @@ class Problem:
             windows(part, steps // simulator.substeps) for part, steps in ((train, TRAIN_STEPS), (held, HELD_STEPS))
         )
         names = (root.parent.name if root.name.startswith("v") else root.name, Path(model).name)
-        return cls(
-            transitions, evidence, FitTask(nominal, train, floor), FitTask(nominal, held, floor), names, model, root
-        )
+        tasks = FitTask(nominal, train, floor), FitTask(nominal, held, floor)
+        return cls(transitions, evidence, *tasks, as_given, names, model, root)
+
+    def with_contacts(self) -> "Problem":
+        """Return the same with the model as handed over throughout."""
+        train, held = (replace(task, nominal=self.as_given) for task in (self.train, self.held))
+        return replace(self, train=train, held=held)

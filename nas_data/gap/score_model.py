@@ -74,7 +74,7 @@ def score_model(problem: Problem, final: Final, null: Final, plain: Final, folde
     write_effects(folder, effects, factors, whole, nominal.slides)
     written = Nominal.load(folder / MODEL, held).predict(held)
     return HeldOutResult(
-        before=nominal.predict(held),
+        before=problem.as_given.predict(held),
         retuned=nominal.predict(held, (), null.factors),
         plain=predict_held(problem, plain),
         after=written if whole else named.predict(held, effects, factors),

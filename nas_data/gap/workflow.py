@@ -75,7 +75,7 @@ def investigate_problem(
     problem = load()
     check_portable(problem.train.nominal.spec, problem.train.nominal.robot.mjcf)
     say("find: where model and recording disagree")
-    found = find(problem.dataset, problem.evidence, problem.train.nominal, problem.train.floor)
+    found = find(problem.dataset, problem.evidence, problem.as_given, problem.train.floor)
     return conclude(problem, found, folder, began, say, learn)
 
 
@@ -95,7 +95,7 @@ def conclude(problem: Problem, found: GapFindings, folder: Path, began: float, s
     experiment = propose_experiment(problem, naming, folder)
     report = compose(problem, found, naming, outcome, experiment, time.monotonic() - began)
     report = replace(report, made_from=made_from(problem, folder, learn))
-    write_difference(folder, problem.train.nominal, problem.names[1])
+    write_difference(folder, problem.as_given, problem.names[1])
     report.write(folder)
     write_series(folder, problem, naming, outcome)
     say("show: draw it")
@@ -143,7 +143,8 @@ def deliver(problem: Problem, naming: Naming, folder: Path, say: Say) -> tuple[N
     plain_is_best = rms(held, outcome.plain, scales) <= rms(held, outcome.before, scales)
     other = naming.plain if plain_is_best else Final((), {}, (), fine=False)
     nameless = replace(naming, findings=(), rivals=(), final=other)
-    delivered = score_model(problem, other, naming.null, naming.plain, folder)
+    chosen = problem if plain_is_best else problem.with_contacts()
+    delivered = score_model(chosen, other, naming.null, naming.plain, folder)
     return nameless, replace(delivered, delivered="plain" if plain_is_best else "given")
 
 

@@ -113,10 +113,13 @@ def is_explained(search: Search, h: Hypothesis) -> bool:
 
 
 def apply_moves(search: Search, h: Hypothesis, names: tuple[str, ...], without: Container[str]) -> Hypothesis:
-    """Apply moves one after the other."""
+    """Apply moves one after the other; one that found nothing better is not applied again to the same hypothesis."""
+    idle: dict[str, Hypothesis] = {}
     for name in names:
-        if name not in without:
-            h = find_move(name)(search, h)
+        if name not in without and idle.get(name) is not h:
+            before, h = h, find_move(name)(search, h)
+            if h is before or name == "drop":  # which ends where it finds nothing more
+                idle[name] = h
     return h
 
 

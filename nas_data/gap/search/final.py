@@ -1,16 +1,17 @@
 """The last fit, on all training episodes, and how sure it makes of every number."""
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from nas_data.effects.base import Effect, Parameter
 from nas_data.gap.nominal_parameters import TOLERANCE, own_size
-from nas_data.gap.search.fit import Fit, fit, normal_equations
+from nas_data.gap.search.fit import Fit, fit, measure_jacobian, normal_equations
 from nas_data.gap.search.hypothesis import Description, reuse_jacobian
 from nas_data.gap.search.objective import FitTask
+from nas_data.gap.search.parameters import FreeParameters
 from nas_data.joint_units import unit_at
 
 ROUNDS = 2  # fits, each with the correction for finer steps computed where the last one ended
@@ -59,6 +60,7 @@ def finish(task: FitTask, description: Description, factors: dict[str, float], r
     for _ in range(rounds):
         task = task.relinearise(parameters, theta)
         known = reuse_jacobian(found, parameters, len(description.effects))
+        known |= measure_columns(task, parameters, theta, [c for c in range(parameters.size) if c not in known])
         better = fit(task, parameters, theta, known, steps=3, jacobian_refreshes=0)
         if better is None:
             break
@@ -74,6 +76,19 @@ def finish(task: FitTask, description: Description, factors: dict[str, float], r
         conditioning=conditioning(task, found),
         stable=stability(task, found),
     )
+
+
+def measure_columns(
+    task: FitTask, parameters: FreeParameters, theta: np.ndarray, columns: Sequence[int]
+) -> dict[int, np.ndarray]:
+    """Return columns of the Jacobian at some numbers, by index; none where the model diverges there.
+
+    The search ended near, so that the steps from there need no columns of their own.
+    """
+    predicted = task.predict(parameters, theta)
+    if predicted is None:
+        return {}
+    return dict(zip(columns, measure_jacobian(task, parameters, theta, predicted, columns), strict=True))
 
 
 def stability(task: FitTask, found: Fit) -> dict[str, bool]:
