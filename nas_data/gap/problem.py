@@ -78,9 +78,9 @@ class Problem:
                 f"record more, or cut it in time: nas split {root} --seconds 3."
             )
         as_given = Nominal.load(model, evidence)
-        nominal = without_overlaps(as_given, evidence)
+        check_fits(transitions, as_given.simulator())
+        nominal = without_overlaps(as_given, kept)
         simulator = nominal.simulator()
-        check_fits(transitions, simulator)
         warn_of_ranges(transitions, nominal.robot.spec().compile())
         evidence = evidence.with_objects(kept, simulator)
         floor = noise_floor(evidence, step_errors(kept, simulator))

@@ -11,17 +11,17 @@ SHOWN = 3  # pairs of bodies that are named
 def check(examined: Examined) -> Check:
     """Look for bodies of the model that lie in each other in measured poses."""
     found = sorted(
-        find_overlaps(examined.nominal, examined.recorded.evidence).values(),
+        find_overlaps(examined.nominal, examined.dataset).values(),
         key=lambda overlap: (-overlap.share, -overlap.depth),
     )
     if not found:
-        return Check(NAME, "In no measured pose do shapes of the model lie in each other.")
+        return Check(NAME, "Nowhere does the measured arm go through what the model touches.")
     each = [f"{one.text} by up to {1000 * one.depth:.0f} mm in {percent(one.share)} of the rows" for one in found]
     more = [f"{len(each) - SHOWN} more pairs"] if len(each) > SHOWN else []
     return Check(
         NAME,
-        f"In measured poses shapes of the model lie in each other: {join_names([*each[:SHOWN], *more])}. Such contacts "
-        "push the simulated arm away. They are left out of the search and of the model that it writes; check the zeros "
-        "of the joints, what the arm stands on, and the model's shapes.",
+        f"Where the arm was measured, shapes of the model lie in each other: {join_names([*each[:SHOWN], *more])}. "
+        "It moves as if they did not touch. These contacts are left out of the search and of the model that it writes; "
+        "check the zeros of the joints, what the arm stands on, and the model's shapes.",
         ok=False,
     )
