@@ -92,7 +92,7 @@ def conclude(problem: Problem, found: GapFindings, folder: Path, began: float, s
     if learn:
         say("learn: φ on what the names leave")
         outcome = replace(outcome, learned=train_on_top(problem, outcome.model, learn, say))
-    experiment = propose_experiment(problem, naming, folder)
+    experiment = propose_experiment(problem, naming, folder, say)
     report = compose(problem, found, naming, outcome, experiment, time.monotonic() - began)
     report = replace(report, made_from=made_from(problem, folder, learn))
     write_difference(folder, problem.as_given, problem.names[1])
@@ -168,11 +168,12 @@ def train_on_top(problem: Problem, model: Path, updates: int, say: Say) -> Mappi
     )
 
 
-def propose_experiment(problem: Problem, naming: Naming, folder: Path) -> Proposal:
+def propose_experiment(problem: Problem, naming: Naming, folder: Path, say: Say = silent) -> Proposal:
     """Write the command file that would settle the most doubtful name; say what it is."""
     rival = naming.doubt
     if rival is None:
         return Proposal()
+    say("comparing experiments that would settle the most doubtful name")
     pair = (
         Rival(naming.final.effects, dict(naming.final.factors)),
         Rival(rival.effects, rival.fit.factors),

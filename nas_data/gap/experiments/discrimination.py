@@ -78,15 +78,22 @@ def separations(
     start = parameters.start(dict(follower.factors))
     second = task.nominal.predict(evidence, follower.effects, parameters.factors_at(start))
     # found for all experiments in one batch: from here on, each has numbers of its own
-    base = range(len(parameters.of_effects), parameters.size)
-    known = dict(zip(base, measure_jacobian(task, parameters, start, second, base), strict=True))
+    common = [column for column in range(parameters.size) if not is_concerned(parameters, column, concerned)]
+    known = dict(zip(common, measure_jacobian(task, parameters, start, second, common), strict=True))
     followed = [
-        fit(task.select([episode]), parameters, start, {column: known[column][[episode]] for column in base}, STEPS, 0)
+        fit(task.select([episode]), parameters, start, {c: rows[[episode]] for c, rows in known.items()}, STEPS, 0)
         for episode in range(len(evidence))
     ]
     squares = np.concatenate([mean_squares(task.select([episode]), found) for episode, found in enumerate(followed)])
     counted = np.isin(nominal.joints, list(concerned))
     return np.asarray(np.where(counted, np.sqrt(squares) / floor, 0.0))
+
+
+def is_concerned(parameters: FreeParameters, column: int, concerned: Sequence[str]) -> bool:
+    """Whether a number is that of an effect of a concerned joint, or of the arm."""
+    if column >= len(parameters.of_effects):
+        return False
+    return any(effect.joint is None or effect.joint in concerned for effect in parameters.parameters_of(column))
 
 
 def mean_squares(task: FitTask, found: Fit | None) -> np.ndarray:
