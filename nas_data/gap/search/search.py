@@ -7,7 +7,7 @@ import numpy as np
 
 from nas_data.effects.base import Effect, Scales
 from nas_data.gap.floor import ratios
-from nas_data.gap.search.fit import Fit, fit, is_loose, measure_jacobian, measure_reach
+from nas_data.gap.search.fit import Fit, fit, is_loose, loss, measure_jacobian, measure_reach
 from nas_data.gap.search.hypothesis import (
     Description,
     Hypothesis,
@@ -40,12 +40,14 @@ class Round:
         held: Model and held-out episodes.
         nominal: The model as it is, scored by it.
         null: The model with its own parameters fitted.
+        measured_at: Positions where the columns of bound parameters were last measured [rad], shape (E, T, n).
     """
 
     sub: FitTask
     held: FitTask
     nominal: Hypothesis
     null: Hypothesis
+    measured_at: np.ndarray
 
 
 @dataclass
@@ -86,6 +88,7 @@ class Search:
         misfit = search.sub.misfit(predicted)
         nominal = Fit(parameters, start, predicted, misfit, jacobian, search.sub.objective)
         search.nominal = search.judge(Description(), nominal)
+        search.measured_at = predicted
         search.sizes = scales(train.nominal, search.sub.evidence, predicted)
         search.excited = excited_joints(train)
         null = search.fitted(Description(), {}, nominal, steps=8)
@@ -100,6 +103,7 @@ class Search:
         self.sub: FitTask = self.train
         self.nominal: Hypothesis
         self.null: Hypothesis
+        self.measured_at: np.ndarray
         self.sizes: tuple[Scales, ...] = ()
         self.excited: set[str] = set()
 
@@ -127,6 +131,11 @@ class Search:
         found = fit(self.sub, parameters, parameters.start(factors), known, steps, jacobian_refreshes)
         return None if found is None else self.judge(description, found)
 
+    def loss_at(self, description: Description, factors: dict[str, float]) -> Score:
+        """Return the loss of a description with the values that it has."""
+        parameters = description.parameters(self.train.nominal.base)
+        return loss(self.sub, parameters, parameters.start(factors))
+
     def rival(self, description: Description, kept: Hypothesis, steps: int = 4) -> Hypothesis | None:
         """Fit another description in the place of the one kept, thoroughly where it comes near; once."""
         identity = ("rival", description, kept.description, steps, self.sub.objective)
@@ -143,10 +152,15 @@ class Search:
         return self.judge(h.description, found) if found else h
 
     def relinearise(self, h: Hypothesis) -> Hypothesis:
-        """Begin another round at a hypothesis: a new objective, to which it is fitted."""
+        """Begin another round at a hypothesis: a new objective, to which it is fitted.
+
+        Columns of bound parameters are kept until a hypothesis is far better than the one at which they were measured.
+        """
         self.sub = self.sub.relinearise(h.fit.parameters, h.fit.theta)
         parameters = h.fit.parameters
         known = {c: rows for c, rows in enumerate(h.fit.jacobian) if not is_loose(parameters, c)}
+        if self.sub.misfit(self.measured_at) > self.sub.misfit(h.fit.predicted) + FAR_BEHIND:
+            known, self.measured_at = {}, h.fit.predicted
         found = fit(self.sub, parameters, h.fit.theta, known, steps=5, jacobian_refreshes=1)
         return self.settle(h.description, found or h.fit)
 
@@ -180,12 +194,12 @@ class Search:
     @property
     def round(self) -> Round:
         """The present objective with what is scored by it, to come back to."""
-        return Round(self.sub, self.held, self.nominal, self.null)
+        return Round(self.sub, self.held, self.nominal, self.null, self.measured_at)
 
     def return_to(self, round_: Round) -> None:
         """Go back to an earlier objective; what was found since is to be rescored, and what moves which joint stays."""
         reach = self.sub.reach_of_joints
-        self.sub, self.held, self.nominal, self.null = vars(round_).values()
+        self.sub, self.held, self.nominal, self.null, self.measured_at = vars(round_).values()
         self.sub = replace(self.sub, reach_of_joints=reach)
         self._cache.clear()
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from nas_data.effects.base import Effect
-from nas_data.gap.search.fit import normal_equations
-from nas_data.gap.search.hypothesis import PRICE, Description, Hypothesis, effect_cost
+from nas_data.gap.search.fit import LONGEST_STEP, normal_equations
+from nas_data.gap.search.hypothesis import PRICE, Description, Hypothesis, effect_cost, key
 from nas_data.gap.search.parameters import SIGNED_SCALE, FreeParameters
 from nas_data.gap.search.search import FAR_BEHIND, Search
 from nas_data.gap.side_by_side import side_by_side
@@ -91,7 +91,44 @@ def fit_without(search: Search, h: Hypothesis, gone: list[Part]) -> Hypothesis |
     description = Description(effects, freed, h.description.shared & left)
     if description == Description():
         return search.null
-    return search.fitted(description, h.fit.factors, h.fit, steps=4)
+    kept = {key(effect) for effect in effects}
+    followed, factors = compensate(search, h, gone)
+    nearer = description.with_effects([effect for effect in followed if key(effect) in kept])
+    starts = [(description, h.fit.factors), (nearer, factors)]
+    best = min(starts, key=lambda start: search.loss_at(*start).nats)
+    return search.fitted(*best, h.fit, steps=4)
+
+
+def compensate(search: Search, h: Hypothesis, gone: list[Part]) -> tuple[tuple[Effect, ...], dict[str, float]]:
+    """Return all effects and factors when some parts go and the other numbers follow, to first order.
+
+    The numbers of the parts change by δ, all by H⁻¹ₐₖ [(H⁻¹)ₖₖ]⁻¹ δ (Hassibi and Stork, 1993).
+    """
+    parameters, theta = h.fit.parameters, h.fit.theta
+    inverse = inverse_hessian(search, h)
+    changes = {c: change for part in gone for c, change in removal_of(h, part).items()}
+    columns = list(changes)
+    pull = np.linalg.pinv(inverse[np.ix_(columns, columns)]) @ np.array(list(changes.values()))
+    moved = theta + np.clip(inverse[:, columns] @ pull, -LONGEST_STEP, LONGEST_STEP)
+    moved = np.clip(moved, *parameters.bounds())
+    return parameters.effects_at(moved), parameters.factors_at(moved)
+
+
+def inverse_hessian(search: Search, h: Hypothesis) -> np.ndarray:
+    """Return (JᵀWJ + prior)⁻¹ of a hypothesis, shape (size, size)."""
+    parameters, theta = h.fit.parameters, h.fit.theta
+    square, _ = normal_equations(search.sub, h.fit.predicted, h.fit.jacobian)
+    return np.asarray(np.linalg.pinv(square + np.diag(parameters.prior(theta) ** 2) + 1e-9 * np.eye(len(theta))))
+
+
+def removal_of(h: Hypothesis, part: Part) -> dict[int, float]:
+    """Return by how much the numbers of a part change when it goes, by index."""
+    parameters, theta = h.fit.parameters, h.fit.theta
+    if isinstance(part, str):
+        return {c: -float(theta[c]) for c, label in enumerate(parameters.labels) if label == (part,)}
+    number = h.effects.index(part)
+    columns = [c for c, free in enumerate(parameters.of_effects) if number in free.places]
+    return {column: removal(parameters, theta, column) for column in columns}
 
 
 def estimate_losses(search: Search, h: Hypothesis) -> dict[Part, float]:
@@ -99,21 +136,14 @@ def estimate_losses(search: Search, h: Hypothesis) -> dict[Part, float]:
 
     Without it a number changes by δ, and the others follow: ½ δᵀ [(H⁻¹)ₖₖ]⁻¹ δ, with H = Jᵀ W J + prior.
     """
-    parameters, theta = h.fit.parameters, h.fit.theta
-    square, _ = normal_equations(search.sub, h.fit.predicted, h.fit.jacobian)
-    inverse = np.linalg.pinv(square + np.diag(parameters.prior(theta) ** 2) + 1e-9 * np.eye(len(theta)))
+    inverse = inverse_hessian(search, h)
 
-    def loss(columns: list[int], change: np.ndarray) -> float:
+    def loss(part: Part) -> float:
+        changes = removal_of(h, part)
+        columns, change = list(changes), np.array(list(changes.values()))
         return float(0.5 * change @ np.linalg.pinv(inverse[np.ix_(columns, columns)]) @ change) if columns else 0.0
 
-    losses: dict[Part, float] = {}
-    for number, effect in enumerate(h.effects):
-        columns = [c for c, free in enumerate(parameters.of_effects) if number in free.places]
-        losses[effect] = loss(columns, np.array([removal(parameters, theta, column) for column in columns]))
-    for name in h.description.freed:
-        columns = [c for c, label in enumerate(parameters.labels) if label == (name,)]
-        losses[name] = loss(columns, -theta[columns])
-    return losses
+    return {part: loss(part) for part in parts(h)}
 
 
 def removal(parameters: FreeParameters, theta: np.ndarray, column: int) -> float:
