@@ -96,7 +96,16 @@ def is_model(learned: LearnedModel | str | Path) -> bool:
 
 
 def as_learned(learned: LearnedModel | str | Path) -> LearnedModel:
-    """Return φ or ψ, read where a folder is given."""
+    """Return φ or ψ, read where a folder is given.
+
+    Raises:
+        OptionError: there is no such file or folder.
+    """
+    if not isinstance(learned, LearnedModel) and not Path(learned).exists():
+        raise OptionError(
+            f"There is no file or folder '{learned}', and no robot of that name ({', '.join(robot_names())}); give a "
+            "model file or a folder written by `nas train`."
+        )
     return learned if isinstance(learned, LearnedModel) else LearnedModel.load(learned)
 
 

@@ -44,6 +44,8 @@ def load_frozen(folder: Path | str) -> DynamicsModel:
         CheckpointError: missing, half-written, or not one of ours.
     """
     folder = Path(folder)
+    if not folder.exists():
+        raise CheckpointError(f"There is no folder {folder}; give one written by `nas train`.")
     missing = [name for name in (CONFIG, WEIGHTS) if not (folder / name).is_file()]
     if missing:
         raise CheckpointError(f"{folder} holds no {' and no '.join(missing)}; give a folder written by `nas train`.")

@@ -415,6 +415,12 @@ def test_phi_needs_pairs(ds):
         nas.train_delta(ds)
 
 
+@pytest.mark.parametrize("name", ["runs/gap/model.xml", "so102_follower"])
+def test_what_is_not_there_is_called_so(ds, name):
+    with pytest.raises(OptionError, match=rf"no file or folder '{name}', and no robot of that name \(.*pendulum"):
+        nas.evaluate(name, ds)
+
+
 def test_progress_is_told(ds):
     lines: list[str] = []
     nas.train_forward(ds, updates=1, seed=1, progress=lines.append)
