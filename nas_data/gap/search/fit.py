@@ -7,7 +7,7 @@ import numpy as np
 
 from nas_data.effects.base import Effect
 from nas_data.gap.search.objective import FitTask, Reach, Score
-from nas_data.gap.search.parameters import STEP, FreeParameters
+from nas_data.gap.search.parameters import STEP, FreeParameters, Label
 from nas_data.gap.side_by_side import side_by_side
 
 DAMPING = (0.0, 0.003, 0.01, 0.03, 0.1, 1.0, 10.0)  # Levenberg-Marquardt: how cautious a step is, tried in this order
@@ -120,7 +120,12 @@ def moved_joints(task: FitTask, parameters: FreeParameters, column: int) -> np.n
     label = parameters.labels[column]
     if not is_loose(parameters, column):
         return task.reach.get(label[0])
-    return task.reach_of_joints.get(label[1] if len(label) > 1 else str(label[0]).rsplit(".", 1)[0])
+    return task.reach_of_joints.get(joint_of_label(label))
+
+
+def joint_of_label(label: Label) -> str | None:
+    """Return the joint of an effect's number or of a parameter of the model; None for one of the arm."""
+    return label[1] if len(label) > 1 else str(label[0]).rsplit(".", 1)[0]
 
 
 def is_loose(parameters: FreeParameters, column: int) -> bool:

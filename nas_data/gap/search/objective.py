@@ -225,10 +225,12 @@ class FitTask:
         It is the likelihood of errors whose size differs by episode and joint: no episode that went astray, and no
         joint with an effect still unnamed, rules the others.
         """
-        if predicted is None:
-            return np.inf
+        return np.inf if predicted is None else float(self.misfits(predicted).sum())
+
+    def misfits(self, predicted: np.ndarray) -> np.ndarray:
+        """Return the part of each episode and joint in the misfit [nats], shape (E, n)."""
         squares = self.evidence.mean_squares(predicted)
-        return float((0.5 * self.observations * np.log(self.tolerated + squares)).sum())
+        return np.asarray(0.5 * self.observations * np.log(self.tolerated + squares))
 
     def weights(self, predicted: np.ndarray, evidence: EpisodeBatch | None = None) -> np.ndarray:
         """Return the weight of each error in the least squares that the misfit amounts to, shape (E, 1, n).

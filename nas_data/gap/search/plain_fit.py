@@ -12,7 +12,7 @@ from nas_data.effects.edits.servo import stiffness
 from nas_data.effects.joint_offset import JointOffset
 from nas_data.gap.episode_batch import windows
 from nas_data.gap.nominal_parameters import MAX_LOG_CHANGE
-from nas_data.gap.search.fit import Fit, fit, is_loose, reach_of_joints
+from nas_data.gap.search.fit import Fit, fit, is_loose, joint_of_label, reach_of_joints
 from nas_data.gap.search.hypothesis import PRICE, Description, Hypothesis, reuse_jacobian
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters, Label
@@ -103,6 +103,8 @@ def begin_on_short_windows(search: Search, description: Description) -> Fit | No
     task = FitTask(nominal, evidence, search.train.floor, fine=False)
     starts = [parameters.start(factors) for factors in starting_factors(description.freed)]
     predicted = [task.predict(parameters, start) for start in starts]
+    starts.append(mix_starts(task, parameters, starts, predicted))
+    predicted.append(task.predict(parameters, starts[-1]))
     observation = float(task.observations.sum()) * len(task.floor)
     misfits = np.array([task.misfit(rows) for rows in predicted]) / observation
     order = np.argsort(misfits)
@@ -114,6 +116,17 @@ def begin_on_short_windows(search: Search, description: Description) -> Fit | No
     found = min(filter(None, fitted), key=lambda one: one.loss)
     task = task.relinearise(parameters, found.theta)
     return fit(task, parameters, found.theta, steps=6, jacobian_refreshes=2) or found
+
+
+def mix_starts(
+    task: FitTask, parameters: FreeParameters, starts: Sequence[np.ndarray], predicted: Sequence[np.ndarray | None]
+) -> np.ndarray:
+    """Return numbers that each joint takes from the start that suits it best."""
+    far = np.full(len(task.floor), np.inf)
+    errors = [far if rows is None else task.misfits(rows).sum(0) for rows in predicted]
+    best = dict(zip(task.nominal.joints, np.argmin(errors, axis=0), strict=True))
+    joints = [joint_of_label(label) for label in parameters.labels]
+    return np.array([starts[best.get(joint or "", 0)][column] for column, joint in enumerate(joints)])
 
 
 def starting_factors(freed: frozenset[str]) -> Sequence[dict[str, float]]:
