@@ -24,13 +24,25 @@ def staging_folder(root: Path) -> Iterator[Path]:
     with _failures_named(root):
         root.parent.mkdir(parents=True, exist_ok=True)
         hidden.mkdir()
-        descriptor = os.open(hidden, os.O_RDONLY)
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
-            yield hidden
+            with lock_folder(hidden):
+                yield hidden
         finally:
-            os.close(descriptor)
             shutil.rmtree(hidden, ignore_errors=True)
+
+
+@contextmanager
+def lock_folder(folder: Path) -> Iterator[None]:
+    """Wait for the lock of a folder, and hold it as long as this context is open or until the process dies.
+
+    `filelock` locks files only. The lock of a folder stays with it when it is renamed, and leaves no file.
+    """
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def check_creatable(root: Path) -> None:

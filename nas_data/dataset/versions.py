@@ -1,11 +1,8 @@
 """Where datasets live: `datasets/<name>/v<N>-<first 8 digits of the content hash>/`, each written once."""
 
-import fcntl
 import hashlib
-import os
 import re
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +11,7 @@ from nas_data.dataset.content import content_hash
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.layout import INFO, SOURCE, SOURCE_EFFECTS
 from nas_data.dataset.provenance import Parent, Provenance, read_provenance
-from nas_data.dataset.staging import check_creatable, publish, staging_folder
+from nas_data.dataset.staging import check_creatable, lock_folder, publish, staging_folder
 from nas_data.dataset.write import fill, write
 from nas_data.errors import DatasetInvalid, DatasetNotFound, OptionError
 
@@ -141,7 +138,7 @@ def settle(hidden: Path, home: Path, digest: str, number: int = 0, damaged: Path
     Returns:
         The version's folder, or that of the same content.
     """
-    with _locked(home):
+    with lock_folder(home):  # one process at a time chooses a number
         staged_provenance = read_provenance(hidden)
         source = _source_of(staged_provenance.files if staged_provenance else {})
         existing = _same_content(home, digest, source, damaged)
@@ -245,14 +242,3 @@ def _same_content(home: Path, digest: str, source: Mapping[str, str], damaged: P
             if _source_of(provenance.files) == source:
                 return path
     return None
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Let one process at a time choose a version's number; the lock dies with its process."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(descriptor)

@@ -21,7 +21,7 @@ from support.two_joint_arm import ARM, recorded
 from nas_data.dataset.read import read
 from nas_data.dataset.versions import new_version
 from nas_data.effects.base import parse
-from nas_data.errors import DatasetInvalid, WorkerLost
+from nas_data.errors import DatasetInvalid, OutputExists, WorkerLost
 from nas_data.gap.write_model import write_effects
 from nas_data.models.split import hold_out, rows_of
 from nas_data.runs.environment_info import commit
@@ -32,7 +32,7 @@ from nas_data.studies.ablation.inflation import read as read_inflation
 from nas_data.studies.ablation.kinds.base import Lesson, find_kind
 from nas_data.studies.ablation.material import SweepData
 from nas_data.studies.ablation.subsets import divide, draw
-from nas_data.studies.ablation.sweep import run_sweep
+from nas_data.studies.ablation.sweep import open_sweep, run_sweep
 from nas_data.studies.ablation.trial import UNFINISHED, do_trial
 
 SAMPLE = Path(__file__).parents[2] / "datasets/ergojr_sample"
@@ -380,6 +380,13 @@ def test_a_folder_of_another_sweep_or_of_anything_else_is_refused(place, here):
     answer = nas(*command[:-1], "notes")
     assert answer.code == 2 and "notes exists and holds no sweep" in answer.err
     assert [path.name for path in Path("notes").iterdir()] == ["mine.txt"]
+
+
+def test_a_folder_is_swept_by_one_process_at_a_time(tmp_path):
+    with open_sweep(tmp_path, {}), pytest.raises(OutputExists, match="Another `nas ablate`"), open_sweep(tmp_path, {}):
+        pass
+    with open_sweep(tmp_path, {}):
+        assert sorted(path.name for path in tmp_path.iterdir()) == [".lock", "sweep.json"]
 
 
 def test_the_trainings_follow_a_preset_and_what_is_given_beside_it(place, here):

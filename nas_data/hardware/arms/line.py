@@ -5,7 +5,6 @@ so that the line is left alone after each failure until it has fallen silent.
 """
 
 import errno
-import fcntl
 import importlib
 import termios
 import time
@@ -126,7 +125,7 @@ class Line:
         self.table, self.ids, self.port, self.failures = table, tuple(ids), port, 0
         self._packets, self._sdk = packets, importlib.import_module(table.sdk)
         try:
-            fcntl.flock(port.ser.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+            port.ser.exclusive = True
         except OSError:
             port.closePort()
             raise busy(port.port_name) from None

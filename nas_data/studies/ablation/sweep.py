@@ -1,6 +1,5 @@
 """A sweep: amount × seed × kind; checked before anything is done, and gone on with where it stopped."""
 
-import fcntl
 import json
 import shutil
 from collections.abc import Callable, Iterator, Sequence
@@ -8,6 +7,8 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
+
+from filelock import FileLock, Timeout
 
 from nas_data.errors import OutputExists
 from nas_data.models.presets import TrainingOptions
@@ -153,13 +154,11 @@ def open_sweep(folder: Path, identity: dict[str, object]) -> Iterator[None]:
     """
     check_same(folder, identity)
     folder.mkdir(parents=True, exist_ok=True)
-    with (folder / LOCK).open("w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # the lock dies with its process
-        except OSError:
-            raise OutputExists(
-                f"Another `nas ablate` works in {folder}; wait for it, or choose another --out."
-            ) from None
+    try:
+        lock = FileLock(folder / LOCK).acquire(timeout=0)
+    except Timeout:
+        raise OutputExists(f"Another `nas ablate` works in {folder}; wait for it, or choose another --out.") from None
+    with lock:
         shutil.rmtree(folder / UNFINISHED, ignore_errors=True)  # what a killed sweep left
         write_whole(folder / SWEEP, (json.dumps(identity, indent=1) + "\n").encode())
         yield

@@ -1,0 +1,144 @@
+"""The charts of a dataset's page: states and commands that it covers, steps of the clock, episodes."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from nas_data.dataset.dataset import Dataset
+from nas_data.joint_units import JointUnit, joint_unit
+from nas_data.reports.charts import Trace, axes, axis, dots, level, line
+from nas_data.reports.page import Chart
+from nas_data.reports.style import BLACK, BLUE, LIGHT, ORANGE, STROKES, VERMILION, Stroke
+
+BINS = 40  # of positions and of speeds
+STEP_BINS = 60  # of the clock's steps
+COLUMNS = 2  # joints side by side in a chart
+DENSITY = [[0.0, "#0072b200"], [0.02, "#0072b233"], [1.0, "#0072b2ff"]]
+
+
+class Panels:
+    """A chart of several panels, one a joint, in rows of two."""
+
+    def __init__(self, count: int) -> None:
+        """Lay out a number of panels."""
+        self.rows = -(-count // COLUMNS)
+        self.height = 90 + 190 * self.rows
+        self.layout: dict[str, object] = {}
+
+    def place(self, number: int) -> dict[str, object]:
+        """Return the axes of a panel, as a trace names them."""
+        mark = str(number + 1) if number else ""
+        return {"xaxis": f"x{mark}", "yaxis": f"y{mark}"}
+
+    def title(self, number: int, text: str) -> None:
+        """Place a panel and write below what it shows."""
+        mark, (row, column) = str(number + 1) if number else "", divmod(number, COLUMNS)
+        width, height = 1 / COLUMNS, 1 / self.rows
+        top = 1 - row * height
+        across = [column * width + (0.06 if column else 0.0), (column + 1) * width - (0.0 if column else 0.06)]
+        upwards = [top - height + 62 / self.height, top]
+        self.layout[f"xaxis{mark}"] = {
+            "title": {"text": text, "standoff": 2, "font": {"size": 12}},
+            "domain": across,
+            "anchor": f"y{mark}",
+        }
+        self.layout[f"yaxis{mark}"] = {"domain": upwards, "anchor": f"x{mark}"}
+
+
+def units_by_joint(dataset: Dataset) -> dict[str, JointUnit]:
+    """Return the unit of each joint's positions."""
+    return {joint: joint_unit(joint, dataset.slides) for joint in dataset.joints}
+
+
+def coverage_chart(dataset: Dataset) -> Chart:
+    """Return how often each joint was at which position at which speed."""
+    n = len(dataset.joints)
+    traces, panels = [], Panels(n)
+    for place, (joint, unit) in enumerate(units_by_joint(dataset).items()):
+        positions, speeds = (unit.factor * dataset.states[:, column] for column in (place, n + place))
+        counts, x, y = np.histogram2d(positions, speeds, BINS)
+        share = np.where(counts > 0, np.log10(np.maximum(counts, 1.0)), np.nan)
+        traces.append(
+            {
+                "type": "heatmap",
+                "x": (x[1:] + x[:-1]) / 2,
+                "y": (y[1:] + y[:-1]) / 2,
+                "z": share.T,
+                "text": counts.T,
+                "hovertemplate": "%{x:.3g}, %{y:.3g}<br>%{text:.0f} rows<extra></extra>",
+                "colorscale": DENSITY,
+                "showscale": False,
+                "zmin": 0,
+                **panels.place(place),
+            }
+        )
+        panels.title(place, f"{joint} [{unit.mark.strip()}]")
+    caption = (
+        "Position (across) and speed in the same unit a second (upwards) of each joint; darker is more often. An "
+        "effect that acts where nothing was recorded cannot be found."
+    )
+    return Chart("states", caption, traces, {**panels.layout, "hovermode": "closest"}, panels.height)
+
+
+def command_chart(dataset: Dataset) -> Chart:
+    """Return how often each joint was commanded what, beside where it was, where commands are positions."""
+    traces, panels = [], Panels(len(dataset.joints))
+    for place, (joint, unit) in enumerate(units_by_joint(dataset).items()):
+        is_position = dataset.kinds[place] == ".pos"
+        factor = unit.factor if is_position else 1.0
+        shown = {"command": (factor * dataset.commands[:, place], ORANGE)}
+        if is_position:
+            shown = {"measured": (factor * dataset.states[:, place], BLACK), **shown}
+        edges = np.histogram_bin_edges(np.concatenate([values for values, _ in shown.values()]), BINS)
+        for name, (values, colour) in shown.items():
+            share = 100 * np.histogram(values, edges)[0] / len(values)
+            steps = {"line": {"color": colour, "width": 1.6, "shape": "hvh"}, "showlegend": place == 0}
+            traces.append(
+                line((edges[1:] + edges[:-1]) / 2, share, name, STROKES[name], **steps, **panels.place(place))
+            )
+        unit_name = unit.mark.strip() if is_position else dataset.features["action"].units[place]
+        panels.title(place, f"{joint} [{unit_name}]")
+    caption = "Share of the rows [%] with each command, and with each measured position."
+    return Chart("commands", caption, traces, panels.layout, panels.height)
+
+
+def step_charts(steps: Sequence[np.ndarray], period: float) -> list[Chart]:
+    """Return how long the steps of the clock are, and the longest of each episode.
+
+    Args:
+        steps: Of each episode [s], shape (T − 1,) each.
+        period: Of the control [s].
+    """
+    counts, edges = np.histogram(1e3 * np.concatenate(steps), STEP_BINS)
+    bars = {
+        "type": "bar", "x": (edges[1:] + edges[:-1]) / 2, "y": counts, "marker": {"color": BLUE}, "showlegend": False,
+        "name": "steps",
+    }  # fmt: skip
+    layout = axes("time from one row to the next [ms]", "steps", bargap=0.0)
+    layout["yaxis"] = axis("steps", type="log", tickformat="~g")
+    worst = np.array([1e3 * part.max() if len(part) else np.nan for part in steps])
+    longest = dots(np.arange(len(steps)), worst, "longest", STROKES["source"])
+    along = axes("episode", "longest step [ms]", shapes=[level(1e3 * period, "control period", LIGHT)])
+    return [
+        Chart("steps", "Time steps of the recorder's clock.", [bars], layout),
+        Chart("longest", "The longest step of each episode.", [longest], along),
+    ]
+
+
+def episode_chart(dataset: Dataset, episode: int) -> Chart:
+    """Return the positions and commands of all joints in an episode."""
+    rows = dataset.episode(episode)
+    time = np.arange(int(dataset.lengths[episode])) / dataset.fps
+    traces: list[Trace] = []
+    panels = Panels(len(dataset.joints))
+    for place, (joint, unit) in enumerate(units_by_joint(dataset).items()):
+        where = {**panels.place(place), "showlegend": place == 0}
+        traces.append(line(time, unit.factor * dataset.states[rows, place], "measured", STROKES["measured"], **where))
+        if dataset.kinds[place] == ".pos":
+            stroke = {"line": {"color": VERMILION, "width": 1.2, "shape": "hv"}}
+            command = unit.factor * dataset.commands[rows, place]
+            traces.append(line(time, command, "command", Stroke(VERMILION), **stroke, **where))
+        panels.title(place, f"{joint} [{unit.mark.strip()}]")
+    return Chart(
+        f"episode_{episode}", f"Episode {episode}: positions over time [s].", traces, panels.layout, panels.height
+    )
