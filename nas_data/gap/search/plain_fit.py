@@ -5,10 +5,11 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 
+import mujoco
 import numpy as np
 
 from nas_data.effects.base import Effect, Scales, find_effect, make_effect
-from nas_data.effects.edits.servo import stiffness
+from nas_data.effects.edits.servo import stiffness, torque_limit
 from nas_data.effects.joint_offset import JointOffset
 from nas_data.gap.episode_batch import windows
 from nas_data.gap.nominal_parameters import MAX_LOG_CHANGE
@@ -26,9 +27,10 @@ FACTORS = (1.0, 0.3, 0.1, 0.03)  # of all gains, from which the fit may begin; o
 CLEARLY = 0.1  # nats an observation (10 % of the errors) by which a start must do better than the model as it is
 NEARLY = 0.3  # nats an observation by which a start may do worse than the best and still be followed
 SMALL = 0.1  # of a joint's natural size, from which what the model lacks begins
-NAMED = {  # effects that say what a freed parameter does: its kind, and whether they add to it or multiply it
+NAMED = {  # effects that say what a freed parameter does: its kind, and whether they add to it
     "servo_stiffness": ("gain", False),
     "servo_damping": ("servo_damping", False),
+    "torque_limit": ("limit", False),
     "viscous_friction": ("damping", True),
     "rotor_inertia": ("armature", True),
     "coulomb_friction": ("frictionloss", True),
@@ -165,26 +167,33 @@ def add_limits(search: Search, plain: Hypothesis) -> Hypothesis:
 def as_effects(search: Search, plain: Hypothesis) -> Description:
     """Return the same description with effects in the place of freed parameters, where they can be named.
 
-    Friction, inertia and damping above the model's are added to it; a gain is multiplied. What the model has too much
-    of has no name and stays freed. What ended within what a real arm is off by is bound again, and an offset that the
-    readings do not show is left out.
+    Friction, inertia and damping above the model's are added to it; a gain is multiplied; a limit below the model's is
+    set. What the model has too much of otherwise, or a limit that is too low, has no name and stays freed. What ended
+    within what a real arm is off by is bound again, and an offset that the readings do not show is left out.
     """
     spec, factors = search.train.nominal.spec, plain.fit.factors
     freed = {name for name in plain.description.freed if abs(math.log(factors[name])) > MAX_LOG_CHANGE}
     floor = dict(zip(search.train.nominal.joints, search.train.floor, strict=True))
     effects = [effect for effect in plain.effects if not is_unseen(effect, floor)]
+    present = {(effect.name(), effect.joint) for effect in effects}
+    kinds = {kind: (effect, is_added) for effect, (kind, is_added) in NAMED.items()}
     for name in sorted(freed):
         joint, kind = name.rsplit(".", 1)
-        factor = factors[name]
-        element = spec.joint(joint)
-        own = {"damping": element.damping[0], "armature": element.armature, "frictionloss": element.frictionloss}
-        added = (factor - 1) * float(own.get(kind, 0.0))
-        for effect, (replaced, is_added) in NAMED.items():
-            value = added if is_added else factor
-            if replaced == kind and value > 0:
+        effect, is_added = kinds.get(kind, ("", False))
+        value = (factors[name] - 1) * own_value(spec, joint, kind) if is_added else factors[name]
+        if kind == "limit":
+            value = torque_limit(spec, joint) * factors[name] if factors[name] < 1 else 0.0
+        if effect and value > 0:
+            freed.discard(name)
+            if (effect, joint) not in present:
                 effects.append(make_clipped_effect(effect, joint, value))
-                freed.discard(name)
     return replace(plain.description, effects=tuple(effects), freed=frozenset(freed))
+
+
+def own_value(spec: mujoco.MjSpec, joint: str, kind: str) -> float:
+    """Return the model's own damping, armature or frictionloss of a joint, in SI units."""
+    element = spec.joint(joint)
+    return float(element.damping[0] if kind == "damping" else getattr(element, kind))
 
 
 def columns_as_effects(plain: Fit, parameters: FreeParameters) -> dict[int, np.ndarray]:
