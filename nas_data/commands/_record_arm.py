@@ -99,13 +99,13 @@ class RecordArm(Command):
         from nas_data.dataset.incremental_writer import Growing
         from nas_data.dataset.versions import check_place
         from nas_data.dataset.write_lock import alone
-        from nas_data.recorders.under_way import place
+        from nas_data.recorders.under_way import recording_folder
 
         protocol, step = self._protocol(), self.step
         task = self.commands.stem if self.commands else protocol.excitation.name()
         name = self.name or f"{self.kind}_{task}"
         check_place(out=self.out, name=name)
-        with alone(root := place(name, self.out)):
+        with alone(root := recording_folder(name, self.out)):
             growing = Growing(root)
             if not self.finish:
                 self._record(growing, protocol, step)
@@ -114,18 +114,18 @@ class RecordArm(Command):
             return self._finish(growing, name)
 
     def _record(self, growing: "Growing", protocol: "PlaybackProtocol", step: float) -> None:
-        from nas_data.recorders.arm import Job, RecordingJob, look
-        from nas_data.recorders.arm_ways import Ways
+        from nas_data.recorders.arm import Job, RecordingJob, check_arm
         from nas_data.recorders.guarded import Setup
+        from nas_data.recorders.path_planner import PathPlanner
         from nas_data.recorders.schedule import MonotonicClock, SteppedClock
-        from nas_data.recorders.stopping import stoppable
+        from nas_data.recorders.stopping import stop_on_signals
 
         robot = self.arm_model()
-        with self.driver() as driver, stoppable():
-            look(driver)  # before the plan is drawn, which takes a while
+        with self.driver() as driver, stop_on_signals():
+            check_arm(driver)  # before the plan is drawn, which takes a while
             setup = Setup(
                 driver=driver,
-                ways=Ways(robot_of(robot, driver)),
+                planner=PathPlanner(robot_of(robot, driver)),
                 rate=self.rate,
                 largest_step=step,
             )

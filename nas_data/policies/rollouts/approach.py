@@ -4,10 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from nas_data.errors import WayBlocked
-from nas_data.policies.rollouts.two_arm_planner import WaysOfTwo
-from nas_data.recorders.arm_motion import APPROACH, LEAD, SETTLE, ArmMotion, slowly
-from nas_data.recorders.arm_ways import Ways
+from nas_data.errors import PathBlocked
+from nas_data.policies.rollouts.two_arm_planner import TwoArmPlanner
+from nas_data.recorders.arm_motion import APPROACH, LEAD, SETTLE, ArmMotion, plan_slow_path
+from nas_data.recorders.path_planner import PathPlanner
 
 PLANS = 5  # times that a way is looked for from where the arms stand before they are given up
 SEEKING = 10.0  # [s] that it may take
@@ -22,7 +22,7 @@ class Approach:
     The arms' sag is made up for: they get where they are sent, not to what hangs below it.
     """
 
-    def __init__(self, attacker: ArmMotion, defender: ArmMotion, seeking: WaysOfTwo, touching: Ways) -> None:
+    def __init__(self, attacker: ArmMotion, defender: ArmMotion, seeking: TwoArmPlanner, touching: PathPlanner) -> None:
         """Take arms over.
 
         Args:
@@ -38,15 +38,15 @@ class Approach:
         """Bring both arms into a pose and hold them there for a moment.
 
         Raises:
-            WayBlocked: there is no free way, or the arms leave those there are.
+            PathBlocked: there is no free way, or the arms leave those there are.
             ArmError: something is wrong with an arm.
         """
         for _ in range(PLANS):
             here = self._stop()
-            self._arms[0].promise(SEEKING)
+            self._arms[0].extend_deadline(SEEKING)
             if self._follow(np.stack([here, *self._seeking.find(here, pose)])):
                 return
-        raise WayBlocked(
+        raise PathBlocked(
             f"On their slow ways the arms came so near to each other {PLANS} times that they were stopped; move both "
             "upright by hand (the torque is off) and start again."
         )
@@ -69,14 +69,14 @@ class Approach:
 
     def _follow(self, corners: np.ndarray) -> bool:
         """Go from corner to corner, shape (k, 2n), and stay at the last; return whether nothing would have touched."""
-        slow = [slowly(a, b, self._period) for a, b in pairwise(corners)]
+        slow = [plan_slow_path(a, b, self._period) for a, b in pairwise(corners)]
         path = np.concatenate([*slow, np.repeat(corners[-1:], round(SETTLE / self._period), axis=0)])
         ahead, self._due = round(AHEAD / self._period), self._clock.now() + LEAD
         for number, pose in enumerate(path):
             here, _ = self._read()
             soon = path[min(number + ahead, len(path) - 1)]
             near = here + np.clip(soon - here, -AHEAD * APPROACH, AHEAD * APPROACH)
-            if self._touching.leads_into_touch(here, near):
+            if self._touching.enters_contact(here, near):
                 return False
             self._send(pose)
         self._read()

@@ -12,11 +12,11 @@ from nas_data.errors import OptionError
 from nas_data.policies.rollouts.approach import Approach
 from nas_data.policies.rollouts.keyboard import Keyboard
 from nas_data.policies.rollouts.robot_stepper import AHEAD, RobotStepper, RolloutTally
-from nas_data.policies.rollouts.two_arm_planner import WaysOfTwo
-from nas_data.policies.rollouts.two_arms import ways_of_two
+from nas_data.policies.rollouts.two_arm_planner import TwoArmPlanner
+from nas_data.policies.rollouts.two_arms import make_two_arm_planner
 from nas_data.recorders.arm_motion import ArmMotion
-from nas_data.recorders.arm_ways import Ways
 from nas_data.recorders.guarded import GuardedArm, Setup
+from nas_data.recorders.path_planner import PathPlanner
 from nas_data.recorders.schedule import Clock
 from nas_data.robots.base import find_robot
 from nas_data.robots.ergojr import JOINTS
@@ -83,12 +83,12 @@ class ArmSetup:
             arms = [stack.enter_context(GuardedArm(self.attacker, self.clock))]
             if self.defender:
                 arms.append(stack.enter_context(GuardedArm(self.defender, self.clock)))
-                arms[0].accompany(arms[1])
+                arms[0].share_guard(arms[1])
             motions = [arm.take(rest) for arm in arms]
-            touching, approach = self.attacker.ways, self._alone(motions[0])
+            touching, approach = self.attacker.planner, self._alone(motions[0])
             if self.defender:
-                touching = ways_of_two(self.edges)
-                seeking = WaysOfTwo(self.defender.ways, (ways_of_two(self.edges, CLEARANCE), touching))
+                touching = make_two_arm_planner(self.edges)
+                seeking = TwoArmPlanner(self.defender.planner, (make_two_arm_planner(self.edges, CLEARANCE), touching))
                 approach = Approach(motions[0], motions[1], seeking, touching)
             stepper = RobotStepper(
                 motions[0],
@@ -103,8 +103,8 @@ class ArmSetup:
 
     def _alone(self, motion: ArmMotion) -> Callable[[np.ndarray], None]:
         """Return what brings a single arm into a pose, its sag made up for."""
-        ways = self.attacker.ways
-        return lambda pose: motion.approach(pose - ways.sag(pose))
+        planner = self.attacker.planner
+        return lambda pose: motion.approach(pose - planner.sag(pose))
 
     def _noticed(self, task: Task, stack: ExitStack) -> Task:
         """Return a task that reads its hits where they come from."""
@@ -116,6 +116,6 @@ class ArmSetup:
         return replace(task, touched=touched, missed=self.missed)
 
 
-def ways() -> Ways:
+def make_path_planner() -> PathPlanner:
     """Return the slow ways of an arm with a pen holder."""
-    return Ways(find_robot(ARM))
+    return PathPlanner(find_robot(ARM))

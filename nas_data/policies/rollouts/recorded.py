@@ -30,7 +30,7 @@ from nas_data.policies.evaluate import Returns
 from nas_data.policies.rollouts.robot_stepper import Bout, RolloutTally
 from nas_data.policies.rollouts.rollout import Judgement, judgements
 from nas_data.recorders.arm_dataset import to_dataset
-from nas_data.recorders.under_way import complete, describe_progress, other_recording_error, place
+from nas_data.recorders.under_way import complete, describe_progress, other_recording_error, recording_folder
 
 FEATURES = {REWARD: reward_feature(), DONE: flag_feature(DONE), SUCCESS: flag_feature(SUCCESS)}
 WORDS = {  # what the user would call that in which two series of rollouts differ
@@ -110,7 +110,7 @@ class Saved:
                 raise other_recording_error(growing.root, "another command", "--record")
             self.scores = [judgement.score() for judgement in judgements(dataset)]
 
-    def go_on(self, recorder: Recorder) -> None:
+    def resume(self, recorder: Recorder) -> None:
         """Begin, or go on with, what a recorder makes datasets of.
 
         Raises:
@@ -131,7 +131,7 @@ class Saved:
         self.growing.append(self._recorder.dataset(bouts, judgement), replace(provenance, target=target))
         self.scores.append(judgement.score())
 
-    def told(self, wanted: int) -> str:
+    def describe_progress(self, wanted: int) -> str:
         """Say how many episodes of how many are saved, and how it goes on."""
         return describe_progress(self.growing.root, len(self.scores), wanted)
 
@@ -158,7 +158,7 @@ def saved_as(name: str) -> Iterator[Saved]:
         OptionError: no name for a dataset, or something else is under way there.
     """
     check_place(name=name)
-    with alone(root := place(name)):
+    with alone(root := recording_folder(name)):
         yield Saved(name, Growing(root))
 
 

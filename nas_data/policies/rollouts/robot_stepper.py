@@ -9,8 +9,8 @@ from nas_data.errors import OptionError
 from nas_data.hardware.xl320.arm import Reading
 from nas_data.recorders.arm_motion import LEAD, ArmEpisode, ArmMotion
 from nas_data.recorders.arm_tally import RecordingStats
-from nas_data.recorders.arm_ways import Ways
-from nas_data.recorders.tolerance import TRIES, Tolerance
+from nas_data.recorders.path_planner import PathPlanner
+from nas_data.recorders.retry import TRIES, Retry
 from nas_data.simulators.base import Simulator
 
 HOT = 55.0  # [°C] of a servo at which the arms rest between two bouts; it would shut down at 65
@@ -67,7 +67,7 @@ class RobotStepper:
         attacker: ArmMotion,
         defender: ArmMotion | None,
         model: Simulator,
-        ways: Ways,
+        planner: PathPlanner,
         approach: Callable[[np.ndarray], None],
         reach: float,
         tally: RolloutTally | None = None,
@@ -78,18 +78,18 @@ class RobotStepper:
             attacker: The arm that is commanded.
             defender: The other one.
             model: The task's model, which tells where sites are.
-            ways: What touches in poses of the arm [rad], shape (n,), or of both, the attacker's first, shape (2n,).
+            planner: What touches in poses of the arm [rad], shape (n,), or of both, the attacker's first, shape (2n,).
             approach: Brings the arms slowly into such a pose [rad].
             reach: How far a joint may get in the time that is looked ahead [rad].
             tally: What happened so far; nothing where None.
         """
         self.joints, self.size, self.tally = model.joints, 1, tally or RolloutTally()
-        self._attacker, self._defender, self._ways, self._reach = attacker, defender, ways, reach
+        self._attacker, self._defender, self._planner, self._reach = attacker, defender, planner, reach
         self._arms = (attacker, defender) if defender else (attacker,)
         self._body, self._approach, self._retries = model.stepper(1), approach, 0
-        self._tolerance = Tolerance(TRIES, self._stand_still)
+        self._retry = Retry(TRIES, self._stand_still)
         for arm in self._arms:
-            arm.tolerance = self._tolerance
+            arm.retry = self._retry
         self._bouts, self._bout, self._due = list[Bout](), Bout(), 0.0
         self._state, self._opponent = np.zeros(2 * len(self.joints)), np.zeros(model.object_feature.width)
         self._guidance: np.ndarray = np.zeros(len(self.joints))
@@ -112,9 +112,9 @@ class RobotStepper:
         self._guidance = states[0, 2 * n : 3 * n].copy()
         self._bring(np.concatenate([states[0, :n], self._guidance]) if self._defender else states[0, :n])
         self._bout, self._due = Bout(), self._attacker.clock.now() + LEAD
-        self._read(self._tolerance.failures)
+        self._read(self._retry.failures)
         here, _ = self._halves()
-        self._safe = here - self._ways.sag(here)
+        self._safe = here - self._planner.sag(here)
 
     def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
         """Command the defender from now on; see `Stepper.guide`."""
@@ -122,8 +122,8 @@ class RobotStepper:
 
     def step(self, commands: np.ndarray) -> np.ndarray:
         """Send commands (1, n), wait for the end of the control period, and read the arms."""
-        n, unheard = len(self.joints), self._tolerance.failures
-        sent = self._careful(np.concatenate([commands[0], self._guidance]))
+        n, unheard = len(self.joints), self._retry.failures
+        sent = self._avoid_contact(np.concatenate([commands[0], self._guidance]))
         self._attacker.record_command(self._bout, sent[:n])
         if self._defender:
             self._defender.send(sent[n:])
@@ -153,12 +153,12 @@ class RobotStepper:
         bouts, self._bouts = self._bouts, []
         retries = sum(motion.arm.retries for motion in self._arms)
         self.tally.retries, self._retries = self.tally.retries + retries - self._retries, retries
-        self.tally.unheard, self._tolerance.failures = self.tally.unheard + self._tolerance.failures, 0
+        self.tally.unheard, self._retry.failures = self.tally.unheard + self._retry.failures, 0
         return bouts
 
-    def promise(self, seconds: float) -> None:
-        """Tell the guards until when the next word comes [s from now]; raises as `ArmMotion.promise` does."""
-        self._attacker.promise(seconds)
+    def extend_deadline(self, seconds: float) -> None:
+        """Tell the guards until when the next word comes [s from now]; raises as `ArmMotion.extend_deadline` does."""
+        self._attacker.extend_deadline(seconds)
 
     def _end_bout(self) -> None:
         """Put what was read and sent since the last reset to the bouts."""
@@ -174,13 +174,13 @@ class RobotStepper:
         if self._defender:
             self._opponent = _state(self._defender.sense())
         self._bout.opponents.append(self._opponent)
-        if self._tolerance.failures > unheard:
+        if self._retry.failures > unheard:
             self._bout.unheard.add(len(self._bout.readings) - 1)
 
     def _bring(self, pose: np.ndarray) -> None:
         """Go slowly to a pose [rad], shape (n,) or (2n,), and rest there where a servo is hot."""
         self._approach(pose)
-        held = pose - self._ways.sag(pose)
+        held = pose - self._planner.sag(pose)
         for motion, command in zip(self._arms, np.split(held, len(self._arms)), strict=True):
             if motion.vitals.temperature.max() >= HOT:
                 self.tally.pauses += 1
@@ -192,7 +192,7 @@ class RobotStepper:
             for motion, pose in zip(self._arms, np.split(self._safe, len(self._arms)), strict=True):
                 motion.command(pose)
 
-    def _careful(self, goal: np.ndarray) -> np.ndarray:
+    def _avoid_contact(self, goal: np.ndarray) -> np.ndarray:
         """Return what may be sent: the goal, or for an arm that it would lead into a touch, what keeps it safe.
 
         The attacker gives way first, and then, where this is not enough, the defender, and then both.
@@ -216,23 +216,23 @@ class RobotStepper:
     def _sent(self, command: np.ndarray, moving: slice) -> np.ndarray:
         """Return a command, and remember where the arms that it moves are free: there they may be sent back to."""
         here, _ = self._halves()
-        if not self._ways.touches(here):
+        if not self._planner.touches(here):
             self._safe = self._safe.copy()
-            self._safe[moving] = (here - self._ways.sag(here))[moving]
+            self._safe[moving] = (here - self._planner.sag(here))[moving]
         return command
 
     def _is_safe(self, goal: np.ndarray, *others: np.ndarray) -> bool:
         """Return whether a command [rad], shape (n,) or (2n,), leads into no touch, or out of the one there is."""
         here, _ = self._halves()
-        led = self._led(goal + self._ways.sag(here))
-        leaves = all(self._ways.leads_out_of_touch(here, pose) for pose in ((here + led) / 2, led))
+        led = self._led(goal + self._planner.sag(here))
+        leaves = all(self._planner.leaves_contact(here, pose) for pose in ((here + led) / 2, led))
         return leaves or not self._touches_soon(led, *others)
 
     def _touches_soon(self, led: np.ndarray, *others: np.ndarray) -> bool:
         """Return whether poses [rad], shape (n,) or (2n,), and what is half-way to the first, bring a new touch."""
         here, _ = self._halves()
         poses = ((here + led) / 2, led, *others)  # a thin sword could be through at the end of the way
-        return any(self._ways.leads_into_touch(here, pose) for pose in poses)
+        return any(self._planner.enters_contact(here, pose) for pose in poses)
 
     def _led(self, goal: np.ndarray) -> np.ndarray:
         """Return where an arm gets on its way to a pose [rad], shape (n,) or (2n,), in the time looked ahead."""

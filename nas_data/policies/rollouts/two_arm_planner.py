@@ -5,14 +5,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from nas_data.errors import WayBlocked
-from nas_data.recorders.arm_ways import Ways
+from nas_data.errors import PathBlocked
+from nas_data.recorders.path_planner import PathPlanner
 
 
-class WaysOfTwo:
+class TwoArmPlanner:
     """The free ways of an attacker and a defender; poses are of the one then the other [rad], shape (2n,)."""
 
-    def __init__(self, alone: Ways, together: Sequence[Ways]) -> None:
+    def __init__(self, alone: PathPlanner, together: Sequence[PathPlanner]) -> None:
         """Take what tells touches.
 
         Args:
@@ -31,14 +31,14 @@ class WaysOfTwo:
             end: Where they shall go, shape (2n,); the last corner.
 
         Raises:
-            WayBlocked: no way is free.
+            PathBlocked: no way is free.
         """
-        for ways in self._together:
+        for planner in self._together:
             for stops in self._orders(begin, end):
-                corners = self._lead(ways, np.stack([begin, *stops]))
+                corners = self._lead(planner, np.stack([begin, *stops]))
                 if corners is not None:
                     return corners
-        raise WayBlocked(
+        raise PathBlocked(
             f"On the slow ways to their next poses the arms would touch: {self._together[-1].obstacle(begin, end)}; "
             "move both upright by hand (the torque is off) and start again."
         )
@@ -55,24 +55,24 @@ class WaysOfTwo:
         for first in orders:
             yield [np.where(first, rest, begin), rest, np.where(first, end, rest), end]
 
-    def _lead(self, ways: Ways, stops: np.ndarray) -> np.ndarray | None:
+    def _lead(self, planner: PathPlanner, stops: np.ndarray) -> np.ndarray | None:
         """Return the corners of a free way over stops, shape (k, 2n); None where there is none."""
         legs = list[np.ndarray]()
         for a, b in reversed(list(pairwise(stops))):  # what ends in a touch is found out soonest
-            leg = self._leg(ways, a, b)
+            leg = self._leg(planner, a, b)
             if leg is None:
                 return None
             legs.insert(0, leg)
         return np.concatenate(legs)
 
-    def _leg(self, ways: Ways, begin: np.ndarray, end: np.ndarray) -> np.ndarray | None:
+    def _leg(self, planner: PathPlanner, begin: np.ndarray, end: np.ndarray) -> np.ndarray | None:
         """Return the corners of a free way of the one arm that stands elsewhere in the end, shape (k, 2n)."""
         moves = self._attacker if (begin != end)[self._attacker].any() else ~self._attacker
-        if ways.touches(end):
+        if planner.touches(end):
             return None
         for corners in self._alone.candidates(begin[moves], end[moves]):
             path = np.stack([begin, *(_with(begin, moves, corner) for corner in corners)])
-            if ways.is_free(path) and self._alone.is_free(path[:, moves]):
+            if planner.is_free(path) and self._alone.is_free(path[:, moves]):
                 return path[1:]
         return None
 

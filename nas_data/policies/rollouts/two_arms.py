@@ -6,7 +6,7 @@ from functools import partial
 import mujoco
 
 from nas_data.envs.base import in_turn
-from nas_data.recorders.arm_ways import Ways
+from nas_data.recorders.path_planner import PathPlanner
 from nas_data.robots.ergo_shield import DEFENDER, DEFENDERS_JOINTS
 from nas_data.robots.ergo_shield import ROBOT as DUEL
 from nas_data.robots.ergojr import JOINTS
@@ -42,7 +42,7 @@ def keep_clear(spec: mujoco.MjSpec, clearance: float) -> None:
             geom.margin = clearance
 
 
-def ways_of_two(edges: bool = False, clearance: float = 0.0) -> Ways:
+def make_two_arm_planner(edges: bool = False, clearance: float = 0.0) -> PathPlanner:
     """Return what an attacker and a defender touch, in poses of the one then the other [rad], shape (12,).
 
     Args:
@@ -52,4 +52,4 @@ def ways_of_two(edges: bool = False, clearance: float = 0.0) -> Ways:
     """
     touching = in_turn(add_edges if edges else tell_apart, partial(keep_clear, clearance=clearance))
     edit = in_turn(DUEL.edit, touching)
-    return Ways(replace(DUEL, name="two_ergojr", joints=(*JOINTS, *DEFENDERS_JOINTS), edit=edit))
+    return PathPlanner(replace(DUEL, name="two_ergojr", joints=(*JOINTS, *DEFENDERS_JOINTS), edit=edit))
