@@ -1,4 +1,4 @@
-"""What stands on the table, an ErgoJr or two of them: whether a task can be done there, and the arms taken over."""
+"""Setup of one or two ErgoJr arms for rollouts: checks of the task, and control of the arms."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -22,23 +22,23 @@ from nas_data.robots.base import find_robot
 from nas_data.robots.ergojr import JOINTS
 from nas_data.simulators.base import Stepper
 
-ARM = "ergojr_penholder"  # model of either arm by itself
+ARM = "ergojr_penholder"  # model of a single arm
 NO_LOAD_SPEED = 11.9  # [rad/s] at 7.4 V, XL-320 e-manual (114 rpm)
-CLEARANCE = 0.01  # [m] that two arms keep on their slow ways where they can: friction leaves joints up to 5° off
+CLEARANCE = 0.01  # [m] preferred distance of two arms on slow paths: friction leaves joint errors of up to 5°
 SIMULATED = "simulated"
 
 
 @dataclass(frozen=True, kw_only=True)
 class ArmSetup:
-    """What stands on the table.
+    """The arms on the table.
 
     Attributes:
-        attacker: The arm that is commanded.
-        defender: The other one, where the task has one.
-        clock: By which they are moved.
-        hits: Where hits are read: an input device, or `simulated` for the geometry of the measured poses.
-        missed: Share of the simulated hits that are not noticed.
-        edges: Whether the sword is kept from the defender's body, and the shield from the attacker's.
+        attacker: The arm that the policy commands.
+        defender: The second arm; None if the task has none.
+        clock: Clock of the control loop.
+        hits: Source of hits: an input device, or `simulated` for the geometry of the measured poses.
+        missed: Share of simulated hits that are dropped.
+        edges: Whether collision checks include sword and shield against the other arm's body.
     """
 
     attacker: Setup
@@ -49,10 +49,10 @@ class ArmSetup:
     edges: bool = False
 
     def check(self, task: Task) -> None:
-        """Find out whether a task can be done on what is there.
+        """Check that a task fits the arms.
 
         Raises:
-            OptionError: says what is missing, or too much.
+            OptionError: an arm or option is missing, or does not belong to the task.
         """
         if task.joints != JOINTS:
             raise OptionError(f"An ErgoJr cannot do the task of a {task.robot}; roll out ErgoReacher or ErgoShield.")
@@ -66,15 +66,15 @@ class ArmSetup:
 
     @contextmanager
     def open(self, task: Task, tally: RolloutTally) -> Iterator[tuple[Task, RobotStepper]]:
-        """Take the arms over; yield the task as it is told here, and what moves.
+        """Take over the arms; yield the task with its source of hits, and the stepper that moves the arms.
 
         Args:
-            task: What is to be done.
-            tally: What happened so far, to be counted on.
+            task: The task.
+            tally: Statistics to continue.
 
         Raises:
-            ArmError: something is wrong with an arm; all of them are without torque then.
-            OptionError: the device of the hits cannot be read.
+            ArmError: an arm failed; the torque of all arms is off.
+            OptionError: the input device cannot be read.
         """
         self.check(task)
         rest = np.zeros(len(JOINTS))
@@ -102,12 +102,12 @@ class ArmSetup:
             yield noticed, stepper
 
     def _alone(self, motion: ArmMotion) -> Callable[[np.ndarray], None]:
-        """Return what brings a single arm into a pose, its sag made up for."""
+        """Return a function that brings a single arm to a pose [rad], shape (n,), with sag compensation."""
         planner = self.attacker.planner
         return lambda pose: motion.approach(pose - planner.sag(pose))
 
     def _noticed(self, task: Task, stack: ExitStack) -> Task:
-        """Return a task that reads its hits where they come from."""
+        """Return the task with its source of hits."""
         if not isinstance(task, ErgoShield):
             return task
         touched: Callable[[Stepper], np.ndarray] = touches
@@ -117,5 +117,5 @@ class ArmSetup:
 
 
 def make_path_planner() -> PathPlanner:
-    """Return the slow ways of an arm with a pen holder."""
+    """Return the path planner of a single arm with a pen holder."""
     return PathPlanner(find_robot(ARM))
