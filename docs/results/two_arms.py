@@ -38,7 +38,7 @@ def watched() -> Iterator[tuple[Poses, Poses]]:
 
     def reading(stepper: RobotStepper, unheard: int) -> None:
         read(stepper, unheard)
-        steps.append(stepper._halves()[0])
+        steps.append(stepper._measured()[0])
 
     def approaching(arms: Approach) -> tuple[np.ndarray, np.ndarray]:
         found = approach(arms)

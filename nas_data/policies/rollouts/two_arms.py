@@ -27,7 +27,7 @@ def tell_apart(spec: mujoco.MjSpec) -> None:
 
 
 def add_edges(spec: mujoco.MjSpec) -> None:
-    """Enable contacts of sword with defender and of shield with attacker, except at the tips, which strike each other."""
+    """Enable contacts of sword with defender and of shield with attacker, but not of the tips with each other."""
     tell_apart(spec)
     spec.geom("sword").contype, spec.geom(DEFENDER + "shield").contype = SWORD, SHIELD
     for name in HULLS:
