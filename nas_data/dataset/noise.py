@@ -52,9 +52,9 @@ def median(sizes: np.ndarray, step: float) -> float:
         return float(np.median(sizes))
     edges = np.concatenate([[0.0], (np.arange(sizes.max() / step + 1.0) + 0.5) * step])
     below = np.searchsorted(np.sort(sizes), edges) / len(sizes)
-    place = int(np.searchsorted(below, 0.5))
-    low, high = below[place - 1], below[place]
-    return float(edges[place - 1] + (0.5 - low) / (high - low) * (edges[place] - edges[place - 1]))
+    index = int(np.searchsorted(below, 0.5))
+    low, high = below[index - 1], below[index]
+    return float(edges[index - 1] + (0.5 - low) / (high - low) * (edges[index] - edges[index - 1]))
 
 
 def resolution(readings: Sequence[np.ndarray]) -> float:

@@ -60,22 +60,22 @@ def mend(content: bytes, template: bytes, widths: Sequence[int]) -> tuple[bytes,
     assert isinstance(pattern, Struct)
     pages = list(walk(content))
     made: list[Value] = []
-    place, rows = 0, 0
-    while found := _row_group(pages, place, widths):
+    index, rows = 0, 0
+    while found := _row_group(pages, index, widths):
         columns, length = found
         made.append(_describe(pattern, columns, length, len(made)))
-        place, rows = place + sum(len(column) for column in columns), rows + length
-    end = pages[place - 1].stop if place else len(MAGIC)
+        index, rows = index + sum(len(column) for column in columns), rows + length
+    end = pages[index - 1].stop if index else len(MAGIC)
     tail = serialize(Struct({**footer, NUM_ROWS: (I64, rows), ROW_GROUPS: (LIST, Items(groups.kind, made))}))
     return content[:end] + tail + len(tail).to_bytes(4, "little") + MAGIC, len(made)
 
 
 def walk(content: bytes) -> Iterator[ParquetPage]:
     """Iterate over the pages from the first on, up to one that is cut off or no page."""
-    place = len(MAGIC)
-    while place < len(content):
+    offset = len(MAGIC)
+    while offset < len(content):
         try:
-            header, body = parse(content, place)
+            header, body = parse(content, offset)
             kind, unpacked, packed = (_integer(header, key) for key in (1, 2, 3))
             details = header[{DATA_PAGE: 5, DICTIONARY_PAGE: 7, DATA_PAGE_V2: 8}[kind]][1]
             assert isinstance(details, Struct)
@@ -86,12 +86,12 @@ def walk(content: bytes) -> Iterator[ParquetPage]:
         if packed < 0 or stop > len(content):
             return
         is_dictionary = kind == DICTIONARY_PAGE
-        yield ParquetPage(place, stop, 0 if is_dictionary else values, unpacked + body - place, is_dictionary)
-        place = stop
+        yield ParquetPage(offset, stop, 0 if is_dictionary else values, unpacked + body - offset, is_dictionary)
+        offset = stop
 
 
 def _row_group(
-    pages: Sequence[ParquetPage], place: int, widths: Sequence[int]
+    pages: Sequence[ParquetPage], index: int, widths: Sequence[int]
 ) -> tuple[list[Sequence[ParquetPage]], int] | None:
     """Return the pages of each column of the row group that begins at a page, and its rows; None where it is cut off.
 
@@ -99,30 +99,30 @@ def _row_group(
     """
     values = 0
     for count in range(1, MOST_PAGES):
-        if place + count > len(pages):
+        if index + count > len(pages):
             return None
-        values += pages[place + count - 1].values
+        values += pages[index + count - 1].values
         if not values or values % widths[0]:
             continue
-        columns = _columns(pages, place, [values // widths[0] * width for width in widths])
+        columns = _columns(pages, index, [values // widths[0] * width for width in widths])
         if columns:
             return columns, values // widths[0]
     return None
 
 
-def _columns(pages: Sequence[ParquetPage], place: int, values: Sequence[int]) -> list[Sequence[ParquetPage]] | None:
+def _columns(pages: Sequence[ParquetPage], index: int, values: Sequence[int]) -> list[Sequence[ParquetPage]] | None:
     """Return the pages of each column that hold exactly so many values; None where they do not."""
     columns = []
     for wanted in values:
-        start, held = place, 0
+        start, held = index, 0
         while held < wanted:
-            if place >= len(pages) or (pages[place].dictionary and place > start):
+            if index >= len(pages) or (pages[index].dictionary and index > start):
                 return None
-            held += pages[place].values
-            place += 1
+            held += pages[index].values
+            index += 1
         if held > wanted:
             return None
-        columns.append(pages[start:place])
+        columns.append(pages[start:index])
     return columns
 
 

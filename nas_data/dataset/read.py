@@ -50,13 +50,13 @@ def read(path: Path) -> Dataset:
         carried=Carried.of(root, int(lengths.sum())),
     )
     stamps = rows.columns["timestamp"]
-    if TIME not in features and deny_rate(dataset, stamps):
+    if TIME not in features and contradicts_rate(dataset, stamps):
         dataset = with_clock(dataset, stamps)
     check_finite(dataset, str(root))
     return dataset
 
 
-def deny_rate(dataset: Dataset, stamps: np.ndarray) -> bool:
+def contradicts_rate(dataset: Dataset, stamps: np.ndarray) -> bool:
     """Whether LeRobot's time stamps [s], shape (N, 1), are not frame_index / fps."""
     frame = np.arange(dataset.n_frames) - np.repeat(dataset.starts, dataset.lengths)
     allowed = np.maximum(STAMP_TOLERANCE, np.spacing(np.abs(stamps[:, 0]).astype(np.float32)))

@@ -36,8 +36,8 @@ class Salvage:
     lengths: np.ndarray
     files: tuple[str, ...]
 
-    def places(self) -> np.ndarray:
-        """Return the place of each row's episode in `episodes`, shape (N,)."""
+    def row_episodes(self) -> np.ndarray:
+        """Return the index in `episodes` of each row's episode, shape (N,)."""
         return np.repeat(np.arange(len(self.episodes)), self.lengths)
 
 

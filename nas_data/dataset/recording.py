@@ -44,7 +44,7 @@ class Recording:
     gap: float = 0.0
 
     @property
-    def place(self) -> str:
+    def label(self) -> str:
         """Where the rows are found: the log, and the episode where it holds several."""
         return f"{self.file}:{self.episode}" if self.episode else self.file
 
@@ -70,7 +70,7 @@ class Recording:
             rows=self.rows[chosen],
         )
 
-    def aligned(self, alignment: str) -> "Recording":
+    def align(self, alignment: str) -> "Recording":
         """Return the recording with each command in the row of the last state measured before it acts.
 
         Args:

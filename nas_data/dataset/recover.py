@@ -12,7 +12,7 @@ from nas_data.dataset.carried import VIDEO, Carried
 from nas_data.dataset.content import content_hash
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.derive_provenance import Derived, attachments, unknown_provenance
-from nas_data.dataset.episode_checks import Listed, judge, read_episode_table
+from nas_data.dataset.episode_checks import EpisodeEntry, find_untrusted, read_episode_table
 from nas_data.dataset.features import Feature
 from nas_data.dataset.filmed import FilmedSource
 from nas_data.dataset.provenance import Parent, Provenance, now, package_versions, read_provenance
@@ -94,9 +94,9 @@ def recover(root: Path, beyond: bool = False, like: Path | None = None) -> Rescu
     found = salvage(root, info, provenance)
     features = layout.vector_features(info)
     known = read_episode_table(root, features)
-    faults = judge(found, features, known)
+    faults = find_untrusted(found, features, known)
     whole = [episode for episode in found.episodes.tolist() if episode >= 0 and episode not in faults]
-    first_gap = next((place for place, episode in enumerate(whole) if episode != place), len(whole))
+    first_gap = next((index for index, episode in enumerate(whole) if episode != index), len(whole))
     kept = whole if beyond else whole[:first_gap]
     left = [episode for episode in whole if episode not in set(kept)]
     promised = layout.total(info, "total_episodes") if like is None else -1
@@ -149,7 +149,7 @@ def _lost_episodes(found: Salvage, whole: Sequence[int], promised: int) -> list[
     present = found.episodes[found.episodes >= 0].tolist()
     missing = max(promised, max(whole, default=-1) + 1) - len(present)
     if missing > 0:
-        first = next((place for place, episode in enumerate(present) if episode != place), len(present))
+        first = next((index for index, episode in enumerate(present) if episode != index), len(present))
         reports.append(f"of {missing} episode(s) there are no rows, the first is {first}")
     surplus = [episode for episode in whole if episode >= promised >= 0]
     if surplus:
@@ -188,7 +188,7 @@ def _is_whole(root: Path, provenance: Provenance | None) -> bool:
 def _dataset(info: Mapping[str, object], found: Salvage, kept: Sequence[int], tasks: Mapping[int, str]) -> Dataset:
     """Return the rescued episodes."""
     places = np.flatnonzero(np.isin(found.episodes, kept))
-    rows = np.flatnonzero(np.isin(found.places(), places))
+    rows = np.flatnonzero(np.isin(found.row_episodes(), places))
     features = layout.vector_features(info)
     return Dataset(
         features=features,
@@ -225,7 +225,7 @@ def _carried(
     ]
 
 
-def _tasks(root: Path, found: Salvage, known: Mapping[int, Listed]) -> dict[int, str]:
+def _tasks(root: Path, found: Salvage, known: Mapping[int, EpisodeEntry]) -> dict[int, str]:
     """Return what each episode does, from the table of tasks, else from that of the episodes."""
     try:
         names = read_tasks(root)

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 
 from nas_data.dataset import layout
 from nas_data.dataset.arrow import lists, numbers, texts
-from nas_data.dataset.card import card
+from nas_data.dataset.card import render_card
 from nas_data.dataset.carried import VIDEO, VIDEO_PATH, Carried, place_videos
 from nas_data.dataset.carried import overall as overall_of
 from nas_data.dataset.checks import check_storable
@@ -65,7 +65,7 @@ def fill(folder: Path, dataset: Dataset, provenance: Provenance, attachments: Ma
             hashes[name] = disk.submit(_put_hashed, folder / name, content)
     complete = replace(provenance, files={name: found.result() for name, found in hashes.items()})
     write_synced(folder / layout.PROVENANCE, json_bytes(complete.to_json()))
-    write_synced(folder / layout.CARD, card(dataset, complete).encode())
+    write_synced(folder / layout.CARD, render_card(dataset, complete).encode())
 
 
 def _hash(path: Path) -> str:

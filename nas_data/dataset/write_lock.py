@@ -10,7 +10,7 @@ from nas_data.errors import BeingWritten
 
 
 @contextmanager
-def alone(root: Path) -> Iterator[None]:
+def hold_write_lock(root: Path) -> Iterator[None]:
     """Write a result as long as this context is open, and nobody else; what is made for the lock is removed again.
 
     Args:

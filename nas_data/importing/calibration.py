@@ -139,7 +139,7 @@ def choose_unit(mapping: Map, raw: np.ndarray, motors: Sequence[Motor]) -> tuple
     return "deg", "LeRobot's default; say --unit range --calibration FILE if they are −100 … 100"
 
 
-def in_unit(mapping: Map, unit: str, motors: Sequence[Motor]) -> Map:
+def with_raw_unit(mapping: Map, unit: str, motors: Sequence[Motor]) -> Map:
     """Return a map that reads another unit where it says degrees, and turns 0 … 100 round where a motor is turned.
 
     Raises:

@@ -26,7 +26,7 @@ def check(recording: Recording, mapping: Map) -> list[AuditFinding]:
         )
         radians = "--unit rad" if mapping.layout.format == "lerobot" else f"unit = 'rad' in [read.{quantity.name}]"
         remedy = f"if these are radians, say {radians}, if they are degrees, add allow = ['unit_slip'] to [audit]"
-        found.append(AuditFinding("unit_slip", recording.place, what, remedy, error=True))
+        found.append(AuditFinding("unit_slip", recording.label, what, remedy, error=True))
     return found
 
 

@@ -13,14 +13,14 @@ from nas_data.dataset.carried import VIDEO
 from nas_data.dataset.cutting import cut_at, find_gaps
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import TIME
-from nas_data.dataset.foreign import in_its_unit, is_ours, refuse
+from nas_data.dataset.foreign import import_command, is_ours, refuse
 from nas_data.dataset.joints import REMEDY, Components
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read, read_stamps, with_clock
 from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.versions import parent_of, resolve
 from nas_data.errors import DatasetInvalid, LogError, OptionError
-from nas_data.importing.calibration import UNITS, choose_unit, in_unit, motors_of, read_calibration
+from nas_data.importing.calibration import UNITS, choose_unit, motors_of, read_calibration, with_raw_unit
 from nas_data.importing.formats import folder_kind, is_folder_log
 from nas_data.importing.map import Map, TimeColumn
 from nas_data.importing.reading import read_log
@@ -30,7 +30,7 @@ CALIBRATION_ATTACHMENT = "meta/calibration.json"
 
 
 @dataclass(frozen=True)
-class Said:
+class ImportOptions:
     """What the user says of datasets beside a map.
 
     Attributes:
@@ -62,7 +62,7 @@ def is_dataset(path: Path) -> bool:
     return is_folder_log(path, "lerobot")
 
 
-def settle(mapping: Map, paths: Sequence[Path], said: Said) -> tuple[Map, tuple[str, ...]]:
+def complete_map(mapping: Map, paths: Sequence[Path], said: ImportOptions) -> tuple[Map, tuple[str, ...]]:
     """Complete a map of LeRobot's datasets by what the datasets, their calibration and the user say.
 
     Args:
@@ -96,13 +96,13 @@ def settle(mapping: Map, paths: Sequence[Path], said: Said) -> tuple[Map, tuple[
     if said.calibration is not None:
         motors = motors_of(mapping, read_calibration(said.calibration), said.calibration)
     if "deg" not in mapping.position.conversion.units:
-        return in_unit(mapping, "deg", motors), ()
+        return with_raw_unit(mapping, "deg", motors), ()
     unit, why = said.unit, "as was said"
     if unit is None:
         raw = [mapping.position.conversion.raw(part.positions) for path in paths for part in read_log(path, mapping)]
         unit, why = choose_unit(mapping, np.concatenate(raw), motors)
     words = {"deg": "degrees", "range": "−100 … 100", "rad": "radians"}[unit]
-    return in_unit(mapping, unit, motors), (f"Read as {words} ({why}).",)
+    return with_raw_unit(mapping, unit, motors), (f"Read as {words} ({why}).",)
 
 
 def map_text(path: Path, unit: str | None, model: str | None) -> str:
@@ -155,7 +155,7 @@ def _range_of(path: Path, joint: str, model: str | None) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def import_dataset(path: Path, said: Said) -> tuple[Dataset, Provenance, tuple[AuditFinding, ...]]:
+def import_dataset(path: Path, said: ImportOptions) -> tuple[Dataset, Provenance, tuple[AuditFinding, ...]]:
     """Read a dataset in SI units as transitions; episodes are divided where its clock has holes.
 
     Args:
@@ -181,7 +181,7 @@ def import_dataset(path: Path, said: Said) -> tuple[Dataset, Provenance, tuple[A
     try:
         dataset, derived = as_transitions(divided)
     except DatasetInvalid as error:
-        raise DatasetInvalid(str(error).replace(REMEDY, in_its_unit(path, recorded))) from None
+        raise DatasetInvalid(str(error).replace(REMEDY, import_command(path, recorded))) from None
     findings = (*_divisions(recorded, gaps), *audit_dataset(dataset))
     refuse(path, findings, recorded)
     provenance = Provenance(

@@ -52,7 +52,9 @@ def read_log(log: Path, mapping: Map) -> list[Recording]:
 
     def read(quantity: LogQuantity) -> np.ndarray:
         table = tables[quantity.source.table]
-        values = _read_quantity(table, _placed(table, quantity, mapping.joints), len(times[quantity.source.table]))
+        values = _read_quantity(
+            table, _match_components(table, quantity, mapping.joints), len(times[quantity.source.table])
+        )
         rows = partners.get(quantity.source.table)
         return (values if rows is None else values[rows])[shared]
 
@@ -81,7 +83,7 @@ def read_log(log: Path, mapping: Map) -> list[Recording]:
 
 def _too_short(recording: Recording) -> LogError:
     """Say which rows are too few for an episode."""
-    sentence = f"{recording.place} has {len(recording)} rows; at least {ENOUGH} are needed"
+    sentence = f"{recording.label} has {len(recording)} rows; at least {ENOUGH} are needed"
     if recording.gap:
         sentence += f"; take out {rows_text(recording.rows)}, before which {recording.gap:.3g} s are missing"
     return LogError(sentence + ".")
@@ -136,7 +138,7 @@ def _any_column(mapping: Map, table: str) -> str:
     return next(quantity.source.columns[0] for quantity in read if quantity.source.table == table)
 
 
-def _placed(table: LogTable, quantity: LogQuantity, joints: Sequence[str]) -> LogQuantity:
+def _match_components(table: LogTable, quantity: LogQuantity, joints: Sequence[str]) -> LogQuantity:
     """Find the components of a quantity by their names, where the log has such.
 
     Raises:

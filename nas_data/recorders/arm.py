@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from nas_data.dataset.incremental_writer import Growing
+from nas_data.dataset.incremental_writer import IncrementalWriter
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.errors import ArmError
 from nas_data.hardware.arms.base import Arm, Driver
@@ -62,7 +62,7 @@ class RecordingJob:
         tally: Statistics of the recording so far.
     """
 
-    def __init__(self, job: Job, growing: Growing, clock: Clock, say: Callable[[str], None]) -> None:
+    def __init__(self, job: Job, growing: IncrementalWriter, clock: Clock, say: Callable[[str], None]) -> None:
         """Prepare; nothing moves yet.
 
         Args:

@@ -16,7 +16,7 @@ from lerobot.robots import Robot as LeRobot
 from lerobot.robots import RobotConfig, make_robot_from_config
 
 from nas_data.errors import OptionError, UnknownName
-from nas_data.hardware.virtual_bus.arm import Mounted
+from nas_data.hardware.virtual_bus.arm import MountedServo
 from nas_data.hardware.virtual_bus.options import Options
 from nas_data.hardware.virtual_bus.ports import VIRTUAL, port_of
 from nas_data.joint_units import radians_at
@@ -127,7 +127,7 @@ def virtual_arm(request: RobotRequest, robot: LeRobot, period: float) -> Options
         }
         zero = float(frame.zeros[index]) + counted * calibration.homing_offset
         mounted.append(
-            Mounted(
+            MountedServo(
                 joint=name,
                 kind=motor.model.replace("-", "_"),
                 id=motor.id,

@@ -145,11 +145,11 @@ def _finish(recording: Recording, mapping: Map) -> Recording:
     signals = dict(recording.signals)
     if mapping.derive_velocity and recording.velocities is not None:
         signals[REGISTER] = recording.velocities
-    whole = replace(recording, signals=signals).aligned(mapping.alignment)
+    whole = replace(recording, signals=signals).align(mapping.alignment)
     if mapping.resample:
         whole = resample(whole, mapping.resample)
     if len(whole) < ENOUGH - 1:
-        raise LogError(f"{recording.place} has {len(whole)} rows after resampling; at least {ENOUGH - 1} are needed.")
+        raise LogError(f"{recording.label} has {len(whole)} rows after resampling; at least {ENOUGH - 1} are needed.")
     if not mapping.derive_velocity:
         return whole
     return replace(whole, velocities=estimate_velocities(whole.positions, mapping.fps))

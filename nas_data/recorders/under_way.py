@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.incremental_writer import Growing
+from nas_data.dataset.incremental_writer import IncrementalWriter
 from nas_data.dataset.provenance import now, read_provenance
 from nas_data.dataset.versions import FOLDER, save
 from nas_data.errors import OptionError
@@ -42,7 +42,9 @@ def other_recording_error(root: Path, what: str, option: str = "--name") -> Opti
     )
 
 
-def complete(growing: Growing, dataset: Dataset, notes: str = "", *, name: str, out: Path | None = None) -> Path:
+def complete(
+    growing: IncrementalWriter, dataset: Dataset, notes: str = "", *, name: str, out: Path | None = None
+) -> Path:
     """Save the recorded episodes as a dataset, and remove the recording.
 
     Args:

@@ -19,7 +19,7 @@ from support.xl320_samples import be_patient, torques, virtual
 
 from nas_data.cli import main
 from nas_data.dataset.features import DONE, ENVIRONMENT, NEXT_ENVIRONMENT, NEXT_STATE, REWARD, STATE, SUCCESS
-from nas_data.dataset.incremental_writer import Growing
+from nas_data.dataset.incremental_writer import IncrementalWriter
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
@@ -350,14 +350,14 @@ def begun_elsewhere(tmp_path_factory) -> tuple[Path, tuple[str, ...]]:
     with pytest.MonkeyPatch.context() as patch:
         folder = work_in(tmp_path_factory.mktemp("begun"), patch)
         options = (policy("ErgoReacher", (0.3, -0.2, 0.2, 0.1)), *LOCKSTEP, "--episodes", "3", "--record", "rolled")
-        append, done = Growing.append, []
+        append, done = IncrementalWriter.append, []
 
-        def once(growing: Growing, *arguments) -> None:
+        def once(growing: IncrementalWriter, *arguments) -> None:
             if done:
                 raise KeyboardInterrupt
             done.append(append(growing, *arguments))
 
-        patch.setattr(Growing, "append", once)
+        patch.setattr(IncrementalWriter, "append", once)
         assert main(["policy", "evaluate", *options]) == 130
     return folder, options
 

@@ -21,7 +21,7 @@ from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, TIME
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
-from nas_data.dataset.write_lock import alone
+from nas_data.dataset.write_lock import hold_write_lock
 from nas_data.effects.base import make_effect
 from nas_data.errors import BeingWritten, GuardLost, ServoSilent
 from nas_data.excitations.base import parse
@@ -317,7 +317,7 @@ def test_a_recording_under_way_is_not_mixed_with_another(capsys):
 
 
 def test_a_name_is_recorded_by_one_program_at_a_time(capsys):
-    with alone(UNDER_WAY):
+    with hold_write_lock(UNDER_WAY):
         assert record(*LOCKSTEP, "--episodes", "1") == 2
         assert f"is being written by another program (process {os.getpid()}); wait" in capsys.readouterr().err
     assert not Path("datasets").exists()
@@ -328,7 +328,11 @@ def test_a_name_is_recorded_by_one_program_at_a_time(capsys):
 def test_a_lock_that_a_dead_program_left_holds_nobody_up():
     UNDER_WAY.parent.mkdir(parents=True)
     UNDER_WAY.with_name(".recording.lock").write_text("1")
-    with alone(UNDER_WAY), pytest.raises(BeingWritten, match=rf"\(process {os.getpid()}\)"), alone(UNDER_WAY):
+    with (
+        hold_write_lock(UNDER_WAY),
+        pytest.raises(BeingWritten, match=rf"\(process {os.getpid()}\)"),
+        hold_write_lock(UNDER_WAY),
+    ):
         pass
     assert list(UNDER_WAY.parent.iterdir()) == []
 

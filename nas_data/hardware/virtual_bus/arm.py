@@ -22,7 +22,7 @@ STEP = 0.002  # [s] by which an arm advances, where its model's own step is not 
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mounted:
+class MountedServo:
     """A servo in its place, as a calibration left it.
 
     Attributes:
@@ -65,7 +65,7 @@ class Encoders:
     ticks: np.ndarray
 
     @classmethod
-    def of(cls, mounted: Sequence[Mounted]) -> Self:
+    def of(cls, mounted: Sequence[MountedServo]) -> Self:
         """Read them off servos in their places."""
         ticks = np.array([find_kind(one.kind).tick for one in mounted])
         return cls(np.array([one.sign for one in mounted]), np.array([one.zero for one in mounted]), ticks)
@@ -109,7 +109,7 @@ class VirtualArm:
         self.servos, self.kind, self.chain = list(servos), servos[0].kind, ServoChain(servos)
         period = max(STEP, float(robot.spec().option.timestep))
         self.body = SimulatedBody(load_simulator(robot, period, effects=effects, threads=1), robot, self.servos, joints)
-        self.body.place(np.concatenate([lying, np.zeros(len(lying))]))
+        self.body.set_state(np.concatenate([lying, np.zeros(len(lying))]))
 
     @classmethod
     def ergojr(cls, effects: Sequence[Effect] = (), offsets: Sequence[int] = ()) -> Self:
@@ -124,7 +124,7 @@ class VirtualArm:
         return cls(effects, [VirtualServo(identity) for identity in joints.ids], robot, joints, LYING)
 
     @classmethod
-    def of(cls, effects: Sequence[Effect], model: str, mounted: Sequence[Mounted], lying: Sequence[float]) -> Self:
+    def of(cls, effects: Sequence[Effect], model: str, mounted: Sequence[MountedServo], lying: Sequence[float]) -> Self:
         """Put calibrated servos into a model.
 
         Args:

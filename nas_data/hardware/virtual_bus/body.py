@@ -70,7 +70,7 @@ class SimulatedBody:
         """Where the joints are [rad], shape (n,)."""
         return np.asarray(self._stepper.states[0, : len(self.servos)])
 
-    def place(self, state: np.ndarray) -> None:
+    def set_state(self, state: np.ndarray) -> None:
         """Put the arm into a state, positions [rad] then velocities [rad/s], shape (2n,)."""
         self._stepper.reset(state[None])
         self._goal, self._pace = self.positions.copy(), np.zeros(len(self.servos))
@@ -95,16 +95,16 @@ class SimulatedBody:
         raw = self.joints.raw(states[:n])
         speeds = self.joints.signs * states[n:]
         efforts = self.joints.signs * self._duty
-        for place, servo in enumerate(self.servos):
+        for index, servo in enumerate(self.servos):
             felt = Sensation(
-                position=int(raw[place]),
-                speed=float(speeds[place]),
-                effort=float(efforts[place]),
-                voltage=self.electrics.volts(place),
-                temperature=float(self.electrics.temperature[place]),
+                position=int(raw[index]),
+                speed=float(speeds[index]),
+                effort=float(efforts[index]),
+                voltage=self.electrics.volts(index),
+                temperature=float(self.electrics.temperature[index]),
             )
             servo.kind.sense(servo, felt)
-            reasons = self.electrics.reasons(place, servo.kind.bounds(servo))
+            reasons = self.electrics.reasons(index, servo.kind.bounds(servo))
             if reasons:
                 servo.fail(reasons)
 

@@ -54,7 +54,7 @@ class ServoChain:
         if packet.id == BROADCAST:
             return self._to_everyone(packet)
         replies = [self._alone(servo, packet) for servo in self.named(packet.id)]
-        return [Reply(reply.content, reply.pause, together=place > 0) for place, reply in enumerate(_said(replies))]
+        return [Reply(reply.content, reply.pause, together=index > 0) for index, reply in enumerate(_said(replies))]
 
     def named(self, identity: int) -> list[VirtualServo]:
         """Return the servos of an identity: one in a sound arm."""
@@ -96,9 +96,9 @@ class ServoChain:
             servos = [servo for servo in self.named(identity) if servo.answers_sync]
             if not servos:
                 break
-            for place, servo in enumerate(servos):
+            for index, servo in enumerate(servos):
                 reply = self._reply(servo, *servo.read(address, length))
-                replies.append(Reply(reply.content, reply.pause, together=place > 0))
+                replies.append(Reply(reply.content, reply.pause, together=index > 0))
         return replies
 
     def _sync_write(self, parameters: bytes) -> list[Reply]:

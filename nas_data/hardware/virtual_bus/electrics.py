@@ -54,17 +54,17 @@ class Electrics:
         self.temperature += (warm - self.temperature) * min(1.0, seconds / WARMING)
         self._strained = np.where(np.abs(duty) >= strain, self._strained + seconds, 0.0)
 
-    def volts(self, place: int) -> float:
+    def volts(self, index: int) -> float:
         """Return the voltage at one servo [V]."""
-        return float(np.broadcast_to(self.voltage, len(self.kinds))[place])
+        return float(np.broadcast_to(self.voltage, len(self.kinds))[index])
 
-    def reasons(self, place: int, bounds: Bounds) -> Reason:
+    def reasons(self, index: int, bounds: Bounds) -> Reason:
         """Return why one servo must protect itself now."""
         found = Reason(0)
-        if self._strained[place] > bounds.seconds:
+        if self._strained[index] > bounds.seconds:
             found |= Reason.OVERLOAD
-        if self.temperature[place] > bounds.hottest:
+        if self.temperature[index] > bounds.hottest:
             found |= Reason.OVERHEAT
-        if not bounds.lowest <= self.volts(place) <= bounds.highest:
+        if not bounds.lowest <= self.volts(index) <= bounds.highest:
             found |= Reason.VOLTAGE
         return found

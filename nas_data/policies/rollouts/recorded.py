@@ -19,12 +19,12 @@ from nas_data.dataset.features import (
     flag_feature,
     reward_feature,
 )
-from nas_data.dataset.incremental_writer import Growing
+from nas_data.dataset.incremental_writer import IncrementalWriter
 from nas_data.dataset.merge import concatenate
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
-from nas_data.dataset.versions import check_place
-from nas_data.dataset.write_lock import alone
+from nas_data.dataset.versions import check_destination
+from nas_data.dataset.write_lock import hold_write_lock
 from nas_data.errors import OptionError
 from nas_data.policies.evaluate import Returns
 from nas_data.policies.rollouts.robot_stepper import Bout, RolloutTally
@@ -94,7 +94,7 @@ class Saved:
         tally: Statistics of the recording.
     """
 
-    def __init__(self, name: str, growing: Growing) -> None:
+    def __init__(self, name: str, growing: IncrementalWriter) -> None:
         """Read the rollouts of an earlier run.
 
         Raises:
@@ -157,9 +157,9 @@ def saved_as(name: str) -> Iterator[Saved]:
         BeingWritten: another program records under this name.
         OptionError: the name is invalid, or the folder holds another kind of recording.
     """
-    check_place(name=name)
-    with alone(root := recording_folder(name)):
-        yield Saved(name, Growing(root))
+    check_destination(name=name)
+    with hold_write_lock(root := recording_folder(name)):
+        yield Saved(name, IncrementalWriter(root))
 
 
 def identity(provenance: Provenance) -> dict[str, object]:
