@@ -201,7 +201,7 @@ def _provenance(a: Provenance | None, b: Provenance | None) -> dict[str, tuple[o
 
 
 def _entries(provenance: Provenance | None) -> Iterator[tuple[str, object]]:
-    """Yield the entries to compare; mappings are expanded, so that `source.effects` and `source.engine` are separate."""
+    """Yield the entries to compare; mappings are expanded to keys such as `source.effects`."""
     stored = provenance.to_json() if provenance else {}
     for key in COMPARED:
         value = stored.get(key)

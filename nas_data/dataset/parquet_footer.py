@@ -1,11 +1,11 @@
-"""A Parquet file whose writer was killed gets the footer that it lacks, for the row groups that are whole.
+"""Repair of a Parquet file whose writer was killed: a new footer for its complete row groups.
 
-Parquet writes the pages of each row group at once and their directory (the footer) last; LeRobot writes a row group
-at the end of each episode and the footer at the end of the session. A kill in between leaves every saved episode on
-the disk and no directory. But each page carries a header with its size and its number of values, so that the
-directory can be made again by walking from page to page, given the columns: those of a whole file of the same
-columns, which serves as template. Formats: https://parquet.apache.org/docs/file-format/ (parquet.thrift) and Thrift's
-compact protocol, https://github.com/apache/thrift/blob/master/doc/specs/thrift-compact-protocol.md.
+Parquet writes the pages of each row group at once and their directory (the footer) last. LeRobot writes a row group at
+the end of each episode and the footer at the end of the session. A kill in between leaves every saved episode on the
+disk, but no directory. Each page has a header with its size and number of values. The directory can therefore be
+rebuilt by walking from page to page, with the columns of a complete file as the template. Formats:
+https://parquet.apache.org/docs/file-format/ (parquet.thrift) and Thrift's compact protocol,
+https://github.com/apache/thrift/blob/master/doc/specs/thrift-compact-protocol.md.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,11 +24,11 @@ class ParquetPage:
     """A page in a file.
 
     Attributes:
-        start: Its first byte, that of its header.
-        stop: The byte after its last.
+        start: Offset of its header [bytes].
+        stop: Offset after its last byte [bytes].
         values: Number of values, 0 for a dictionary.
         unpacked: Its size before compression, header included [bytes].
-        dictionary: Whether it is a dictionary, which only the first page of a column is.
+        dictionary: Whether it is a dictionary page; only the first page of a column can be one.
     """
 
     start: int
@@ -39,18 +39,18 @@ class ParquetPage:
 
 
 def mend(content: bytes, template: bytes, widths: Sequence[int]) -> tuple[bytes, int]:
-    """Return a Parquet file's whole row groups with a footer.
+    """Return the complete row groups of a Parquet file with a new footer.
 
     Args:
-        content: The file, as far as it was written.
-        template: A whole Parquet file of the same columns with at least one row group.
-        widths: Values per row of each of its leaf columns.
+        content: The truncated file.
+        template: A complete Parquet file with the same columns and at least one row group.
+        widths: Values per row of each leaf column.
 
     Returns:
-        The mended file, and the number of its row groups; it may have none.
+        The repaired file, and the number of its row groups, which may be zero.
 
     Raises:
-        ValueError: the template is no such file.
+        ValueError: the template is not such a file.
     """
     footer = _footer(template)
     groups = footer[ROW_GROUPS][1]
@@ -71,7 +71,7 @@ def mend(content: bytes, template: bytes, widths: Sequence[int]) -> tuple[bytes,
 
 
 def walk(content: bytes) -> Iterator[ParquetPage]:
-    """Iterate over the pages from the first on, up to one that is cut off or no page."""
+    """Yield the pages in order, up to the first one that is truncated or invalid."""
     offset = len(MAGIC)
     while offset < len(content):
         try:
@@ -93,9 +93,10 @@ def walk(content: bytes) -> Iterator[ParquetPage]:
 def _row_group(
     pages: Sequence[ParquetPage], index: int, widths: Sequence[int]
 ) -> tuple[list[Sequence[ParquetPage]], int] | None:
-    """Return the pages of each column of the row group that begins at a page, and its rows; None where it is cut off.
+    """Return the pages of each column of the row group that begins at page `index`, and its number of rows.
 
-    The number of rows is not written before the footer: the shortest one that all columns agree on is taken.
+    None if it is truncated. The number of rows is stored in the footer only, so the smallest one that all columns allow
+    is taken.
     """
     values = 0
     for count in range(1, MOST_PAGES):
@@ -111,7 +112,7 @@ def _row_group(
 
 
 def _columns(pages: Sequence[ParquetPage], index: int, values: Sequence[int]) -> list[Sequence[ParquetPage]] | None:
-    """Return the pages of each column that hold exactly so many values; None where they do not."""
+    """Return the pages of each column if they hold exactly the given numbers of values; else None."""
     columns = []
     for wanted in values:
         start, held = index, 0
@@ -127,7 +128,7 @@ def _columns(pages: Sequence[ParquetPage], index: int, values: Sequence[int]) ->
 
 
 def _describe(pattern: Struct, columns: Sequence[Sequence[ParquetPage]], rows: int, number: int) -> Struct:
-    """Return the directory entry of a row group, as the template's has it."""
+    """Return the directory entry of a row group, modelled on the template's."""
     chunks = pattern.fields[1][1]
     assert isinstance(chunks, Items)
     described: list[Value] = [_chunk(chunk, pages) for chunk, pages in zip(chunks.values, columns, strict=True)]
