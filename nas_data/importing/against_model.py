@@ -1,8 +1,8 @@
 """Comparison of an imported dataset with a model: joints whose sign or zero contradicts limits or gravity.
 
 A servo with a position gain holds a posture with a position error: gain · (command − position) equals the gravity
-torque at rest. A joint with the wrong sign in the map shows the opposite sign. A wrong zero changes the loads of its joint and
-of the joints before it in the chain.
+torque at rest. A joint with the wrong sign in the map shows the opposite sign. A wrong zero changes the loads of its
+joint and of the joints before it in the chain.
 """
 
 from collections.abc import Mapping, Sequence
