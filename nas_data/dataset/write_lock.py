@@ -1,4 +1,4 @@
-"""A result that one program at a time may write: a lock that dies with its holder."""
+"""Write lock of a result; it is released when its process ends."""
 
 import fcntl
 import os
@@ -11,13 +11,13 @@ from nas_data.errors import BeingWritten
 
 @contextmanager
 def hold_write_lock(root: Path) -> Iterator[None]:
-    """Write a result as long as this context is open, and nobody else; what is made for the lock is removed again.
+    """Hold the write lock of a result while the context is open; lock file and created folders are removed at the end.
 
     Args:
-        root: What is written; it need not exist, nor the folders above it.
+        root: Path of the result; it need not exist.
 
     Raises:
-        BeingWritten: another program writes it.
+        BeingWritten: another program holds the lock.
     """
     made = [folder for folder in root.absolute().parents if not folder.exists()]
     lock = root.with_name(f".{root.name}.lock")
@@ -27,9 +27,9 @@ def hold_write_lock(root: Path) -> Iterator[None]:
         os.write(descriptor, str(os.getpid()).encode())
         yield
     finally:
-        lock.unlink(missing_ok=True)  # before it is released: nobody can have locked it meanwhile
+        lock.unlink(missing_ok=True)  # before the release, so that no other process holds it
         os.close(descriptor)
-        with suppress(OSError):  # a folder in which there is a result stays
+        with suppress(OSError):  # a folder that is not empty stays
             for folder in made:
                 folder.rmdir()
 

@@ -73,8 +73,8 @@ def run_sweep(
 ) -> list[Record]:
     """Run the unfinished trials, and return all results in order.
 
-    Results of other code stay in the folder and are not used. With several workers the cost of parallel work is measured
-    first, once per sweep.
+    Results of other code stay in the folder and are not used. With several workers, the cost of parallel work is
+    measured first, once per sweep.
 
     Args:
         trials: See `SweepPlan.trials`.

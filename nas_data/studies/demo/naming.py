@@ -46,7 +46,7 @@ def name_effects(demo: Demo) -> StageResult:
 
 
 def record_blind(demo: Demo) -> Path:
-    """Return the folder of the input of `nas gap`: the first episodes, without a description of the target's effects."""
+    """Return the folder of the input of `nas gap`: the first episodes, without the target's description."""
     root = newest(demo, TRAIN)
     recorded = read(root)
     known = read_provenance(root) or Provenance(how="edited")
