@@ -126,8 +126,8 @@ class OutsideLimits(ArmError):
     """A joint stands where it must not be."""
 
 
-class WayBlocked(ArmError):
-    """The arm would touch itself, the floor or another arm on every slow way to a pose."""
+class PathBlocked(ArmError):
+    """The arm would touch itself, the floor or another arm on every slow path to a pose."""
 
 
 class GuardLost(ArmError):

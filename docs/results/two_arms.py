@@ -21,9 +21,9 @@ import tyro
 from nas_data.cli import main as nas
 from nas_data.policies.rollouts.approach import Approach
 from nas_data.policies.rollouts.robot_stepper import RobotStepper
-from nas_data.policies.rollouts.two_arm_planner import WaysOfTwo
-from nas_data.policies.rollouts.two_arms import ways_of_two
-from nas_data.recorders.arm_ways import Ways
+from nas_data.policies.rollouts.two_arm_planner import TwoArmPlanner
+from nas_data.policies.rollouts.two_arms import make_two_arm_planner
+from nas_data.recorders.path_planner import PathPlanner
 from nas_data.robots.ergo_shield import DEFENDER
 from nas_data.simulators.contact import touches
 
@@ -38,7 +38,7 @@ def watched() -> Iterator[tuple[Poses, Poses]]:
 
     def reading(stepper: RobotStepper, unheard: int) -> None:
         read(stepper, unheard)
-        steps.append(stepper._halves()[0])
+        steps.append(stepper._measured()[0])
 
     def approaching(arms: Approach) -> tuple[np.ndarray, np.ndarray]:
         found = approach(arms)
@@ -53,23 +53,23 @@ def watched() -> Iterator[tuple[Poses, Poses]]:
 def unchecked() -> Iterator[None]:
     """Let nothing be looked at before it is done: the attacker goes straight to its pose, then the defender."""
 
-    def straight(_: WaysOfTwo, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    def straight(_: TwoArmPlanner, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
         return np.stack([np.concatenate([end[:6], begin[6:]]), end])
 
-    with patch.object(Ways, "leads_into_touch", lambda *_: False), patch.object(WaysOfTwo, "find", straight):
+    with patch.object(PathPlanner, "enters_contact", lambda *_: False), patch.object(TwoArmPlanner, "find", straight):
         yield
 
 
-def depths(ways: Ways, poses: Poses) -> np.ndarray:
+def depths(planner: PathPlanner, poses: Poses) -> np.ndarray:
     """Return how deep [m] attacker and defender are in one another, zero where they are not, shape (N,)."""
-    found = [touches(ways._simulator, pose, ways._room) for pose in poses]
+    found = [touches(planner._simulator, pose, planner._scratch) for pose in poses]
     between = [[-far for pair, far in each.items() if sum(DEFENDER in name for name in pair) == 1] for each in found]
     return np.array([max(each, default=0.0) for each in between])
 
 
-def told(ways: Ways, poses: Poses) -> str:
+def told(planner: PathPlanner, poses: Poses) -> str:
     """Say how many readings overlap, and how deep."""
-    deep = depths(ways, poses)
+    deep = depths(planner, poses)
     return f"{np.count_nonzero(deep)} of {len(deep)} (up to {1e3 * deep.max(initial=0.0):.1f} mm)"
 
 
@@ -82,7 +82,7 @@ def measure(policy: str, episodes: str, kind: str) -> None:
         code = nas(["policy", "evaluate", *options])
     if code:
         sys.exit(said.getvalue())
-    answer, bodies, edges = json.loads(said.getvalue()), ways_of_two(), ways_of_two(edges=True)
+    answer, bodies, edges = json.loads(said.getvalue()), make_two_arm_planner(), make_two_arm_planner(edges=True)
     print(f"{kind}: touches {answer['returns'][0]}, {answer['held_back']} commands held back")
     print(f"  bodies: {told(bodies, steps)} in episodes, {told(bodies, slow)} on slow ways")
     print(f"  bodies, sword and shield: {told(edges, steps)} in episodes, {told(edges, slow)} on slow ways", flush=True)
@@ -98,7 +98,7 @@ def main(
     Args:
         policy: Folder of a policy for ErgoShield.
         episodes: How many episodes to roll out in each way.
-        kinds: Ways of keeping the arms apart, one after the other.
+        kinds: Means of keeping the arms apart, one after the other.
     """
     for kind in kinds:
         measure(policy, episodes, kind)

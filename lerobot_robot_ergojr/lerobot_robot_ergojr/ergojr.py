@@ -17,8 +17,8 @@ from nas_data.hardware.xl320.configuration import Configuration
 from nas_data.hardware.xl320.ergojr import ergojr_joints
 from nas_data.hardware.xl320.joints import Joints
 from nas_data.recorders.arm_motion import ArmMotion
-from nas_data.recorders.arm_ways import Ways
 from nas_data.recorders.guarded import GuardedArm, Setup
+from nas_data.recorders.path_planner import PathPlanner
 from nas_data.recorders.schedule import MonotonicClock
 from nas_data.robots.ergojr import JOINTS, ROBOT
 
@@ -92,7 +92,7 @@ class ErgoJr(Robot):
             raw = np.array([arm.bus.get(identity, "present_position") for identity in joints.ids])
         finally:
             arm.close()
-        write_calibration(self.calibration_fpath, joints.calibrated(offsets_at_zero(joints, raw)))
+        write_calibration(self.calibration_fpath, joints.with_offsets(offsets_at_zero(joints, raw)))
         self._load_calibration()
         self._guard()
 
@@ -127,7 +127,7 @@ class ErgoJr(Robot):
         configuration = Configuration(speed=config.speed, torque=config.torque)
         setup = Setup(
             driver=Xl320(port=self._port, joints=self._joints(), configuration=configuration),
-            ways=Ways(ROBOT),
+            planner=PathPlanner(ROBOT),
             largest_step=config.max_step,
         )
         self._guarded = GuardedArm(setup, MonotonicClock(), config.patience)
@@ -141,8 +141,8 @@ class ErgoJr(Robot):
         guarded, self._guarded, self._motion = self._guarded, None, None
         if guarded:
             guarded.leave()
-            if guarded.doubt:
-                logging.error(guarded.doubt)
+            if guarded.safety_warning:
+                logging.error(guarded.safety_warning)
 
     def _connected(self) -> GuardedArm:
         if self._guarded is None:

@@ -13,7 +13,14 @@ from nas_data.dataset.origin import Origin
 from nas_data.errors import LogError, OptionError
 from nas_data.importing.against_model import check as check_against_model
 from nas_data.importing.calibration import middles_of, motors_of, read_calibration
-from nas_data.importing.lerobot import CALIBRATION_ATTACHMENT, Said, import_dataset, is_dataset, map_text, settle
+from nas_data.importing.lerobot import (
+    CALIBRATION_ATTACHMENT,
+    ImportOptions,
+    complete_map,
+    import_dataset,
+    is_dataset,
+    map_text,
+)
 from nas_data.importing.map import Map
 from nas_data.importing.map_file import load_map, parse_map
 from nas_data.importing.section import MapSection
@@ -38,9 +45,9 @@ class ImportRequest:
     progress: Progress = silent
 
     @property
-    def said(self) -> Said:
+    def said(self) -> ImportOptions:
         """What is said of LeRobot datasets beside a map."""
-        return Said(self.unit, self.calibration, self.rate, self.uniform)
+        return ImportOptions(self.unit, self.calibration, self.rate, self.uniform)
 
 
 @dataclass(frozen=True)
@@ -149,7 +156,7 @@ def find_map(request: ImportRequest) -> tuple[Map | None, tuple[str, ...]]:
     else:
         mapping = load_map(request.map)
     if mapping.layout.format == LEROBOT:
-        return settle(mapping, request.logs, said)
+        return complete_map(mapping, request.logs, said)
     given = next((name for name in ("unit", "calibration", "rate", "uniform") if getattr(request, name)), None)
     if given:
         raise OptionError(f"--{given} is for LeRobot datasets; say it in the map {request.map} instead.")

@@ -21,7 +21,7 @@ from nas_data.hardware.xl320.ergojr import ergojr_joints
 from nas_data.hardware.xl320.joints import Joints
 from nas_data.policies.evaluate import SEED, Returns
 from nas_data.policies.policy import find_policies, load_policy
-from nas_data.policies.rollouts.arm_setup import ArmSetup, ways
+from nas_data.policies.rollouts.arm_setup import ArmSetup, make_path_planner
 from nas_data.policies.rollouts.evaluation_plan import EvaluationPlan
 from nas_data.policies.rollouts.recorded import Recorder, Saved, saved_as
 from nas_data.policies.rollouts.robot_stepper import RobotStepper, RolloutTally
@@ -29,7 +29,7 @@ from nas_data.policies.rollouts.rollout import roll_out_on_arm
 from nas_data.policies.tables import policy_table
 from nas_data.recorders.guarded import Setup
 from nas_data.recorders.schedule import MonotonicClock, SteppedClock
-from nas_data.recorders.stopping import stoppable
+from nas_data.recorders.stopping import stop_on_signals
 from nas_data.recorders.under_way import SAVING
 
 TOLD_BY = (
@@ -62,7 +62,7 @@ class OnArm:
         environment = load_policy(find_policies(self.policies[0])[0]).environment
         programme = EvaluationPlan.of(self.policies, environment, self.episodes)
         with ExitStack() as stack:
-            stack.enter_context(stoppable())
+            stack.enter_context(stop_on_signals())
             saved = stack.enter_context(saved_as(self.record)) if self.record else None
             task = find_task(environment)
             bench = self._bench(task, stack)
@@ -70,7 +70,7 @@ class OnArm:
             tally = saved.tally if saved else RolloutTally()
             tally.sittings += 1
             if saved:
-                saved.go_on(self._recorder(programme, environment, bench))
+                saved.resume(self._recorder(programme, environment, bench))
             with self._saying_what_is_saved(saved, programme), bench.open(task, tally) as on:
                 scores = self._roll_out(programme, on, saved)
             path = saved.finish(_counted(tally)) if saved else None
@@ -84,7 +84,7 @@ class OnArm:
         for policy, seed in turns[len(scores) :]:
             bouts, judgement = roll_out_on_arm(task, stepper, policy, seed)
             if saved:
-                stepper.promise(SAVING)
+                stepper.extend_deadline(SAVING)
                 saved.save(bouts, judgement)
             scores.append(judgement.score())
             progress(len(scores))
@@ -102,9 +102,9 @@ class OnArm:
         try:
             yield
         except (ArmError, OptionError) as error:
-            raise type(error)(f"{error} {saved.told(wanted)}") from error
+            raise type(error)(f"{error} {saved.describe_progress(wanted)}") from error
         except KeyboardInterrupt:
-            say(saved.told(wanted))
+            say(saved.describe_progress(wanted))
             raise
 
     def _finish(self) -> CommandResult:
@@ -140,7 +140,7 @@ class OnArm:
                 joints=self._joints(name, own),
                 configuration=self._configuration,
             ),
-            ways=ways(),
+            planner=make_path_planner(),
             rate=1 / task.period,
             largest_step=self.largest_step,
         )

@@ -15,7 +15,7 @@ from nas_data.commands.base import Command, CommandResult
 from nas_data.errors import OptionError
 
 if TYPE_CHECKING:
-    from nas_data.dataset.incremental_writer import Growing
+    from nas_data.dataset.incremental_writer import IncrementalWriter
     from nas_data.dataset.provenance import Provenance
     from nas_data.hardware.arms.base import Driver
     from nas_data.recorders.arm_plan import MotionPlan
@@ -96,36 +96,36 @@ class RecordArm(Command):
 
     def run(self) -> CommandResult:
         """Record what is not yet saved, and make the dataset."""
-        from nas_data.dataset.incremental_writer import Growing
-        from nas_data.dataset.versions import check_place
-        from nas_data.dataset.write_lock import alone
-        from nas_data.recorders.under_way import place
+        from nas_data.dataset.incremental_writer import IncrementalWriter
+        from nas_data.dataset.versions import check_destination
+        from nas_data.dataset.write_lock import hold_write_lock
+        from nas_data.recorders.under_way import recording_folder
 
         protocol, step = self._protocol(), self.step
         task = self.commands.stem if self.commands else protocol.excitation.name()
         name = self.name or f"{self.kind}_{task}"
-        check_place(out=self.out, name=name)
-        with alone(root := place(name, self.out)):
-            growing = Growing(root)
+        check_destination(out=self.out, name=name)
+        with hold_write_lock(root := recording_folder(name, self.out)):
+            growing = IncrementalWriter(root)
             if not self.finish:
                 self._record(growing, protocol, step)
             elif not growing.episodes:
                 raise OptionError(f"Nothing is saved in {growing.root} that could be finished; record first.")
             return self._finish(growing, name)
 
-    def _record(self, growing: "Growing", protocol: "PlaybackProtocol", step: float) -> None:
-        from nas_data.recorders.arm import Job, RecordingJob, look
-        from nas_data.recorders.arm_ways import Ways
+    def _record(self, growing: "IncrementalWriter", protocol: "PlaybackProtocol", step: float) -> None:
+        from nas_data.recorders.arm import Job, RecordingJob, check_arm
         from nas_data.recorders.guarded import Setup
+        from nas_data.recorders.path_planner import PathPlanner
         from nas_data.recorders.schedule import MonotonicClock, SteppedClock
-        from nas_data.recorders.stopping import stoppable
+        from nas_data.recorders.stopping import stop_on_signals
 
         robot = self.arm_model()
-        with self.driver() as driver, stoppable():
-            look(driver)  # before the plan is drawn, which takes a while
+        with self.driver() as driver, stop_on_signals():
+            check_arm(driver)  # before the plan is drawn, which takes a while
             setup = Setup(
                 driver=driver,
-                ways=Ways(robot_of(robot, driver)),
+                planner=PathPlanner(robot_of(robot, driver)),
                 rate=self.rate,
                 largest_step=step,
             )
@@ -134,7 +134,7 @@ class RecordArm(Command):
             clock = SteppedClock() if self.lockstep else MonotonicClock()
             RecordingJob(job, growing, clock, say).run(RecordingProgress(growing.episodes, len(job.plan.commands)))
 
-    def _plan(self, growing: "Growing", protocol: "PlaybackProtocol", robot: "Robot") -> "MotionPlan":
+    def _plan(self, growing: "IncrementalWriter", protocol: "PlaybackProtocol", robot: "Robot") -> "MotionPlan":
         """Draw what is to be played; where a recording is gone on with, it must be the same.
 
         Raises:
@@ -153,7 +153,7 @@ class RecordArm(Command):
             raise other_recording_error(growing.root, "other options")
         return plan
 
-    def _finish(self, growing: "Growing", name: str) -> CommandResult:
+    def _finish(self, growing: "IncrementalWriter", name: str) -> CommandResult:
         """Make a dataset of what is saved, and remove the recording."""
         from nas_data.dataset.content import content_hash
         from nas_data.dataset.provenance import read_provenance

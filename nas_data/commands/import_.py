@@ -63,7 +63,7 @@ class ImportLogs(Command):
         from nas_data.api.importing import ImportRequest, read_logs
         from nas_data.dataset import versions
 
-        versions.check_place(out=self.out, name=self.name or "dataset")
+        versions.check_destination(out=self.out, name=self.name or "dataset")
         request = ImportRequest(
             logs=self.logs,
             map=self.map,

@@ -39,7 +39,7 @@ class Pair(TakesModel):
         from nas_data.dataset.provenance import read_provenance
 
         root = versions.resolve(self.dataset)
-        versions.check_place(out=self.out, parent=root)
+        versions.check_destination(out=self.out, parent=root)
         dataset = Dataset.load(root)
         derived = dict(dataset.origin.derived) if dataset.origin else {}
         source = PairingSource(

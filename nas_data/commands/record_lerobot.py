@@ -12,7 +12,7 @@ from nas_data.errors import OptionError
 
 if TYPE_CHECKING:
     from nas_data.hardware.arms.base import Driver
-    from nas_data.recorders.lerobot_robot import Wish
+    from nas_data.recorders.lerobot_robot import RobotRequest
     from nas_data.robots.base import Robot
 
 OWN = ("type", "port", "id", "option")  # what stands behind --robot. and is read here
@@ -104,7 +104,7 @@ class RecordLerobot(RecordArm):
         """See `RecordArm`."""
         from nas_data.recorders.lerobot_robot import driver_of
 
-        return driver_of(self._wish(), self._port, self.effect, self.fault, self.lockstep, self.rate, self.speed)
+        return driver_of(self._request(), self._port, self.effect, self.fault, self.lockstep, self.rate, self.speed)
 
     def simulated(self) -> str:
         """See `RecordArm`."""
@@ -117,11 +117,11 @@ class RecordLerobot(RecordArm):
             raise OptionError(f"On which port is the arm? Give --robot.port PORT, or --port {VIRTUAL} to try it.")
         return port
 
-    def _wish(self) -> "Wish":
-        from nas_data.recorders.lerobot_robot import Wish
+    def _request(self) -> "RobotRequest":
+        from nas_data.recorders.lerobot_robot import RobotRequest
 
         named = {"id": self.robot.id} if self.robot.id else {}
-        return Wish(
+        return RobotRequest(
             kind=self.robot.type,
             options={**pairs("--robot.option", self.robot.option), **named},
             model=self.arm_model(),

@@ -69,10 +69,10 @@ class RecordSim(TakesModel):
         from nas_data.api.recording import record
         from nas_data.dataset.content import content_hash
         from nas_data.dataset.origin import describe
-        from nas_data.dataset.versions import check_place, save
+        from nas_data.dataset.versions import check_destination, save
 
         began = time.monotonic()
-        check_place(out=self.out, name=self.name or "dataset")
+        check_destination(out=self.out, name=self.name or "dataset")
         dataset = record(
             self.robot,
             env=self.env,

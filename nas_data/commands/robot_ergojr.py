@@ -93,7 +93,7 @@ class RobotErgojr(Command):
         from nas_data.hardware.xl320.calibration import offsets_at_zero, write_calibration
 
         raw = np.array([arm.bus.get(identity, "present_position") for identity in arm.joints.ids])
-        joints = arm.joints.calibrated(offsets_at_zero(arm.joints, raw))
+        joints = arm.joints.with_offsets(offsets_at_zero(arm.joints, raw))
         write_calibration(path, joints)
         return f"Zero offsets {', '.join(map(str, joints.offsets))} ticks → {path}"
 

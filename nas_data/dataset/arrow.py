@@ -21,6 +21,6 @@ def texts(values: Sequence[str]) -> pa.StringArray:
 
 
 def lists(values: pa.Array, lengths: Sequence[int] | np.ndarray) -> pa.ListArray:
-    """Return consecutive values as an array of lists of the lengths given."""
+    """Return consecutive values as an array of lists with the given lengths."""
     offsets = np.cumsum([0, *lengths], dtype=np.int32)
     return pa.ListArray.from_arrays(numbers(offsets), values)

@@ -1,4 +1,4 @@
-"""The dataset card: `README.md` with the front matter that the Hugging Face Hub and LeRobot look for."""
+"""The dataset card: `README.md` with the front matter that the Hugging Face Hub and LeRobot expect."""
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import SIM_STATE
@@ -38,7 +38,7 @@ dataset = LeRobotDataset("local/name", root="this/folder")
 """
 
 
-def card(dataset: Dataset, provenance: Provenance) -> str:
+def render_card(dataset: Dataset, provenance: Provenance) -> str:
     """Return the text of a dataset's card."""
     rows = [
         f"| `{key}` | {feature.dtype} | {', '.join(feature.names)} | {', '.join(dict.fromkeys(feature.units)) or '–'} |"
@@ -60,5 +60,5 @@ def card(dataset: Dataset, provenance: Provenance) -> str:
 
 
 def _yaml_word(text: str) -> str:
-    """Return a text as a YAML scalar; JSON's quoting is YAML's too."""
+    """Return a text as a YAML scalar; JSON quoting is valid YAML."""
     return text if text.replace("_", "").replace("-", "").isalnum() else '"' + text.replace('"', "'") + '"'

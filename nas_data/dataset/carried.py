@@ -1,7 +1,7 @@
-"""What a dataset carries along although nothing here uses it: cameras, depth, language, texts, matrices.
+"""Pass-through features that nas does not use: cameras, depth, language, texts, matrices.
 
-Values stay in the files of the datasets that they come from until a dataset is written. Videos are linked or copied as
-they are, never encoded again; columns of data files are copied row by row.
+Their values stay in the source files until a dataset is written. Videos are linked or copied, never encoded again.
+Columns of data files are copied row by row.
 """
 
 import json
@@ -26,12 +26,12 @@ PLACE = ("chunk_index", "file_index", "from_timestamp", "to_timestamp")
 
 @dataclass(frozen=True)
 class Clip:
-    """Where the pictures of an episode lie.
+    """The part of a video file that belongs to an episode.
 
     Attributes:
         file: The video.
-        start: When they begin in it [s].
-        stop: When they end [s].
+        start: Start time in the video [s].
+        stop: End time in the video [s].
     """
 
     file: Path
@@ -41,12 +41,12 @@ class Clip:
 
 @dataclass(frozen=True)
 class Carried:
-    """Features of N frames that are carried along.
+    """Pass-through features of N frames.
 
     Attributes:
-        roots: Datasets that hold them, alike in these features.
-        rows: For each frame its row, counted over the episodes of all roots one after another, shape (N,).
-        salvaged: Stands for the only root, where that root's own files do not tell what lies where.
+        roots: Source datasets; they have the same pass-through features.
+        rows: Source row of each frame, counted over the episodes of all roots in order, shape (N,).
+        salvaged: Replaces the only root if its own files do not locate the episodes.
     """
 
     roots: tuple[Path, ...]
@@ -55,23 +55,23 @@ class Carried:
 
     @classmethod
     def of(cls, root: Path, frames: int) -> "Carried | None":
-        """Return what a dataset has beside its vectors of numbers; None where that is nothing."""
+        """Return the pass-through features of a dataset; None if there are none."""
         return cls((root.resolve(),), np.arange(frames)) if layout.other_features(layout.read_info(root)) else None
 
     @classmethod
     def rescued(
         cls, root: Path, episodes: Sequence[int], lengths: np.ndarray, salvaged: "CarriedSource | None" = None
     ) -> "Carried | None":
-        """Return what some whole episodes of a damaged dataset have beside their vectors of numbers.
+        """Return the pass-through features of undamaged episodes in a damaged dataset.
 
         Args:
             root: The damaged dataset; its `meta/info.json` is whole.
             episodes: Numbers of the episodes.
-            lengths: Their frames, shape (E,).
-            salvaged: Says where they lie, where the dataset does not.
+            lengths: Frames of each episode, shape (E,).
+            salvaged: Locates the episodes if the dataset does not.
 
         Raises:
-            DatasetInvalid: of one of them something cannot be had; says what.
+            DatasetInvalid: a feature of an episode cannot be read.
         """
         found = cls.of(root, 0)
         if found is None:
@@ -125,17 +125,17 @@ class Carried:
         return {key: table[key] for key in keys}
 
     def huggingface(self) -> dict[str, object]:
-        """Return how `datasets.Features` describes the columns."""
+        """Return the description of the columns for `datasets.Features`."""
         written = self._sources[0].schema_metadata()
         return {key: written[key] for key in self.features if key in written}
 
     def clips(self, starts: np.ndarray, lengths: np.ndarray, fps: float) -> dict[str, list[Clip]]:
-        """Return where the pictures of each episode lie, for every camera that is a video.
+        """Return the video clip of each episode, for every camera that is stored as video.
 
         Args:
             starts: First frame of each episode, shape (E,).
-            lengths: Its frames, which follow each other in their source, shape (E,).
-            fps: Rate [Hz].
+            lengths: Number of frames of each episode, consecutive in its source, shape (E,).
+            fps: Control rate [Hz].
         """
         cameras = [key for key, entry in self.features.items() if entry.get("dtype") == VIDEO]
         found: dict[str, list[Clip]] = {key: [] for key in cameras}
@@ -146,7 +146,7 @@ class Carried:
         return found
 
     def statistics(self, starts: np.ndarray) -> list[Mapping[str, object]]:
-        """Return the statistics that the source holds of the episode in which each begins, by their column."""
+        """Return the source's statistics of the episode in which each start frame lies, by column."""
         found: list[Mapping[str, object]] = []
         for start in starts:
             source, row = self._source_of(int(self.rows[start]))
@@ -160,7 +160,7 @@ class Carried:
         return (self.salvaged,) if self.salvaged else tuple(CarriedSource(root) for root in self.roots)
 
     def _source_of(self, row: int) -> tuple["CarriedSource", int]:
-        """Return the source of a row, and its number there."""
+        """Return the source of a row, and the row number in it."""
         for source in self._sources:
             if row < source.frames:
                 return source, row
@@ -169,7 +169,7 @@ class Carried:
 
 
 class CarriedSource:
-    """A dataset from which features are carried along."""
+    """A source dataset of pass-through features."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
@@ -193,7 +193,7 @@ class CarriedSource:
         return pa.concat_tables(parts).take(places)
 
     def schema_metadata(self) -> dict[str, object]:
-        """Return how the data files describe their columns to `datasets`."""
+        """Return the column descriptions of the data files for `datasets`."""
         metadata = open_parquet(self._files[0][0]).schema_arrow.metadata or {}
         try:
             content = json.loads(metadata[b"huggingface"])
@@ -202,26 +202,26 @@ class CarriedSource:
             return {}
 
     def clip(self, key: str, row: int, length: int, fps: float) -> Clip:
-        """Return where the pictures of some frames of an episode lie."""
+        """Return the video clip of consecutive frames of an episode."""
         entry, number = self.episode(row), int(self._numbers[row])
         if f"videos/{key}/{PLACE[0]}" not in entry:
             raise DatasetInvalid(f"meta/episodes does not say where the pictures of episode {number} lie")
-        place = {name: entry[f"videos/{key}/{name}"] for name in PLACE}
+        entries = {name: entry[f"videos/{key}/{name}"] for name in PLACE}
         template = str(layout.read_info(self.root).get("video_path") or VIDEO_PATH)
-        file = self.root / template.format(video_key=key, **{name: int(str(place[name])) for name in PLACE[:2]})
-        start = float(str(place["from_timestamp"])) + (row - self._first(number)) / fps
+        file = self.root / template.format(video_key=key, **{name: int(str(entries[name])) for name in PLACE[:2]})
+        start = float(str(entries["from_timestamp"])) + (row - self._first(number)) / fps
         whole = length == int(str(entry["length"]))
-        return Clip(file, start, float(str(place["to_timestamp"])) if whole else start + length / fps)
+        return Clip(file, start, float(str(entries["to_timestamp"])) if whole else start + length / fps)
 
     def episode(self, row: int) -> Mapping[str, object]:
-        """Return what the episode table says of the episode that holds a row; nothing where it is damaged."""
+        """Return the entry of the episode table for the episode of a row; empty if it is damaged."""
         return self._episodes.get(int(self._numbers[row]), {})
 
     def first_row(self, episode: int, length: int) -> int:
-        """Return the first row of an episode of so many frames.
+        """Return the first row of an episode.
 
         Raises:
-            DatasetInvalid: the files that can be read hold another number of them.
+            DatasetInvalid: the readable files hold another number of its frames than `length`.
         """
         first = self._first(episode)
         if self._first(episode + 1) - first != length:
@@ -231,45 +231,45 @@ class CarriedSource:
     def files_of(self, rows: np.ndarray) -> list[Path]:
         """Return the data files that hold some rows."""
         stops = np.cumsum([len(numbers) for _, numbers in self._files])
-        return [self._files[place][0] for place in np.unique(np.searchsorted(stops, self._order[rows], side="right"))]
+        return [self._files[index][0] for index in np.unique(np.searchsorted(stops, self._order[rows], side="right"))]
 
     def _first(self, episode: int) -> int:
         return int(np.searchsorted(self._numbers, episode))
 
     @cached_property
     def _files(self) -> list[tuple[Path, np.ndarray]]:
-        """The data files that can be read, with the number of the episode of each of their rows."""
+        """The readable data files, each with the episode number of its rows."""
         tables = [(path, try_parquet(path, ["episode_index"])) for path in layout.data_files(self.root)]
         return [(path, table["episode_index"].to_numpy()) for path, table in tables if table is not None]
 
     @cached_property
     def _indices(self) -> np.ndarray:
-        """Number of the episode of each row in the files, shape (N,)."""
+        """Episode number of each row, in file order, shape (N,)."""
         return np.concatenate([np.empty(0, np.int64), *(numbers for _, numbers in self._files)])
 
     @cached_property
     def _order(self) -> np.ndarray:
-        """Row in the files of each row in the order of the episodes, shape (N,)."""
+        """Indices that sort the rows of the files by episode, shape (N,)."""
         return np.argsort(self._indices, kind="stable")
 
     @cached_property
     def _numbers(self) -> np.ndarray:
-        """Number of the episode of each row in the order of the episodes, shape (N,)."""
+        """Episode number of each row, in episode order, shape (N,)."""
         return self._indices[self._order]
 
     @cached_property
     def _episodes(self) -> dict[int, Mapping[str, object]]:
-        """What can be read of the episode table, by episode."""
+        """Readable entries of the episode table, by episode number."""
         tables = [try_parquet(path) for path in layout.episode_files(self.root)]
         return {int(row["episode_index"]): row for table in tables if table for row in table.to_pylist()}
 
 
 def place_videos(folder: Path, clips: Mapping[str, Sequence[Clip]]) -> tuple[dict[str, list[object]], dict[str, Path]]:
-    """Link the videos of some clips into a dataset's folder, or copy them where a link cannot be made.
+    """Hard-link the videos of clips into a dataset's folder; copy them if that fails.
 
     Args:
         folder: The dataset that is written.
-        clips: Of each camera, one an episode.
+        clips: One clip per episode, for each camera.
 
     Returns:
         Columns of the episode table, and the files by their path in the dataset.
@@ -292,7 +292,7 @@ def place_videos(folder: Path, clips: Mapping[str, Sequence[Clip]]) -> tuple[dic
 
 
 def link(file: Path, target: Path) -> None:
-    """Give a file a second name, or copy it where the file system cannot."""
+    """Hard-link a file; copy it if the file system does not support that."""
     target.parent.mkdir(parents=True, exist_ok=True)
     try:
         os.link(file.resolve(), target)
@@ -301,10 +301,10 @@ def link(file: Path, target: Path) -> None:
 
 
 def overall(episodes: Sequence[Mapping[str, object]]) -> dict[str, dict[str, object]]:
-    """Join the statistics of episodes as LeRobot does: exact, but quantiles are means of the episodes' quantiles.
+    """Combine the statistics of episodes as LeRobot does: exactly, except that quantiles are averaged.
 
     Args:
-        episodes: Of each episode, `stats/<feature>/<statistic>` → values.
+        episodes: For each episode, `stats/<feature>/<statistic>` → values.
     """
     joined: dict[str, dict[str, object]] = {}
     for key, names in _statistics_of(episodes):
@@ -323,7 +323,7 @@ def overall(episodes: Sequence[Mapping[str, object]]) -> dict[str, dict[str, obj
 
 
 def _statistics_of(episodes: Sequence[Mapping[str, object]]) -> Iterator[tuple[str, list[str]]]:
-    """Return each feature with the names of the statistics that every episode has of it."""
+    """Yield each feature with the names of the statistics that all episodes have."""
     shared = [key for key in episodes[0] if all(entry.get(key) is not None for entry in episodes)] if episodes else []
     keys = dict.fromkeys(name.removeprefix("stats/").rpartition("/")[0] for name in shared)
     for key in keys:

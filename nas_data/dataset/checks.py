@@ -1,4 +1,4 @@
-"""What a dataset must satisfy to be stored or used: sound keys, whole episodes, finite values."""
+"""Checks of a dataset before it is stored or used: valid keys, complete episodes, finite values."""
 
 import numpy as np
 
@@ -10,14 +10,14 @@ LARGEST = 1e150  # beyond it the squares in the statistics overflow float64
 
 
 def check_finite(dataset: Dataset, where: str) -> None:
-    """Refuse NaN, infinity, and what is infinite in the type that it is stored in.
+    """Refuse NaN, infinity, and values that overflow the type in which they are stored.
 
     Args:
-        dataset: What was read or is to be written.
-        where: What the error names, a path or "the dataset".
+        dataset: The dataset.
+        where: Its name in error messages, a path or "the dataset".
 
     Raises:
-        DatasetInvalid: names the feature, the component, the episode and the frame of the first such value.
+        DatasetInvalid: names feature, component, episode and frame of the first such value.
     """
     for key, column in dataset.columns.items():
         if key not in dataset.features or column.dtype.kind != "f":
@@ -34,15 +34,15 @@ def check_finite(dataset: Dataset, where: str) -> None:
 
 
 def _largest(*types: np.dtype) -> float:
-    """Return the largest value that all of some types hold."""
+    """Return the largest value that all given types can hold."""
     return min([LARGEST] + [float(np.finfo(dtype).max) for dtype in types if dtype.kind == "f"])
 
 
 def check_storable(dataset: Dataset, where: str) -> None:
-    """Refuse what LeRobot's tools could not read back, append to or merge.
+    """Refuse a dataset that LeRobot's tools could not read, extend or merge.
 
     Raises:
-        DatasetInvalid: says which feature, episode or rate, and what would be right.
+        DatasetInvalid: a feature, episode or rate is invalid; the message says what would be right.
     """
     if not dataset.n_episodes or not (np.asarray(dataset.lengths) > 0).all():
         raise DatasetInvalid(f"{where} holds no episode or an empty one; each needs at least one frame.")

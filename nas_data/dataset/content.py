@@ -1,4 +1,4 @@
-"""The content hash: what a dataset says, whatever files, order of columns or machine hold it."""
+"""The content hash: it depends on a dataset's content, not on file layout, column order or machine."""
 
 import hashlib
 import json
@@ -20,7 +20,7 @@ def content_hash(dataset: Dataset) -> str:
 
     Hashed are the features (key, names, units, dtype), the rate, the robot type, each episode's length and
     task, and the exact bits of every value, little-endian, features sorted by key. File layout, column order,
-    provenance and LeRobot's automatic columns do not count. Of what is carried along, only what it is counts.
+    provenance and LeRobot's automatic columns do not count. Of pass-through features only the description counts.
     """
     header: dict[str, object] = {
         "schema": SCHEMA,

@@ -1,4 +1,4 @@
-"""Episodes are cut in time: at holes in which nothing was measured, or every so many seconds."""
+"""Division of episodes in time: at gaps in the measurement, or at regular intervals."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,7 +14,7 @@ SHORTEST = 3  # frames; two transitions
 
 
 def find_gaps(dataset: Dataset) -> list[tuple[int, float]]:
-    """Return the frames before which time is missing by the recorder's clock, and how much [s]."""
+    """Return the frames that follow a gap in the recorder's clock, and the length of each gap [s]."""
     if TIME not in dataset.columns:
         return []
     time, found = dataset.columns[TIME][:, 0], []
@@ -30,10 +30,10 @@ def find_gaps(dataset: Dataset) -> list[tuple[int, float]]:
 
 
 def cut_every(dataset: Dataset, seconds: float) -> Dataset:
-    """Cut episodes into stretches of so many seconds; what is left at an end goes with the stretch before it.
+    """Cut episodes into parts of a given length [s]; the remainder stays with the last part.
 
     Raises:
-        OptionError: the stretches would be shorter than three frames.
+        OptionError: the parts would be shorter than three frames.
     """
     size = round(seconds * dataset.fps)
     if not np.isfinite(seconds) or size < SHORTEST:
@@ -48,7 +48,7 @@ def cut_every(dataset: Dataset, seconds: float) -> Dataset:
 
 
 def cut_at(dataset: Dataset, frames: Sequence[int]) -> Dataset:
-    """Begin a new episode at each of some frames; the clock begins anew there."""
+    """Begin a new episode at each given frame, with the clock at zero."""
     starts = np.union1d(dataset.starts, np.asarray(frames, np.int64)).astype(np.int64)
     lengths = np.diff(np.append(starts, dataset.n_frames))
     episodes = np.searchsorted(dataset.starts, starts, side="right") - 1
@@ -56,5 +56,7 @@ def cut_at(dataset: Dataset, frames: Sequence[int]) -> Dataset:
     if TIME not in dataset.columns:
         return cut
     time = dataset.columns[TIME]
-    first = time[starts] - time[dataset.starts[episodes]]  # of an episode's own start, which need not be zero
+    first = (
+        time[starts] - time[dataset.starts[episodes]]
+    )  # relative to the episode's first time, which need not be zero
     return cut.with_column(TIME, dataset.features[TIME], time - np.repeat(first, lengths, axis=0))

@@ -1,4 +1,4 @@
-"""A dataset in memory: one array per feature over all frames, and where each episode begins."""
+"""A dataset in memory: one array per feature over all frames, divided into episodes."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -30,9 +30,9 @@ class Dataset:
         lengths: Number of frames of each episode, shape (E,).
         fps: Control rate [Hz].
         robot_type: Robot's name as LeRobot stores it.
-        tasks: What each episode does, one sentence or word an episode.
-        carried: What is carried along unused: cameras, texts, matrices; None where there is nothing of the kind.
-        origin: Where it comes from; None where nobody said.
+        tasks: Task of each episode, as a word or sentence.
+        carried: Pass-through features such as cameras, texts and matrices; None if there are none.
+        origin: Origin of the dataset; None if unknown.
     """
 
     features: Mapping[str, Feature]
@@ -66,8 +66,8 @@ class Dataset:
     def load(cls, path: str | Path, episodes: Sequence[int] = ()) -> "Dataset":
         """Read a dataset as transitions in SI units, whoever recorded it.
 
-        Velocities and next states that LeRobot's own recordings lack are derived, and recordings of others are
-        audited; doubts are told on stderr.
+        Velocities and next states that LeRobot's recordings lack are derived. Recordings by other tools are audited;
+        warnings go to stderr.
 
         Args:
             path: A version's folder, or `datasets/NAME` for the newest version.
@@ -106,28 +106,28 @@ class Dataset:
         robot: str = "unknown",
         tasks: Sequence[str] = (),
     ) -> "Dataset":
-        """Make a dataset of what was measured and commanded; next states are those of the following rows.
+        """Make a dataset of measured states and commands; the next state is that of the following row.
 
-        Each array is one episode (T, n), several (E, T, n), or a list of episodes of different lengths. Row t holds
-        the state at step t and the command that acts from then on. Positions may have one row more than commands.
+        Each argument is one episode (T, n), several (E, T, n), or a list of episodes of different lengths. Row t holds
+        the state at step t and the command that acts from then on. Positions may have one more row than commands.
 
         Args:
             positions: Measured positions [rad; slides m].
             commands: Commanded positions [rad; m], velocities [rad/s; m/s] or torques [N·m; N], by `kind`.
             rate: Control rate [Hz].
             joints: Names of the n joints.
-            velocities: Measured velocities [rad/s; m/s]; derived from the positions where None.
-            times: Recorder's clock [s], shape (T,) an episode; rows count as evenly spaced where None.
-            kind: What is commanded: `position`, `velocity` or `torque`.
-            slides: Which of the joints are slides.
-            turns: Whether joints may turn farther than two turns; else such positions are taken for degrees.
-            robot: Robot's name.
-            tasks: What each episode does; nothing by default.
+            velocities: Measured velocities [rad/s; m/s]; derived from the positions if None.
+            times: Recorder's clock [s], shape (T,) per episode; rows are evenly spaced if None.
+            kind: Type of the commands: `position`, `velocity` or `torque`.
+            slides: Names of the slide joints.
+            turns: Whether joints may exceed two turns; otherwise such positions are refused as degrees.
+            robot: Name of the robot.
+            tasks: Task of each episode; empty by default.
 
         Raises:
             DatasetInvalid: shapes differ, or values cannot be right: degrees, NaN, a clock that goes back.
             JointMismatch: a joint is named twice, or a slide is no joint.
-            OptionError: the rate or the kind cannot be.
+            OptionError: the rate or the kind is invalid.
         """
         from nas_data.dataset.origin import of_arrays
 
@@ -191,7 +191,7 @@ class Dataset:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """What each joint is commanded: a position (`.pos`), a velocity (`.vel`) or a torque (`.effort`)."""
+        """Command type of each joint: position (`.pos`), velocity (`.vel`) or torque (`.effort`)."""
         ends = VELOCITY, EFFORT
         return tuple(next((e for e in ends if name.endswith(e)), POSITION) for name in self._feature(ACTION).names)
 
@@ -212,17 +212,17 @@ class Dataset:
 
     @property
     def commands(self) -> Array:
-        """What each joint is asked for (see `kinds`), shape (N, n)."""
+        """Commands [rad; rad/s; N·m; slides in m and N], shape (N, n); see `kinds`."""
         return self._column(ACTION)
 
     @property
     def next_states(self) -> Array:
-        """Measured at the next control step, shape (N, 2n)."""
+        """Measured states of the next control step, shape (N, 2n)."""
         return self._column(NEXT_STATE)
 
     @property
     def sim_states(self) -> Array:
-        """What the source predicts for the next control step, shape (N, 2n)."""
+        """Predicted states of the next control step by the source, shape (N, 2n)."""
         return self._column(SIM_STATE)
 
     def episode(self, index: int) -> slice:
@@ -235,7 +235,7 @@ class Dataset:
         return (self.episode(index) for index in range(self.n_episodes))
 
     def select(self, episodes: Sequence[int]) -> "Dataset":
-        """Return a dataset of some episodes, in the order given."""
+        """Return a dataset of the given episodes, in the given order."""
         beyond = [index for index in episodes if not 0 <= index < self.n_episodes]
         if beyond:
             raise DatasetInvalid(f"There is no episode {beyond[0]}; the dataset has 0 to {self.n_episodes - 1}.")
@@ -243,12 +243,12 @@ class Dataset:
         return self.take(rows, self.lengths[list(episodes)], tuple(self.tasks[index] for index in episodes))
 
     def take(self, rows: Array, lengths: Array, tasks: Sequence[str]) -> "Dataset":
-        """Return a dataset of some frames.
+        """Return a dataset of the given frames.
 
         Args:
-            rows: Their numbers, in their new order.
-            lengths: Frames of each new episode, shape (E,).
-            tasks: What each new episode does.
+            rows: Frame numbers in their new order.
+            lengths: Number of frames of each new episode, shape (E,).
+            tasks: Task of each new episode.
         """
         return replace(
             self,

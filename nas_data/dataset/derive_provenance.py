@@ -1,4 +1,4 @@
-"""What a dataset made from others takes over from them: provenance and attached files."""
+"""Provenance and attached files that a dataset inherits from the datasets it is made from."""
 
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -26,7 +26,7 @@ class Original:
     Attributes:
         root: Its folder.
         dataset: Its content.
-        provenance: Where it comes from; None where LeRobot's tools lost it.
+        provenance: Its provenance; None if LeRobot's tools dropped it.
     """
 
     root: Path
@@ -46,16 +46,16 @@ class Original:
 
     @cached_property
     def parent(self) -> Parent:
-        """How provenance names it."""
+        """Entry for the provenance of datasets made from it."""
         return Parent(identity(self.root), content_hash(self.dataset))
 
     @cached_property
     def attachments(self) -> dict[str, bytes]:
-        """Files beside LeRobot's own, such as the source model; those that were altered are not among them."""
+        """Unaltered files that are not part of LeRobot's format, such as the source model."""
         return attachments(self.root, self.provenance)
 
     def remarks(self) -> Iterator[str]:
-        """Say what is lost or doubtful when something is made from it, one sentence each."""
+        """Yield a sentence on each loss or doubt in datasets made from it."""
         if self.provenance is None:
             yield (
                 f"{self.root} has no provenance (LeRobot wrote it, or LeRobot's tools made it): "
@@ -70,11 +70,11 @@ class Original:
 
 @dataclass(frozen=True)
 class Derived:
-    """A dataset that is to be written.
+    """A dataset to be written.
 
     Attributes:
         dataset: Its content.
-        provenance: Where it comes from.
+        provenance: Its provenance.
         attachments: Further files by their path in the dataset.
     """
 
@@ -84,9 +84,9 @@ class Derived:
 
 
 def attachments(root: Path, provenance: Provenance | None) -> dict[str, bytes]:
-    """Return the files of a dataset that are not LeRobot's, by their path, as far as they are unaltered.
+    """Return the unaltered files of a dataset that are not part of LeRobot's format, by path.
 
-    Only files below `meta/` count, whatever paths the provenance names: it may come from a stranger.
+    Only files below `meta/` are read, whatever paths the provenance names, because it may be untrusted.
     """
     recorded = provenance.files if provenance else {}
     found = {}
@@ -101,13 +101,13 @@ def attachments(root: Path, provenance: Provenance | None) -> dict[str, bytes]:
 
 
 def inherit(originals: Sequence[Original], deed: str) -> Provenance:
-    """Return the provenance of a dataset made from others by moving episodes about.
+    """Return the provenance of a dataset that consists of episodes of others.
 
-    What all of them share (source, target, signal) stays; what differs is found through the parents.
+    Entries that all originals share (source, target, signal) are kept; others can be found through the parents.
 
     Args:
-        originals: What it is made from, at least one.
-        deed: What was done, for people.
+        originals: The original datasets, at least one.
+        deed: What was done, as text.
     """
     before = [original.provenance or unknown_provenance(original.dataset) for original in originals]
     return Provenance(
@@ -125,12 +125,12 @@ def inherit(originals: Sequence[Original], deed: str) -> Provenance:
 
 
 def unknown_provenance(dataset: Dataset) -> Provenance:
-    """Return what is known of a dataset that carries no provenance."""
+    """Return the provenance of a dataset that has none of its own."""
     return Provenance(how="lerobot", robot=dataset.robot_type)
 
 
 def common(values: Iterable[Item | None]) -> Item | None:
-    """Return the value that all share, None where they differ."""
+    """Return the value that all share; None if they differ."""
     first, *others = values
     return first if all(value == first for value in others) else None
 

@@ -1,4 +1,4 @@
-"""What differs between two datasets: features, rate, robot, episodes matched by content, values, provenance."""
+"""Comparison of two datasets: features, rate, robot, episodes matched by content, values, provenance."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -16,7 +16,7 @@ COMPARED = ("how", "robot", "source", "target", "signal", "seeds", "parents", "d
 
 @dataclass(frozen=True)
 class Change:
-    """How the values of one feature differ between the episodes that were compared.
+    """Difference of one feature's values in the compared episodes.
 
     Attributes:
         largest: Largest absolute difference, in the feature's unit.
@@ -48,12 +48,12 @@ class Difference:
         robots: Robot types, where they differ.
         counts: Numbers of episodes.
         equal_episodes: Number of episodes that both have, bit for bit in the features that they share.
-        moved: How many of those stand at another place.
+        moved: Number of those that have another index.
         compared: Episodes of equal length that were compared value by value.
         unmatched: Episodes that only one has.
         values: Feature → how its values differ in the compared episodes.
-        tasks: Episodes whose tasks differ: (episode in A, in B, task in A, in B).
-        provenance: What differs in where they come from; does not count as content.
+        tasks: Episodes with different tasks: (episode in A, in B, task in A, in B).
+        provenance: Differences in provenance; they do not count as content.
     """
 
     content_hashes: tuple[str, str]
@@ -73,7 +73,7 @@ class Difference:
 
     @property
     def equal_content(self) -> bool:
-        """Whether both say the same, wherever they come from."""
+        """Whether both have the same content, whatever their provenance."""
         return self.content_hashes[0] == self.content_hashes[1]
 
     def to_json(self) -> dict[str, object]:
@@ -89,8 +89,8 @@ class Difference:
 def diff(a: Dataset, b: Dataset, come_from: tuple[Provenance | None, Provenance | None] = (None, None)) -> Difference:
     """Compare two datasets.
 
-    Episodes are matched by the exact values of the features that both have; what is left over is compared in the
-    order of the recordings, each episode with the next one of its length.
+    Episodes are matched by the exact values of the features that both have. The others are compared in order, each
+    episode with the next one of equal length.
 
     Args:
         a: One dataset.
@@ -127,16 +127,16 @@ def diff(a: Dataset, b: Dataset, come_from: tuple[Provenance | None, Provenance 
 
 
 def match(a: Mapping[int, object], b: Mapping[int, object]) -> list[tuple[int, int]]:
-    """Pair the places of equal items, each once: first those at the same place, then in order of place.
+    """Pair the indices of equal items, each once: first those at the same index, then in order of index.
 
     Swapping the two swaps the pairs.
     """
-    same = [place for place, item in a.items() if place in b and b[place] == item]
+    same = [index for index, item in a.items() if index in b and b[index] == item]
     waiting: dict[object, list[int]] = {}
-    for place in sorted(set(b) - set(same), reverse=True):
-        waiting.setdefault(b[place], []).append(place)
-    pairs = [(place, waiting[a[place]].pop()) for place in sorted(set(a) - set(same)) if waiting.get(a[place])]
-    return sorted([*((place, place) for place in same), *pairs])
+    for index in sorted(set(b) - set(same), reverse=True):
+        waiting.setdefault(b[index], []).append(index)
+    pairs = [(index, waiting[a[index]].pop()) for index in sorted(set(a) - set(same)) if waiting.get(a[index])]
+    return sorted([*((index, index) for index in same), *pairs])
 
 
 def describe(feature: Feature) -> str:
@@ -155,7 +155,7 @@ def _joints(dataset: Dataset) -> tuple[str, ...]:
 
 
 def _exclusive(a: tuple[str, ...], b: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return what only one of two has."""
+    """Return the items that only the first has, and those that only the second has."""
     return tuple(item for item in a if item not in b), tuple(item for item in b if item not in a)
 
 
@@ -168,7 +168,7 @@ def _left(
 
 
 def _change(a: Dataset, b: Dataset, key: str, pairs: Sequence[tuple[int, int]]) -> Change | None:
-    """Return how one feature differs over pairs of episodes of equal length; None where no bit does."""
+    """Return how one feature differs over pairs of episodes of equal length; None if all bits agree."""
     columns = [stored_column(dataset, key) for dataset in (a, b)]
     frames, worst = 0, None
     for pair in pairs:
@@ -201,7 +201,7 @@ def _provenance(a: Provenance | None, b: Provenance | None) -> dict[str, tuple[o
 
 
 def _entries(provenance: Provenance | None) -> Iterator[tuple[str, object]]:
-    """List what is compared, mappings entry by entry, so that `source.effects` is seen apart from `source.engine`."""
+    """Yield the entries to compare; mappings are expanded to keys such as `source.effects`."""
     stored = provenance.to_json() if provenance else {}
     for key in COMPARED:
         value = stored.get(key)

@@ -1,4 +1,4 @@
-"""Which episodes of a damaged dataset can be trusted: whole, finite, and of the values that were recorded."""
+"""Checks of a damaged dataset's episodes: complete, finite, and consistent with the stored statistics."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ CHECKED = ("min", "max", "mean")  # statistics that both LeRobot versions and na
 
 
 @dataclass(frozen=True)
-class Listed:
-    """What `meta/episodes` says of an episode.
+class EpisodeEntry:
+    """Entry of an episode in `meta/episodes`.
 
     Attributes:
         length: Number of frames.
-        tasks: What it does.
+        tasks: Its tasks.
         statistics: `<feature>/<statistic>` → values.
     """
 
@@ -32,19 +32,21 @@ class Listed:
     statistics: Mapping[str, np.ndarray]
 
 
-def judge(found: Salvage, features: Mapping[str, Feature], known: Mapping[int, Listed]) -> dict[int, str]:
-    """Return the episodes that cannot be trusted, and why.
+def find_untrusted(
+    found: Salvage, features: Mapping[str, Feature], known: Mapping[int, EpisodeEntry]
+) -> dict[int, str]:
+    """Return the episodes that fail a check, with the reason.
 
     Args:
-        found: What could be read.
+        found: The readable rows.
         features: Features of the dataset.
-        known: What `meta/episodes` says, as far as it can be read.
+        known: The readable entries of `meta/episodes`.
     """
     return dict([*_wrong_values(found, known), *_wrong_rows(found, features), *_wrong_length(found, known)])
 
 
-def read_episode_table(root: Path, features: Mapping[str, Feature]) -> dict[int, Listed]:
-    """Return what can still be read of `meta/episodes`, by episode."""
+def read_episode_table(root: Path, features: Mapping[str, Feature]) -> dict[int, EpisodeEntry]:
+    """Return the readable entries of `meta/episodes`, by episode."""
     checked = [f"{key}/{name}" for key in features for name in CHECKED]
     found = {}
     for path in layout.episode_files(root):
@@ -57,7 +59,7 @@ def read_episode_table(root: Path, features: Mapping[str, Feature]) -> dict[int,
             if episode is None or length is None:
                 continue
             stored = {key: row.get(f"stats/{key}") for key in checked}
-            found[int(episode)] = Listed(
+            found[int(episode)] = EpisodeEntry(
                 length=int(length),
                 tasks=tuple(sorted(map(str, row.get("tasks") or ()))),
                 statistics={key: np.ravel(np.asarray(value, np.float64)) for key, value in stored.items() if value},
@@ -67,29 +69,29 @@ def read_episode_table(root: Path, features: Mapping[str, Feature]) -> dict[int,
 
 def _wrong_rows(found: Salvage, features: Mapping[str, Feature]) -> Iterator[tuple[int, str]]:
     """Find episodes with missing or repeated frames, or with values that are not finite."""
-    place = found.places()
+    episode_of = found.row_episodes()
     starts = np.cumsum(found.lengths) - found.lengths
-    due = np.arange(len(place)) - starts[place]
+    due = np.arange(len(episode_of)) - starts[episode_of]
     torn = found.columns["frame_index"][:, 0] != due
-    for episode in found.episodes[np.unique(place[torn])].tolist():
+    for episode in found.episodes[np.unique(episode_of[torn])].tolist():
         yield episode, "has missing or repeated frames"
     for key in features:
         column = found.columns[key]
         if column.dtype.kind == "f":
             wild = ~(np.abs(column.astype(np.float64)) <= LARGEST).all(axis=1)
-            for episode in found.episodes[np.unique(place[wild])].tolist():
+            for episode in found.episodes[np.unique(episode_of[wild])].tolist():
                 yield episode, f"has values of '{key}' that are not finite"
 
 
-def _wrong_length(found: Salvage, known: Mapping[int, Listed]) -> Iterator[tuple[int, str]]:
-    """Find episodes with other numbers of frames than `meta/episodes` promises."""
+def _wrong_length(found: Salvage, known: Mapping[int, EpisodeEntry]) -> Iterator[tuple[int, str]]:
+    """Find episodes whose number of frames differs from `meta/episodes`."""
     for episode, length in zip(found.episodes.tolist(), found.lengths.tolist(), strict=True):
         if episode in known and known[episode].length != length:
             yield episode, f"has {length} frames, meta/episodes promises {known[episode].length}"
 
 
-def _wrong_values(found: Salvage, known: Mapping[int, Listed]) -> Iterator[tuple[int, str]]:
-    """Find episodes whose values are not those of which `meta/episodes` holds the statistics."""
+def _wrong_values(found: Salvage, known: Mapping[int, EpisodeEntry]) -> Iterator[tuple[int, str]]:
+    """Find episodes whose values contradict the statistics in `meta/episodes`."""
     starts = np.cumsum(found.lengths) - found.lengths
     for key, column in found.columns.items():
         if key in layout.AUTOMATIC or not len(column):
@@ -106,7 +108,7 @@ def _wrong_values(found: Salvage, known: Mapping[int, Listed]) -> Iterator[tuple
 
 
 def _agree(key: str, recorded: Mapping[str, np.ndarray], measured: Mapping[str, np.ndarray], row: int) -> bool:
-    """Whether the statistics of a feature in an episode are those that were recorded, as far as they were."""
+    """Whether the recorded statistics of a feature in an episode agree with the measured ones."""
     scale = np.maximum(np.abs(measured["min"][row]), np.abs(measured["max"][row]))
     for name, values in measured.items():
         stored = recorded.get(f"{key}/{name}")

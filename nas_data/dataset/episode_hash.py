@@ -1,4 +1,4 @@
-"""The identity of an episode: a hash of its values, by which equal episodes are found in different datasets."""
+"""Hash of an episode's values, to find equal episodes in different datasets."""
 
 import hashlib
 from collections.abc import Sequence
@@ -10,11 +10,11 @@ from nas_data.dataset.dataset import Dataset
 
 
 def episode_hashes(dataset: Dataset, keys: Sequence[str]) -> list[str]:
-    """Return the SHA-256 of each episode's length and exact values in some features; tasks do not count.
+    """Return the SHA-256 of each episode's length and exact values of the given features; tasks do not count.
 
     Args:
         dataset: The episodes.
-        keys: Features to look at, all of the dataset's or those that two datasets share.
+        keys: Features to hash: all, or those that two datasets share.
     """
     columns = [stored_column(dataset, key) for key in keys]
     little = [np.ascontiguousarray(column.astype(column.dtype.newbyteorder("<"), copy=False)) for column in columns]

@@ -1,7 +1,7 @@
-"""Where the pictures of a killed recording lie, of which LeRobot's table of episodes was not yet written.
+"""Location of episodes in the videos of an interrupted recording that has no episode table yet.
 
-LeRobot ends each video with every episode that it saves, and writes its table ten episodes at a time. Videos hold the
-episodes one after another, none in two files, so that the numbers of their frames tell where each begins.
+LeRobot finishes a video with each saved episode, and writes its table every ten episodes. A video holds whole episodes
+in order, so the frame counts tell where each one begins.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,19 +20,19 @@ SAMPLES = slice(8, 12)  # where a sample size box says the number of samples
 
 
 class FilmedSource(CarriedSource):
-    """A dataset whose rows were salvaged and whose features beside them are videos alone."""
+    """A dataset with salvaged rows whose only pass-through features are videos."""
 
     def __init__(self, root: Path, episodes: np.ndarray, lengths: np.ndarray, fps: float) -> None:
         """Find the episodes in the videos.
 
         Args:
             root: The dataset; its `meta/info.json` is whole.
-            episodes: Number of each episode of which there are rows, ascending, shape (E,).
-            lengths: Its rows, shape (E,).
-            fps: Rate [Hz].
+            episodes: Numbers of the episodes with rows, ascending, shape (E,).
+            lengths: Number of rows of each, shape (E,).
+            fps: Control rate [Hz].
 
         Raises:
-            DatasetInvalid: it cannot be told where an episode lies; says why.
+            DatasetInvalid: an episode cannot be located.
         """
         super().__init__(root)
         info = layout.read_info(root)
@@ -44,8 +44,8 @@ class FilmedSource(CarriedSource):
         }
         template = str(info.get("video_path") or VIDEO_PATH)
         for key in layout.other_features(info):
-            for episode, place in enumerate(places(root, key, template, lengths.tolist(), fps)):
-                entries[episode] |= {f"videos/{key}/{name}": value for name, value in place.items()}
+            for episode, entry in enumerate(locate_episodes(root, key, template, lengths.tolist(), fps)):
+                entries[episode] |= {f"videos/{key}/{name}": value for name, value in entry.items()}
         self._episodes = dict(entries)
 
     def files_of(self, rows: np.ndarray) -> list[Path]:
@@ -57,11 +57,13 @@ class FilmedSource(CarriedSource):
         return {}
 
 
-def places(root: Path, key: str, template: str, lengths: Sequence[int], fps: float) -> Iterator[dict[str, float | int]]:
-    """Yield where the pictures of each episode lie in the videos of one camera.
+def locate_episodes(
+    root: Path, key: str, template: str, lengths: Sequence[int], fps: float
+) -> Iterator[dict[str, float | int]]:
+    """Yield file and time range of each episode in the videos of one camera.
 
     Raises:
-        DatasetInvalid: there are too few pictures, or an episode would lie in two files.
+        DatasetInvalid: frames are missing, or an episode would span two files.
     """
     chunk, file, begin, count = 0, 0, 0, -1
     for episode, length in enumerate(lengths):
@@ -85,7 +87,7 @@ def places(root: Path, key: str, template: str, lengths: Sequence[int], fps: flo
 
 
 def frames_of(path: Path) -> int:
-    """Return the number of pictures in an MP4 file.
+    """Return the number of frames in an MP4 file.
 
     Raises:
         DatasetInvalid: the file is missing, or holds no whole video.
@@ -120,13 +122,13 @@ def movie_box(path: Path) -> bytes:
 
 def parts(content: bytes) -> Iterator[tuple[bytes, bytes]]:
     """Yield the boxes in a box's content: their kinds and contents."""
-    place = 0
-    while place + HEADER <= len(content):
-        size = int.from_bytes(content[place : place + 4], "big")
+    offset = 0
+    while offset + HEADER <= len(content):
+        size = int.from_bytes(content[offset : offset + 4], "big")
         if size < HEADER:
             return
-        yield content[place + 4 : place + HEADER], content[place + HEADER : place + size]
-        place += size
+        yield content[offset + 4 : offset + HEADER], content[offset + HEADER : offset + size]
+        offset += size
 
 
 def leaves(content: bytes) -> Iterator[tuple[bytes, bytes]]:

@@ -1,6 +1,6 @@
-"""A dataset that others recorded is audited before it is used; what cannot be right is refused with the command to say.
+"""Audit of datasets that other tools recorded; errors are refused with the command that imports the dataset.
 
-What nas itself recorded or imported was audited then.
+Datasets that nas recorded or imported were audited then.
 """
 
 import shlex
@@ -25,24 +25,24 @@ LEROBOT = "_lerobot"  # how the names of maps of LeRobot's datasets end
 
 
 def take_in(root: Path, recorded: Dataset) -> tuple[Dataset, dict[str, str], tuple[str, ...]]:
-    """Bring a dataset into the contract's form, audited where others recorded it.
+    """Convert a dataset to transitions; audit it if another tool recorded it.
 
     Args:
         root: Its folder.
-        recorded: What was read of it, or some of its episodes.
+        recorded: Its content, or some of its episodes.
 
     Returns:
-        Transitions, what was derived (feature → how), and warnings.
+        Transitions, derived features (feature → how), and warnings.
 
     Raises:
         JointMismatch: state and action name different joints, or none.
-        DatasetInvalid: another unit than radians, a clock that denies the rate, or holes in it; names the command
-            that imports it.
+        DatasetInvalid: the unit is not radians, or the clock contradicts the rate or has gaps; the message names the
+            command that imports the dataset.
     """
     try:
         dataset, derived = as_transitions(recorded)
     except DatasetInvalid as error:
-        raise DatasetInvalid(str(error).replace(REMEDY, in_its_unit(root, recorded))) from None
+        raise DatasetInvalid(str(error).replace(REMEDY, import_command(root, recorded))) from None
     if is_ours(read_provenance(root)):
         return dataset, derived, ()
     findings = audit_dataset(dataset)
@@ -51,12 +51,12 @@ def take_in(root: Path, recorded: Dataset) -> tuple[Dataset, dict[str, str], tup
 
 
 def is_ours(provenance: Provenance | None) -> bool:
-    """Whether nas recorded or imported a dataset, so that it is in SI and was audited."""
+    """Whether nas recorded or imported a dataset; then it is in SI units and was audited."""
     return provenance is not None and provenance.how in OURS
 
 
 def refuse(root: Path, findings: Sequence[AuditFinding], dataset: Dataset) -> None:
-    """Raise DatasetInvalid where the clock or the unit cannot be right, with the command that imports the dataset."""
+    """Raise DatasetInvalid if clock or unit are wrong; the message has the command that imports the dataset."""
     error = next((finding for finding in findings if finding.error and finding.check in REFUSED), None)
     if error is None:
         return
@@ -74,11 +74,11 @@ def refuse(root: Path, findings: Sequence[AuditFinding], dataset: Dataset) -> No
     elif error.check == "not_finite":
         remedy = "take these rows out"
     else:
-        remedy = in_its_unit(root, dataset)
+        remedy = import_command(root, dataset)
     raise DatasetInvalid(f"{root}: in {error.file} {error.what}; {remedy}.")
 
 
-def in_its_unit(root: Path, dataset: Dataset) -> str:
+def import_command(root: Path, dataset: Dataset) -> str:
     """Return the command that imports a dataset of degrees or −100 … 100."""
     where = shlex.quote(str(root))
     name = map_for(dataset.robot_type)
@@ -89,14 +89,14 @@ def in_its_unit(root: Path, dataset: Dataset) -> str:
 
 
 def map_for(robot_type: str) -> str | None:
-    """Return the shipped map of a robot that LeRobot knows by this name; None where there is none."""
+    """Return the shipped map for LeRobot's name of a robot; None if there is none."""
     robot_type = ALSO_CALLED.get(robot_type, robot_type)
     names = sorted(file.stem for file in MAPS.glob(f"*{LEROBOT}.toml") if file.stem != "example" + LEROBOT)
     return next((name for name in names if robot_type.startswith(name.removesuffix(LEROBOT))), None)
 
 
 def warnings_of(findings: Sequence[AuditFinding]) -> tuple[str, ...]:
-    """Return a sentence for each kind of finding, with how many there are."""
+    """Return a sentence for each kind of finding, with its count."""
     kinds: dict[str, list[AuditFinding]] = {}
     for finding in findings:
         if not finding.minor:

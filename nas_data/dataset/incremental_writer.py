@@ -1,8 +1,8 @@
-"""A dataset that grows by whole episodes, each of them on the disk and readable before it is called saved.
+"""Crash-safe writer of a dataset, episode by episode.
 
-At every moment, whatever kills the writer, the folder is a LeRobot dataset of the episodes that were saved: it is a
-symbolic link, and saving episodes makes a second folder (hard links to the old files, and the new ones) to which the
-link is turned by one rename.
+The folder is a valid LeRobot dataset of the saved episodes at every moment, even if the writer is killed. It is a
+symbolic link. Saving creates a second folder with hard links to the old files and with the new files, and then one
+rename redirects the link.
 """
 
 import os
@@ -34,18 +34,18 @@ from nas_data.errors import DatasetInvalid
 REWRITTEN = {layout.INFO, layout.STATS, layout.CARD, layout.PROVENANCE}
 
 
-class Growing:
-    """The folder of a recording that is under way.
+class IncrementalWriter:
+    """Writes a recording in progress.
 
     Attributes:
         root: The folder; absent until the first episode is saved.
     """
 
     def __init__(self, root: Path) -> None:
-        """Go on where a recording stopped, or begin one; what a killed writer had not finished is removed.
+        """Resume or begin a recording; unfinished files of a killed writer are removed.
 
         Raises:
-            OutputExists: something else is there.
+            OutputExists: the path holds something else.
         """
         self.root = root
         if not root.is_symlink():
@@ -56,16 +56,16 @@ class Growing:
 
     @property
     def episodes(self) -> int:
-        """Number of episodes that are saved."""
+        """Number of saved episodes."""
         return layout.total(layout.read_info(self.root), "total_episodes") if self.root.is_symlink() else 0
 
     def append(self, episodes: Dataset, provenance: Provenance, attachments: dict[str, bytes] | None = None) -> None:
-        """Save episodes, all of them or none; when this returns, they outlive everything but the disk.
+        """Save episodes atomically and flush them to the disk.
 
         Args:
             episodes: A dataset of at least one episode, of the same features and the same task each time.
-            provenance: Where the episodes come from.
-            attachments: Further files by their path, stored with the first episodes.
+            provenance: Origin of the episodes.
+            attachments: Extra files by path, stored with the first episodes.
         """
         number = self.episodes
         self.root.parent.mkdir(parents=True, exist_ok=True)
@@ -75,7 +75,7 @@ class Growing:
             self._extend(folder, episodes, provenance)
         else:
             fill(folder, episodes, provenance, attachments or {})
-            (folder / layout.STATS).unlink()  # statistics of the whole are made at the end
+            (folder / layout.STATS).unlink()  # overall statistics are computed at the end
         for path in [folder, *(path for path in folder.rglob("*") if path.is_dir())]:
             flush_folder(path)
         self._turn_to(folder)
@@ -83,13 +83,13 @@ class Growing:
             shutil.rmtree(self._generation(number), ignore_errors=True)
 
     def remove(self) -> None:
-        """Delete the recording, once it is a dataset of its own."""
+        """Delete the recording, after it was saved as a dataset."""
         self.root.unlink(missing_ok=True)
         for folder in self._generations():
             shutil.rmtree(folder)
 
     def _extend(self, folder: Path, episodes: Dataset, provenance: Provenance) -> None:
-        """Make a folder of the old files and of more episodes."""
+        """Create a folder of the old files and the new episodes."""
         info = layout.read_info(self.root)
         number, rows = layout.total(info, "total_episodes"), layout.total(info, "total_frames")
         features, tasks = layout.vector_features(info), list(read_tasks(self.root).values())
@@ -115,7 +115,7 @@ class Growing:
         write_synced(folder / layout.PROVENANCE, json_bytes(replace(provenance, files={}).to_json()))
 
     def _entries(self, episodes: Dataset, columns: dict[str, np.ndarray], number: int, rows: int) -> memoryview:
-        """Return the file of the episode table that speaks of more episodes."""
+        """Return the new file of the episode table."""
         table = episode_table(episodes, [range(episodes.n_episodes)], statistics(columns, episodes.lengths))
         chunk, file = (np.full(episodes.n_episodes, part) for part in divmod(number, layout.FILES_PER_CHUNK))
         first = rows + episodes.starts
@@ -129,7 +129,7 @@ class Growing:
         return parquet(table)
 
     def _turn_to(self, folder: Path) -> None:
-        """Let the name mean another folder, in one step."""
+        """Redirect the link to another folder atomically."""
         link = self.root.with_name(f".{self.root.name}.link")
         link.unlink(missing_ok=True)
         link.symlink_to(folder.name)
@@ -144,7 +144,7 @@ class Growing:
 
 
 def _link(old: Path, new: Path) -> None:
-    """Give every file that stays as it is a second name in a new folder."""
+    """Hard-link all unchanged files into a new folder."""
     for path in old.rglob("*"):
         name = path.relative_to(old)
         if path.is_file() and name.as_posix() not in REWRITTEN:

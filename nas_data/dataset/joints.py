@@ -1,4 +1,4 @@
-"""Which component of a state or action belongs to which joint, whoever named them."""
+"""Assignment of state and action components to joints, for any naming scheme."""
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
@@ -9,8 +9,8 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION, EFFORT, POSITION, STATE, VELOCITY, Feature
 from nas_data.errors import DatasetInvalid, JointMismatch
 
-LARGEST_ANGLE = 4 * np.pi  # [rad] two turns; no servo's or arm's joint goes further, degrees do at once
-LARGEST_LENGTH = 10.0  # [m] no arm's slide goes further, millimetres do at once
+LARGEST_ANGLE = 4 * np.pi  # [rad] two turns; servos and arms stay below, degrees exceed it
+LARGEST_LENGTH = 10.0  # [m] slides of arms stay below, millimetres exceed it
 # Units of a hinge's and of a slide's quantities, as people write them; the first is the contract's.
 ANGULAR = {POSITION: ("rad",), VELOCITY: ("rad/s",), EFFORT: ("N·m", "N*m", "N m", "Nm")}
 LINEAR = {POSITION: ("m",), VELOCITY: ("m/s",), EFFORT: ("N",)}
@@ -19,13 +19,13 @@ REMEDY = "import it with a map that gives the unit (nas import --map)"
 
 @dataclass(frozen=True)
 class Components:
-    """Where a feature keeps the positions, velocities and torques of its joints.
+    """Indices of positions, velocities and torques in a feature.
 
     Attributes:
         positions: Joint → component.
         velocities: Joint → component.
         efforts: Joint → component.
-        others: Names of the components that are none of these.
+        others: Names of the remaining components.
     """
 
     positions: Mapping[str, int]
@@ -44,35 +44,35 @@ class Components:
             raise JointMismatch(f"The components of '{key}' have no joint names; {REMEDY.replace('unit', 'joints')}.")
         found: dict[str, dict[str, int]] = {POSITION: {}, VELOCITY: {}, EFFORT: {}}
         bare = {}
-        for place, name in enumerate(feature.names):
+        for index, name in enumerate(feature.names):
             suffix = next((suffix for suffix in found if name.endswith(suffix)), None)
             if suffix is None:
-                bare[name] = place
+                bare[name] = index
             else:
-                found[suffix][name.removesuffix(suffix)] = place
+                found[suffix][name.removesuffix(suffix)] = index
         if not any(found.values()):
             found[POSITION], bare = bare, {}
         return cls(found[POSITION], found[VELOCITY], found[EFFORT], tuple(bare))
 
     def commanded(self) -> dict[str, tuple[str, int]]:
-        """Return what an action commands each joint and in which component; of several a torque, then a position."""
+        """Return command type and component of each joint; a torque takes precedence, then a position."""
         kinds = {VELOCITY: self.velocities, POSITION: self.positions, EFFORT: self.efforts}
-        return {joint: (kind, place) for kind, places in kinds.items() for joint, place in places.items()}
+        return {joint: (kind, index) for kind, places in kinds.items() for joint, index in places.items()}
 
 
 def check_units(dataset: Dataset, key: str, components: Components, slides: Collection[str]) -> bool:
-    """Refuse what is not in SI: radians for hinges, metres for slides.
+    """Refuse units other than SI: radians for hinges, metres for slides.
 
-    Where the unit is stored it is believed: a joint may make several turns.
+    A stored unit is trusted, because a joint may make several turns.
 
     Args:
-        dataset: What is looked at.
-        key: Which of its features.
-        components: Where that keeps what.
-        slides: Joints that are slides (see `find_slides`).
+        dataset: The dataset.
+        key: Feature to check.
+        components: Components of the feature.
+        slides: Names of the slide joints; see `find_slides`.
 
     Returns:
-        Whether the units are stored; where they are not, radians are assumed.
+        Whether units are stored; otherwise radians are assumed.
 
     Raises:
         DatasetInvalid: names the joint, the value or unit, and the remedy.
@@ -80,14 +80,14 @@ def check_units(dataset: Dataset, key: str, components: Components, slides: Coll
     feature, column = dataset.features[key], dataset.columns[key]
     kinds = {POSITION: components.positions, VELOCITY: components.velocities, EFFORT: components.efforts}
     for suffix, places in kinds.items():
-        for joint, place in places.items():
-            unit = feature.units[place] if feature.units else ""
+        for joint, index in places.items():
+            unit = feature.units[index] if feature.units else ""
             known = (LINEAR if joint in slides else ANGULAR)[suffix]
             if unit and unit not in known:
                 other = "" if joint in slides else f", or {LINEAR[suffix][0]} for a slide"
                 raise DatasetInvalid(f"'{key}' of joint {joint} is in {unit}, {known[0]} is needed{other}; {REMEDY}.")
-    for joint, place in components.positions.items():
-        largest = float(np.abs(column[:, place]).max(initial=0.0))
+    for joint, index in components.positions.items():
+        largest = float(np.abs(column[:, index]).max(initial=0.0))
         most, what = (
             (LARGEST_LENGTH, "metres (millimetres?)")
             if joint in slides
@@ -99,11 +99,11 @@ def check_units(dataset: Dataset, key: str, components: Components, slides: Coll
 
 
 def find_slides(feature: Feature, components: Components) -> frozenset[str]:
-    """Return the joints of a state that are slides: those whose positions are in metres."""
+    """Return the slide joints of a state: those with positions in metres."""
     if not feature.units:
         return frozenset()
     places = components.positions.items()
-    return frozenset(joint for joint, place in places if feature.units[place] in LINEAR[POSITION])
+    return frozenset(joint for joint, index in places if feature.units[index] in LINEAR[POSITION])
 
 
 def matching_joints(state: Components, action: Components) -> tuple[str, ...]:

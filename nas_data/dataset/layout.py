@@ -1,4 +1,4 @@
-"""Where LeRobot v3.0 keeps what: paths, automatic columns and `meta/info.json`."""
+"""File layout of LeRobot v3.0: paths, automatic columns and `meta/info.json`."""
 
 import importlib.util
 import json
@@ -37,12 +37,12 @@ NUMERIC = {"bool", "float16", "float32", "float64"} | {
 
 
 def numbered_path(template: str, number: int) -> str:
-    """Return the path of the file with a running number, 1000 files a chunk."""
+    """Return the path of the file with a running number; a chunk has 1000 files."""
     return template.format(chunk_index=number // FILES_PER_CHUNK, file_index=number % FILES_PER_CHUNK)
 
 
 def data_files(root: Path) -> list[Path]:
-    """Return the data files in the order of their rows, which is LeRobot's: by path."""
+    """Return the data files in LeRobot's row order: sorted by path."""
     return visible(root / "data", "*/*.parquet")
 
 
@@ -90,7 +90,7 @@ def read_info(root: Path) -> dict[str, object]:
 
 
 def converter() -> str:
-    """Return the module of the installed LeRobot that makes v3.0 of v2.1: 0.6 has it elsewhere than 0.4."""
+    """Return the module of the installed LeRobot that converts v2.1 to v3.0; it differs between 0.4 and 0.6."""
     lerobot = importlib.util.find_spec("lerobot")
     places = (lerobot and lerobot.submodule_search_locations) or []
     is_new = any((Path(place) / "scripts" / f"{CONVERTER}.py").is_file() for place in places)
@@ -133,6 +133,6 @@ def _is_vector(entry: Mapping[str, object]) -> bool:
 
 
 def total(info: Mapping[str, object], key: str) -> int:
-    """Return one of the totals of `meta/info.json`, -1 where it is missing."""
+    """Return one of the totals of `meta/info.json`, or -1 if it is missing."""
     value = info.get(key)
     return value if isinstance(value, int) else -1

@@ -1,4 +1,4 @@
-"""Several datasets of one robot become one, their episodes in the order given."""
+"""Merge of several datasets of one robot; episodes keep the given order."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -17,11 +17,11 @@ def merge(originals: Sequence[Original]) -> Derived:
     """Join datasets of the same joints, features, rate and robot type.
 
     Args:
-        originals: At least one; one alone becomes a dataset with a provenance of its own.
+        originals: The datasets, at least one.
 
     Raises:
-        JointMismatch: two have other joints; says which.
-        DatasetInvalid: they differ in a feature, the rate or the robot type; says in what.
+        JointMismatch: two datasets have different joints.
+        DatasetInvalid: they differ in a feature, the rate or the robot type.
     """
     first = originals[0]
     for other in originals[1:]:
@@ -38,7 +38,7 @@ def merge(originals: Sequence[Original]) -> Derived:
 
 
 def concatenate(datasets: Sequence[Dataset]) -> Dataset:
-    """Return the episodes of alike datasets one after the other."""
+    """Concatenate the episodes of datasets with equal features."""
     first = datasets[0]
     return Dataset(
         features=first.features,
@@ -52,7 +52,7 @@ def concatenate(datasets: Sequence[Dataset]) -> Dataset:
 
 
 def merge_carried(carried: Sequence[Carried | None]) -> Carried | None:
-    """Return what alike datasets carry along, one after the other."""
+    """Concatenate the pass-through features of datasets."""
     parts = [part for part in carried if part is not None]
     if not parts:
         return None
@@ -65,7 +65,7 @@ def merge_carried(carried: Sequence[Carried | None]) -> Carried | None:
 
 
 def remarks(originals: Sequence[Original]) -> Iterator[str]:
-    """Say what a user should know about a merge, one sentence each."""
+    """Yield warnings about a merge, one sentence each."""
     for original in originals:
         yield from original.remarks()
     kept = originals[0].dataset.features
@@ -81,7 +81,7 @@ def remarks(originals: Sequence[Original]) -> Iterator[str]:
 
 
 def check_alike(a: Original, b: Original) -> None:
-    """Refuse two datasets that cannot be one.
+    """Refuse two datasets that cannot be merged.
 
     Raises:
         JointMismatch: other joints.
@@ -138,13 +138,13 @@ def _check_features(a: Original, b: Original) -> None:
 
 
 def _kind(features: Mapping[str, Mapping[str, object]], key: str) -> tuple[object, ...]:
-    """Return type and shape of a feature that is carried along; None where there is none."""
+    """Return type and shape of a pass-through feature; None for each if it is missing."""
     entry = features.get(key, {})
     return entry.get("dtype"), entry.get("shape")
 
 
 def _contrast(a: Feature, b: Feature, where_a: Path, where_b: Path) -> str:
-    """Say in what two features of one key differ."""
+    """Return a phrase on how two features of one key differ."""
     for what in ("names", "units", "dtype"):
         here, there = getattr(a, what), getattr(b, what)
         if here != there:

@@ -1,4 +1,4 @@
-"""How noisy and how coarse position readings are, told from the readings alone."""
+"""Estimates of noise and resolution of position readings, from the readings alone."""
 
 from collections.abc import Sequence
 from math import comb
@@ -17,18 +17,18 @@ MULTIPLES = 1e-3  # how near readings must lie to multiples of a quantum, as a s
 
 
 def noise_of_differences(readings: Sequence[np.ndarray], order: int, step: float = 0.0) -> float:
-    """Return the standard deviation of white noise that explains the differences of an order [rad].
+    """Return the standard deviation of the white noise that explains the differences of a given order [rad].
 
-    Of readings that come in steps only those count that lie within motion, where there are any: noise hides in a joint
-    that stands still. Motion is told over a longer stretch, so that it is not the noise that chooses.
+    Quantised readings count only during motion, if there is any, because rounding hides the noise of a joint at rest.
+    Motion is detected over a longer window, so that noise does not select the readings.
 
     Args:
-        readings: Episodes, shape (T,) each.
-        order: Of the differences.
+        readings: Positions of one joint [rad], one array of shape (T,) per episode.
+        order: Order of the differences.
         step: Resolution of the readings [rad]; 0 for exact ones.
 
     Returns:
-        The deviation; infinite where no episode is long enough to tell.
+        The standard deviation; infinite if no episode is long enough.
     """
     sizes = np.abs(np.concatenate([np.diff(row, order) for row in readings]))
     if step:
@@ -44,24 +44,24 @@ def noise_of_differences(readings: Sequence[np.ndarray], order: int, step: float
 
 
 def median(sizes: np.ndarray, step: float) -> float:
-    """Return the median of sizes that come in steps, as if each were spread evenly over the step that it stands for.
+    """Return the median of quantised values, each spread evenly over its quantisation step.
 
-    The plain one jumps from step to step, and a floor that is a multiple of the resolution may be a third off.
+    The plain median jumps between steps: a noise floor near the resolution could be off by a third.
     """
     if step == 0.0:
         return float(np.median(sizes))
     edges = np.concatenate([[0.0], (np.arange(sizes.max() / step + 1.0) + 0.5) * step])
     below = np.searchsorted(np.sort(sizes), edges) / len(sizes)
-    place = int(np.searchsorted(below, 0.5))
-    low, high = below[place - 1], below[place]
-    return float(edges[place - 1] + (0.5 - low) / (high - low) * (edges[place] - edges[place - 1]))
+    index = int(np.searchsorted(below, 0.5))
+    low, high = below[index - 1], below[index]
+    return float(edges[index - 1] + (0.5 - low) / (high - low) * (edges[index] - edges[index - 1]))
 
 
 def resolution(readings: Sequence[np.ndarray]) -> float:
-    """Return the step in which readings come [rad], 0 for exact ones.
+    """Return the quantisation step of readings [rad], 0 if there is none.
 
-    Resampled logs hold values between the sensor's; those that repeat the one before are the sensor's own. A handful of
-    these may lie so far apart that no step shows in them, where it does in all readings.
+    Resampled logs hold interpolated values; only repeated values are certain to be the sensor's own. If these are too
+    few to show a step, all readings are used.
     """
     plateaus = np.concatenate([row[1:][np.diff(row) == 0] for row in readings])
     step = quantum(plateaus) if len(np.unique(plateaus)) >= ENOUGH else 0.0
@@ -69,7 +69,7 @@ def resolution(readings: Sequence[np.ndarray]) -> float:
 
 
 def quantum(readings: np.ndarray) -> float:
-    """Return the resolution that readings are multiples of [rad], 0 where there is none that stands out."""
+    """Return the largest clear step that all readings are multiples of [rad]; 0 if there is none."""
     values = np.unique(readings)
     if len(values) < 3:
         return 0.0

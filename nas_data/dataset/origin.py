@@ -1,4 +1,4 @@
-"""Datasets in memory that know where they come from: read, made of arrays, saved as the next version, as a table."""
+"""Datasets in memory with their origin: loading, creation from arrays, saving, conversion to a table."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -54,16 +54,16 @@ EDITED = "edited in Python"
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a dataset in memory comes from, which `save` writes beside it.
+    """Origin of a dataset in memory; `save` writes it as provenance.
 
     Attributes:
-        dataset: The content that the provenance is of.
-        provenance: What `meta/nas.json` says of it.
-        derived: What was derived when it was read: feature → how.
-        root: Folder that it was read from; None where it was made in memory.
-        recorded: What lies in that folder, as it was read.
-        attachments: Further files by their path in a dataset: the source that predicted.
-        noticed: What the audits doubt, a sentence each; told on stderr already.
+        dataset: The content that the provenance describes.
+        provenance: Content of `meta/nas.json`.
+        derived: Features derived while reading: feature → how.
+        root: Folder that it was read from; None if it was made in memory.
+        recorded: Content of that folder, without derived features.
+        attachments: Extra files by path, such as the source model of the predictions.
+        noticed: Warnings of the audits, already printed on stderr.
     """
 
     dataset: Dataset
@@ -76,7 +76,7 @@ class Origin:
 
     @cached_property
     def parents(self) -> tuple[Parent, ...]:
-        """What the provenance of a dataset made from it names."""
+        """Parents for the provenance of a dataset made from it."""
         if self.root is None or self.recorded is None:
             return self.provenance.parents
         return (versions.parent_of(self.root, self.recorded),)
@@ -96,10 +96,10 @@ def load(path: Path, episodes: Sequence[int] = ()) -> Dataset:
 
 
 def with_origin(dataset: Dataset) -> Dataset:
-    """Return a dataset as transitions with an origin: its own, or that it was made in Python.
+    """Return a dataset as transitions with an origin; without one of its own, it counts as made in Python.
 
     Raises:
-        JointMismatch, DatasetInvalid: it is not in the contract's form and cannot be brought into it.
+        JointMismatch, DatasetInvalid: it cannot be converted to transitions.
     """
     if dataset.origin is not None:
         return dataset
@@ -109,7 +109,7 @@ def with_origin(dataset: Dataset) -> Dataset:
 
 
 def identity_of(dataset: Dataset) -> Parent:
-    """Return how a checkpoint or a dataset made from this one names it."""
+    """Return the name and content hash by which checkpoints and derived datasets refer to it."""
     origin = dataset.origin
     if origin is not None and origin.root is not None and is_unchanged(dataset, origin):
         return origin.parents[0]
@@ -118,14 +118,14 @@ def identity_of(dataset: Dataset) -> Parent:
 
 
 def is_unchanged(dataset: Dataset, origin: Origin) -> bool:
-    """Whether a dataset holds what its origin describes."""
+    """Whether a dataset still has the content that its origin describes."""
     if dataset.columns is origin.dataset.columns and dataset.features is origin.dataset.features:
         return True
     return content_hash(dataset) == content_hash(origin.dataset)
 
 
 def describe(dataset: Dataset) -> tuple[Provenance, Mapping[str, bytes]]:
-    """Return the provenance and the further files of a dataset that is to be written."""
+    """Return provenance and extra files of a dataset to be written."""
     origin = with_origin(dataset).origin
     assert origin is not None
     if not is_unchanged(dataset, origin):
@@ -148,7 +148,7 @@ def save(dataset: Dataset, path: Path) -> Path:
 
 @contextmanager
 def kept_folders(dataset: Dataset) -> Iterator[list[Path]]:
-    """Yield the folders in which the source that a dataset was paired with may be kept."""
+    """Yield the folders that may hold the source of a paired dataset."""
     origin = dataset.origin
     if origin is None:
         yield []
@@ -178,7 +178,7 @@ def of_arrays(
     robot: str,
     tasks: Sequence[str],
 ) -> Dataset:
-    """Make a dataset of arrays; see `Dataset.from_arrays`."""
+    """Make a dataset from arrays; see `Dataset.from_arrays`."""
     check_options(rate, joints, kind, slides)
     n = len(joints)
     measured = split_episodes(positions, n, "positions")
@@ -218,11 +218,11 @@ def of_arrays(
 
 
 def check_options(rate: float, joints: Sequence[str], kind: str, slides: Sequence[str]) -> None:
-    """Refuse a rate, joints or a kind of command that cannot be.
+    """Refuse an invalid rate, command kind or list of joints.
 
     Raises:
-        OptionError: says which.
-        JointMismatch: a slide is none of the joints, or joints are named twice.
+        OptionError: the rate or the kind is invalid.
+        JointMismatch: a slide is not among the joints, or a joint is named twice.
     """
     if not (np.isfinite(rate) and rate > 0):
         raise OptionError(f"rate is {rate}; give the control rate [Hz], above 0.")
@@ -236,10 +236,15 @@ def check_options(rate: float, joints: Sequence[str], kind: str, slides: Sequenc
 
 
 def split_episodes(values: Episodes, width: int, what: str) -> list[Array]:
-    """Return arrays of shape (T, width), one an episode, of one such array, a list of them, or (E, T, width).
+    """Split an argument into one array of shape (T, width) per episode.
+
+    Args:
+        values: One such array, a list of them, or an array of shape (E, T, width).
+        width: Expected width.
+        what: Name of the argument in error messages.
 
     Raises:
-        DatasetInvalid: they have another shape.
+        DatasetInvalid: the shape is another.
     """
     parts = [np.asarray(values)] if np.ndim(values[0]) == 1 else list(values)
     arrays = [np.asarray(part, float) for part in parts]
@@ -253,7 +258,7 @@ def zip_alike(parts: list[Array], measured: list[Array], what: str) -> list[tupl
     """Return pairs of each episode's values and positions.
 
     Raises:
-        DatasetInvalid: there are other numbers of episodes.
+        DatasetInvalid: the numbers of episodes differ.
     """
     if len(parts) != len(measured):
         raise DatasetInvalid(f"There are {len(measured)} episodes of positions and {len(parts)} of {what}.")
@@ -261,10 +266,10 @@ def zip_alike(parts: list[Array], measured: list[Array], what: str) -> list[tupl
 
 
 def same(part: Array, rows: Array, what: str) -> bool:
-    """Whether an episode has as many rows of something as of positions.
+    """Check that an episode has as many rows of an argument as of positions.
 
     Raises:
-        DatasetInvalid: it has not.
+        DatasetInvalid: the numbers of rows differ.
     """
     if len(part) != len(rows):
         raise DatasetInvalid(f"An episode has {len(rows)} rows of positions and {len(part)} of {what}.")
@@ -272,14 +277,14 @@ def same(part: Array, rows: Array, what: str) -> bool:
 
 
 def refuse(dataset: Dataset, turns: bool) -> None:
-    """Audit a dataset of arrays: warn on stderr of what is doubtful.
+    """Audit a dataset made from arrays; warnings go to stderr.
 
     Args:
         dataset: Transitions.
         turns: Whether joints may turn farther than two turns.
 
     Raises:
-        DatasetInvalid: it cannot be right; says why.
+        DatasetInvalid: the audits report an error.
     """
     effort = not dataset.commands_positions
     expected = Expected(rate=dataset.fps, slides=dataset.slides, effort=effort, turns=turns)

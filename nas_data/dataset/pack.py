@@ -1,10 +1,9 @@
-"""A dataset as one file: an uncompressed tar whose bytes depend on nothing but the dataset's.
+"""A dataset as one file: an uncompressed tar whose bytes depend only on the dataset's files.
 
-Not compressed beyond the Snappy of its Parquet files: gzip would take off two fifths (44.5 MB to 24.8 MB of 300,000
-frames), but its bytes depend on the zlib that wrote them, and it takes longer than everything else. The first member,
-`nas-pack.json`, holds the dataset's name, its content hash and the SHA-256 of every other member. There is exactly one
-pack of a folder's files (sorted, without owners or times), so whoever unpacks can make it again and compare: not one
-byte can be altered unnoticed.
+The Parquet files are already compressed with Snappy. gzip would save two fifths (44.5 MB to 24.8 MB of 300,000 frames),
+but its bytes depend on the zlib version, and it takes longer than everything else. The first member, `nas-pack.json`,
+holds the dataset's name, its content hash and the SHA-256 of every other member. Members are sorted and have no owners
+or times, so a folder has exactly one pack. The receiver rebuilds and compares it, so that any altered byte is found.
 """
 
 import hashlib
@@ -34,11 +33,11 @@ LARGEST_NUMBER = 10**9  # of a version
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a pack holds.
+    """Table of contents of a pack.
 
     Attributes:
         name: The dataset's name.
-        number: Number of its version; 0 where it was none.
+        number: Number of its version; 0 if it was not a version.
         content_hash: Its content hash.
         files: SHA-256 of each file by its path in the dataset.
     """
@@ -49,7 +48,7 @@ class Manifest:
     files: Mapping[str, str]
 
     def to_bytes(self) -> bytes:
-        """Return the stored form, always the same for the same values."""
+        """Return the stored form; equal values give equal bytes."""
         values = {"schema": SCHEMA, **vars(self), "files": dict(sorted(self.files.items()))}
         return json.dumps(values, indent=1, ensure_ascii=False).encode()
 
@@ -58,7 +57,7 @@ class Manifest:
         """Read the stored form.
 
         Raises:
-            ValueError: not this form.
+            ValueError: the content has another form.
         """
         values = json.loads(content)
         if not isinstance(values, dict) or values.pop("schema", None) != SCHEMA:
@@ -77,17 +76,18 @@ class Manifest:
 
 
 def pack(path: Path, out: Path | None = None) -> tuple[Path, Manifest]:
-    """Write a dataset into one file, which appears whole or not at all.
+    """Write a dataset into one file, atomically.
 
     Args:
         path: The dataset.
         out: The file; `<name>-<version>.nas.tar` in the current folder otherwise.
 
     Returns:
-        The file, and what it holds.
+        The file and its manifest.
 
     Raises:
-        DatasetNotFound, DatasetInvalid: there is no dataset, or it is damaged or was changed in place.
+        DatasetNotFound: there is no dataset.
+        DatasetInvalid: it is damaged or was changed in place.
         OutputExists: the file exists.
     """
     root = resolve(path)
@@ -112,10 +112,10 @@ def pack(path: Path, out: Path | None = None) -> tuple[Path, Manifest]:
 
 
 def hashes(root: Path) -> dict[str, str]:
-    """Return the SHA-256 of every file of a dataset by its path; hidden files are no part of it.
+    """Return the SHA-256 of every file of a dataset by its path, without hidden files.
 
     Raises:
-        DatasetInvalid: a link, which another machine could not follow.
+        DatasetInvalid: there is a link, which another machine could not follow.
     """
     found = {}
     for path in visible(root, "**/*"):
@@ -130,10 +130,10 @@ def hashes(root: Path) -> dict[str, str]:
 
 
 def check_unchanged(root: Path, manifest: Manifest) -> None:
-    """Refuse to share what is not what its provenance says.
+    """Refuse a dataset that differs from its provenance.
 
     Raises:
-        DatasetInvalid: names the first file that is missing or altered, or says that the content was.
+        DatasetInvalid: a file is missing or altered, or the content hash differs.
     """
     provenance = read_provenance(root)
     if provenance is None:
@@ -152,7 +152,7 @@ def check_unchanged(root: Path, manifest: Manifest) -> None:
 
 
 def write_pack(root: Path, manifest: Manifest, out: io.RawIOBase | io.BufferedIOBase) -> None:
-    """Write the one pack of a folder's files."""
+    """Write the pack of a folder's files."""
     with tarfile.open(fileobj=out, mode="w", format=tarfile.PAX_FORMAT) as archive:
         _add(archive, MANIFEST, manifest.to_bytes())
         for name in sorted(manifest.files):

@@ -1,4 +1,4 @@
-"""Parquet files, read whole or refused in a sentence."""
+"""Reading of Parquet files; damaged ones are refused."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +15,7 @@ def open_parquet(path: Path) -> pq.ParquetFile:
     """Open a Parquet file without copying it into memory.
 
     Raises:
-        DatasetInvalid: it was never finished, or is none.
+        DatasetInvalid: it is unfinished, or no Parquet file.
     """
     try:
         file = pq.ParquetFile(path, memory_map=True)
@@ -29,10 +29,10 @@ def open_parquet(path: Path) -> pq.ParquetFile:
 
 
 def check_footer(file: pq.ParquetFile, path: Path) -> None:
-    """Refuse a footer whose numbers of rows or names of columns were damaged, which Arrow does not notice itself.
+    """Refuse a footer with damaged row counts or column names, which Arrow does not detect.
 
     Raises:
-        DatasetInvalid: says that the footer is damaged.
+        DatasetInvalid: the footer is damaged.
     """
     metadata = file.metadata
     rows = sum(metadata.row_group(group).num_rows for group in range(metadata.num_row_groups))
@@ -49,8 +49,8 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None, file: pq.Parq
 
     Args:
         path: The file.
-        columns: Columns to read, as far as there are such; all by default.
-        file: The file where it is open already.
+        columns: Columns to read; missing ones are skipped; all by default.
+        file: The open file, if it is open already.
 
     Raises:
         DatasetInvalid: it is half-written or damaged.
@@ -67,7 +67,7 @@ def read_parquet(path: Path, columns: Sequence[str] | None = None, file: pq.Parq
 
 
 def try_parquet(path: Path, columns: Sequence[str] | None = None) -> pa.Table | None:
-    """Read a Parquet file, or some of its columns; None where it is damaged."""
+    """Read a Parquet file, or some of its columns; None if it is damaged."""
     try:
         return read_parquet(path, columns)
     except DatasetInvalid:

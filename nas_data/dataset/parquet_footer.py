@@ -1,11 +1,11 @@
-"""A Parquet file whose writer was killed gets the footer that it lacks, for the row groups that are whole.
+"""Repair of a Parquet file whose writer was killed: a new footer for its complete row groups.
 
-Parquet writes the pages of each row group at once and their directory (the footer) last; LeRobot writes a row group
-at the end of each episode and the footer at the end of the session. A kill in between leaves every saved episode on
-the disk and no directory. But each page carries a header with its size and its number of values, so that the
-directory can be made again by walking from page to page, given the columns: those of a whole file of the same
-columns, which serves as template. Formats: https://parquet.apache.org/docs/file-format/ (parquet.thrift) and Thrift's
-compact protocol, https://github.com/apache/thrift/blob/master/doc/specs/thrift-compact-protocol.md.
+Parquet writes the pages of each row group at once and their directory (the footer) last. LeRobot writes a row group at
+the end of each episode and the footer at the end of the session. A kill in between leaves every saved episode on the
+disk, but no directory. Each page has a header with its size and number of values. The directory can therefore be
+rebuilt by walking from page to page, with the columns of a complete file as the template. Formats:
+https://parquet.apache.org/docs/file-format/ (parquet.thrift) and Thrift's compact protocol,
+https://github.com/apache/thrift/blob/master/doc/specs/thrift-compact-protocol.md.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,11 +24,11 @@ class ParquetPage:
     """A page in a file.
 
     Attributes:
-        start: Its first byte, that of its header.
-        stop: The byte after its last.
+        start: Offset of its header [bytes].
+        stop: Offset after its last byte [bytes].
         values: Number of values, 0 for a dictionary.
         unpacked: Its size before compression, header included [bytes].
-        dictionary: Whether it is a dictionary, which only the first page of a column is.
+        dictionary: Whether it is a dictionary page; only the first page of a column can be one.
     """
 
     start: int
@@ -39,18 +39,18 @@ class ParquetPage:
 
 
 def mend(content: bytes, template: bytes, widths: Sequence[int]) -> tuple[bytes, int]:
-    """Return a Parquet file's whole row groups with a footer.
+    """Return the complete row groups of a Parquet file with a new footer.
 
     Args:
-        content: The file, as far as it was written.
-        template: A whole Parquet file of the same columns with at least one row group.
-        widths: Values per row of each of its leaf columns.
+        content: The truncated file.
+        template: A complete Parquet file with the same columns and at least one row group.
+        widths: Values per row of each leaf column.
 
     Returns:
-        The mended file, and the number of its row groups; it may have none.
+        The repaired file, and the number of its row groups, which may be zero.
 
     Raises:
-        ValueError: the template is no such file.
+        ValueError: the template is not such a file.
     """
     footer = _footer(template)
     groups = footer[ROW_GROUPS][1]
@@ -60,22 +60,22 @@ def mend(content: bytes, template: bytes, widths: Sequence[int]) -> tuple[bytes,
     assert isinstance(pattern, Struct)
     pages = list(walk(content))
     made: list[Value] = []
-    place, rows = 0, 0
-    while found := _row_group(pages, place, widths):
+    index, rows = 0, 0
+    while found := _row_group(pages, index, widths):
         columns, length = found
         made.append(_describe(pattern, columns, length, len(made)))
-        place, rows = place + sum(len(column) for column in columns), rows + length
-    end = pages[place - 1].stop if place else len(MAGIC)
+        index, rows = index + sum(len(column) for column in columns), rows + length
+    end = pages[index - 1].stop if index else len(MAGIC)
     tail = serialize(Struct({**footer, NUM_ROWS: (I64, rows), ROW_GROUPS: (LIST, Items(groups.kind, made))}))
     return content[:end] + tail + len(tail).to_bytes(4, "little") + MAGIC, len(made)
 
 
 def walk(content: bytes) -> Iterator[ParquetPage]:
-    """Iterate over the pages from the first on, up to one that is cut off or no page."""
-    place = len(MAGIC)
-    while place < len(content):
+    """Yield the pages in order, up to the first one that is truncated or invalid."""
+    offset = len(MAGIC)
+    while offset < len(content):
         try:
-            header, body = parse(content, place)
+            header, body = parse(content, offset)
             kind, unpacked, packed = (_integer(header, key) for key in (1, 2, 3))
             details = header[{DATA_PAGE: 5, DICTIONARY_PAGE: 7, DATA_PAGE_V2: 8}[kind]][1]
             assert isinstance(details, Struct)
@@ -86,48 +86,49 @@ def walk(content: bytes) -> Iterator[ParquetPage]:
         if packed < 0 or stop > len(content):
             return
         is_dictionary = kind == DICTIONARY_PAGE
-        yield ParquetPage(place, stop, 0 if is_dictionary else values, unpacked + body - place, is_dictionary)
-        place = stop
+        yield ParquetPage(offset, stop, 0 if is_dictionary else values, unpacked + body - offset, is_dictionary)
+        offset = stop
 
 
 def _row_group(
-    pages: Sequence[ParquetPage], place: int, widths: Sequence[int]
+    pages: Sequence[ParquetPage], index: int, widths: Sequence[int]
 ) -> tuple[list[Sequence[ParquetPage]], int] | None:
-    """Return the pages of each column of the row group that begins at a page, and its rows; None where it is cut off.
+    """Return the pages of each column of the row group that begins at page `index`, and its number of rows.
 
-    The number of rows is not written before the footer: the shortest one that all columns agree on is taken.
+    None if it is truncated. The number of rows is stored in the footer only, so the smallest one that all columns allow
+    is taken.
     """
     values = 0
     for count in range(1, MOST_PAGES):
-        if place + count > len(pages):
+        if index + count > len(pages):
             return None
-        values += pages[place + count - 1].values
+        values += pages[index + count - 1].values
         if not values or values % widths[0]:
             continue
-        columns = _columns(pages, place, [values // widths[0] * width for width in widths])
+        columns = _columns(pages, index, [values // widths[0] * width for width in widths])
         if columns:
             return columns, values // widths[0]
     return None
 
 
-def _columns(pages: Sequence[ParquetPage], place: int, values: Sequence[int]) -> list[Sequence[ParquetPage]] | None:
-    """Return the pages of each column that hold exactly so many values; None where they do not."""
+def _columns(pages: Sequence[ParquetPage], index: int, values: Sequence[int]) -> list[Sequence[ParquetPage]] | None:
+    """Return the pages of each column if they hold exactly the given numbers of values; else None."""
     columns = []
     for wanted in values:
-        start, held = place, 0
+        start, held = index, 0
         while held < wanted:
-            if place >= len(pages) or (pages[place].dictionary and place > start):
+            if index >= len(pages) or (pages[index].dictionary and index > start):
                 return None
-            held += pages[place].values
-            place += 1
+            held += pages[index].values
+            index += 1
         if held > wanted:
             return None
-        columns.append(pages[start:place])
+        columns.append(pages[start:index])
     return columns
 
 
 def _describe(pattern: Struct, columns: Sequence[Sequence[ParquetPage]], rows: int, number: int) -> Struct:
-    """Return the directory entry of a row group, as the template's has it."""
+    """Return the directory entry of a row group, modelled on the template's."""
     chunks = pattern.fields[1][1]
     assert isinstance(chunks, Items)
     described: list[Value] = [_chunk(chunk, pages) for chunk, pages in zip(chunks.values, columns, strict=True)]

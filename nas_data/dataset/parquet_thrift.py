@@ -34,20 +34,20 @@ Value: TypeAlias = bool | int | bytes | Items | Struct
 Fields: TypeAlias = dict[int, tuple[int, Value]]
 
 
-def parse(content: bytes, place: int) -> tuple[Fields, int]:
+def parse(content: bytes, offset: int) -> tuple[Fields, int]:
     """Read a structure.
 
     Args:
         content: Bytes.
-        place: Where the structure begins.
+        offset: Offset of the structure [bytes].
 
     Returns:
-        Its fields, and the place after it.
+        Its fields, and the offset of the next byte.
 
     Raises:
         ValueError: no structure, or one that is cut off.
     """
-    return _Reader(content, place).whole()
+    return _Reader(content, offset).whole()
 
 
 def serialize(struct: Struct) -> bytes:
@@ -95,22 +95,22 @@ def _varint(number: int) -> bytes:
 
 
 class _Reader:
-    """A place in bytes that moves on as values are read."""
+    """Reads values from bytes at an advancing offset."""
 
-    def __init__(self, content: bytes, place: int) -> None:
+    def __init__(self, content: bytes, offset: int) -> None:
         self.content = content
-        self.place = place
+        self.offset = offset
 
     def whole(self) -> tuple[Fields, int]:
-        """Read a structure and return its fields and the place after it."""
-        return self.struct(0).fields, self.place
+        """Read a structure and return its fields and the offset after it."""
+        return self.struct(0).fields, self.offset
 
     def take(self, size: int) -> bytes:
         """Return the next bytes."""
-        if size < 0 or self.place + size > len(self.content):
+        if size < 0 or self.offset + size > len(self.content):
             raise ValueError("the structure is cut off")
-        self.place += size
-        return self.content[self.place - size : self.place]
+        self.offset += size
+        return self.content[self.offset - size : self.offset]
 
     def varint(self) -> int:
         """Read a number without sign."""

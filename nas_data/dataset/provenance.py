@@ -1,4 +1,4 @@
-"""Where a dataset comes from: `meta/nas.json`, which LeRobot's tools do not carry along and ours do."""
+"""Provenance of a dataset: `meta/nas.json`, which nas keeps and LeRobot's tools drop."""
 
 import platform
 from collections.abc import Iterable, Mapping
@@ -17,7 +17,7 @@ PACKAGES = ("nas_data", "lerobot", "mujoco", "pybullet", "numpy", "pyarrow", "sc
 
 @cache
 def package_versions() -> dict[str, str]:
-    """Return the versions of Python and of the packages that shape a dataset, as far as they are installed."""
+    """Return the versions of Python and of the installed packages that affect a dataset."""
     return {"python": platform.python_version(), **installed_versions(PACKAGES)}
 
 
@@ -39,7 +39,7 @@ def now() -> str:
 
 @dataclass(frozen=True)
 class Parent:
-    """A dataset that another was made from.
+    """A dataset from which another was made.
 
     Attributes:
         name: Its name and version, `ergojr_steps/v2-1a2b3c4d`, or its folder's name; never a path.
@@ -52,24 +52,24 @@ class Parent:
 
 @dataclass(frozen=True, kw_only=True)
 class Provenance:
-    """What `meta/nas.json` holds.
+    """Content of `meta/nas.json`.
 
     Attributes:
         how: One of simulated, hardware, imported, paired, edited.
         robot: Robot's name.
         when: When it was recorded or made, UTC, ISO 8601.
         source: Source model: name, sha256, engine, engine version, effects with their parameters.
-        target: What was recorded: a simulated target's description, or the hardware's.
+        target: Description of the simulated target or the hardware.
         signal: Command signal: excitation and its parameters.
         seeds: Seeds of every random draw.
         packages: Version of each package at that time.
-        parents: Datasets it was made from.
-        derived: What was derived rather than recorded: feature → how.
-        contiguous: Whether each next state is the state of the following frame, as a recorder makes it.
-        notes: Anything else, for people.
-        content_hash: The dataset's own; filled in by the writer.
-        files: SHA-256 of each file but the card and this one; filled in by the writer.
-        schema: Version of this form.
+        parents: Datasets from which it was made.
+        derived: Features that were derived instead of recorded: feature → how.
+        contiguous: Whether each next state is the state of the following frame, as in a recording.
+        notes: Other remarks, as text.
+        content_hash: Content hash of the dataset; set by the writer.
+        files: SHA-256 of each file except the card and this one; set by the writer.
+        schema: Version of this schema.
     """
 
     how: str
@@ -89,7 +89,7 @@ class Provenance:
     schema: int = SCHEMA
 
     def to_json(self) -> dict[str, object]:
-        """Return the form in which `meta/nas.json` stores it."""
+        """Return the JSON content of `meta/nas.json`."""
         values: dict[str, object] = {item.name: getattr(self, item.name) for item in fields(self)}
         values["seeds"] = list(self.seeds)
         values["parents"] = [{"name": parent.name, "content_hash": parent.content_hash} for parent in self.parents]
@@ -98,10 +98,10 @@ class Provenance:
 
     @classmethod
     def from_json(cls, content: Mapping[str, object], where: str = "The provenance") -> "Provenance":
-        """Read the stored form; keys that this version does not know are ignored.
+        """Read the JSON content; unknown keys are ignored.
 
         Raises:
-            DatasetInvalid: a newer schema, or not this form.
+            DatasetInvalid: the schema is newer, or the content has another form.
         """
         schema = content.get("schema")
         if not isinstance(schema, int) or schema > SCHEMA:
@@ -135,7 +135,7 @@ def _items(value: object) -> list:
 
 
 def read_provenance(root: Path) -> Provenance | None:
-    """Read a dataset's provenance; None where it has none (LeRobot's own, or made by LeRobot's tools).
+    """Read a dataset's provenance; None if it has none, as datasets of LeRobot's tools.
 
     Raises:
         DatasetInvalid: the file is damaged or newer than this package.

@@ -24,15 +24,15 @@ STAMP_TOLERANCE = 1e-4  # [s] LeRobot's own tolerance for timestamps
 def read(path: Path) -> Dataset:
     """Read a dataset, whoever wrote it: nas, LeRobot's API of any 0.4 to 0.6 version, `lerobot-record`.
 
-    Images, videos, strings and matrices are only carried along. LeRobot's automatic columns are left out; a
-    `timestamp` that is not frame_index / fps is a recorder's clock, and becomes `nas.time` where there is none.
+    Images, videos, strings and matrices are passed through. LeRobot's automatic columns are left out. A `timestamp`
+    that is not frame_index / fps is a recorder's clock; it becomes `nas.time` if there is none.
 
     Args:
         path: The dataset's folder, or `datasets/<name>` for its newest version.
 
     Raises:
         DatasetNotFound: there is no dataset at the path.
-        DatasetInvalid: half-written, incomplete, of another format version, or with NaN.
+        DatasetInvalid: it is unfinished, incomplete, of another format version, or contains NaN.
     """
     root = resolve(path)
     info = layout.read_info(root)
@@ -50,21 +50,21 @@ def read(path: Path) -> Dataset:
         carried=Carried.of(root, int(lengths.sum())),
     )
     stamps = rows.columns["timestamp"]
-    if TIME not in features and deny_rate(dataset, stamps):
+    if TIME not in features and contradicts_rate(dataset, stamps):
         dataset = with_clock(dataset, stamps)
     check_finite(dataset, str(root))
     return dataset
 
 
-def deny_rate(dataset: Dataset, stamps: np.ndarray) -> bool:
-    """Whether LeRobot's time stamps [s], shape (N, 1), are not frame_index / fps."""
+def contradicts_rate(dataset: Dataset, stamps: np.ndarray) -> bool:
+    """Return whether LeRobot's time stamps [s], shape (N, 1), differ from frame_index / fps."""
     frame = np.arange(dataset.n_frames) - np.repeat(dataset.starts, dataset.lengths)
     allowed = np.maximum(STAMP_TOLERANCE, np.spacing(np.abs(stamps[:, 0]).astype(np.float32)))
     return bool((np.abs(stamps[:, 0] - frame / dataset.fps) > allowed).any())
 
 
 def with_clock(dataset: Dataset, stamps: np.ndarray) -> Dataset:
-    """Return a dataset with time stamps [s], shape (N, 1), as its recorder's clock."""
+    """Return a dataset with time stamps [s], shape (N, 1), as the recorder's clock."""
     exact = stamps.astype(np.float64)
     return dataset.with_column(TIME, time_feature(), exact - np.repeat(exact[dataset.starts], dataset.lengths, axis=0))
 
@@ -110,7 +110,7 @@ class Rows:
         return cls(columns)
 
     def sort(self, root: Path) -> np.ndarray:
-        """Bring the rows into the order of the episodes and return each one's length, shape (E,).
+        """Sort the rows by episode, and return the length of each episode, shape (E,).
 
         Raises:
             DatasetInvalid: an episode is missing.
@@ -141,7 +141,7 @@ def _copy(column: pa.ChunkedArray, out: np.ndarray, where: str) -> None:
 
 
 def _items(lists: pa.Array) -> pa.Array:
-    """Return what lists hold, one after the other; `flatten` alone would import Arrow's compute functions."""
+    """Return the concatenated items of lists; `flatten` would import Arrow's compute functions."""
     if not pa.types.is_fixed_size_list(lists.type):
         return lists.flatten()
     width = lists.type.list_size
@@ -165,7 +165,7 @@ def _is_list(kind: pa.DataType) -> bool:
 
 
 def _check_totals(root: Path, info: Mapping[str, object], frames: int, episodes: int) -> None:
-    """Refuse a dataset whose files hold other rows than its metadata promise."""
+    """Refuse a dataset whose numbers of rows or episodes differ from its metadata."""
     for key, held in (("total_frames", frames), ("total_episodes", episodes)):
         promised = layout.total(info, key)
         if promised != held:
@@ -177,7 +177,7 @@ def _check_totals(root: Path, info: Mapping[str, object], frames: int, episodes:
 
 
 def read_tasks(root: Path) -> dict[int, str]:
-    """Read the sentence of each task; LeRobot 0.4 calls the column `__index_level_0__`, 0.6 `task`.
+    """Read the text of each task; LeRobot 0.4 calls the column `__index_level_0__`, 0.6 `task`.
 
     Raises:
         DatasetInvalid: the file is damaged.

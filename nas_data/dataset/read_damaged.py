@@ -1,4 +1,4 @@
-"""The rows of a damaged dataset that can still be read, from files without a footer too."""
+"""Reading of a damaged dataset's rows, also from files without a footer."""
 
 import hashlib
 import io
@@ -22,13 +22,13 @@ from nas_data.errors import DatasetInvalid
 
 @dataclass(frozen=True)
 class Salvage:
-    """What can be read.
+    """The readable rows.
 
     Attributes:
-        columns: Column of each feature and of LeRobot's indices, rows in the order of episodes, shape (N, width).
-        episodes: Number of each episode of which there are rows, ascending, shape (E,).
-        lengths: Its rows, shape (E,).
-        files: What is to be said of the data files, one sentence each.
+        columns: Column of each feature and of LeRobot's indices, sorted by episode, shape (N, width).
+        episodes: Numbers of the episodes with rows, ascending, shape (E,).
+        lengths: Number of rows of each, shape (E,).
+        files: Remarks on the data files, one sentence each.
     """
 
     columns: Mapping[str, np.ndarray]
@@ -36,18 +36,18 @@ class Salvage:
     lengths: np.ndarray
     files: tuple[str, ...]
 
-    def places(self) -> np.ndarray:
-        """Return the place of each row's episode in `episodes`, shape (N,)."""
+    def row_episodes(self) -> np.ndarray:
+        """Return the index in `episodes` of each row's episode, shape (N,)."""
         return np.repeat(np.arange(len(self.episodes)), self.lengths)
 
 
 def salvage(root: Path, info: Mapping[str, object], provenance: Provenance | None) -> Salvage:
-    """Read every data file as far as it can be read.
+    """Read the readable part of every data file.
 
     Args:
         root: The damaged dataset.
-        info: What `meta/info.json` says, or that of a dataset recorded alike.
-        provenance: What `meta/nas.json` says.
+        info: Content of its `meta/info.json`, or that of a dataset with equal features.
+        provenance: Content of its `meta/nas.json`.
     """
     features = layout.vector_features(info)
     wanted = {**features, **{key: Feature((key,), dtype=layout.AUTOMATIC[key]) for key in layout.AUTOMATIC}}
@@ -64,7 +64,7 @@ def salvage(root: Path, info: Mapping[str, object], provenance: Provenance | Non
 
 @dataclass
 class _Files:
-    """Reads data files one by one, and notes what is wrong with them."""
+    """Reads data files one by one, and collects remarks on them."""
 
     root: Path
     features: Mapping[str, Feature]
@@ -73,7 +73,7 @@ class _Files:
     notes: list[str] = field(default_factory=list)
 
     def read(self, path: Path) -> dict[str, np.ndarray] | None:
-        """Return the rows of a file, None where there are none to be had."""
+        """Return the rows of a file; None if nothing is readable."""
         name = path.relative_to(self.root).as_posix()
         recorded = self.provenance.files.get(name) if self.provenance else None
         content = path.read_bytes()
@@ -105,7 +105,7 @@ class _Files:
         return rows
 
     def _rows(self, name: str, path: Path) -> dict[str, np.ndarray] | None:
-        """Read a file that has a footer: as a whole, else row group by row group, which is episode by episode."""
+        """Read a file that has a footer: as a whole, or else by row group, that is by episode."""
         try:
             return Rows.read(self.root, self.features, [path]).columns
         except DatasetInvalid as error:
@@ -119,7 +119,7 @@ class _Files:
         return {key: np.concatenate([group[key] for group in groups]) for key in self.features}
 
     def _row_groups(self, path: Path) -> Iterator[dict[str, np.ndarray]]:
-        """Iterate over the row groups that can be read, each through a file of its own."""
+        """Yield the readable row groups, each through a new file object."""
         file = pq.ParquetFile(path)
         with tempfile.TemporaryDirectory() as folder:
             alone = Path(folder) / "group.parquet"
@@ -132,9 +132,9 @@ class _Files:
 
 
 def _template(info: Mapping[str, object], files: Sequence[Path]) -> tuple[bytes, list[int]]:
-    """Return a Parquet file of one row with the columns that LeRobot stores, and the values per row of each leaf.
+    """Return a Parquet file of one row with LeRobot's columns, and the values per row of each leaf column.
 
-    The columns have the order of a whole file among the dataset's, else that in which the features are described.
+    The column order is that of an undamaged file of the dataset, or else that of the feature descriptions.
     """
     types: dict[str, pa.DataType] = {}
     widths: list[int] = []
@@ -160,7 +160,7 @@ def _template(info: Mapping[str, object], files: Sequence[Path]) -> tuple[bytes,
 
 
 def _column_order(files: Sequence[Path]) -> list[str]:
-    """Return the columns of the first whole file, none where there is none."""
+    """Return the columns of the first undamaged file; empty if there is none."""
     for path in files:
         try:
             return open_parquet(path).schema_arrow.names

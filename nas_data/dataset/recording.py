@@ -1,4 +1,4 @@
-"""A recording: one episode in SI units, row by row as it was recorded, of a log or of a dataset."""
+"""A recording: one episode of a log or dataset in SI units, row by row as recorded."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -18,17 +18,17 @@ class Recording:
     """One episode of N rows and n joints.
 
     Attributes:
-        file: The log it comes from, as the user named it, or the episode of a dataset.
-        episode: Which of the log's episodes; empty where it holds one.
+        file: Path of the log as the user gave it, or the episode of a dataset.
+        episode: Name of the episode in the log; empty if the log is one episode.
         joints: Joint names.
         time: Recorder's time since the first row [s], shape (N,).
         positions: Measured positions [rad], shape (N, n).
-        velocities: Measured velocities [rad/s], shape (N, n); None where the log has none.
+        velocities: Measured velocities [rad/s], shape (N, n); None if the log has none.
         commands: Commanded positions [rad] or torques [N·m], shape (N, n).
-        signals: What else is kept, shape (N, n) or (N, 1) each.
-        rows: Row of the log for each row here, shape (N,).
-        constants: What the log holds once.
-        gap: Time that the log lacks before the first row [s]; zero where no hole divided it there.
+        signals: Other signals, shape (N, n) or (N, 1) each.
+        rows: Row number in the log of each row, shape (N,).
+        constants: Values that the log holds once.
+        gap: Gap in the log before the first row [s]; 0 if there is none.
     """
 
     file: str
@@ -44,13 +44,13 @@ class Recording:
     gap: float = 0.0
 
     @property
-    def place(self) -> str:
-        """Where the rows are found: the log, and the episode where it holds several."""
+    def label(self) -> str:
+        """Name for messages: the log, and its episode if it holds several."""
         return f"{self.file}:{self.episode}" if self.episode else self.file
 
     @property
     def log(self) -> str:
-        """Name of the log, and the episode where it holds several."""
+        """Name of the log, and of its episode if it holds several."""
         stem = Path(self.file).stem
         return f"{stem}:{self.episode}" if self.episode else stem
 
@@ -58,7 +58,7 @@ class Recording:
         return len(self.time)
 
     def take(self, chosen: np.ndarray | slice) -> "Recording":
-        """Return some of the rows; the time starts at the first of them."""
+        """Return the given rows; the time starts at the first of them."""
         time = self.time[chosen]
         return replace(
             self,
@@ -70,12 +70,12 @@ class Recording:
             rows=self.rows[chosen],
         )
 
-    def aligned(self, alignment: str) -> "Recording":
+    def align(self, alignment: str) -> "Recording":
         """Return the recording with each command in the row of the last state measured before it acts.
 
         Args:
-            alignment: `action_follows_state` (rows are so already) or `state_follows_action` (a row's state is the
-                answer to its command, which therefore belongs to the row before; the last row has no command).
+            alignment: `action_follows_state` leaves the rows unchanged. With `state_follows_action` a row's state is
+                the response to its command, so commands move one row up, and the last row is dropped.
         """
         if alignment == "action_follows_state":
             return self
@@ -86,8 +86,8 @@ def recordings(dataset: Dataset) -> Iterator[Recording]:
     """Iterate over the episodes of a dataset as recordings.
 
     Args:
-        dataset: States and commands of named joints. Velocities that were computed from the positions say nothing
-            about a register and are left out; without a recorder's clock the rows count as evenly spaced.
+        dataset: States and commands of named joints. Velocities derived from positions are left out. Without a
+            recorder's clock the rows are evenly spaced.
     """
     n = len(dataset.joints)
     measured = dataset.states.shape[1] == 2 * n and not are_derived(dataset)

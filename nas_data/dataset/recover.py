@@ -1,4 +1,4 @@
-"""A damaged recording becomes a new dataset of the episodes that are whole; the damaged one is never changed."""
+"""Recovery of a damaged recording: its undamaged episodes become a new dataset, and the old one stays unchanged."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ from nas_data.dataset.carried import VIDEO, Carried
 from nas_data.dataset.content import content_hash
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.derive_provenance import Derived, attachments, unknown_provenance
-from nas_data.dataset.episode_checks import Listed, judge, read_episode_table
+from nas_data.dataset.episode_checks import EpisodeEntry, find_untrusted, read_episode_table
 from nas_data.dataset.features import Feature
 from nas_data.dataset.filmed import FilmedSource
 from nas_data.dataset.provenance import Parent, Provenance, now, package_versions, read_provenance
@@ -28,15 +28,15 @@ STAGED = re.compile(rf"\.(.+){re.escape(MARK)}[0-9a-f]+")
 
 @dataclass(frozen=True)
 class Rescue:
-    """What is left of a damaged dataset.
+    """Result of a recovery.
 
     Attributes:
         root: The damaged folder.
-        derived: What is to be written; None where nothing is damaged.
-        promised: Episodes that its metadata promise, -1 where they say nothing.
-        kept: Episodes that are rescued, by their old numbers.
-        left: Whole episodes that are not, because one before them is lost.
-        reports: What was lost or mended, one sentence each.
+        derived: The dataset to write; None if nothing is damaged.
+        promised: Number of episodes in its metadata; -1 if unknown.
+        kept: Recovered episodes, by their old numbers.
+        left: Undamaged episodes that are left out because an earlier one is lost.
+        reports: What was lost or repaired, one sentence each.
     """
 
     root: Path
@@ -48,12 +48,12 @@ class Rescue:
 
 
 def find_damaged(path: Path) -> Path:
-    """Return the folder that a user means: itself, what a killed writer left of it, or the newest version of a name.
+    """Resolve a path to a folder: the path itself, the remains of a killed writer, or the newest version of a name.
 
     Raises:
-        DatasetNotFound: there is none.
-        OptionError: killed writers left several.
-        DatasetInvalid: it is being written at this moment.
+        DatasetNotFound: there is no such folder.
+        OptionError: there are several remains of killed writers.
+        DatasetInvalid: it is being written now.
     """
     if STAGED.fullmatch(path.name) and path.is_dir() and path not in leftovers(path.parent):
         raise DatasetInvalid(f"{path} is being written by a running process; wait for it, or end it first.")
@@ -71,7 +71,7 @@ def find_damaged(path: Path) -> Path:
 
 
 def destination(root: Path) -> tuple[Path, str]:
-    """Return where what is rescued from a folder belongs: the folder of all names, and the name."""
+    """Return the folder of all datasets and the name for the recovered dataset."""
     staged = STAGED.fullmatch(root.name)
     if staged and staged.group(1) == "version":
         return root.parent.parent, root.parent.resolve().name
@@ -79,24 +79,24 @@ def destination(root: Path) -> tuple[Path, str]:
 
 
 def recover(root: Path, beyond: bool = False, like: Path | None = None) -> Rescue:
-    """Collect the whole episodes of a damaged dataset.
+    """Collect the undamaged episodes of a damaged dataset.
 
     Args:
         root: Its folder.
-        beyond: Keep the whole episodes that follow a lost one as well; otherwise those before it.
-        like: A dataset recorded alike, which tells names, units and rate where `meta/info.json` is lost.
+        beyond: Also keep undamaged episodes after a lost one.
+        like: A dataset with equal features, for names, units and rate if `meta/info.json` is lost.
 
     Raises:
-        DatasetInvalid: nothing can be rescued; says why.
+        DatasetInvalid: nothing can be recovered.
     """
     info = _info(root, like)
     provenance, reports = _provenance(root)
     found = salvage(root, info, provenance)
     features = layout.vector_features(info)
     known = read_episode_table(root, features)
-    faults = judge(found, features, known)
+    faults = find_untrusted(found, features, known)
     whole = [episode for episode in found.episodes.tolist() if episode >= 0 and episode not in faults]
-    first_gap = next((place for place, episode in enumerate(whole) if episode != place), len(whole))
+    first_gap = next((index for index, episode in enumerate(whole) if episode != index), len(whole))
     kept = whole if beyond else whole[:first_gap]
     left = [episode for episode in whole if episode not in set(kept)]
     promised = layout.total(info, "total_episodes") if like is None else -1
@@ -120,7 +120,7 @@ def recover(root: Path, beyond: bool = False, like: Path | None = None) -> Rescu
 
 
 def _info(root: Path, like: Path | None) -> Mapping[str, object]:
-    """Return what explains the rows."""
+    """Return the description of the rows: `meta/info.json`, or that of a similar dataset."""
     if like is not None:
         return layout.read_info(like)
     if not layout.data_files(root):
@@ -136,7 +136,7 @@ def _info(root: Path, like: Path | None) -> Mapping[str, object]:
 
 
 def _provenance(root: Path) -> tuple[Provenance | None, list[str]]:
-    """Return the provenance as far as it can be read."""
+    """Return the provenance if it is readable, and remarks."""
     try:
         return read_provenance(root), []
     except DatasetInvalid:
@@ -144,12 +144,12 @@ def _provenance(root: Path) -> tuple[Provenance | None, list[str]]:
 
 
 def _lost_episodes(found: Salvage, whole: Sequence[int], promised: int) -> list[str]:
-    """Say which episodes have no rows, and which nobody counted."""
+    """Return sentences on episodes without rows, and on episodes missing from the metadata."""
     reports = []
     present = found.episodes[found.episodes >= 0].tolist()
     missing = max(promised, max(whole, default=-1) + 1) - len(present)
     if missing > 0:
-        first = next((place for place, episode in enumerate(present) if episode != place), len(present))
+        first = next((index for index, episode in enumerate(present) if episode != index), len(present))
         reports.append(f"of {missing} episode(s) there are no rows, the first is {first}")
     surplus = [episode for episode in whole if episode >= promised >= 0]
     if surplus:
@@ -172,7 +172,7 @@ def _nothing(root: Path, reports: Sequence[str], left: Sequence[int]) -> str:
 
 
 def _is_whole(root: Path, provenance: Provenance | None) -> bool:
-    """Whether a dataset reads as it is and its metadata agree with its rows."""
+    """Return whether a dataset is readable and its metadata agree with its rows."""
     if not (root / layout.TASKS).is_file():
         return False
     automatic = {key: Feature((key,), dtype=dtype) for key, dtype in layout.AUTOMATIC.items()}
@@ -186,9 +186,9 @@ def _is_whole(root: Path, provenance: Provenance | None) -> bool:
 
 
 def _dataset(info: Mapping[str, object], found: Salvage, kept: Sequence[int], tasks: Mapping[int, str]) -> Dataset:
-    """Return the rescued episodes."""
+    """Return the recovered episodes."""
     places = np.flatnonzero(np.isin(found.episodes, kept))
-    rows = np.flatnonzero(np.isin(found.places(), places))
+    rows = np.flatnonzero(np.isin(found.row_episodes(), places))
     features = layout.vector_features(info)
     return Dataset(
         features=features,
@@ -203,7 +203,7 @@ def _dataset(info: Mapping[str, object], found: Salvage, kept: Sequence[int], ta
 def _carried(
     root: Path, info: Mapping[str, object], found: Salvage, kept: Sequence[int], lengths: np.ndarray, described: bool
 ) -> tuple[Carried | None, list[str]]:
-    """Return cameras, texts and the like of the rescued episodes, or say why they are left out and where they lie."""
+    """Return the pass-through features of the recovered episodes, or the reason why they are left out."""
     keys = layout.other_features(info)
     reason = f"{layout.INFO} is lost"
     if described:
@@ -225,8 +225,8 @@ def _carried(
     ]
 
 
-def _tasks(root: Path, found: Salvage, known: Mapping[int, Listed]) -> dict[int, str]:
-    """Return what each episode does, from the table of tasks, else from that of the episodes."""
+def _tasks(root: Path, found: Salvage, known: Mapping[int, EpisodeEntry]) -> dict[int, str]:
+    """Return the task of each episode, from the task table or else from the episode table."""
     try:
         names = read_tasks(root)
     except DatasetInvalid:
@@ -239,7 +239,7 @@ def _tasks(root: Path, found: Salvage, known: Mapping[int, Listed]) -> dict[int,
 
 
 def _new_provenance(root: Path, before: Provenance | None, dataset: Dataset, kept: Sequence[int]) -> Provenance:
-    """Return the provenance of what was rescued: that of the damaged dataset, which becomes the parent."""
+    """Return the provenance of the recovered dataset: that of the damaged one, which becomes its parent."""
     if before is not None and STAGED.fullmatch(root.name) and before.content_hash == content_hash(dataset):
         return before  # complete, killed just before it got its name
     home = root.resolve()

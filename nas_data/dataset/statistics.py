@@ -89,11 +89,11 @@ def _equal_runs(lengths: np.ndarray, width: int) -> Iterator[slice]:
 
 def _order_statistic(ordered: np.ndarray, share: float) -> np.ndarray:
     """Return a quantile of values sorted along the last axis, linear between neighbours."""
-    place = share * (ordered.shape[-1] - 1)
-    low = int(place)
+    rank = share * (ordered.shape[-1] - 1)
+    low = int(rank)
     below = ordered[..., low].astype(np.float64)
     above = ordered[..., min(low + 1, ordered.shape[-1] - 1)].astype(np.float64)
-    return below + (place - low) * (above - below)
+    return below + (rank - low) * (above - below)
 
 
 def _overall(column: np.ndarray, episodes: Mapping[str, np.ndarray], counts: np.ndarray) -> dict[str, np.ndarray]:

@@ -146,12 +146,12 @@ def _indices(evidence: VerifyInput) -> Iterator[str]:
         wrong = np.flatnonzero(columns[key][:, 0] != expected)
         if len(wrong):
             found = int(columns[key][wrong[0], 0])
-            yield f"{key} is {found} where {int(expected[wrong[0]])} is due ({_place(dataset, wrong[0])})."
+            yield f"{key} is {found} where {int(expected[wrong[0]])} is due ({_locate(dataset, wrong[0])})."
     due = (frame / dataset.fps).astype(layout.AUTOMATIC["timestamp"])  # float32 is 0.1 ms coarse after half an hour
     off = np.abs(columns["timestamp"][:, 0].astype(np.float64) - due)
     late = np.flatnonzero(off > np.maximum(STAMP_TOLERANCE, np.spacing(due)))
     if len(late):
-        yield f"timestamp is not frame_index / fps ({_place(dataset, late[0])}); LeRobot's loaders rely on it."
+        yield f"timestamp is not frame_index / fps ({_locate(dataset, late[0])}); LeRobot's loaders rely on it."
 
 
 def _episodes(evidence: VerifyInput) -> Iterator[str]:
@@ -224,8 +224,8 @@ def _continuity(evidence: VerifyInput) -> Iterator[str]:
     """Report torn transitions where the recorder promised a chain."""
     gaps = _gaps(evidence)
     if len(gaps) and evidence.provenance is not None and evidence.provenance.contiguous:
-        place = _place(evidence.dataset, gaps[0])
-        yield f"In {len(gaps)} frames the next state is not the following frame's state (first: {place})."
+        first = _locate(evidence.dataset, gaps[0])
+        yield f"In {len(gaps)} frames the next state is not the following frame's state (first: {first})."
 
 
 def _loose(evidence: VerifyInput) -> Iterator[str]:
@@ -235,7 +235,7 @@ def _loose(evidence: VerifyInput) -> Iterator[str]:
         yield f"In {len(gaps)} frames the next state is not the following frame's state: open loops need care."
 
 
-def _place(dataset: Dataset, row: np.integer) -> str:
+def _locate(dataset: Dataset, row: np.integer) -> str:
     episode = int(np.searchsorted(dataset.starts, row, side="right")) - 1
     return f"episode {episode}, frame {int(row) - int(dataset.starts[episode])}"
 

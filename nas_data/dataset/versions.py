@@ -202,7 +202,7 @@ def save(
     return new_version(dataset, name, provenance, FOLDER, attachments)
 
 
-def check_place(*, out: Path | None = None, name: str = "dataset", parent: Path | None = None) -> None:
+def check_destination(*, out: Path | None = None, name: str = "dataset", parent: Path | None = None) -> None:
     """Find out before any work is done whether `save` could write there; arguments as for `save`.
 
     Raises:

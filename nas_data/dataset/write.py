@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 
 from nas_data.dataset import layout
 from nas_data.dataset.arrow import lists, numbers, texts
-from nas_data.dataset.card import card
+from nas_data.dataset.card import render_card
 from nas_data.dataset.carried import VIDEO, VIDEO_PATH, Carried, place_videos
 from nas_data.dataset.carried import overall as overall_of
 from nas_data.dataset.checks import check_storable
@@ -26,7 +26,7 @@ from nas_data.dataset.statistics import Statistics, statistics
 
 
 def write(dataset: Dataset, root: Path, provenance: Provenance, attachments: Mapping[str, bytes] | None = None) -> Path:
-    """Write a dataset into a folder that appears whole or not at all.
+    """Write a dataset into a new folder, atomically.
 
     Args:
         dataset: What to write.
@@ -59,13 +59,13 @@ def fill(folder: Path, dataset: Dataset, provenance: Provenance, attachments: Ma
     with ThreadPoolExecutor(max_workers=1) as disk:
         hashes |= {name: disk.submit(_hash, path) for name, path in videos.items()}
         for name, content in _files(dataset, attachments, places):
-            # A file goes to the disk while the next is made; two at a time are in memory, however many there are.
+            # A file is written while the next one is built, so at most two are in memory.
             for earlier in hashes.values():
                 earlier.result()
             hashes[name] = disk.submit(_put_hashed, folder / name, content)
     complete = replace(provenance, files={name: found.result() for name, found in hashes.items()})
     write_synced(folder / layout.PROVENANCE, json_bytes(complete.to_json()))
-    write_synced(folder / layout.CARD, card(dataset, complete).encode())
+    write_synced(folder / layout.CARD, render_card(dataset, complete).encode())
 
 
 def _hash(path: Path) -> str:
@@ -88,16 +88,16 @@ def _files(
     Args:
         dataset: What is written.
         attachments: Further files by their path.
-        places: Where the videos of each episode lie, columns of the episode table.
+        places: Columns of the episode table that locate the videos.
     """
     tasks = list(dict.fromkeys(dataset.tasks))
     columns = {key: stored_column(dataset, key) for key in dataset.features}
     columns |= automatic_columns(dataset, tasks)
-    # What explains the rows comes first: a killed writer then leaves files that can be rescued.
+    # Metadata come first, so that the files of a killed writer can be recovered.
     yield layout.INFO, json_bytes(info_of(dataset, len(tasks)))
     yield layout.TASKS, parquet(_task_table(tasks))
     files = split_episodes(dataset.lengths, sum(column.itemsize * column.shape[1] for column in columns.values()))
-    # NumPy sorts and Arrow encodes without holding the interpreter: together they take the time of the longer.
+    # NumPy sorts and Arrow encodes without the GIL, so both run in parallel.
     with ThreadPoolExecutor(max_workers=1) as beside:
         statistics_later = beside.submit(statistics, columns, dataset.lengths)
         for number, episodes in enumerate(files):
@@ -189,7 +189,7 @@ def _huggingface(columns: Mapping[str, np.ndarray], further: Mapping[str, object
 
 
 def episode_table(dataset: Dataset, files: list[range], found: Mapping[str, Statistics]) -> pa.Table:
-    """Return the table of `meta/episodes`: where each episode lies, and its statistics."""
+    """Return the table of `meta/episodes`: location and statistics of each episode."""
     lengths = np.asarray(dataset.lengths, np.int64)
     number = np.repeat(np.arange(len(files)), [len(episodes) for episodes in files])
     columns: dict[str, pa.Array] = {

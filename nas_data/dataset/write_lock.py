@@ -1,4 +1,4 @@
-"""A result that one program at a time may write: a lock that dies with its holder."""
+"""Write lock of a result; it is released when its process ends."""
 
 import os
 from collections.abc import Iterator
@@ -9,18 +9,18 @@ from filelock import FileLock, Timeout
 
 from nas_data.errors import BeingWritten
 
-TAKING = 0.1  # [s] for which a lock is tried: one that its holder has just removed is made anew
+TAKING = 0.1  # [s] of trying to take a lock whose holder may just be removing it
 
 
 @contextmanager
-def alone(root: Path) -> Iterator[None]:
-    """Write a result as long as this context is open, and nobody else; what is made for the lock is removed again.
+def hold_write_lock(root: Path) -> Iterator[None]:
+    """Hold the write lock of a result while the context is open; lock file and created folders are removed at the end.
 
     Args:
-        root: What is written; it need not exist, nor the folders above it.
+        root: Path of the result; it need not exist.
 
     Raises:
-        BeingWritten: another program writes it.
+        BeingWritten: another program holds the lock.
     """
     made = [folder for folder in root.absolute().parents if not folder.exists()]
     file = root.with_name(f".{root.name}.lock")
@@ -37,7 +37,7 @@ def alone(root: Path) -> Iterator[None]:
             file.write_text(str(os.getpid()))
             yield
         finally:
-            file.unlink(missing_ok=True)  # before it is released: nobody can have locked it meanwhile
-            with suppress(OSError):  # a folder in which there is a result stays
+            file.unlink(missing_ok=True)  # before the release, so that no other process holds it
+            with suppress(OSError):  # a folder that is not empty stays
                 for folder in made:
                     folder.rmdir()

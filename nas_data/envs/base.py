@@ -1,4 +1,4 @@
-"""What an environment is about: a task, which is told states and asked for commands."""
+"""Base class of tasks: a task maps states to observations and rewards, and actions to commands."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -24,12 +24,12 @@ Edit = Callable[[mujoco.MjSpec], None]
 
 @dataclass(frozen=True)
 class Start:
-    """How one episode begins.
+    """Start of an episode.
 
     Attributes:
         state: Joint positions [rad] then velocities [rad/s], shape (2n,).
-        goal: What the episode is about and what the task remembers of it, in the task's own units, shape (k,).
-        objects: Positions then velocities of the objects in the scene, shape (m,); empty for their reference.
+        goal: Goal of the episode and the task's memory of it, in the task's own units, shape (k,).
+        objects: Positions then velocities of the scene's objects, shape (m,); empty for their reference state.
     """
 
     state: np.ndarray
@@ -39,11 +39,11 @@ class Start:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a task says of one control step of B simulations.
+    """Outcome of one control step of B simulations.
 
     Attributes:
-        reward: Shape (B,), float64.
-        terminated: Whether the episode is over because of what happened, shape (B,).
+        reward: Rewards, shape (B,), float64.
+        terminated: Whether the episode ended in a terminal state, shape (B,).
         success: Whether the goal is reached, shape (B,).
     """
 
@@ -56,17 +56,17 @@ class Verdict:
 class Task:
     """Base of the tasks; the file `envs/a_b.py` holds one as `TASK`, which becomes the environment `nas/AB-v0`.
 
-    A task is told states and asked for commands; it never knows whether physics, a network or a robot moves the arm.
+    A task does not depend on what moves the arm: physics, a network or a robot.
 
     Attributes:
         robot: Name of the robot.
         joints: Joints in the order of states and commands.
         period: Control period [s].
-        horizon: Control steps after which an episode is cut off.
+        horizon: Control steps after which an episode is truncated.
         observation_space: Bounded observations, float32.
         action_space: Normalised actions in [-1, 1], float32.
-        dynamics: What each name of `dynamics=` adds to the source, as `effects.base.parse` reads it.
-        edits: What a dynamics changes in the model beyond effects, before they are added.
+        dynamics: Effects that each value of `dynamics=` adds to the source, as read by `effects.base.parse`.
+        edits: Model edits of a dynamics that are applied before its effects.
     """
 
     robot: str
@@ -79,7 +79,7 @@ class Task:
     edits: Mapping[str, Edit] = field(default_factory=dict)
 
     def start(self, rng: np.random.Generator) -> Start:
-        """Draw how an episode begins."""
+        """Draw the start of an episode."""
         raise NotImplementedError(f"{type(self).__name__} has no start()")
 
     def command(self, actions: np.ndarray) -> np.ndarray:
@@ -91,15 +91,15 @@ class Task:
         raise NotImplementedError(f"{type(self).__name__} has no observe()")
 
     def follow(self, stepper: Stepper, goals: np.ndarray, elapsed: np.ndarray) -> np.ndarray:
-        """Do what happens by itself after a control step, and remember what the step brought; here nothing.
+        """Update goals and scene after a control step; by default nothing changes.
 
         Args:
-            stepper: The simulations, to be guided or reset where the scene asks for it.
-            goals: What episodes are about and what is remembered of them, shape (B, k).
+            stepper: The simulations; scenes may guide or reset them.
+            goals: Goals and memory of the episodes, shape (B, k).
             elapsed: Control steps since each episode's start, shape (B,).
 
         Returns:
-            The goals from now on, shape (B, k).
+            The new goals, shape (B, k).
         """
         return goals
 
@@ -108,11 +108,11 @@ class Task:
         raise NotImplementedError(f"{type(self).__name__} has no judge()")
 
     def hold(self, stepper: Stepper) -> np.ndarray:
-        """Return the actions (B, a) that command the arms to stay where they are."""
+        """Return the actions (B, a) that hold the arms in their present pose."""
         raise NotImplementedError(f"{type(self).__name__} has no hold()")
 
     def effects(self, dynamics: str) -> tuple[Effect, ...]:
-        """Return what a dynamics adds to the source.
+        """Return the effects that a dynamics adds to the source.
 
         Raises:
             UnknownName: the task has no such dynamics; lists those it has.
@@ -122,12 +122,12 @@ class Task:
         return tuple(parse(text) for text in self.dynamics[dynamics])
 
     def simulator(self, dynamics: str = SOURCE, named: "Named | None" = None, engine: str = "mujoco") -> Simulator:
-        """Return the simulation of a dynamics, with what a gap report named.
+        """Return the simulator of a dynamics, with the effects and parameters of a gap report.
 
         Raises:
             UnknownName: the task has no such dynamics, or there is no such engine.
-            JointMismatch: what was named belongs to another robot.
-            ModelFileError: the engine cannot simulate what the dynamics needs.
+            JointMismatch: the report belongs to another robot.
+            ModelFileError: the engine does not support the dynamics.
         """
         robot, effects = self.body(dynamics)
         from nas_data.simulators.engines import load_simulator
@@ -137,7 +137,7 @@ class Task:
         return load_simulator(robot, self.period, self.joints, effects, engine)
 
     def body(self, dynamics: str = SOURCE) -> tuple["Robot", tuple[Effect, ...]]:
-        """Return the robot as a dynamics changes its model, and the effects that the dynamics adds.
+        """Return the robot with the model edits of a dynamics, and the effects of the dynamics.
 
         Raises:
             UnknownName: the task has no such dynamics; lists those it has.
@@ -153,11 +153,11 @@ class Task:
 
 @dataclass(frozen=True)
 class InTurn:
-    """An edit of a model that does one after the other.
+    """A model edit that applies two edits in order.
 
     Attributes:
-        first: May be none.
-        second: Comes after it.
+        first: First edit; may be None.
+        second: Second edit.
     """
 
     first: Edit | None
@@ -171,7 +171,7 @@ class InTurn:
 
 
 def in_turn(first: Edit | None, second: Edit) -> Edit:
-    """Return an edit of a model that does one after the other."""
+    """Return a model edit that applies two edits in order."""
     return InTurn(first, second)
 
 

@@ -23,7 +23,7 @@ TIP = "tip"  # site at the end of the pen holder
 CENTRE = np.array([0.0, 0.0369, 0.0437])  # [m]
 RING = (0.1, 0.2022)  # [m] smallest and largest distance of a goal from the centre
 AHEAD = 0.2022  # [m] largest y offset
-ABOVE = 0.2610  # [m] largest z offset, before the ring cuts it
+ABOVE = 0.2610  # [m] largest z offset, before the limit by the ring
 REACHED = 0.016  # [m] distance at which the goal counts as reached
 
 OBSERVED_ANGLE = 1.5  # bound of observed angles in units of ANGLE: play and overshoot go a little beyond 1
@@ -39,9 +39,9 @@ BACKLASH = (
 
 @dataclass(frozen=True, kw_only=True)
 class ErgoReacher(Task):
-    """Reward is minus the distance [m] between tip and goal; within 16 mm it grows by 1 and the episode ends.
+    """The reward is minus the distance [m] of tip and goal. Within 16 mm it is increased by 1, and the episode ends.
 
-    The observation holds four angles, four velocities, and the goal's y and z; the action holds absolute targets.
+    The observation holds four angles, four velocities, and the goal's y and z. The action holds absolute targets.
     """
 
     def start(self, rng: np.random.Generator) -> Start:
@@ -71,7 +71,7 @@ class ErgoReacher(Task):
         return np.clip(observations, self.observation_space.low, self.observation_space.high)
 
     def judge(self, stepper: Stepper, goals: np.ndarray, actions: np.ndarray) -> Verdict:
-        """Reward closeness of the tip to the goal in space."""
+        """Reward a small distance between tip and goal."""
         distance = np.linalg.norm(stepper.site_positions(TIP) - goals, axis=1)
         reached = distance < REACHED
         return Verdict(reward=reached - distance, terminated=reached, success=reached)

@@ -21,10 +21,10 @@ OBSERVED_ANGLE = 1.5  # bound of observed angles in units of ANGLE: play and ove
 GUARD = np.radians([45.0, 15.0, 15.0, 22.5, 15.0, 15.0])  # [rad] the defender's poses lie within ± this, appendix B
 PATIENCE = 250  # control steps after which the defender takes another pose, 2.5 s in the authors' environment
 POSES = 32  # poses drawn for an episode, taken up again from the first after the last
-SAMPLES = 31  # points along the sword, 5 mm apart, by which a touch is told
+SAMPLES = 31  # points along the sword, 5 mm apart, for the hit test
 
-TOUCHING, HIT, HITS, POSE, TOUCHES = range(5)  # what is remembered first: flags, counts, and which pose is taken
-KNOWN = TOUCHES + 1  # from here on the poses are remembered, and at the end what decides whether a touch is missed
+TOUCHING, HIT, HITS, POSE, TOUCHES = range(5)  # indices of the memory: flags, counts, and the index of the pose
+KNOWN = TOUCHES + 1  # index of the first stored pose; the random numbers for missed touches are last
 
 # Play in every joint of the attacker, the speed limit of the authors' recordings (100°/s), and the radio link's delay
 BACKLASH = (
@@ -43,7 +43,7 @@ ARM = (
 
 
 def touches(stepper: Stepper) -> np.ndarray:
-    """Return whether sword and shield touch, shape (B,): told by geometry, and so alike in every engine."""
+    """Return whether sword and shield touch, shape (B,), by geometry, so that all engines agree."""
     top, bottom, centre, front = (
         stepper.site_positions(site)
         for site in (scene.SWORD_TOP, scene.SWORD_BOTTOM, scene.SHIELD_CENTRE, scene.SHIELD_FRONT)
@@ -59,23 +59,23 @@ def touches(stepper: Stepper) -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True)
 class ErgoShield(Task):
-    """Reward is 1 for every touch of sword and shield; after it both arms start anew, the defender in another pose.
+    """The reward is 1 for each touch of sword and shield. Then both arms are reset, the defender to another pose.
 
-    The observation holds six angles and six velocities of the attacker, then of the defender; the action holds absolute
-    targets of the attacker. The defender's servos take it to a new pose every 2.5 s. φ and ψ know the attacker alone.
+    The observation holds six angles and six velocities of the attacker, then of the defender. The action holds absolute
+    targets of the attacker. The defender moves to a new pose every 2.5 s. φ and ψ model the attacker only.
 
     Attributes:
-        touched: Tells whether sword and shield touch, shape (B,): geometry, or on real arms what closes a contact.
-        missed: Share of the touches that are not noticed; 10 to 15 % on the authors' robots.
+        touched: Returns whether sword and shield touch, shape (B,): by geometry, or by a contact sensor on real arms.
+        missed: Share of touches that are not detected; 10 to 15 % on the authors' robots.
     """
 
     touched: Callable[[Stepper], np.ndarray] = touches
     missed: float = 0.0
 
     def start(self, rng: np.random.Generator) -> Start:
-        """Stand at zero; draw the defender's poses [rad], the first of which it has."""
+        """Start at zero; draw the defender's poses [rad], and start it in the first one."""
         poses = rng.uniform(-GUARD, GUARD, (POSES, len(JOINTS)))
-        # as if in touch: a pose that begins in touch counts only after the sword was clear
+        # initialised as touching: a first contact counts only after the sword was clear of the shield
         memory = np.concatenate([[1.0, 0.0, 0.0, 0.0, 0.0], poses.ravel(), rng.random(POSES)])
         return Start(state=np.zeros(2 * len(JOINTS)), goal=memory, objects=at_rest(poses[:1])[0])
 
@@ -90,7 +90,7 @@ class ErgoShield(Task):
         return np.clip(observations, self.observation_space.low, self.observation_space.high)
 
     def follow(self, stepper: Stepper, goals: np.ndarray, elapsed: np.ndarray) -> np.ndarray:
-        """Count a touch once, part the arms after it, and give the defender its next pose when it is due."""
+        """Count each touch once, reset the arms after it, and give the defender its next pose when it is due."""
         goals = goals.copy()
         touching = self.touched(stepper)
         new = touching & (goals[:, TOUCHING] == 0)
@@ -109,7 +109,7 @@ class ErgoShield(Task):
         return goals
 
     def judge(self, stepper: Stepper, goals: np.ndarray, actions: np.ndarray) -> Verdict:
-        """Reward the step's hit; success is an episode with one."""
+        """Reward a hit in this step; an episode with a hit is a success."""
         over = np.zeros(len(goals), dtype=bool)
         return Verdict(reward=goals[:, HIT].copy(), terminated=over, success=goals[:, HITS] > 0)
 
@@ -119,13 +119,13 @@ class ErgoShield(Task):
 
 
 def next_poses(goals: np.ndarray) -> np.ndarray:
-    """Return the poses [rad] that are due, shape (B, 6)."""
+    """Return the defender's present poses [rad], shape (B, 6)."""
     poses = goals[:, KNOWN:-POSES].reshape(len(goals), POSES, len(JOINTS))
     return np.asarray(poses[np.arange(len(goals)), goals[:, POSE].astype(int) % POSES])
 
 
 def luck(goals: np.ndarray) -> np.ndarray:
-    """Return the number in 0 … 1 that decides whether the present touch is missed, shape (B,)."""
+    """Return the random number in 0 … 1 that decides whether the present touch is missed, shape (B,)."""
     return np.asarray(goals[np.arange(len(goals)), goals[:, TOUCHES].astype(int) % POSES - POSES])
 
 

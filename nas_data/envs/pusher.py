@@ -1,4 +1,4 @@
-"""Pusher: a planar arm of three torque motors brings a puck to a place on the table."""
+"""Pusher: a planar arm of three torque motors pushes a puck to a goal on the table."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,11 +32,11 @@ BACKLASH = ("backlash:joint=j1,half_width=0.15", "coulomb_friction:joint=j1,torq
 
 @dataclass(frozen=True, kw_only=True)
 class Pusher(Task):
-    """Reward is minus the puck's distance [m] to the goal, less what effort and distance from the puck cost.
+    """The reward is minus the puck's distance [m] to the goal, minus costs of effort and of distance from the puck.
 
-    The observation holds three angles [rad], three velocities [rad/s], and x and y [m] of gripper, puck and goal; the
-    action holds torques. The authors judge the state before a step; here, as usual, it is the one after it, which
-    shifts a return of −70 by about 1.
+    The observation holds three angles [rad], three velocities [rad/s], and x and y [m] of gripper, puck and goal. The
+    action holds torques. The authors reward the state before a step; here it is the state after it, which shifts a
+    return of −70 by about 1.
     """
 
     def start(self, rng: np.random.Generator) -> Start:
@@ -59,7 +59,7 @@ class Pusher(Task):
         return np.clip(observations, self.observation_space.low, self.observation_space.high)
 
     def judge(self, stepper: Stepper, goals: np.ndarray, actions: np.ndarray) -> Verdict:
-        """Reward a puck near the goal, a gripper near the puck, and little torque."""
+        """Reward a puck close to the goal, a gripper close to the puck, and small torques."""
         puck = pucks(stepper)
         missing = np.linalg.norm(puck - with_height(goals, GOAL_HEIGHT), axis=1)
         away = np.linalg.norm(puck - stepper.site_positions(GRIPPER), axis=1)
@@ -71,22 +71,22 @@ class Pusher(Task):
         )
 
     def hold(self, stepper: Stepper) -> np.ndarray:
-        """Return no torque: nothing pulls at the arm."""
+        """Return zero torques: the arm has no gravity load."""
         return np.zeros((stepper.size, len(JOINTS)))
 
 
 def draw_place(rng: np.random.Generator, limits: Sequence[tuple[float, float]]) -> np.ndarray:
-    """Return x and y [m] within their limits, shape (2,)."""
+    """Draw x and y [m] within their limits, shape (2,)."""
     return np.array([rng.uniform(*limit) for limit in limits])
 
 
 def pucks(stepper: Stepper) -> np.ndarray:
-    """Return where the pucks are [m], shape (B, 3); the scene's slides are y, then x."""
+    """Return the positions of the pucks [m], shape (B, 3); the scene's slides are y, then x."""
     return with_height(stepper.objects[:, 1::-1], PUCK_HEIGHT)
 
 
 def with_height(places: np.ndarray, height: float) -> np.ndarray:
-    """Return places (B, 3) for x and y (B, 2) and a height [m]."""
+    """Return positions [m], shape (B, 3), for x and y, shape (B, 2), and a height."""
     return np.concatenate([places, np.full((len(places), 1), height)], axis=1)
 
 

@@ -15,7 +15,7 @@ from nas_data.simulators.base import Stepper
 TORQUE = 3.0  # [N·m] at action 1
 TIP = "tip"  # site at the paddle's centre of mass
 START_SPEED = 0.1  # [rad/s] joints start at zero with speeds within ± this, the authors' environment
-BALL = np.array([0.5, -0.175])  # [m] x and y where it lies at first, likewise
+BALL = np.array([0.5, -0.175])  # [m] initial x and y, likewise
 GOAL = ((0.15, 0.7), (0.1, 1.0))  # [m] ranges of the goal's x and y, likewise
 APART = 0.17  # [m] least first distance of ball and goal, likewise
 BALL_HEIGHT, GOAL_HEIGHT = -0.27, -0.323  # [m] the authors' distances are taken in space
@@ -23,17 +23,18 @@ TOUCHED = 0.1  # [m] from tip to ball at which it counts as struck, likewise
 REACHED = 0.08  # [m] radius of the authors' goal disc
 
 GOAL_COST, EFFORT_COST, REACH_COST = 3.0, 0.1, 0.5  # per m, per N²m² and per m, the authors' reward
-LEAST, STRUCK, WHERE = 2, 3, slice(4, 7)  # what is remembered beside the goal's x and y
+LEAST, STRUCK, WHERE = 2, 3, slice(4, 7)  # indices of the memory after the goal's x and y
 
 BACKLASH = tuple(f"backlash:joint={joint},half_width=0.15" for joint in ("pan", "elbow_flex", "wrist_flex"))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Striker(Task):
-    """Reward is minus three times the least distance [m] of ball and goal so far, less effort and the way to the ball.
+    """The reward is minus three times the smallest distance [m] of ball and goal so far, minus effort and reach costs.
 
-    Once the ball is struck, its way from there counts as the way to the ball does before. The observation holds seven
-    angles [rad], seven velocities [rad/s], and the places [m] of tip, ball and goal; the action holds torques.
+    The reach cost is the distance of tip and ball before the ball is struck, and the distance from the point of impact
+    afterwards. The observation holds seven angles [rad], seven velocities [rad/s], and the positions [m] of tip, ball
+    and goal. The action holds torques.
     """
 
     def start(self, rng: np.random.Generator) -> Start:
@@ -57,7 +58,7 @@ class Striker(Task):
         return np.clip(observations, self.observation_space.low, self.observation_space.high)
 
     def follow(self, stepper: Stepper, goals: np.ndarray, elapsed: np.ndarray) -> np.ndarray:
-        """Remember the least distance of ball and goal, and from where the ball was last struck."""
+        """Store the smallest distance of ball and goal, and where the ball was last struck."""
         goals, ball, tip = goals.copy(), balls(stepper), stepper.site_positions(TIP)
         goals[:, LEAST] = np.minimum(goals[:, LEAST], np.linalg.norm(ball - goal_places(goals), axis=1))
         struck = np.linalg.norm(ball - tip, axis=1) < TOUCHED
@@ -66,7 +67,7 @@ class Striker(Task):
         return goals
 
     def judge(self, stepper: Stepper, goals: np.ndarray, actions: np.ndarray) -> Verdict:
-        """Reward a ball that came near the goal, first a tip near the ball, and little torque."""
+        """Reward a ball close to the goal, a tip close to the ball before the strike, and small torques."""
         aim = np.where(goals[:, STRUCK, None] > 0, goals[:, WHERE], stepper.site_positions(TIP))
         away = np.linalg.norm(balls(stepper) - aim, axis=1)
         effort = np.square(self.command(actions)).sum(axis=1)
@@ -77,18 +78,18 @@ class Striker(Task):
         )
 
     def hold(self, stepper: Stepper) -> np.ndarray:
-        """Return no torque: nothing pulls at the arm."""
+        """Return zero torques: the arm has no gravity load."""
         return np.zeros((stepper.size, len(JOINTS)))
 
 
 def balls(stepper: Stepper) -> np.ndarray:
-    """Return where the balls are [m], shape (B, 3); the scene's slides are y, then x."""
+    """Return the positions of the balls [m], shape (B, 3); the scene's slides are y, then x."""
     places = stepper.objects
     return np.stack([places[:, 1], places[:, 0], np.full(len(places), BALL_HEIGHT)], axis=1)
 
 
 def goal_places(goals: np.ndarray) -> np.ndarray:
-    """Return where the goals are [m], shape (B, 3)."""
+    """Return the positions of the goals [m], shape (B, 3)."""
     return np.concatenate([goals[:, :2], np.full((len(goals), 1), GOAL_HEIGHT)], axis=1)
 
 

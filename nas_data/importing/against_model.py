@@ -1,8 +1,8 @@
-"""What was imported against a model of the robot: a joint whose sign or zero contradicts its limits or its gravity.
+"""Comparison of an imported dataset with a model: joints whose sign or zero contradicts limits or gravity.
 
-A servo with a position gain holds a posture by an error of position: command − position has the sign of the torque with
-which gravity pulls the joint down (gain · (command − position) = bias torque at rest). A joint that is turned round in
-the map shows the opposite; one whose zero is wrong bears other loads, and so do those before it.
+A servo with a position gain holds a posture with a position error: gain · (command − position) equals the gravity
+torque at rest. A joint with the wrong sign in the map shows the opposite sign. A wrong zero changes the loads of its
+joint and of the joints before it in the chain.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,17 +18,17 @@ from nas_data.joint_units import kinds_of, radians_at
 from nas_data.robots.base import find_robot
 
 # At a slide a share of its range stands for a radian; see `radian_at`.
-MARGIN = 0.1  # [rad] by which calibrations of real arms and their models differ
-ASIDE = 0.35  # [rad] by which the middles of their ranges differ: 20°
-STILL = 0.02  # [rad/s] and [rad a row] below which a servo only holds
-FEWEST = 30  # such rows from which gravity can be told
+MARGIN = 0.1  # [rad] tolerated difference between the calibration of a real arm and its model
+ASIDE = 0.35  # [rad] tolerated difference between the middles of their ranges: 20°
+STILL = 0.02  # [rad/s] and [rad per row] below which a servo holds its position
+FEWEST = 30  # such rows needed to compare with gravity
 SPREAD = 0.2  # share of the largest gravity torque (or force, of slides) that must vary, or there is nothing to compare
-LOADED = 2.0  # times as large the errors must be as the step of a servo
-AGAINST = -0.5  # correlation from which a joint contradicts gravity
-MOST, FEW = 2000, 200  # rows in which loads are computed: for signs, and for every zero that is tried
-OFFSET, SMALLEST = np.pi / 36, 0.2  # [rad] between the zeros that are tried, and the smallest change that is reported
-UNLIKE = 0.2  # share of the servos' errors that loads leave at a wrong zero; friction leaves as much …
-BETTER = 0.25  # … but then no other zero leaves so small a part of that
+LOADED = 2.0  # least ratio of position errors to the step of a servo
+AGAINST = -0.5  # correlation below which a joint contradicts gravity
+MOST, FEW = 2000, 200  # rows for which loads are computed: for signs, and for each tried zero
+OFFSET, SMALLEST = np.pi / 36, 0.2  # [rad] step between tried zeros, and smallest reported change
+UNLIKE = 0.2  # unexplained share of the servos' errors that suggests a wrong zero; friction may cause as much …
+BETTER = 0.25  # … but then no other zero reduces it to this share
 HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 TICK = 2 * np.pi / 4096  # [rad]
 
@@ -39,7 +39,7 @@ def check(dataset: Dataset, model: str | Path, middles: Mapping[str, float] | No
     Args:
         dataset: Transitions with 2n-states.
         model: An MJCF or URDF file, or a robot's name.
-        middles: Where the map puts the middle of joints' calibrated ranges, where it is known [rad; m].
+        middles: Position of the middle of joints' calibrated ranges in the map, if known [rad; m].
 
     Raises:
         ModelFileError, UnknownName: the model cannot be used.
@@ -63,7 +63,7 @@ def check(dataset: Dataset, model: str | Path, middles: Mapping[str, float] | No
 
 
 def radian_at(dataset: Dataset, model: mujoco.MjModel, joint: str) -> float:
-    """Return what stands for a radian at a joint: 1 at a hinge; at a slide so many metres [m] of its range."""
+    """Return the travel that counts as one radian: 1 for a hinge, a share of its range [m] for a slide."""
     place = model.joint(joint).id
     travel = np.ptp(dataset.states[:, dataset.joints.index(joint)])
     reach = np.ptp(model.jnt_range[place]) if model.jnt_limited[place] else travel
@@ -71,7 +71,7 @@ def radian_at(dataset: Dataset, model: mujoco.MjModel, joint: str) -> float:
 
 
 def _kind(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[AuditFinding]:
-    """Report a slide that was read as an angle, or a hinge as a length."""
+    """Report a slide that was read as an angle, or a hinge that was read as a length."""
     turns = int(model.jnt_type[model.joint(joint).id]) == HINGE
     if turns != (joint in dataset.slides):
         return []
@@ -82,7 +82,7 @@ def _kind(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[AuditFind
 
 
 def _limits(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[AuditFinding]:
-    """Report a joint that leaves its model's range, and whether the other sign or another zero would not."""
+    """Report a joint that leaves its model's range, and whether another sign or zero would fit."""
     if not model.jnt_limited[model.joint(joint).id]:
         return []
     low, high = (float(end) for end in model.joint(joint).range)
@@ -102,7 +102,7 @@ def _limits(dataset: Dataset, model: mujoco.MjModel, joint: str) -> list[AuditFi
 
 
 def _middle(dataset: Dataset, model: mujoco.MjModel, joint: str, middle: float | None) -> list[AuditFinding]:
-    """Report a joint whose calibrated range has its middle elsewhere than the model's range."""
+    """Report a joint whose calibrated range and model range have different middles."""
     if middle is None or not model.jnt_limited[model.joint(joint).id]:
         return []
     wanted = float(model.joint(joint).range.mean())
@@ -117,7 +117,7 @@ def _middle(dataset: Dataset, model: mujoco.MjModel, joint: str, middle: float |
 
 
 def _gravity(dataset: Dataset, model: mujoco.MjModel) -> list[AuditFinding]:
-    """Report joints that hang on their servos against the model's gravity, or would hang so at another zero only."""
+    """Report joints whose position errors contradict the model's gravity, or agree with it only at another zero."""
     rows = _resting(dataset, np.array([radian_at(dataset, model, joint) for joint in dataset.joints]))
     if len(rows) < FEWEST:
         return []
@@ -136,7 +136,7 @@ def _gravity(dataset: Dataset, model: mujoco.MjModel) -> list[AuditFinding]:
 
 
 def _resting(dataset: Dataset, radians: np.ndarray) -> np.ndarray:
-    """Return the rows in which every servo only holds; `radians` are what stands for a radian at each joint, (n,)."""
+    """Return the rows in which all servos hold their position; `radians` as in `radian_at`, shape (n,)."""
     velocities = dataset.states[:, len(dataset.joints) :].astype(float)
     steps = np.abs(np.diff(dataset.commands, axis=0, prepend=dataset.commands[:1]))
     still = (np.abs(velocities) < STILL * radians).all(axis=1) & (steps < STILL * radians).all(axis=1)
@@ -145,16 +145,16 @@ def _resting(dataset: Dataset, radians: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Rested:
-    """N rows in which the servos hold n joints.
+    """N rows in which the servos hold n joints at rest.
 
     Attributes:
         model: Compiled model.
         places: Index of each joint in `qpos`, shape (n,).
         speeds: Index of each joint in `qvel`, shape (n,).
-        positions: Shape (N, n).
-        held: Commands minus positions, shape (N, n).
-        pull: Torque with which gravity pulls at each joint, shape (N, n).
-        loaded: Joints of which these rows tell the load.
+        positions: Measured positions [rad; m], shape (N, n).
+        held: Commands minus positions [rad; m], shape (N, n).
+        pull: Gravity torque at each joint [N·m; N], shape (N, n).
+        loaded: Joints with enough load in these rows.
     """
 
     model: mujoco.MjModel
@@ -185,12 +185,12 @@ class _Rested:
         return cls(model, places, speeds, positions, held, pull, tuple(loaded))
 
     def likeness(self, pull: np.ndarray) -> np.ndarray:
-        """Return how alike the servos' errors are to loads (N, n), 1 where in proportion, −1 where against, (n,)."""
+        """Return the correlation of the servos' errors with loads of shape (N, n), for each joint, shape (n,)."""
         lengths = np.linalg.norm(pull, axis=0) * np.linalg.norm(self.held, axis=0)
         return np.asarray((pull * self.held).sum(axis=0) / np.maximum(lengths, 1e-300))
 
     def zero(self, joints: Sequence[str]) -> list[AuditFinding]:
-        """Report the joint at whose other zero the servos' errors go with the loads, where they do not."""
+        """Report a joint whose zero, if changed, would explain position errors that the loads leave unexplained."""
         chosen = slice(None, None, max(1, len(self.positions) // FEW))
         rested = replace(self, positions=self.positions[chosen], held=self.held[chosen], pull=self.pull[chosen])
         misfit = rested.misfit(rested.pull) if self.loaded else 0.0
@@ -211,21 +211,21 @@ class _Rested:
         return [AuditFinding("model_gravity", "the dataset", what, remedy)]
 
     def misfit(self, pull: np.ndarray) -> float:
-        """Return the mean share of the variance of the loaded joints' errors that does not go with loads (N, n)."""
+        """Return the mean share of the loaded joints' error variance that loads of shape (N, n) leave unexplained."""
         loads, errors = pull - pull.mean(axis=0), self.held - self.held.mean(axis=0)
         lengths = np.linalg.norm(loads, axis=0) * np.linalg.norm(errors, axis=0)
         alike = (loads * errors).sum(axis=0) / np.maximum(lengths, 1e-300)
         return float((1 - np.maximum(alike[list(self.loaded)], 0) ** 2).mean())
 
-    def moved(self, index: int, offset: float) -> np.ndarray:
-        """Return the loads with one joint moved by an offset [rad], shape (N, n)."""
+    def compute_moved_loads(self, index: int, offset: float) -> np.ndarray:
+        """Return the loads after one joint is moved by an offset [rad], shape (N, n)."""
         positions = self.positions.copy()
         positions[:, index] += offset
         return gravity(self.model, self.places, self.speeds, positions)
 
 
 def gravity(model: mujoco.MjModel, places: np.ndarray, speeds: np.ndarray, positions: np.ndarray) -> np.ndarray:
-    """Return the torque with which gravity pulls at each joint [N·m; N] in postures (N, n), shape (N, n)."""
+    """Return the gravity torque at each joint [N·m; N] in postures of shape (N, n), shape (N, n)."""
     data, pull = mujoco.MjData(model), np.empty(positions.shape)
     for number, row in enumerate(positions):
         data.qpos[places] = row

@@ -1,4 +1,4 @@
-"""Audits of a log by what its map promises."""
+"""Audits of a log against its map."""
 
 from dataclasses import replace
 
@@ -10,10 +10,10 @@ from nas_data.importing.map import Map
 
 
 def audit(recording: Recording, mapping: Map) -> list[AuditFinding]:
-    """Run every audit over a recording as it was recorded: nothing resampled, commands in their own rows.
+    """Run all audits over a recording before resampling and alignment.
 
     Returns:
-        Findings; errors that the map allows have become warnings.
+        Findings; errors that the map allows are warnings.
     """
     expected = expected_of(mapping)
     found = audits.run(audits.FIRST, recording, expected)
@@ -24,7 +24,7 @@ def audit(recording: Recording, mapping: Map) -> list[AuditFinding]:
 
 
 def expected_of(mapping: Map) -> Expected:
-    """Return what the audits compare a log with."""
+    """Return the expectations of a map for the audits."""
     return Expected(
         rate=mapping.rate,
         max_speed=mapping.thresholds.max_speed,

@@ -1,10 +1,14 @@
-"""LeRobot's units: degrees or −100 … 100 of the range that a calibration file says, and which of them a dataset holds.
+"""LeRobot's units, and how to tell them: degrees, or −100 … 100 of the calibrated range.
 
-LeRobot's `MotorsBus._normalize` (0.4.4 and 0.6.1 alike) makes of ticks t, with range_min, range_max of the calibration:
-degrees (t − (min + max) / 2) · 360 / (resolution − 1); −100 … 100: (t − min) / (max − min) · 200 − 100, turned round
-where drive_mode is 1 and the bus applies it (Feetech does, Dynamixel does not); 0 … 100 likewise, 100 − x where it is.
-So −100 … 100 are degrees times a factor a joint, and both are zero in the middle of the calibrated range.
-LeRobot's first versions gave degrees as ticks · 360 / resolution, about the zero of another calibration.
+LeRobot's `MotorsBus._normalize` (0.4.4 and 0.6.1) converts ticks t with range_min and range_max of the calibration:
+
+- degrees: (t − (min + max) / 2) · 360 / (resolution − 1)
+- −100 … 100: (t − min) / (max − min) · 200 − 100, with the sign reversed if drive_mode is 1 and the bus applies it
+  (Feetech does, Dynamixel does not)
+- 0 … 100: likewise, 100 − x if reversed
+
+So −100 … 100 are degrees times a factor per joint, and both are zero in the middle of the calibrated range. LeRobot's
+first versions gave degrees as ticks · 360 / resolution, with the zero of another calibration.
 """
 
 import json
@@ -21,20 +25,20 @@ from nas_data.importing.map import LogQuantity, Map, ServoTicks
 UNITS = ("deg", "range", "rad")
 RANGE = "range"  # of −100 … 100
 LARGEST = 100.0  # of that unit
-FEW = 8  # different readings from which their step can be told
-NEAR = 0.03  # of a tick; float32 holds degrees to a thousandth of one
-CLIPPED = 3  # readings exactly at an end from which it is one
+FEW = 8  # distinct readings needed to find their step
+NEAR = 0.03  # [ticks] tolerance of the grid; float32 resolves a thousandth of a tick
+CLIPPED = 3  # readings exactly at a value that make it an end of the range
 WHERE = "LeRobot keeps it in ~/.cache/huggingface/lerobot/calibration/robots/ROBOT/ID.json"
 
 
 @dataclass(frozen=True)
 class Motor:
-    """What a calibration says of one motor, in ticks.
+    """Calibration of one motor [ticks].
 
     Attributes:
         low: `range_min`.
         high: `range_max`.
-        turned: `drive_mode` is 1.
+        turned: Whether `drive_mode` is 1.
     """
 
     low: int
@@ -46,7 +50,7 @@ def read_calibration(path: Path) -> dict[str, Motor]:
     """Read LeRobot's calibration file.
 
     Raises:
-        LogError: there is none, or it is no such file.
+        LogError: the file is missing, or no calibration file.
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -67,7 +71,7 @@ def motors_of(mapping: Map, calibration: Mapping[str, Motor], path: Path) -> lis
     """Return the motor of each joint of a map.
 
     Raises:
-        LogError: one is not in the calibration, or its range is empty.
+        LogError: a motor is missing in the calibration, or its range is empty.
     """
     names = [name.removesuffix(".pos") for name in mapping.position.source.names or mapping.joints]
     missing = next((name for name in names if name not in calibration), None)
@@ -82,13 +86,13 @@ def motors_of(mapping: Map, calibration: Mapping[str, Motor], path: Path) -> lis
 
 
 def middles_of(mapping: Map, motors: Sequence[Motor]) -> dict[str, float]:
-    """Return where a map puts the middle of each joint's calibrated range [rad; m], which LeRobot calls zero.
+    """Return the position of the middle of each joint's calibrated range in a map [rad; m]; it is LeRobot's zero.
 
-    Joints in 0 … 100 are left out, and those that were calibrated over a whole turn, whose zero is where the arm stood.
+    Joints in 0 … 100 are left out. So are joints that were calibrated over a whole turn, whose zero is arbitrary.
 
     Args:
-        mapping: A map of LeRobot's datasets.
-        motors: Of each joint; empty without a calibration.
+        mapping: A map of LeRobot datasets.
+        motors: Motor of each joint; empty without a calibration.
     """
     servo = mapping.servo or ServoTicks(4096, True)
     conversion, turn = mapping.position.conversion, servo.resolution - 1
@@ -98,18 +102,18 @@ def middles_of(mapping: Map, motors: Sequence[Motor]) -> dict[str, float]:
 
 
 def choose_unit(mapping: Map, raw: np.ndarray, motors: Sequence[Motor]) -> tuple[str, str]:
-    """Tell degrees from −100 … 100 by the readings of the joints that the map has in degrees.
+    """Distinguish degrees from −100 … 100 by the readings of joints that the map has in degrees.
 
     Args:
         mapping: A map whose joints are in degrees.
         raw: Readings as stored, shape (N, n).
-        motors: Of each joint; empty without a calibration.
+        motors: Motor of each joint; empty without a calibration.
 
     Returns:
-        `deg` or `range`, and why.
+        `deg` or `range`, and the reason.
 
     Raises:
-        OptionError: they cannot be degrees, and without a calibration nothing else.
+        OptionError: the readings are not degrees, and another unit needs a calibration.
     """
     body = [index for index, unit in enumerate(mapping.position.conversion.units) if unit == "deg"]
     servo = mapping.servo or ServoTicks(4096, True)
@@ -139,11 +143,11 @@ def choose_unit(mapping: Map, raw: np.ndarray, motors: Sequence[Motor]) -> tuple
     return "deg", "LeRobot's default; say --unit range --calibration FILE if they are −100 … 100"
 
 
-def in_unit(mapping: Map, unit: str, motors: Sequence[Motor]) -> Map:
-    """Return a map that reads another unit where it says degrees, and turns 0 … 100 round where a motor is turned.
+def with_raw_unit(mapping: Map, unit: str, motors: Sequence[Motor]) -> Map:
+    """Return a map that reads another unit instead of degrees, and reverses 0 … 100 of reversed motors.
 
     Raises:
-        OptionError: −100 … 100 without a calibration.
+        OptionError: the unit is −100 … 100, and there is no calibration.
     """
     if unit == RANGE and not motors:
         raise OptionError(f"--unit range means nothing without the calibration: add --calibration FILE; {WHERE}.")
@@ -177,7 +181,7 @@ def _line(
 
 
 def _on_grid(values: np.ndarray, step: float) -> bool | None:
-    """Return whether readings lie whole steps apart; None where too few differ to tell."""
+    """Return whether readings are multiples of a step apart; None if too few differ."""
     different = np.unique(values)
     if len(different) < FEW:
         return None
@@ -186,11 +190,11 @@ def _on_grid(values: np.ndarray, step: float) -> bool | None:
 
 
 def _has_step(values: np.ndarray) -> bool:
-    """Return whether readings come in steps at all, whatever these are."""
+    """Return whether readings have any quantisation step."""
     steps = np.diff(np.unique(values))
     return len(steps) >= FEW and bool(np.median(steps) < 1.2 * steps.min())
 
 
 def _all(fits: Sequence[bool | None]) -> bool:
-    """Return whether every joint of which it can be told fits, and there is one."""
+    """Return whether all decided joints fit, and at least one is decided."""
     return any(fits) and all(fit is not False for fit in fits)

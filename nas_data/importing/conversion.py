@@ -1,4 +1,4 @@
-"""Conversion of what a log holds (degrees, millimetres, ticks, normalised) to SI, one straight line a joint."""
+"""Linear conversion of log values (degrees, millimetres, ticks, normalised) to SI, per joint."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -10,7 +10,7 @@ import numpy as np
 from nas_data.importing.section import MapSection
 
 Kind = Literal["position", "velocity", "effort", "command", "signal"]
-COMMANDS: tuple[Kind, ...] = ("position", "velocity", "effort")  # what a joint may be asked for
+COMMANDS: tuple[Kind, ...] = ("position", "velocity", "effort")  # types of commands
 
 DEGREE = np.pi / 180  # [rad]
 TURN = 2 * np.pi  # [rad]
@@ -26,7 +26,7 @@ FACTORS: Mapping[Kind, Mapping[str, float]] = {
 FACTORS = {**FACTORS, "command": {unit: factor for kind in COMMANDS for unit, factor in FACTORS[kind].items()}}
 SI: Mapping[Kind, str] = {"position": "rad", "velocity": "rad/s", "effort": "N·m"}  # of hinges; slides see `unit_at`
 OF_SLIDES = {"m", "cm", "mm", "m/s", "cm/s", "mm/s", "N"}
-OF_EITHER = {"ticks", "A", "normalised"}  # what they mean the map says by `scale`, or by `low` and `high`
+OF_EITHER = {"ticks", "A", "normalised"}  # the map defines them by `scale`, or by `low` and `high`
 NORMALISED = "normalised"
 SCALED = {"ticks", "A"}  # mean nothing without `scale`
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "datetime": 1e-9}  # [s]
@@ -42,8 +42,8 @@ class Conversion:
     Attributes:
         gain: SI unit per raw unit.
         bias: SI value of raw zero.
-        units: Unit of the raw values, one a component.
-        kinds: What each is; of a command what the joint is asked for.
+        units: Unit of the raw values of each component.
+        kinds: Quantity of each component.
     """
 
     gain: tuple[float, ...]
@@ -56,15 +56,15 @@ class Conversion:
         return raw * np.array(self.gain) + np.array(self.bias)
 
     def raw(self, value: np.ndarray) -> np.ndarray:
-        """Return what the log held, shape (N, n)."""
+        """Convert SI values of shape (N, n) back to raw values."""
         return (value - np.array(self.bias)) / np.array(self.gain)
 
 
 def parse_conversion(section: MapSection, kind: Kind, joints: Sequence[str]) -> Conversion:
-    """Take the conversion keys out of a quantity's table, with its `joints` sub-tables that override them.
+    """Take the conversion keys from a quantity's table; its `joints` sub-tables override them.
 
     Raises:
-        MapError: an unknown unit, a missing key, a list of another length than the joints, an unknown joint.
+        MapError: a unit or joint is unknown, a key is missing, or a list has a wrong length.
     """
     overrides = section.table("joints")
     per_joint = [_values_of(section, index, len(joints)) for index in range(len(joints))]
@@ -81,7 +81,7 @@ def parse_conversion(section: MapSection, kind: Kind, joints: Sequence[str]) -> 
 
 
 def _values_of(section: MapSection, index: int, count: int) -> dict[str, object]:
-    """Return the conversion keys for one joint; a list gives one number a joint (`range` is a pair itself)."""
+    """Return the conversion keys for one joint; lists have one number per joint, except `range`, which is a pair."""
     values: dict[str, object] = {}
     for key in KEYS:
         if key in ("unit", "kind") and section.has(key):
@@ -115,7 +115,7 @@ def _units(kind: Kind) -> tuple[str, ...]:
 
 
 def _parse_kind(section: MapSection, unit: str) -> Kind:
-    """Read what a joint is asked for: `kind`, else what its unit is one of; ticks and normalised are positions."""
+    """Read the command type: from `kind`, else from the unit; ticks and normalised values are positions."""
     usual = next((kind for kind in COMMANDS if unit in _units(kind)), COMMANDS[0])
     kind = next(one for one in COMMANDS if one == section.text("kind", usual, choices=COMMANDS))
     if unit not in _units(kind):
@@ -124,7 +124,7 @@ def _parse_kind(section: MapSection, unit: str) -> Kind:
 
 
 def _scaled(section: MapSection, factor: float, unit: str, kind: Kind) -> tuple[float, float]:
-    """Read `scale` and `zero`: value = factor · scale · (raw − zero); ticks and amperes mean nothing without them."""
+    """Read `scale` and `zero`: value = factor · scale · (raw − zero). Ticks and amperes require `scale`."""
     scale = section.number("scale", None if unit in SCALED else 1.0)
     if scale == 0:
         raise section.error("'scale' is 0; it must be another number.")
@@ -133,7 +133,7 @@ def _scaled(section: MapSection, factor: float, unit: str, kind: Kind) -> tuple[
 
 
 def _normalised(section: MapSection, kind: Kind) -> tuple[float, float]:
-    """Read `range` (what the log holds) and `low`, `high` [rad; m] (what its ends mean)."""
+    """Read `range` (raw values at the ends) and `low`, `high` (values at the ends [rad; m])."""
     first, last = section.numbers("range", 2)
     low, high = section.number("low"), section.number("high")
     if first == last or low == high:
@@ -143,7 +143,7 @@ def _normalised(section: MapSection, kind: Kind) -> tuple[float, float]:
 
 
 def check_encoding(section: MapSection) -> str:
-    """Take the key `encoding`: how a raw register holds its sign; empty where it needs no decoding."""
+    """Take the key `encoding`: sign encoding of a raw register; empty for plain numbers."""
     encoding = section.text("encoding", "")
     if encoding and not re.fullmatch(r"int(8|16|32)|sign_magnitude_([1-9]|[12]\d|30)", encoding):
         raise section.error(

@@ -1,4 +1,4 @@
-"""Radians that a map takes for degrees: numbers that all lie within a few degrees of zero, in every joint."""
+"""Audit for radians that a map declares as degrees: all numbers lie within a few degrees of zero."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ AT_REST = 0.02  # [°]; a log that spans less does not move, whatever its unit
 
 
 def check(recording: Recording, mapping: Map) -> list[AuditFinding]:
-    """Refuse numbers that hardly can be the degrees that the map says."""
+    """Refuse numbers that are unlikely to be degrees."""
     read = [(mapping.position, recording.positions)]
     if mapping.commands_positions:
         read.append((mapping.command, recording.commands))
@@ -26,11 +26,11 @@ def check(recording: Recording, mapping: Map) -> list[AuditFinding]:
         )
         radians = "--unit rad" if mapping.layout.format == "lerobot" else f"unit = 'rad' in [read.{quantity.name}]"
         remedy = f"if these are radians, say {radians}, if they are degrees, add allow = ['unit_slip'] to [audit]"
-        found.append(AuditFinding("unit_slip", recording.place, what, remedy, error=True))
+        found.append(AuditFinding("unit_slip", recording.label, what, remedy, error=True))
     return found
 
 
 def _logged_degrees(quantity: LogQuantity, values: np.ndarray) -> np.ndarray:
-    """Return the numbers that the log gives in degrees, shape (N, k)."""
+    """Return the values that the map reads as degrees, shape (N, k)."""
     in_degrees = [unit == "deg" for unit in quantity.conversion.units]
     return quantity.conversion.raw(values)[:, in_degrees]

@@ -1,4 +1,4 @@
-"""Gaps: holes in a log's time, at which it is divided because nothing was measured in them."""
+"""Division of a log at gaps in its time."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -10,17 +10,17 @@ from nas_data.dataset.recording import Recording
 
 
 def divide(recording: Recording, rate: float) -> list[Recording]:
-    """Divide a recording where rows are missing; a transition over a hole would be a robot that leaps.
+    """Divide a recording where rows are missing: a transition across a gap would be a jump.
 
     Args:
-        recording: Episode as it was recorded.
-        rate: The map's rate [Hz]; where rows come more slowly, their median step counts.
+        recording: Episode as recorded.
+        rate: The map's rate [Hz]; the median step counts if rows come more slowly.
 
     Returns:
-        Parts between the holes, as episodes numbered from 1; the recording itself where there is none.
+        Parts between the gaps, as episodes numbered from 1; the recording itself if there is no gap.
     """
     steps = np.diff(recording.time)
-    # A time that goes back or stands still makes holes of its own; the timing audit refuses it.
+    # Time that goes back or stands still also looks like a gap; the timing audit refuses it.
     if not (steps >= 0).all() or not steps.any():
         return [recording]
     period = max(1 / rate, float(np.median(steps[steps > 0])))

@@ -9,7 +9,7 @@ from nas_data.errors import LogError
 
 
 def match_rows(wanted: np.ndarray, given: np.ndarray, method: str, tolerance: float) -> np.ndarray:
-    """Find for each wanted time the row of another table.
+    """Find the row of another table for each wanted time.
 
     Args:
         wanted: Times [s], shape (N,).
@@ -18,7 +18,7 @@ def match_rows(wanted: np.ndarray, given: np.ndarray, method: str, tolerance: fl
         tolerance: Largest difference [s].
 
     Returns:
-        Rows of the other table, shape (N,); -1 where none is near enough.
+        Rows of the other table, shape (N,); -1 if none is within the tolerance.
     """
     before = np.searchsorted(given, wanted, side="right") - 1
     rows = np.clip(before, 0, len(given) - 1)
@@ -31,15 +31,15 @@ def match_rows(wanted: np.ndarray, given: np.ndarray, method: str, tolerance: fl
 
 
 def common_rows(matches: dict[Path, np.ndarray], log: Path, tolerance: float) -> slice:
-    """Return the rows for which every table has a partner: all but some at the ends.
+    """Return the rows that have a match in every table; only rows at the ends may lack one.
 
     Args:
-        matches: For each further file, the row it has for each row of the log, -1 for none.
-        log: The log, for the error.
-        tolerance: Largest difference of joined times [s], for the error.
+        matches: For each other file, its matching row for each row of the log, -1 for none.
+        log: The log, for the error message.
+        tolerance: Largest difference of joined times [s], for the error message.
 
     Raises:
-        LogError: a file has no partner for rows in the middle, or for any.
+        LogError: a file has no match for rows in the middle, or for any row.
     """
     missing = np.any([rows < 0 for rows in matches.values()], axis=0)
     found = np.flatnonzero(~missing)

@@ -1,4 +1,4 @@
-"""How a log lies on disk: which files, in which format, and how several tables belong together."""
+"""Layout of a log on disk: files, format, and the join of several tables."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,17 +11,17 @@ JOINS = ("nearest", "previous")
 
 @dataclass(frozen=True)
 class LogLayout:
-    """How a log lies on disk.
+    """Layout of a log on disk.
 
     Attributes:
         format: File format, a file of `importing/formats/`.
         pattern: Which files of a folder are logs.
         files: File name of each table where a log is a folder of several files; empty where a log is one file.
-        join: How rows of several tables are joined on time: with the nearest row, or the last one before.
+        join: How rows of several tables are joined on time: with the nearest row, or with the previous one.
         tolerance: Largest difference of two joined times [s].
         topics: Topic of each table where a log is a bag of messages; empty elsewhere.
-        entries: JSON key that holds a list of rows; empty where a file holds one list a column.
-        delimiter: What separates the cells of a CSV file.
+        entries: JSON key that holds a list of rows; empty if a file holds one list per column.
+        delimiter: Separator of the cells of a CSV file.
     """
 
     format: str
@@ -35,7 +35,7 @@ class LogLayout:
 
 
 def parse_layout(top: MapSection, formats: tuple[str, ...]) -> LogLayout:
-    """Take the keys that say how a log lies on disk.
+    """Take the keys of a log's layout.
 
     Raises:
         MapError: a key is missing, unknown or out of its range.
@@ -62,7 +62,7 @@ def parse_layout(top: MapSection, formats: tuple[str, ...]) -> LogLayout:
 
 
 def _parse_topics(top: MapSection, name: str) -> dict[str, str]:
-    """Read which topics of a bag are the tables."""
+    """Read the topic of each table of a bag."""
     if name not in BAGS:
         top.refuse("topics", " or ".join(f"format = '{bag}'" for bag in BAGS))
         return {}

@@ -1,4 +1,4 @@
-"""A dataset that LeRobot recorded, brought into the contract's form: by a map, or as it is where it is in SI."""
+"""Import of LeRobot datasets: by a map, or unchanged if they are in SI units."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,14 +13,14 @@ from nas_data.dataset.carried import VIDEO
 from nas_data.dataset.cutting import cut_at, find_gaps
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import TIME
-from nas_data.dataset.foreign import in_its_unit, is_ours, refuse
+from nas_data.dataset.foreign import import_command, is_ours, refuse
 from nas_data.dataset.joints import REMEDY, Components
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read, read_stamps, with_clock
 from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.versions import parent_of, resolve
 from nas_data.errors import DatasetInvalid, LogError, OptionError
-from nas_data.importing.calibration import UNITS, choose_unit, in_unit, motors_of, read_calibration
+from nas_data.importing.calibration import UNITS, choose_unit, motors_of, read_calibration, with_raw_unit
 from nas_data.importing.formats import folder_kind, is_folder_log
 from nas_data.importing.map import Map, TimeColumn
 from nas_data.importing.reading import read_log
@@ -30,14 +30,14 @@ CALIBRATION_ATTACHMENT = "meta/calibration.json"
 
 
 @dataclass(frozen=True)
-class Said:
-    """What the user says of datasets beside a map.
+class ImportOptions:
+    """Options for the import of LeRobot datasets.
 
     Attributes:
-        unit: `deg`, `range` (−100 … 100) or `rad`; None to tell it by the readings.
+        unit: `deg`, `range` (−100 … 100) or `rad`; None to infer it from the readings.
         calibration: LeRobot's calibration file.
         rate: Rate [Hz] in place of the dataset's.
-        uniform: Rows are evenly spaced, whatever the time stamps say.
+        uniform: Whether rows are evenly spaced regardless of their time stamps.
     """
 
     unit: str | None = None
@@ -53,7 +53,7 @@ class Said:
 
     @property
     def needs_map(self) -> bool:
-        """Whether numbers are converted."""
+        """Whether values must be converted."""
         return self.unit is not None or self.calibration is not None
 
 
@@ -62,19 +62,19 @@ def is_dataset(path: Path) -> bool:
     return is_folder_log(path, "lerobot")
 
 
-def settle(mapping: Map, paths: Sequence[Path], said: Said) -> tuple[Map, tuple[str, ...]]:
-    """Complete a map of LeRobot's datasets by what the datasets, their calibration and the user say.
+def complete_map(mapping: Map, paths: Sequence[Path], said: ImportOptions) -> tuple[Map, tuple[str, ...]]:
+    """Complete a map of LeRobot datasets with their rate and units.
 
     Args:
         mapping: A map of the format `lerobot`.
         paths: The datasets.
-        said: What the user says.
+        said: Options of the user.
 
     Returns:
-        The map with rate and units, and notes on what was decided.
+        The completed map, and notes on the decisions.
 
     Raises:
-        LogError, OptionError, MapError: they do not fit together.
+        LogError, OptionError, MapError: map, datasets, calibration and options do not match.
     """
     for path in paths:
         if not path.exists():
@@ -96,24 +96,24 @@ def settle(mapping: Map, paths: Sequence[Path], said: Said) -> tuple[Map, tuple[
     if said.calibration is not None:
         motors = motors_of(mapping, read_calibration(said.calibration), said.calibration)
     if "deg" not in mapping.position.conversion.units:
-        return in_unit(mapping, "deg", motors), ()
+        return with_raw_unit(mapping, "deg", motors), ()
     unit, why = said.unit, "as was said"
     if unit is None:
         raw = [mapping.position.conversion.raw(part.positions) for path in paths for part in read_log(path, mapping)]
         unit, why = choose_unit(mapping, np.concatenate(raw), motors)
     words = {"deg": "degrees", "range": "−100 … 100", "rad": "radians"}[unit]
-    return in_unit(mapping, unit, motors), (f"Read as {words} ({why}).",)
+    return with_raw_unit(mapping, unit, motors), (f"Read as {words} ({why}).",)
 
 
 def map_text(path: Path, unit: str | None, model: str | None) -> str:
-    """Return the text of a map for a dataset whose joints are all in one unit, named as in the dataset.
+    """Return the text of a map for a dataset with all joints in one unit and with its own joint names.
 
-    Where radians are asked for, joints may make several turns. LeRobot gives a gripper as 0 … 100 of its range, which
-    is taken from the model.
+    With unit `rad` joints may make several turns. LeRobot stores a gripper as 0 … 100 of its range; the range is taken
+    from the model.
 
     Raises:
         JointMismatch: its components have no names.
-        OptionError: it has a gripper, and there is no model that says its range.
+        OptionError: it has a gripper, and no model gives its range.
     """
     root = resolve(path)
     dataset = read(root)
@@ -155,15 +155,15 @@ def _range_of(path: Path, joint: str, model: str | None) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def import_dataset(path: Path, said: Said) -> tuple[Dataset, Provenance, tuple[AuditFinding, ...]]:
-    """Read a dataset in SI units as transitions; episodes are divided where its clock has holes.
+def import_dataset(path: Path, said: ImportOptions) -> tuple[Dataset, Provenance, tuple[AuditFinding, ...]]:
+    """Read a dataset in SI units as transitions; episodes are divided at gaps in its clock.
 
     Args:
         path: Its folder.
-        said: What the user says of its rate and clock.
+        said: Options on rate and clock.
 
     Raises:
-        OptionError: it is one of ours already.
+        OptionError: it was recorded or imported by nas already.
         DatasetInvalid, JointMismatch: it cannot be used.
     """
     root = resolve(path)
@@ -181,7 +181,7 @@ def import_dataset(path: Path, said: Said) -> tuple[Dataset, Provenance, tuple[A
     try:
         dataset, derived = as_transitions(divided)
     except DatasetInvalid as error:
-        raise DatasetInvalid(str(error).replace(REMEDY, in_its_unit(path, recorded))) from None
+        raise DatasetInvalid(str(error).replace(REMEDY, import_command(path, recorded))) from None
     findings = (*_divisions(recorded, gaps), *audit_dataset(dataset))
     refuse(path, findings, recorded)
     provenance = Provenance(
@@ -197,10 +197,10 @@ def import_dataset(path: Path, said: Said) -> tuple[Dataset, Provenance, tuple[A
 
 
 def _refuse_ours(root: Path) -> None:
-    """Refuse what nas recorded or imported.
+    """Refuse datasets that nas recorded or imported.
 
     Raises:
-        OptionError: says that it can be used as it is.
+        OptionError: the dataset can be used directly.
     """
     if is_ours(read_provenance(root)):
         raise OptionError(f"{root} is a dataset of nas already; use it as it is (nas info, nas pair, nas gap).")
@@ -218,7 +218,7 @@ def _without_clock(dataset: Dataset) -> Dataset:
 
 
 def _divisions(dataset: Dataset, gaps: Sequence[tuple[int, float]]) -> list[AuditFinding]:
-    """Say where episodes are divided, and why."""
+    """Return findings on the gaps at which episodes are divided."""
     found = []
     for frame, gap in gaps:
         episode = int(np.searchsorted(dataset.starts, frame, side="right")) - 1

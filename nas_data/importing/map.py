@@ -1,4 +1,4 @@
-"""The map: where in a log each quantity stands and what its numbers mean."""
+"""The map: source and meaning of each quantity in a log."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,14 +12,14 @@ ALIGNMENTS = ("action_follows_state", "state_follows_action")
 
 @dataclass(frozen=True)
 class LogColumns:
-    """Where in a log some numbers stand.
+    """Source of a quantity in a log.
 
     Attributes:
-        columns: One column (array, key) that holds a vector, or one column a joint.
-        table: Which of the log's files, by its key in `[files]`; empty where a log is one file.
+        columns: One column (array, key) with a vector, or one column per joint.
+        table: The log's file, by its key in `[files]`; empty if a log is one file.
         components: Which components of a vector column, in joint order; empty for all.
-        constant: The log holds them once, not in every row.
-        names: What the components are called in the log, in joint order; empty where they are called as the joints.
+        constant: Whether the log holds the values once instead of in every row.
+        names: Names of the components in the log, in joint order; empty if they are the joint names.
     """
 
     columns: tuple[str, ...]
@@ -34,11 +34,11 @@ class LogQuantity:
     """A quantity of the log.
 
     Attributes:
-        name: What it is called: position, velocity, command or the signal's name.
+        name: position, velocity, command or the signal's name.
         unit: Unit after conversion.
-        source: Where it stands.
-        conversion: How it becomes SI, one line a joint.
-        encoding: How a raw register holds its sign; empty for plain numbers.
+        source: Its columns in the log.
+        conversion: Conversion to SI of each component.
+        encoding: Sign encoding of a raw register; empty for plain numbers.
     """
 
     name: str
@@ -53,9 +53,9 @@ class TimeColumn:
     """Column and unit of the time.
 
     Attributes:
-        column: Empty where the log has no time: its rows are said to be one period apart.
+        column: Name of the column; empty if the log has no time and its rows are one period apart.
         unit: A key of `conversion.TIME_UNITS`.
-        columns: Columns of those tables that have another one.
+        columns: Columns of tables with another name for it.
     """
 
     column: str
@@ -65,11 +65,11 @@ class TimeColumn:
 
 @dataclass(frozen=True)
 class ServoTicks:
-    """What LeRobot's units mean in ticks of a servo.
+    """Servo properties behind LeRobot's units.
 
     Attributes:
-        resolution: Ticks a turn.
-        drive_mode: Whether LeRobot turns −100 … 100 round where a calibration says drive_mode 1.
+        resolution: Ticks per turn.
+        drive_mode: Whether LeRobot reverses −100 … 100 if the calibration has drive_mode 1.
     """
 
     resolution: int
@@ -78,12 +78,12 @@ class ServoTicks:
 
 @dataclass(frozen=True)
 class Thresholds:
-    """What the audits compare with.
+    """Thresholds of the audits.
 
     Attributes:
-        max_speed: Speed that no joint can have [rad/s; m/s]; None for what no usual joint can have.
+        max_speed: Speed that no joint can reach [rad/s; m/s]; None for a default.
         jitter: Largest deviation of a time step, as a share of the period.
-        allow: Checks whose errors become warnings, because the user knows better.
+        allow: Checks whose errors the user turned into warnings.
     """
 
     max_speed: float | None = None
@@ -93,11 +93,11 @@ class Thresholds:
 
 @dataclass(frozen=True)
 class Resample:
-    """Even spacing in time.
+    """Resampling to even time steps.
 
     Attributes:
-        rate: Rows a second afterwards [Hz].
-        method: How positions and velocities between two rows are found: `linear` or `previous`.
+        rate: New rate [Hz].
+        method: Interpolation of positions and velocities: `linear` or `previous`.
     """
 
     rate: float
@@ -110,28 +110,28 @@ class Map:
 
     Attributes:
         name: Map's name, for reports.
-        text: The file as it was read; it is kept with the dataset.
-        layout: How a log lies on disk.
+        text: Content of the map file; it is stored with the dataset.
+        layout: Layout of a log on disk.
         robot: Robot's name.
         joints: Joint names in the order of the log's vectors.
-        rate: Control rate of the log [Hz]; 0 where each log says its own.
+        rate: Control rate of the log [Hz]; 0 if each log gives its own.
         alignment: `action_follows_state`: a row's command acts after its state was measured;
             `state_follows_action`: a row's state is the answer to its command.
         derive_velocity: Whether velocities are derived from positions rather than read.
-        clock: Where the time stands.
+        clock: Source of the time.
         position: Measured positions [rad].
         velocity: Measured velocities [rad/s]; None where the log has none.
         command: Commanded positions [rad], velocities [rad/s] or torques [N·m].
-        signals: What else is kept, as `nas.<name>`.
-        episode: Column that tells the episodes of one log apart; None where a log is one episode.
-        slides: Joints that are slides: in metres and newtons, where others are in radians and newton metres.
+        signals: Other quantities, stored as `nas.<name>`.
+        episode: Column with the episode of each row; None if a log is one episode.
+        slides: Names of the slide joints, in metres and newtons instead of radians and newton metres.
         limits: Limits [rad; m] by joint; joints without limits are absent.
-        thresholds: What the audits compare with.
-        resample: Even spacing in time; None where rows stay as recorded.
+        thresholds: Thresholds of the audits.
+        resample: Resampling; None to keep the rows as recorded.
         constants: Keys of the log that go to provenance.
-        task: What an episode does; `{log}` and the constants are filled in.
+        task: Task of an episode; `{log}` and the constants are filled in.
         joint_names: Array of the log that holds its joint names, once or in every row; may be empty.
-        servo: The servos behind units of LeRobot; None where the map says nothing of them.
+        servo: Servo properties behind LeRobot's units; None if the map gives none.
     """
 
     name: str

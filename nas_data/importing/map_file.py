@@ -1,4 +1,4 @@
-"""Reading a map from its TOML file: everything is checked, and what is wrong is said in one sentence."""
+"""Reading and validation of a map's TOML file."""
 
 import string
 import tomllib
@@ -42,8 +42,8 @@ def load_map(name_or_path: str | Path) -> Map:
     """Read a map by its path, or a shipped one by its name.
 
     Raises:
-        MapError: no such file, no TOML, or something in it that is missing, unknown or of the wrong kind.
-        UnknownName: a word that is neither a file nor a shipped map.
+        MapError: the file is missing or no TOML, or a key is missing, unknown or of the wrong type.
+        UnknownName: the name is neither a file nor a shipped map.
     """
     path = Path(name_or_path)
     shipped = {file.stem: file for file in visible(MAPS, "*.toml")}
@@ -137,7 +137,7 @@ class _Quantities:
         self.layout = layout
 
     def parse(self, section: MapSection, name: str, kind: Kind) -> LogQuantity:
-        """Read where a quantity stands, how it becomes SI and how its register holds the sign."""
+        """Read source, conversion and encoding of a quantity."""
         self._check_signal_name(section, name, kind)
         scalar = kind == "signal" and section.flag("whole_robot")
         joints = ("robot",) if scalar else self.joints
@@ -156,7 +156,7 @@ class _Quantities:
 
 
 def _parse_source(section: MapSection, layout: LogLayout, width: int, may_be_constant: bool) -> LogColumns:
-    """Read where a quantity stands: `column`, `columns` or, for signals, `constant`; and in which file."""
+    """Read the source of a quantity: `column`, `columns` or, for signals, `constant`; and its file."""
     keys = ["column", "columns", "constant"] if may_be_constant else ["column", "columns"]
     standard = {"position": "observation.state", "command": "action"}.get(section.name.rpartition(".")[2])
     if layout.format == "lerobot" and standard and not any(section.has(key) for key in keys):
@@ -182,7 +182,7 @@ def _parse_source(section: MapSection, layout: LogLayout, width: int, may_be_con
 
 
 def _parse_names(section: MapSection, width: int) -> tuple[str, ...]:
-    """Read what the components of a vector are called in the log."""
+    """Read the names of a vector's components in the log."""
     names = section.texts("names", ())
     if names and (len(names) != width or len(set(names)) < len(names)):
         raise section.error(f"'names' is {list(names)}; it must name {width} different components, one a joint.")
@@ -190,7 +190,7 @@ def _parse_names(section: MapSection, width: int) -> tuple[str, ...]:
 
 
 def _parse_servo(section: MapSection) -> ServoTicks:
-    """Read what LeRobot's units mean in ticks."""
+    """Read the servo properties behind LeRobot's units."""
     servo = ServoTicks(resolution=int(section.positive("resolution", 4096.0)), drive_mode=section.flag("drive_mode"))
     section.finish()
     return servo
@@ -204,7 +204,7 @@ def _refuse_twice(section: MapSection, key: str, chosen: Sequence[str | int]) ->
 
 
 def _parse_table_name(section: MapSection, layout: LogLayout) -> str:
-    """Read which of the log's files is meant."""
+    """Read the key of the log's file."""
     key, tables = ("topic", layout.topics) if layout.topics else ("file", layout.files)
     if not tables:
         return ""
@@ -212,7 +212,7 @@ def _parse_table_name(section: MapSection, layout: LogLayout) -> str:
 
 
 def _parse_episode(read: MapSection, layout: LogLayout) -> LogColumns | None:
-    """Read which column tells episodes apart; a dataset always has one."""
+    """Read the episode column; a dataset always has one."""
     if not read.has("episode"):
         return LogColumns(("episode_index",)) if layout.format == "lerobot" else None
     section = read.table("episode")
@@ -222,7 +222,7 @@ def _parse_episode(read: MapSection, layout: LogLayout) -> LogColumns | None:
 
 
 def _parse_clock(section: MapSection) -> TimeColumn:
-    """Read where the time stands; that rows are even without a clock must be said."""
+    """Read the source of the time; evenly spaced rows without a clock must be declared."""
     given = section.has("column")
     if section.flag("uniform"):
         clock = TimeColumn("", "s")
@@ -252,7 +252,7 @@ def _parse_limits(section: MapSection, joints: Sequence[str]) -> dict[str, tuple
 
 
 def _parse_thresholds(section: MapSection) -> Thresholds:
-    """Read what the audits compare with."""
+    """Read the thresholds of the audits."""
     standard = Thresholds()
     thresholds = Thresholds(
         max_speed=section.positive("max_speed") if section.has("max_speed") else standard.max_speed,
@@ -267,14 +267,14 @@ def _parse_thresholds(section: MapSection) -> Thresholds:
 
 
 def _parse_resample(section: MapSection) -> Resample:
-    """Read how rows are spaced evenly."""
+    """Read the resampling."""
     resample = Resample(section.positive("rate"), section.text("method", choices=METHODS))
     section.finish()
     return resample
 
 
 def _parse_task(top: MapSection, constants: Sequence[str], default: str) -> str:
-    """Read what an episode does; braces may hold `log` and the constants only."""
+    """Read the task template; braces may hold `log` and the constants only."""
     task = top.text("task", default)
     try:
         fields = [

@@ -1,4 +1,4 @@
-"""Messages of a bag as the columns of tables: one table a topic, nested fields with dots between their names."""
+"""Conversion of a bag's messages to tables, one per topic; names of nested fields are joined with dots."""
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -8,12 +8,12 @@ import numpy as np
 from nas_data.errors import LogError
 from nas_data.importing.table import LogTable
 
-RECEIVED = "log_time"  # when the recorder got a message [ns]
+RECEIVED = "log_time"  # time at which the recorder received a message [ns]
 NANOSECONDS = 10**9
 
 
 def to_tables(path: Path, topics: dict[str, str], messages: Iterable[tuple[str, int, object]]) -> dict[str, LogTable]:
-    """Return one table for each of some topics.
+    """Return one table for each given topic.
 
     Args:
         path: The bag.
@@ -21,7 +21,7 @@ def to_tables(path: Path, topics: dict[str, str], messages: Iterable[tuple[str, 
         messages: Topic, time of receipt [ns] and content of each message, in the order of that time.
 
     Raises:
-        LogError: a topic has no messages, or several kinds of them.
+        LogError: a topic has no messages, or messages of several types.
     """
     rows: dict[str, list[dict[str, object]]] = {topic: [] for topic in topics.values()}
     for topic, time, message in messages:
@@ -30,7 +30,7 @@ def to_tables(path: Path, topics: dict[str, str], messages: Iterable[tuple[str, 
 
 
 def fields_of(message: object, name: str = "") -> Iterator[tuple[str, object]]:
-    """Yield the fields of a message: times in ns, lists of numbers or texts as they are, others field by field."""
+    """Yield the fields of a message: times in ns, lists of numbers or texts unchanged, nested fields expanded."""
     values = message if isinstance(message, dict) else _attributes(message)
     if values is None:
         yield name, message
@@ -56,7 +56,7 @@ def _attributes(value: object) -> dict | None:
 
 
 def _table(path: Path, topic: str, rows: list[dict[str, object]]) -> LogTable:
-    """Put the messages of a topic into columns; a field that only some of them have is left out."""
+    """Convert the messages of a topic to columns; fields that some messages lack are left out."""
     if not rows:
         raise LogError(f"{path} has no messages of '{topic}'; give the bag that has, or correct [topics] of the map.")
     shared = [key for key in rows[0] if all(key in row for row in rows)]

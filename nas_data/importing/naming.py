@@ -1,4 +1,4 @@
-"""Joint names that a log has: once, to be compared with the map's, or in every row, where they put vectors in order."""
+"""Joint names in a log: one list to compare with the map, or one per row to reorder vectors."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -12,22 +12,22 @@ from nas_data.errors import LogError, MapError
 from nas_data.importing.map import Map
 from nas_data.importing.table import Column, LogTable
 
-SHOWN = 8  # names that are listed
+SHOWN = 8  # most names listed in a message
 
 
 def arrange(table: LogTable, mapping: Map, must: bool) -> LogTable:
-    """Compare a table's joint names with the map's, or put its vectors in the map's order where each row has names.
+    """Compare a table's joint names with the map, or reorder its vectors if each row has names.
 
-    Rows that name none of the map's joints are left out: they are another publisher's.
+    Rows that name none of the map's joints come from another publisher and are left out.
 
     Args:
         table: One file, or one topic.
-        mapping: Names the column of the names, and the joints.
+        mapping: Map with the joints and the column of their names.
         must: Whether the table must have that column.
 
     Raises:
-        MapError: the names of the whole table are others, or in another order.
-        LogError: a row names some of the joints only.
+        MapError: the table's names differ from the map's, or have another order.
+        LogError: a row names only some of the joints.
     """
     if not mapping.joint_names or (not must and mapping.joint_names not in table.columns):
         return table
@@ -55,7 +55,7 @@ def text(name: object) -> str:
 
 
 def _compare(table: LogTable, mapping: Map, found: Sequence[str]) -> None:
-    """Refuse other names, or another order."""
+    """Refuse names that differ from the map's, or have another order."""
     if tuple(found) == mapping.joints:
         return
     order = "in this order" if set(found) == set(mapping.joints) else "so"
@@ -67,7 +67,7 @@ def _compare(table: LogTable, mapping: Map, found: Sequence[str]) -> None:
 
 
 def _ordered(table: LogTable, mapping: Map, rows: list[tuple[str, ...]]) -> LogTable:
-    """Put every vector that has a number for each name into the map's order."""
+    """Reorder vectors with one number per name to the map's joint order."""
     kinds = {names: _places(names, mapping.joints) for names in dict.fromkeys(rows)}
     kept = np.array([kinds[names] is not None for names in rows])
     if not kept.any():
@@ -89,13 +89,13 @@ def _ordered(table: LogTable, mapping: Map, rows: list[tuple[str, ...]]) -> LogT
 
 
 def _places(names: tuple[str, ...], joints: tuple[str, ...]) -> tuple[int, ...] | None:
-    """Return where each joint stands among names, -1 for none; None where none of them does."""
+    """Return the index of each joint among names, -1 for missing ones; None if all are missing."""
     places = tuple(names.index(joint) if joint in names else -1 for joint in joints)
     return None if set(places) == {-1} else places
 
 
 def _column(column: Column, kept: np.ndarray, places: np.ndarray, widths: list[int]) -> Column:
-    """Return the kept rows of a column, in the map's order where it has a number for each name."""
+    """Return the kept rows of a column; vectors with one number per name are reordered."""
     if isinstance(column, np.ndarray):
         chosen = column[kept]
         listed = [*chosen] if chosen.ndim == 2 or chosen.dtype == object else None

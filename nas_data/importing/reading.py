@@ -1,4 +1,4 @@
-"""Reading one log by its map: files to tables, tables to quantities in SI, quantities to recordings."""
+"""Reading of a log by its map: files to tables, tables to SI quantities, quantities to recordings."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -27,15 +27,15 @@ def read_log(log: Path, mapping: Map) -> list[Recording]:
     """Read the episodes of a log.
 
     Args:
-        log: A file, or a folder where the map names several files.
-        mapping: Where things stand.
+        log: A file, or a folder if the map names several files.
+        mapping: The map.
 
     Returns:
-        Recordings as recorded: commands in their own rows, nothing resampled.
+        Recordings before alignment and resampling.
 
     Raises:
-        LogError: a file that cannot be read, is empty or too short, or whose columns do not fit together.
-        MapError: the map names something that the log lacks.
+        LogError: a file is unreadable, empty or too short, or its columns do not match.
+        MapError: the map names a column or topic that the log lacks.
     """
     tables = _read_tables(log, mapping)
     reference = tables[mapping.position.source.table]
@@ -52,7 +52,9 @@ def read_log(log: Path, mapping: Map) -> list[Recording]:
 
     def read(quantity: LogQuantity) -> np.ndarray:
         table = tables[quantity.source.table]
-        values = _read_quantity(table, _placed(table, quantity, mapping.joints), len(times[quantity.source.table]))
+        values = _read_quantity(
+            table, _match_components(table, quantity, mapping.joints), len(times[quantity.source.table])
+        )
         rows = partners.get(quantity.source.table)
         return (values if rows is None else values[rows])[shared]
 
@@ -80,8 +82,8 @@ def read_log(log: Path, mapping: Map) -> list[Recording]:
 
 
 def _too_short(recording: Recording) -> LogError:
-    """Say which rows are too few for an episode."""
-    sentence = f"{recording.place} has {len(recording)} rows; at least {ENOUGH} are needed"
+    """Return the error for an episode with too few rows."""
+    sentence = f"{recording.label} has {len(recording)} rows; at least {ENOUGH} are needed"
     if recording.gap:
         sentence += f"; take out {rows_text(recording.rows)}, before which {recording.gap:.3g} s are missing"
     return LogError(sentence + ".")
@@ -104,7 +106,7 @@ def _read_tables(log: Path, mapping: Map) -> dict[str, LogTable]:
 
 
 def _read_times(tables: dict[str, LogTable], mapping: Map) -> dict[str, np.ndarray]:
-    """Read the times of each table [s], all from the first row of the table with the positions."""
+    """Read the times of each table [s], relative to the first row of the position table."""
     reference = mapping.position.source.table
     if not mapping.clock.column:
         counts = {key: len(table.numbers(_any_column(mapping, key))) for key, table in tables.items()}
@@ -119,7 +121,7 @@ def _read_times(tables: dict[str, LogTable], mapping: Map) -> dict[str, np.ndarr
 
 
 def _join(time: np.ndarray, given: np.ndarray, table: LogTable, mapping: Map) -> np.ndarray:
-    """Find a table's row for each row of the log; its times must ascend."""
+    """Find the matching row of a table for each row of the log; the table's times must ascend."""
     if not len(given):
         raise LogError(f"{table.path} holds no rows; give a log with recorded rows.")
     bad = np.flatnonzero(~(np.diff(given) >= 0)) + 1
@@ -136,11 +138,11 @@ def _any_column(mapping: Map, table: str) -> str:
     return next(quantity.source.columns[0] for quantity in read if quantity.source.table == table)
 
 
-def _placed(table: LogTable, quantity: LogQuantity, joints: Sequence[str]) -> LogQuantity:
-    """Find the components of a quantity by their names, where the log has such.
+def _match_components(table: LogTable, quantity: LogQuantity, joints: Sequence[str]) -> LogQuantity:
+    """Find the components of a quantity by name, if the log has component names.
 
     Raises:
-        MapError: a joint is not among them; names those there are.
+        MapError: a joint is missing; the message lists the available names.
     """
     source = quantity.source
     there = table.names.get(source.columns[0]) if len(source.columns) == 1 else None
@@ -205,7 +207,7 @@ def _read_source(table: LogTable, source: LogColumns, width: int, count: int) ->
 
 
 def _check_register(table: LogTable, quantity: LogQuantity, raw: np.ndarray) -> None:
-    """Refuse counts that no register of this width can hold."""
+    """Refuse counts that exceed the width of the register."""
     wide = quantity.encoding.startswith("int")
     bits = int(quantity.encoding.removeprefix("int").removeprefix("sign_magnitude_")) + (0 if wide else 1)
     bad = np.flatnonzero(((raw < 0) | (raw >= 2**bits)).any(axis=1))
@@ -217,7 +219,7 @@ def _check_register(table: LogTable, quantity: LogQuantity, raw: np.ndarray) -> 
 
 
 def _constant(tables: dict[str, LogTable], name: str, mapping: Map, rows: np.ndarray) -> object:
-    """Return what the log, or an episode of it, holds once, from whichever of its files has it."""
+    """Return a constant of the log or episode, from the file that has it."""
     for key, table in tables.items():
         if name in table.constants or name in table.columns:
             return table.constant(name, rows if key == mapping.position.source.table else slice(None))
@@ -225,7 +227,7 @@ def _constant(tables: dict[str, LogTable], name: str, mapping: Map, rows: np.nda
 
 
 def _split(whole: Recording, tables: dict[str, LogTable], mapping: Map) -> list[Recording]:
-    """Divide a log where its episode column changes."""
+    """Split a log where its episode column changes."""
     assert mapping.episode is not None
     table = tables[mapping.episode.table]
     column = table.column(mapping.episode.columns[0])

@@ -1,4 +1,4 @@
-"""Resampling of a recording to even steps; only where the map asks for it."""
+"""Resampling of a recording to even time steps."""
 
 from dataclasses import replace
 
@@ -9,20 +9,20 @@ from nas_data.importing.map import Resample
 
 
 def resample(recording: Recording, how: Resample) -> Recording:
-    """Space the rows evenly.
+    """Resample a recording to even time steps.
 
     Args:
-        recording: Aligned recording; of rows with the same time the last counts.
+        recording: Aligned recording; among rows with equal time the last one counts.
         how: Rate [Hz] and method.
 
     Returns:
         Rows at multiples of 1/rate up to the last recorded time. Positions and velocities are interpolated linearly
-        or held, as the method says; commands and signals are held, because a robot holds its last command and a
-        register its last value. `rows` is the recorded row at or before each new one.
+        or held, by the method. Commands and signals are held, as a robot holds its last command and a register its
+        last value. `rows` is the recorded row at or before each new one.
     """
     last_of_time = np.concatenate([np.diff(recording.time) > 0, [True]])
     once = recording.take(last_of_time)
-    # A hair more than the end, so that a whole number of periods is not lost to rounding.
+    # The margin keeps the last step if the duration is a whole number of periods up to rounding.
     count = int(np.floor(once.time[-1] * how.rate + 1e-6)) + 1
     grid = np.arange(count) / how.rate
     held = np.clip(np.searchsorted(once.time, grid + 1e-9, side="right") - 1, 0, None)

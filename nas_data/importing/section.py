@@ -1,4 +1,4 @@
-"""Strict reading of one table of a TOML file: every key has its type, and a key that nobody asked for is an error."""
+"""Strict reading of one table of a TOML file: keys are typed, and unknown keys are errors."""
 
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
@@ -7,7 +7,7 @@ from nas_data.errors import MapError
 
 
 class MapSection:
-    """One table of a mapping file; keys are taken out until none may be left.
+    """One table of a map file. Readers take keys out; `finish` refuses the remaining ones.
 
     Args:
         values: The table's content.
@@ -28,12 +28,12 @@ class MapSection:
         return MapError(f"{place}: {sentence}")
 
     def has(self, key: str) -> bool:
-        """Return whether the key is given; a key that is asked for is one that this table may have."""
+        """Return whether the key is given; it then counts as known."""
         self._known.add(key)
         return key in self.values
 
     def refuse(self, key: str, owner: str) -> None:
-        """Complain where a key is given that belongs to another setting, for example to another file format."""
+        """Raise MapError if a key is given that belongs to another setting, such as another file format."""
         if self.has(key):
             raise self.error(f"there is no key '{key}' here: it belongs to {owner}.")
 
@@ -93,7 +93,7 @@ class MapSection:
         return tuple(value)
 
     def table(self, key: str) -> "MapSection":
-        """Take a table inside this one; empty where it is not given."""
+        """Take a sub-table; empty if it is missing."""
         value = self._take(key, {})
         name = f"{self.name}.{key}" if self.name else key
         if not isinstance(value, Mapping):
@@ -101,14 +101,14 @@ class MapSection:
         return MapSection(value, self.file, name)
 
     def tables(self) -> dict[str, "MapSection"]:
-        """Take everything that is left as tables, by their keys."""
+        """Take all remaining keys as sub-tables."""
         return {key: self.table(key) for key in self.values if key not in self._taken}
 
     def finish(self) -> None:
-        """Complain about keys that nobody took: a misspelt key must not be silently without effect.
+        """Refuse remaining keys, so that a misspelt key is not ignored.
 
         Raises:
-            MapError: names the key and those that this table may have.
+            MapError: a key is unknown; the message lists the known ones.
         """
         unknown = [key for key in self.values if key not in self._taken]
         if unknown:

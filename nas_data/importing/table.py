@@ -1,4 +1,4 @@
-"""One file of a log as named columns, each turned into numbers when it is asked for."""
+"""One file of a log as named columns, which are converted to numbers on demand."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -22,10 +22,10 @@ class LogTable:
 
     Attributes:
         path: The file.
-        columns: Columns by name, as the format holds them.
-        constants: What the file holds once, not per row.
-        unreadable: Why a column that is there cannot be read, and the remedy, by name.
-        names: What the components of a column are called, where the format says so.
+        columns: Columns by name, as stored.
+        constants: Values that the file holds once.
+        unreadable: Reason and remedy for each unreadable column, by name.
+        names: Component names of columns, if the format has them.
     """
 
     path: Path
@@ -35,11 +35,11 @@ class LogTable:
     names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def column(self, name: str) -> Column:
-        """Return a column as it is.
+        """Return a column as stored.
 
         Raises:
-            MapError: there is none of that name; names those there are.
-            LogError: it is there but cannot be read.
+            MapError: there is no such column; the message lists the available ones.
+            LogError: the column is unreadable.
         """
         if name in self.unreadable:
             raise LogError(f"{self.path}: '{name}' {self.unreadable[name]}.")
@@ -56,7 +56,7 @@ class LogTable:
 
         Raises:
             MapError: there is no such column.
-            LogError: cells that are no numbers, or vectors of different lengths; names the rows.
+            LogError: cells are not numbers, or vectors differ in length; the message has the rows.
         """
         column = self.column(name)
         if isinstance(column, np.ndarray):
@@ -79,7 +79,7 @@ class LogTable:
 
         Raises:
             MapError: there is no such column.
-            LogError: cells that are no times in this unit.
+            LogError: cells are not times in this unit.
         """
         column = self.column(name)
         whole = self._numpy_ticks(name, column, unit) if isinstance(column, np.ndarray) else None
@@ -93,11 +93,11 @@ class LogTable:
         return numbers[:, 0]
 
     def constant(self, name: str, rows: slice | np.ndarray = slice(None)) -> object:
-        """Return what the file holds once, or a column that is the same in every row, or in some rows.
+        """Return a constant of the file, or the value of a column that is constant in the given rows.
 
         Raises:
-            MapError: there is neither.
-            LogError: a column that changes.
+            MapError: there is no such constant or column.
+            LogError: the column changes.
         """
         if name in self.constants:
             return self.constants[name]
@@ -112,7 +112,7 @@ class LogTable:
         return number_or_text(values[0]) if values else None
 
     def _numpy_ticks(self, name: str, column: np.ndarray, unit: str) -> np.ndarray | None:
-        """Return whole numbers where an array holds such or dates, shape (N,)."""
+        """Return an array of integers or dates as integers, shape (N,); None for others."""
         is_date = np.issubdtype(column.dtype, np.datetime64)
         self._check_date(name, is_date, unit)
         if is_date:
@@ -120,7 +120,7 @@ class LogTable:
         return column.astype(np.int64) if column.ndim == 1 and column.dtype.kind in "iu" else None
 
     def _arrow_ticks(self, name: str, column: pa.Array, unit: str) -> np.ndarray | None:
-        """Return whole numbers where a column holds such, or dates, also as text; None for fractions, shape (N,)."""
+        """Return a column of integers or dates, also as text, as integers, shape (N,); None for others."""
         if pa.types.is_string(column.type):
             kinds = [pa.timestamp("ns"), pa.timestamp("ns", "UTC")] if unit == "datetime" else [pa.int64()]
             for kind in kinds:
@@ -196,10 +196,10 @@ class LogTable:
 
 
 def refuse_twice(path: Path, names: Sequence[str]) -> None:
-    """Refuse a header that names a column twice: which of them is meant cannot be known.
+    """Refuse a header that names a column twice.
 
     Raises:
-        LogError: names the column and its places.
+        LogError: names the column and its positions.
     """
     twice = next((name for name in names if name and names.count(name) > 1), None)
     if twice is not None:
@@ -208,7 +208,7 @@ def refuse_twice(path: Path, names: Sequence[str]) -> None:
 
 
 def number_or_text(value: object) -> object:
-    """Return text that is a number as this number: CSV cells and Parquet metadata know only text."""
+    """Convert text to a number if it is one: CSV cells and Parquet metadata are text."""
     if not isinstance(value, str) or not _is_number(value):
         return value
     return int(value) if value.strip().lstrip("+-").isdecimal() else float(value)
@@ -225,7 +225,7 @@ def _matrix(rows: list[list[float]]) -> np.ndarray:
     """Return equal lists of numbers as an array.
 
     Raises:
-        ValueError: lists of different lengths, or something else than numbers in them.
+        ValueError: the lists differ in length, or contain other values than numbers.
     """
     matrix = np.array(rows, dtype=np.float64)
     if matrix.ndim != 2:
@@ -242,7 +242,7 @@ def _is_number(cell: str) -> bool:
 
 
 def _list_of(cell: str) -> list[float]:
-    """Return a cell's list of numbers; empty where it is none."""
+    """Return a cell's list of numbers; empty if it is none."""
     try:
         return list(_matrix([json.loads(cell)])[0])
     except (ValueError, TypeError):

@@ -1,4 +1,4 @@
-"""Methods against each other on one target: every method and seed is one run, one JSON file, never done twice."""
+"""Comparison of methods on one target: each method and seed is one run with one JSON file, done once."""
 
 import json
 import time
@@ -21,23 +21,23 @@ from nas_data.runs.code_hash import code_hash
 from nas_data.runs.parallel import run_jobs
 
 RESULT = "result.json"
-SOURCE_METHOD, EXPERT_METHOD = "source", "expert"  # the two ends of the distance that a method closes a share of
+SOURCE_METHOD, EXPERT_METHOD = "source", "expert"  # the lower and upper reference of the relative score
 
 Record = dict[str, object]
 
 
 @dataclass(frozen=True)
 class Study:
-    """What is compared.
+    """A comparison of methods.
 
     Attributes:
-        target: Plant that every policy is judged on.
-        methods: Plant that each method learns on.
+        target: Dynamics on which all policies are evaluated.
+        methods: Dynamics on which each method trains.
         seeds: Seeds of every method.
         frames: Control steps of each training.
-        episodes: Episodes of each evaluation; the same for all.
-        hyperparameters: PPO's.
-        dataset: Content hash of what learned and named plants were made from, for the runs' records; None if unknown.
+        episodes: Episodes of each evaluation, the same for all policies.
+        hyperparameters: Hyperparameters of PPO.
+        dataset: Content hash of the dataset behind learned and named dynamics; None if unknown.
     """
 
     target: DynamicsSpec
@@ -49,18 +49,18 @@ class Study:
     dataset: str | None = None
 
     def trained_as(self, method: str) -> str:
-        """Return the first method that learns on the same plant: its policies are this method's as well."""
+        """Return the first method that trains on the same dynamics; both share their policies."""
         return next(name for name, plant in self.methods.items() if plant == self.methods[method])
 
     @property
     def trained(self) -> tuple[str, ...]:
-        """The methods whose policies are trained, one for each plant."""
+        """The methods whose policies are trained, one for each distinct dynamics."""
         return tuple(method for method in self.methods if self.trained_as(method) == method)
 
 
 @dataclass(frozen=True)
 class Run:
-    """One method with one seed: all that its result depends on, and the folder that it lies in."""
+    """One method with one seed: everything that determines its result, and its folder."""
 
     method: str
     training: PolicyTraining
@@ -71,7 +71,7 @@ class Run:
     dataset: str | None = None
 
     def question(self) -> dict[str, object]:
-        """Return what decides the result: two runs are the same where this is."""
+        """Return what determines the result; runs with equal identities are the same."""
         training, rollout = self.training, self.training.hyperparameters.rollout
         return {
             "method": self.method,
@@ -83,7 +83,7 @@ class Run:
 
 
 def check_run(run: Run) -> None:
-    """Refuse a run whose folder holds another, before hours are spent.
+    """Refuse a run whose folder holds another one, before any work is done.
 
     Raises:
         OutputExists: the folder holds another training, or one by other code.
@@ -93,13 +93,13 @@ def check_run(run: Run) -> None:
 
 
 def read_record(run: Run, question: Record) -> Record | None:
-    """Return the record of a run that was done before, None where it is still to be done."""
+    """Return the record of a finished run; None if it is not finished."""
     known = read_result(run.folder)
     return known if known is not None and known.get("question") == question else None
 
 
 def do_run(run: Run) -> Record:
-    """Train and judge one policy, or read what an earlier run of the same found.
+    """Train and evaluate one policy, or read the record of an earlier run.
 
     Raises:
         OutputExists: the folder holds another training.
@@ -137,7 +137,7 @@ def silence(_: str) -> None:
 
 
 def read_result(folder: Path) -> Record | None:
-    """Return a finished run's record, None where there is none to trust."""
+    """Return a finished run's record; None if there is no valid one."""
     try:
         record = json.loads((folder / RESULT).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -148,20 +148,20 @@ def read_result(folder: Path) -> Record | None:
 def compare(
     study: Study, folder: Path, workers: int = 1, report: Report = to_stderr, quiet: bool = False
 ) -> "Comparison":
-    """Train and judge every method with every seed; goes on where it was interrupted.
+    """Train and evaluate every method with every seed; finished runs are skipped.
 
     Args:
-        study: What is compared.
-        folder: Results: `<method>/seed<seed>/` hold policy, learning curve and `result.json`; of methods that learn on
-            the same plant, those of the first.
-        workers: Processes side by side.
-        report: Told of each finished run in a sentence.
-        quiet: Whether trainings say nothing themselves; with several workers they never do.
+        study: The comparison.
+        folder: Results: `<method>/seed<seed>/` holds policy, learning curve and `result.json`. Methods with equal
+            dynamics share the folder of the first one.
+        workers: Number of parallel processes.
+        report: Called with a sentence after each finished run.
+        quiet: Whether trainings print no progress; several workers never do.
 
     Raises:
         OptionError: there is no method or no seed, or a seed is negative.
         UnknownName: an environment or a dynamics does not exist.
-        JobsFailed: several runs could not be done; all others are, and will not be done again.
+        JobsFailed: several runs failed; the others are finished and will not be repeated.
         OutputExists: the folder holds a run of another study, or one by other code, under the same name.
     """
     if not study.methods or not study.seeds:
@@ -169,7 +169,7 @@ def compare(
     if min(study.seeds) < 0:
         raise OptionError(f"--seed {min(study.seeds)} is negative; seeds must be 0 or more.")
     for plant in (study.target, *study.methods.values()):
-        plant.check()  # says what is wrong before hours are spent
+        plant.check()  # before any long run
     runs = [
         Run(
             method=method,
@@ -196,7 +196,7 @@ def compare(
 
 
 def tell(record: Record) -> str:
-    """Say what a run found."""
+    """Return a sentence on a run's result."""
     return f"return {number(record, 'return'):.2f}, success {number(record, 'success_rate'):.0%}"
 
 
@@ -209,12 +209,12 @@ def number(record: Record, key: str) -> float:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What a study found.
+    """Results of a comparison.
 
     Attributes:
-        study: What was compared.
-        folder: Where policies, learning curves and results lie.
-        records: Of each method and seed.
+        study: The comparison.
+        folder: Folder of policies, learning curves and results.
+        records: Record of each method and seed.
     """
 
     study: Study
@@ -226,12 +226,12 @@ class Comparison:
         return np.array([number(self.records[method, seed], key) for seed in self.study.seeds])
 
     def diverged(self, method: str, when: str) -> np.ndarray:
-        """Return how many episodes of each seed left all bounds while `learning` or `judging`, shape (seeds,)."""
+        """Return the number of diverged episodes of each seed while `learning` or `judging`, shape (seeds,)."""
         counts = [self.records[method, seed]["diverged"] for seed in self.study.seeds]
         return np.array([count[when] for count in counts if isinstance(count, dict)])
 
     def lost(self) -> list[str]:
-        """Say of each method how many episodes left all bounds, where some did."""
+        """Return sentences on methods with diverged episodes."""
         said = []
         for method in self.study.methods:
             learning, judging = (int(self.diverged(method, when).sum()) for when in ("learning", "judging"))
@@ -243,7 +243,7 @@ class Comparison:
         return said
 
     def shared(self) -> list[str]:
-        """Say of each method that has the policies of another that it does."""
+        """Return sentences on methods that share the policies of another."""
         return [
             f"{method} learns where {self.study.trained_as(method)} does: they have the same policies."
             for method in self.study.methods
@@ -251,18 +251,18 @@ class Comparison:
         ]
 
     def policy_folder(self, method: str, seed: int) -> Path:
-        """Return where a policy lies."""
+        """Return the folder of a policy."""
         return self.folder / self.study.trained_as(method) / f"seed{seed}"
 
     def share_closed(self, method: str) -> Share | None:
-        """Return how much of the distance from source to expert a method closes; None for these two."""
+        """Return the relative score of a method between source and expert; None for these two."""
         ends = {SOURCE_METHOD, EXPERT_METHOD}
         if method in ends or not ends <= set(self.study.methods):
             return None
         return share(self.values(method), self.values(SOURCE_METHOD), self.values(EXPERT_METHOD))
 
     def at_stake(self) -> Stake | None:
-        """Return how far the expert is above the source; None where one of them is not compared."""
+        """Return the difference of expert and source returns; None if one of them is not compared."""
         if not {SOURCE_METHOD, EXPERT_METHOD} <= set(self.study.methods):
             return None
         return stake(self.values(SOURCE_METHOD), self.values(EXPERT_METHOD))

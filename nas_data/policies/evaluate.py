@@ -1,4 +1,4 @@
-"""How well a policy does on a plant: return and success over the same episodes for every policy."""
+"""Evaluation of policies: return and success over the same episodes for every policy."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from nas_data.errors import CheckpointError, OptionError
 from nas_data.policies.policy import Policy, find_policies, load_policy
 from nas_data.simulators.base import Stepper
 
-SEED = 20180629  # of the evaluation's starts and goals; training seeds are hashed, so its episodes are others
+SEED = 20180629  # seed of evaluation starts and goals; training seeds are hashed, so the episodes differ
 
 Controller = Callable[[np.ndarray], np.ndarray]
 """From observations (B, o) to actions (B, a)."""
@@ -21,13 +21,13 @@ Controller = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class Returns:
-    """How E episodes went.
+    """Results of E episodes.
 
     Attributes:
         returns: Sum of rewards of each episode, shape (E,).
         successes: Whether each reached its goal, shape (E,).
         lengths: Control steps of each, shape (E,).
-        diverged: Whether each ended because the simulation left all bounds, shape (E,).
+        diverged: Whether each ended because the simulation diverged, shape (E,).
     """
 
     returns: np.ndarray
@@ -66,10 +66,10 @@ def roll_out(task: Task, stepper: Stepper, begin: Callable[[TaskBatch], Controll
     """Run one episode in each of B simulations.
 
     Args:
-        task: What is to be done.
-        stepper: B simulations; episode i starts from a generator seeded with `seed + i`, whoever acts.
-        begin: Called once the episodes have begun; returns what acts.
-        seed: Of starts and goals.
+        task: The task.
+        stepper: B simulations; the start of episode i is drawn with the seed `seed + i`.
+        begin: Called after the episodes have begun; returns the function that acts.
+        seed: Seed of starts and goals.
     """
     arena = TaskBatch(task, stepper)
     arena.start([np.random.default_rng(seed + row) for row in range(arena.size)])
@@ -84,7 +84,7 @@ def roll_out(task: Task, stepper: Stepper, begin: Callable[[TaskBatch], Controll
         successes |= running & verdict.success
         diverged |= running & arena.lost
         running &= ~(verdict.terminated | truncated)
-        if arena.lost.any() and running.any():  # what is over must be simulated beside the rest
+        if arena.lost.any() and running.any():  # finished rows are simulated along with the others
             rows = np.flatnonzero(arena.lost)
             arena.start([np.random.default_rng(seed + row) for row in rows], rows)
     due = task.horizon - lengths[diverged] + 1
@@ -93,19 +93,19 @@ def roll_out(task: Task, stepper: Stepper, begin: Callable[[TaskBatch], Controll
 
 
 def zero_action(arena: TaskBatch) -> Controller:
-    """Act with zeros: the middle of every range."""
+    """Act with zeros, the middle of every range."""
     actions = np.zeros((arena.size, *arena.task.action_space.shape))
     return lambda _: actions
 
 
 def hold_start(arena: TaskBatch) -> Controller:
-    """Command the arm to stay where the episode began."""
+    """Hold the arm in the pose in which the episode began."""
     actions = arena.task.hold(arena.stepper)
     return lambda _: actions
 
 
 def random_actions(arena: TaskBatch) -> Controller:
-    """Draw every action anew, uniformly."""
+    """Draw every action uniformly."""
     rng = np.random.default_rng(SEED)
     shape = (arena.size, *arena.task.action_space.shape)
     return lambda _: rng.uniform(-1.0, 1.0, shape)
@@ -119,13 +119,13 @@ BASELINES: Mapping[str, Callable[[TaskBatch], Controller]] = {
 
 
 def score_policy(policy: Policy, plant: DynamicsSpec, episodes: int, stepper: Stepper | None = None) -> Returns:
-    """Roll out a policy's mean actions on a plant, the observation statistics frozen.
+    """Roll out a policy's mean actions on a plant, with frozen observation statistics.
 
     Args:
         policy: Trained policy.
-        plant: What it is judged on.
+        plant: Dynamics of the evaluation.
         episodes: Number of episodes.
-        stepper: As many simulations, instead of the plant's own.
+        stepper: Batch of `episodes` simulations, instead of the plant's own.
 
     Raises:
         CheckpointError: the policy was trained for another environment.
@@ -138,7 +138,7 @@ def score_policy(policy: Policy, plant: DynamicsSpec, episodes: int, stepper: St
 
 
 def check_fits(policy: Policy, environment: str) -> None:
-    """Refuse to judge a policy on what it was not trained for.
+    """Refuse a policy that was trained for another environment.
 
     Raises:
         CheckpointError: the policy was trained for another environment.
@@ -148,7 +148,7 @@ def check_fits(policy: Policy, environment: str) -> None:
 
 
 def score_baselines(plant: DynamicsSpec, episodes: int, stepper: Stepper | None = None) -> dict[str, Returns]:
-    """Score what anyone can do without learning, so that the returns of policies have a scale."""
+    """Score untrained baselines, as a scale for the returns of policies."""
     stepper = stepper or plant.stepper(episodes)
     return {name: roll_out(plant.task, stepper, begin) for name, begin in BASELINES.items()}
 
@@ -158,10 +158,10 @@ class Group:
     """Policies that differ only in their seed, and their scores on one plant.
 
     Attributes:
-        name: What they are called in tables.
-        folders: Where they lie.
+        name: Name in tables.
+        folders: Folders of the policies.
         policies: The policies.
-        scores: One a policy.
+        scores: Score of each policy.
     """
 
     name: str

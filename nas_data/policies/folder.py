@@ -1,4 +1,4 @@
-"""What a training leaves on disk: the policy, its learning curve, and the state to go on from; plain numbers only."""
+"""Files of a training: policy, learning curve, and the state for resuming; plain numbers only."""
 
 import csv
 import io
@@ -20,7 +20,7 @@ from nas_data.errors import CheckpointError
 from nas_data.policies.policy import CONFIG, MEAN, PROGRESS, VARIANCE, WEIGHTS
 
 STATE = "training.safetensors"
-PARTIAL = ".part"  # ends the name of a file that is being written
+PARTIAL = ".part"  # suffix of a file that is being written
 STATISTICS = ("observation", "return")
 WEIGHT_PREFIX, OPTIMISER_PREFIX = "policy.", "optimiser."
 
@@ -31,13 +31,13 @@ class Row:
 
     Attributes:
         frames: Control steps so far.
-        seconds: Wall time so far [s], interruptions left out.
+        seconds: Wall time so far [s], without interruptions.
         cpu_seconds: Processor time so far [s].
         episodes: Episodes that ended in this rollout.
         mean_return: Their mean return.
         success_rate: Share of them that reached the goal.
         mean_length: Their mean length in control steps.
-        diverged: How many of them ended because the simulation left all bounds.
+        diverged: Number of them that ended because the simulation diverged.
         action_std: Standard deviation of the exploring actions.
         divergence: Mean approximate Kullback-Leibler divergence of the update.
         value_loss: Mean squared error of the critic, in normalised returns.
@@ -63,7 +63,7 @@ def statistics(normalised: VecNormalize) -> tuple[RunningMeanStd, RunningMeanStd
 
 
 def write(path: Path, content: bytes) -> None:
-    """Write a file so that it appears whole or not at all."""
+    """Write a file atomically."""
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".{path.name}.{os.getpid()}{PARTIAL}")
     partial.write_bytes(content)
@@ -71,9 +71,9 @@ def write(path: Path, content: bytes) -> None:
 
 
 def is_vacant(folder: Path) -> bool:
-    """Whether a training may begin in a folder: a new one, or one whose first save was cut short.
+    """Return whether a training may begin in a folder: it is new, or its first save was interrupted.
 
-    The configuration is written last: without it what else is there belongs to no training that can be told.
+    The configuration is written last, so files without it belong to an interrupted save.
     """
     if not folder.exists():
         return True
@@ -82,7 +82,7 @@ def is_vacant(folder: Path) -> bool:
 
 
 def clear_half_saved(folder: Path) -> None:
-    """Remove what a first save that was cut short left behind."""
+    """Remove the files of an interrupted first save."""
     if folder.is_dir() and is_vacant(folder):
         for path in folder.iterdir():
             path.unlink()
@@ -91,7 +91,7 @@ def clear_half_saved(folder: Path) -> None:
 def save_policy(
     ppo: PPO, normalised: VecNormalize, progress: list[Row], config: Mapping[str, object], folder: Path
 ) -> None:
-    """Write the policy as it is now: weights and observation statistics, learning curve, configuration last."""
+    """Write the present policy: weights and observation statistics, learning curve, then the configuration."""
     tensors = {name: tensor.contiguous() for name, tensor in ppo.policy.state_dict().items()}
     observation, _ = statistics(normalised)
     tensors |= {MEAN: torch.from_numpy(observation.mean.copy()), VARIANCE: torch.from_numpy(observation.var.copy())}
@@ -106,7 +106,7 @@ def save_policy(
 
 
 def save_state(ppo: PPO, normalised: VecNormalize, progress: list[Row], folder: Path) -> None:
-    """Write what a training needs to go on, between two segments."""
+    """Write the state for resuming, between two segments."""
     tensors = {WEIGHT_PREFIX + name: tensor.contiguous() for name, tensor in ppo.policy.state_dict().items()}
     for number, memory in ppo.policy.optimizer.state_dict()["state"].items():
         tensors |= {f"{OPTIMISER_PREFIX}{number}.{key}": value.contiguous() for key, value in memory.items()}
@@ -119,7 +119,7 @@ def save_state(ppo: PPO, normalised: VecNormalize, progress: list[Row], folder: 
 
 
 def resume(ppo: PPO, normalised: VecNormalize, progress: list[Row], folder: Path) -> None:
-    """Go on from a folder's training state, in place; a folder without one changes nothing.
+    """Load a folder's training state in place; without one nothing changes.
 
     Raises:
         CheckpointError: the state is damaged.
@@ -144,12 +144,12 @@ def resume(ppo: PPO, normalised: VecNormalize, progress: list[Row], folder: Path
 
 
 def with_prefix(tensors: Mapping[str, torch.Tensor], prefix: str) -> dict[str, torch.Tensor]:
-    """Return the tensors whose name starts with a prefix, without it."""
+    """Return the tensors with a name prefix, by the rest of the name."""
     return {name.removeprefix(prefix): tensor for name, tensor in tensors.items() if name.startswith(prefix)}
 
 
 def restore_optimiser(optimiser: torch.optim.Optimizer, tensors: Mapping[str, torch.Tensor]) -> None:
-    """Fill an optimiser's memories from tensors named `<parameter>.<key>`."""
+    """Load an optimiser's state from tensors named `<parameter>.<key>`."""
     memories: dict[int, dict[str, torch.Tensor]] = {}
     for name, tensor in tensors.items():
         number, key = name.split(".")

@@ -1,4 +1,4 @@
-"""How sure a median over seeds is, called what it is: few seeds have a range, only more have an interval of 95 %."""
+"""Uncertainty of a median over seeds: the range for few seeds, a 95 % bootstrap interval for more."""
 
 from dataclasses import dataclass
 
@@ -7,12 +7,12 @@ import numpy as np
 LEVEL = 0.95  # of intervals by resampling
 ENDS = ((1 - LEVEL) / 2, (1 + LEVEL) / 2)
 RESAMPLES = 10_000  # of the bootstrap
-FEW = 5  # values up to which the bootstrap's interval of a median is nothing but their range
+FEW = 5  # largest number of values for which the bootstrap interval of a median is just their range
 
 
 @dataclass(frozen=True)
 class Interval:
-    """Where the median of all seeds lies, judged by a few.
+    """Interval of the median over seeds.
 
     Attributes:
         low: Lower end.
@@ -26,28 +26,28 @@ class Interval:
 
     @property
     def level(self) -> float:
-        """Chance that such an interval holds the median: exact for a range (binomial), nominal for a bootstrap."""
+        """Coverage probability: exact for a range (binomial), nominal for a bootstrap."""
         return 1 - 2 ** (1 - self.seeds) if self.seeds <= FEW else LEVEL
 
     @property
     def kind(self) -> str:
-        """What it is, for the head of a column."""
+        """Kind of interval, for a column heading."""
         return kind_of(self.seeds)
 
     def describe(self) -> dict[str, object]:
-        """Return it for JSON."""
+        """Return the interval for JSON."""
         return {"low": self.low, "high": self.high, "kind": self.kind, "level": self.level}
 
 
 def kind_of(seeds: int) -> str:
-    """Say what the interval of a median over seeds is."""
+    """Return a phrase for the interval of a median over seeds."""
     if seeds < FEW:
         return f"range of {seeds} seeds"
     return f"range of {seeds} seeds, {1 - 2 ** (1 - seeds):.0%}" if seeds == FEW else f"bootstrap, {LEVEL:.0%}"
 
 
 def bootstrap_of(seeds: int) -> str:
-    """Say what an interval by resampling seeds is: with few of them it holds the truth less often than its level."""
+    """Return a phrase for a bootstrap interval over seeds; with few seeds its coverage is below its level."""
     return f"bootstrap of {seeds} seeds" if seeds <= FEW else f"bootstrap, {LEVEL:.0%}"
 
 
@@ -60,7 +60,7 @@ def median_interval(values: np.ndarray) -> Interval:
 
 
 def median_text(values: np.ndarray) -> str:
-    """Return the median over seeds with its interval, which a single seed does not have."""
+    """Return the median over seeds, with its interval if there are several seeds."""
     if len(values) < 2:
         return f"{np.median(values):.2f}"
     found = median_interval(values)

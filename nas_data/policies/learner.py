@@ -1,4 +1,4 @@
-"""PPO as the paper trained it: what makes a training what it is, and the steps that it takes."""
+"""The paper's PPO: definition of a training, and its steps."""
 
 import math
 import sys
@@ -21,25 +21,25 @@ from nas_data.runs.code_hash import code_hash
 from nas_data.runs.environment_info import commit, versions
 from nas_data.simulators.base import Stepper
 
-TRAINED_BY = "nas_data.policies.ppo"  # it takes the steps of this module
+TRAINED_BY = "nas_data.policies.ppo"  # module that runs the steps of this one
 
 
 @dataclass(frozen=True)
 class Hyperparameters:
-    """The paper's PPO; 16 arms share one rollout of its robot experiments' length (4 processes of 2048 steps).
+    """Hyperparameters of the paper's PPO; 16 arms share a rollout of its robot experiments (4 processes × 2048 steps).
 
     Attributes:
         arms: Simulations stepped together.
         rollout: Frames between two updates, over all arms.
         minibatches: Parts of a rollout, one gradient step each.
         epochs: Passes over a rollout.
-        learning_rate: Adam's.
+        learning_rate: Learning rate of Adam.
         discount: γ.
         trace: λ of the advantage estimate.
         clip: Largest change of an action's probability ratio.
         entropy_weight: Weight of the entropy in the loss.
         value_weight: Weight of the value error in the loss.
-        gradient_norm: Longer gradients are cut to this.
+        gradient_norm: Largest norm of a gradient.
         hidden: Widths of the tanh layers, separate for actor and critic.
     """
 
@@ -59,13 +59,13 @@ class Hyperparameters:
 
 @dataclass(frozen=True)
 class PolicyTraining:
-    """What makes a training what it is; equal trainings give equal bits.
+    """Definition of a training; equal trainings give bit-equal policies.
 
     Attributes:
-        plant: Where the policy learns.
-        seed: Of weights, episodes and exploration.
-        frames: Control steps to learn from; rounded up to whole rollouts.
-        hyperparameters: PPO's.
+        plant: Dynamics on which the policy trains.
+        seed: Seed of weights, episodes and exploration.
+        frames: Control steps of the training, rounded up to whole rollouts.
+        hyperparameters: Hyperparameters of PPO.
     """
 
     plant: DynamicsSpec
@@ -79,7 +79,7 @@ class PolicyTraining:
         return math.ceil(self.frames / self.hyperparameters.rollout)
 
     def identity(self) -> dict[str, object]:
-        """Return what `config.json` records of it, the frames apart: two trainings are the same where this is."""
+        """Return the identity for `config.json`, without the frames; trainings with equal identities are the same."""
         return {
             "schema": 1,
             "kind": "ppo",
@@ -90,7 +90,7 @@ class PolicyTraining:
         }
 
     def circumstances(self) -> dict[str, object]:
-        """Return what `config.json` records beside the identity."""
+        """Return the entries of `config.json` that are not part of the identity."""
         return {
             "checkpoint": self.plant.checkpoint,
             "effects": self.plant.effects,
@@ -102,9 +102,9 @@ class PolicyTraining:
 class Learner:
     """A training in progress.
 
-    Training is cut into segments of a few rollouts. Each begins with fresh episodes and with random generators seeded
-    by its number alone, so that the state between two segments is the networks, the optimiser and the statistics, and
-    a training that goes on from there does the same as one that never stopped.
+    Training is divided into segments of a few rollouts. Each segment begins with new episodes and with random
+    generators seeded by its number. The state between two segments is therefore networks, optimiser and statistics, and
+    a resumed training equals an uninterrupted one.
     """
 
     SEGMENT = 10  # rollouts; under ten seconds of work is lost when a training is killed
@@ -113,8 +113,8 @@ class Learner:
         """Build networks and environment.
 
         Args:
-            training: What to train.
-            stepper: The plant's simulations, as many as there are arms.
+            training: The training.
+            stepper: The plant's simulations, one per arm.
         """
         p = training.hyperparameters
         self.training = training
@@ -125,14 +125,14 @@ class Learner:
 
     @property
     def done(self) -> int:
-        """Rollouts learned from."""
+        """Number of trained rollouts."""
         return len(self.progress)
 
     def advance(self) -> files.Row:
         """Collect one rollout and learn from it.
 
         Raises:
-            SimulationDiverged: what was learned is not finite.
+            SimulationDiverged: the weights are not finite.
         """
         if self.done % self.SEGMENT == 0:
             self._begin_segment()
@@ -173,7 +173,7 @@ class Learner:
 
 def new_ppo(environment: VecEnv, p: Hyperparameters, seed: int) -> PPO:
     """Return PPO that has learned nothing yet, silent and on one thread."""
-    torch.set_num_threads(1)  # the networks are too small to share, and the other cores have other seeds to train
+    torch.set_num_threads(1)  # the networks are too small for several threads; other cores train other seeds
     ppo = PPO(
         ActorCritic,
         environment,
@@ -200,5 +200,5 @@ def new_ppo(environment: VecEnv, p: Hyperparameters, seed: int) -> PPO:
 
 
 def mean(values: list[float]) -> float:
-    """Return the mean, NaN where there is nothing."""
+    """Return the mean; NaN for no values."""
     return float(np.mean(values)) if values else math.nan

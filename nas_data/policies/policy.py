@@ -1,4 +1,4 @@
-"""A trained policy as numbers: what a folder with `config.json` and `policy.safetensors` holds, without pickle."""
+"""A trained policy from `config.json` and `policy.safetensors`, without pickle."""
 
 import csv
 import json
@@ -17,7 +17,7 @@ CONFIG = "config.json"
 WEIGHTS = "policy.safetensors"
 PROGRESS = "progress.csv"
 
-HIDDEN = "mlp_extractor.policy_net."  # stable-baselines3's names for the actor: a number for each layer, and the output
+HIDDEN = "mlp_extractor.policy_net."  # prefix of the actor's layers in stable-baselines3
 OUTPUT = "action_net"
 MEAN, VARIANCE = "observation.mean", "observation.variance"
 EPSILON = 1e-8  # stable-baselines3's VecNormalize: keeps a constant observation finite
@@ -26,10 +26,10 @@ CLIP = 10.0  # the same: normalised observations beyond this are cut
 
 @dataclass(frozen=True)
 class Policy:
-    """The mean action of an actor with tanh layers, and the frozen statistics that its observations go through.
+    """A policy: mean actions of an actor with tanh layers, with frozen observation statistics.
 
     Attributes:
-        config: What and how it was trained, from `config.json`.
+        config: Settings of its training, from `config.json`.
         tensors: Weights of actor and critic under stable-baselines3's names, and the observation statistics.
     """
 
@@ -60,7 +60,7 @@ class Policy:
 
     @property
     def frames(self) -> int:
-        """Control steps that it learned from."""
+        """Control steps of its training."""
         return int(str(self.config.get("frames", 0)))
 
 
@@ -74,7 +74,7 @@ def read_config(folder: Path) -> dict[str, object]:
     """Read a policy's `config.json`.
 
     Raises:
-        CheckpointError: it is missing or no policy's.
+        CheckpointError: it is missing, or not that of a policy.
     """
     path = folder / CONFIG
     try:
@@ -90,7 +90,7 @@ def load_policy(folder: Path) -> Policy:
     """Read a policy.
 
     Raises:
-        CheckpointError: the folder holds none, or only part of one.
+        CheckpointError: the folder holds no policy, or an incomplete one.
     """
     config = read_config(folder)
     path = folder / WEIGHTS
@@ -108,10 +108,10 @@ def load_policy(folder: Path) -> Policy:
 
 
 def find_policies(path: Path) -> list[Path]:
-    """Return the policy folders at a path: itself, or those directly inside it (one a seed), sorted by number.
+    """Return the policy folders at a path: the path itself, or its subfolders (one per seed), sorted by number.
 
     Raises:
-        CheckpointError: there is none.
+        CheckpointError: there is no policy.
     """
     if (path / CONFIG).is_file():
         return [path]
@@ -122,7 +122,7 @@ def find_policies(path: Path) -> list[Path]:
 
 
 def read_progress(folder: Path) -> dict[str, np.ndarray]:
-    """Return a policy's learning curve: each column of `progress.csv`, one value a rollout.
+    """Return a policy's learning curve: the columns of `progress.csv`, one value per rollout.
 
     Raises:
         CheckpointError: the file is missing or damaged.

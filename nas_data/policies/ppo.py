@@ -1,4 +1,4 @@
-"""PPO in a folder, resumable: same seed, same bits, interrupted or not."""
+"""Resumable PPO training in a folder; equal seeds give bit-equal results, with or without interruption."""
 
 import sys
 import time
@@ -15,15 +15,15 @@ Report = Callable[[str], None]
 
 
 def train(training: PolicyTraining, folder: Path, report: Report | None = None, stepper: Stepper | None = None) -> Path:
-    """Train a policy, or go on with an unfinished training of the same policy.
+    """Train a policy, or resume an unfinished training.
 
-    Writes `config.json`, `policy.safetensors`, `progress.csv`, and what is needed to go on.
+    Writes `config.json`, `policy.safetensors`, `progress.csv`, and the state for resuming.
 
     Args:
-        training: What to train.
-        folder: Where it lies; new, or holding the same training with no more frames.
-        report: Told of each rollout in a sentence; where None, stderr, every two seconds.
-        stepper: Simulations to learn on, instead of the plant's own.
+        training: The training.
+        folder: Its folder: new, or with the same training and no more frames.
+        report: Called with a sentence after each rollout; None for stderr every two seconds.
+        stepper: Simulations to train on, instead of the plant's own.
 
     Returns:
         The folder.
@@ -58,7 +58,7 @@ def train_job(job: tuple[PolicyTraining, Path]) -> Path:
 
 
 def check_folder(folder: Path, training: PolicyTraining) -> None:
-    """Refuse a folder in which a training can neither be found nor go on.
+    """Refuse a folder that holds something else than this training.
 
     Raises:
         OutputExists: the folder holds something else.
@@ -67,7 +67,7 @@ def check_folder(folder: Path, training: PolicyTraining) -> None:
 
 
 def rollouts_in(folder: Path, training: PolicyTraining, identity: Mapping[str, object]) -> int:
-    """Return how many rollouts a folder's policy has learned from; 0 for a new folder.
+    """Return the number of trained rollouts of a folder's policy; 0 for a new folder.
 
     Raises:
         OutputExists: the folder holds something else.
@@ -95,7 +95,7 @@ def rollouts_in(folder: Path, training: PolicyTraining, identity: Mapping[str, o
 
 
 def sentence(row: files.Row, training: PolicyTraining) -> str:
-    """Say where a training stands."""
+    """Return a sentence on the progress of a training."""
     total = training.rollouts * training.hyperparameters.rollout
     rate = row.frames / row.seconds
     scored = f"return {row.mean_return:.2f}, success {row.success_rate:.0%}" if row.episodes else "no episode over yet"
@@ -111,7 +111,7 @@ def to_stderr(message: str) -> None:
 
 
 class Calm:
-    """A report that passes on no more than one sentence every few seconds."""
+    """A report that passes on at most one sentence every few seconds."""
 
     PAUSE = 2.0  # [s]
 
@@ -122,7 +122,7 @@ class Calm:
         self.next = 0.0
 
     def __call__(self, message: str) -> None:
-        """Report, or say nothing if something was said a moment ago."""
+        """Report a sentence, unless the last one is too recent."""
         if time.monotonic() >= self.next:
             self.next = time.monotonic() + self.pause
             self.report(message)

@@ -1,4 +1,4 @@
-"""How much of what is at stake a method wins: its share of the distance from the source's return to the expert's."""
+"""Relative score of a method: its share of the difference between the source's and the expert's returns."""
 
 from dataclasses import dataclass
 
@@ -6,16 +6,16 @@ import numpy as np
 
 from nas_data.policies.intervals import ENDS, bootstrap_of, resample_medians
 
-NOTHING = 1e-9  # part of the returns by which the expert must be better for something to be at stake
+NOTHING = 1e-9  # least relative advantage of the expert for which the score is defined
 
 
 @dataclass(frozen=True)
 class Share:
-    """Share of the distance from the source's return to the expert's.
+    """Share of the difference between the source's and the expert's returns.
 
     Attributes:
-        value: (median of method − median of source) / (median of expert − median of source); NaN where the expert
-            is no better than the source, so that nothing is at stake.
+        value: (median of method − median of source) / (median of expert − median of source); NaN if the
+            expert is not better than the source.
         low: Lower end of the bootstrap interval over seeds; see `bootstrap_of`.
         high: Upper end.
         at_stake: Median of expert − median of source, in return.
@@ -29,7 +29,7 @@ class Share:
     seeds: int
 
     def __str__(self) -> str:
-        """Return it in per cent, with its interval unless all resamples are alike, as those of a single seed are."""
+        """Return the share in per cent, with its interval unless all resamples are equal, as for a single seed."""
         if np.isnan(self.value):
             return "nothing at stake"
         if self.low == self.high:
@@ -43,14 +43,14 @@ class Share:
 
 
 def share(method: np.ndarray, source: np.ndarray, expert: np.ndarray) -> Share:
-    """Return the share of the distance from source to expert that a method closes.
+    """Return the relative score of a method between source and expert.
 
-    The interval resamples the seeds of all three; resamples in which the expert is no better than the source say
-    nothing and are left out.
+    The interval resamples the seeds of all three. Resamples in which the expert is not better than the source are
+    undefined and left out.
 
     Args:
         method: Return of each seed, shape (seeds,).
-        source: Returns of policies that learned in the source.
+        source: Returns of policies trained in the source, shape (seeds,).
         expert: Returns of policies that learned on the target.
     """
     start, end = float(np.median(source)), float(np.median(expert))
@@ -66,20 +66,20 @@ def share(method: np.ndarray, source: np.ndarray, expert: np.ndarray) -> Share:
 
 
 def share_heading(seeds: int) -> str:
-    """Return the heading of a column of shares, which says what their intervals over so many seeds are."""
+    """Return the heading of a column of shares, with the kind of their intervals."""
     return f"distance closed [{bootstrap_of(seeds)}]" if seeds > 1 else "distance closed"
 
 
 @dataclass(frozen=True)
 class Stake:
-    """How far the expert's return is above the source's, medians over seeds.
+    """Difference of the expert's and the source's returns, by medians over seeds.
 
     Attributes:
         value: Median of expert − median of source.
-        low: Lower end of its bootstrap interval over seeds; the value itself with a single seed.
+        low: Lower end of its bootstrap interval over seeds; equal to the value for a single seed.
         high: Upper end.
-        seeds: Number of seeds of either.
-        shown: Whether the whole interval lies above zero, so that there is something to win.
+        seeds: Number of seeds of each.
+        shown: Whether the whole interval is above zero.
     """
 
     value: float
@@ -89,7 +89,7 @@ class Stake:
     shown: bool
 
     def sentence(self) -> str | None:
-        """Say that nothing is at stake; None where something is."""
+        """Return a sentence if expert and source score the same; None otherwise."""
         if self.shown:
             return None
         return (
@@ -105,7 +105,7 @@ class Stake:
 
 
 def stake(source: np.ndarray, expert: np.ndarray) -> Stake:
-    """Return how far the expert is above the source.
+    """Return the difference of the expert's and the source's returns.
 
     Args:
         source: Return of each seed, shape (seeds,).

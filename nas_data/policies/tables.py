@@ -8,7 +8,7 @@ HEADERS = ("policy", "seeds", "return: median", "min … max", "mean ± sd", "su
 
 
 def group_row(group: Group) -> tuple[str, ...]:
-    """Return one row for policies that differ in their seed."""
+    """Return one table row for policies that differ only in their seed."""
     returns, success = summarise_spread(group.returns), summarise_spread(group.success_rates)
     return (
         group.name,
@@ -22,7 +22,7 @@ def group_row(group: Group) -> tuple[str, ...]:
 
 
 def policy_table(groups: Sequence[Group], baselines: Mapping[str, Returns]) -> str:
-    """Return groups, then what no learning gives, as aligned text."""
+    """Return groups, then untrained baselines, as aligned text."""
     rows = [group_row(group) for group in groups]
     rows += [
         (name, "", f"{score.mean_return:.2f}", "", "", f"{score.success_rate:.0%}", "")

@@ -1,4 +1,4 @@
-"""How far the policies of a study are, read from what the workers leave on disk, with the time left."""
+"""Progress of a study's trainings and remaining time, read from the files of the workers."""
 
 import threading
 import time
@@ -15,13 +15,13 @@ PAUSE = 10.0  # [s] between two lines of progress
 
 @contextmanager
 def watching(study: Study, folder: Path, report: Callable[[str], None], pause: float = PAUSE) -> Iterator[None]:
-    """Report every few seconds how much is learned, as long as it grows.
+    """Report the progress of training every few seconds.
 
     Args:
-        study: What is being trained.
-        folder: Where its runs lie.
-        report: Told a line at a time.
-        pause: Between two lines [s].
+        study: The study.
+        folder: Folder of its runs.
+        report: Called with each line.
+        pause: Time between two lines [s].
     """
     folders = [folder / method / f"seed{seed}" for method in study.trained for seed in study.seeds]
     over, total, first = threading.Event(), study.frames * len(folders), count_frames(folders)
@@ -46,12 +46,12 @@ def watching(study: Study, folder: Path, report: Callable[[str], None], pause: f
 
 
 def count_frames(folders: list[Path]) -> float:
-    """Return how many control steps policies have learned from, as far as they were written."""
+    """Return the number of trained control steps of all policies, as written so far."""
     return sum(frames_learned(folder) for folder in folders)
 
 
 def frames_learned(folder: Path) -> float:
-    """Return how many control steps a policy has learned from; 0 where it has not begun."""
+    """Return the number of trained control steps of a policy; 0 if it has not begun."""
     try:
         return float(read_progress(folder)["frames"][-1])
     except CheckpointError:
@@ -59,7 +59,7 @@ def frames_learned(folder: Path) -> float:
 
 
 def spoken(seconds: float) -> str:
-    """Return a length of time as people say it."""
+    """Return a duration as text."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

@@ -1,1 +1,1 @@
-"""Recorders: what turns a simulated target, a robot or a recorded log into a dataset."""
+"""Recorders: they turn a simulated target, a robot or a recorded log into a dataset."""

@@ -1,4 +1,4 @@
-"""The recording of an arm: each episode is on the disk before the next begins, and the arm is safe at the end."""
+"""Recording of an arm: each episode is saved before the next begins, and the arm is safe at the end."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from nas_data.dataset.incremental_writer import Growing
+from nas_data.dataset.incremental_writer import IncrementalWriter
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.errors import ArmError
 from nas_data.hardware.arms.base import Arm, Driver
@@ -16,23 +16,23 @@ from nas_data.recorders.arm_plan import MotionPlan
 from nas_data.recorders.arm_settings import Settings
 from nas_data.recorders.arm_tally import RecordingStats
 from nas_data.recorders.guarded import GuardedArm, Setup
+from nas_data.recorders.retry import TRANSIENT_ERRORS
 from nas_data.recorders.schedule import Clock
-from nas_data.recorders.tolerance import PASSING
 from nas_data.recorders.under_way import SAVING, describe_progress
 
 PLAN = "meta/plan.npz"
-TRIES = 3  # times that an episode is begun before it is given up, or taken with readings that were missed
+TRIES = 3  # attempts at an episode; the last one is kept with missed readings, and raises on a bus error
 
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """What is to be recorded, and how.
+    """A recording task.
 
     Attributes:
-        setup: The arm, and how it is to be moved.
+        setup: The arm and its motion settings.
         plan: Commands and first poses.
         hot: Temperature at which the arm pauses [°C].
-        provenance: Where the episodes come from, without what the arm says itself.
+        provenance: Origin of the episodes, without the description that the arm gives of itself.
     """
 
     setup: Setup
@@ -41,11 +41,11 @@ class Job:
     provenance: Provenance
 
 
-def look(driver: Driver) -> None:
-    """Find out whether an arm could be recorded; nothing moves.
+def check_arm(driver: Driver) -> None:
+    """Check that an arm can be recorded; nothing moves.
 
     Raises:
-        ArmError: says why not.
+        ArmError: the arm cannot be used, with the reason.
     """
     arm = driver.open(time.monotonic)
     try:
@@ -55,21 +55,21 @@ def look(driver: Driver) -> None:
 
 
 class RecordingJob:
-    """A job under way; a second one of the same plan goes on where the first stopped.
+    """A recording in progress; a later one with the same plan resumes it.
 
     Attributes:
-        growing: What is saved.
-        tally: What happened so far.
+        growing: The saved episodes.
+        tally: Statistics of the recording so far.
     """
 
-    def __init__(self, job: Job, growing: Growing, clock: Clock, say: Callable[[str], None]) -> None:
+    def __init__(self, job: Job, growing: IncrementalWriter, clock: Clock, say: Callable[[str], None]) -> None:
         """Prepare; nothing moves yet.
 
         Args:
-            job: What is to be recorded.
-            growing: Where.
-            clock: By which.
-            say: Told what a person should know at once.
+            job: The recording task.
+            growing: Dataset that receives the episodes.
+            clock: Clock of the control loop.
+            say: Called with messages for the user.
         """
         self.growing, self._job, self._clock, self._say = growing, job, clock, say
         known = read_provenance(growing.root) if growing.episodes else None
@@ -78,13 +78,13 @@ class RecordingJob:
         self._settings = Settings.of(known.target if known else None)
 
     def run(self, progress: Callable[[int, float], None]) -> None:
-        """Record what is not yet saved; leave the arm without torque, whatever happens.
+        """Record the missing episodes; always leave the arm without torque.
 
         Args:
-            progress: Told after each episode how many are saved, and the warmest servo [°C].
+            progress: Called after each episode with the number of saved ones and the highest temperature [°C].
 
         Raises:
-            ArmError: something is wrong with the arm; says how many episodes are saved, and where.
+            ArmError: the arm failed; the message says how many episodes are saved, and where.
         """
         guarded = GuardedArm(self._job.setup, self._clock)
         try:
@@ -96,8 +96,8 @@ class RecordingJob:
             self._say(self._saved())
             raise
         finally:
-            if guarded.doubt:
-                self._say(guarded.doubt)
+            if guarded.safety_warning:
+                self._say(guarded.safety_warning)
 
     def _record_all(self, guarded: GuardedArm, progress: Callable[[int, float], None]) -> None:
         poses = self._job.plan.poses
@@ -108,13 +108,13 @@ class RecordingJob:
         motion.approach(poses[-1])
 
     def _record(self, guarded: GuardedArm, motion: ArmMotion, number: int) -> ArmMotion:
-        """Record one episode and save it; return who moves the arm now."""
+        """Record and save one episode; return the arm's motion, which a restart replaces."""
         arm = guarded.arm
         for left in reversed(range(TRIES)):
             before = arm.retries
             try:
                 episode = self._play(motion, number)
-            except PASSING as error:
+            except TRANSIENT_ERRORS as error:
                 if not left:
                     raise
                 self._say(f"{error} Episode {number} is recorded anew.")
@@ -135,7 +135,7 @@ class RecordingJob:
         motion.approach(pose)
         if motion.vitals.temperature.max() >= self._job.hot:
             self._cool(motion, pose)
-        self._settings.note(number, motion.arm.registers())
+        self._settings.record(number, motion.arm.registers())
         return motion.play(self._job.plan.commands[number])
 
     def _cool(self, motion: ArmMotion, pose: np.ndarray) -> None:
@@ -145,15 +145,15 @@ class RecordingJob:
         motion.cool(pose, self._job.hot)
 
     def _again(self, guarded: GuardedArm, number: int) -> ArmMotion:
-        """Begin an episode anew with an arm whose line failed."""
+        """Take the arm again after a bus error, to repeat an episode."""
         guarded.recover()
         return guarded.take(self._job.plan.poses[number])
 
     def _save(self, guarded: GuardedArm, episode: ArmEpisode) -> None:
         job = self._job
-        guarded.promise(SAVING)
+        guarded.extend_deadline(SAVING)
         setup = job.setup
-        robot, slides = job.provenance.robot, setup.ways.slides
+        robot, slides = job.provenance.robot, setup.planner.slides
         dataset = to_dataset(episode, setup.driver.names, setup.rate, job.plan.task, robot, slides)
         plan = {PLAN: job.plan.to_bytes()} if not self.growing.episodes else {}
         self.growing.append(dataset, self._provenance(guarded.arm), plan)

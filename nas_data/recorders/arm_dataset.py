@@ -1,4 +1,4 @@
-"""Episodes of an arm as a dataset: what was read and sent, with flags on what came late or twice."""
+"""Conversion of an arm's episodes to a dataset; late and repeated readings are flagged."""
 
 from collections.abc import Collection, Sequence
 
@@ -30,19 +30,19 @@ def to_dataset(
     """Return one episode as a dataset.
 
     Args:
-        episode: What was read and sent.
+        episode: Readings and commands.
         joints: Names of the arm's joints.
         rate: Control rate [Hz].
-        task: What the episode does, in a word.
-        robot: The arm's kind.
-        slides: Joints that are slides.
+        task: Name of the task.
+        robot: Type of the arm.
+        slides: Names of the slide joints.
     """
     states = np.array([np.concatenate([reading.positions, reading.velocities]) for reading in episode.readings])
     times = np.array([reading.time for reading in episode.readings])
     loads = np.array([reading.loads for reading in episode.readings])
     columns = {
         STATE: states[:-1],
-        ACTION: episode.held(),
+        ACTION: episode.active_commands(),
         NEXT_STATE: states[1:],
         TIME: (times[:-1] - times[0])[:, None],
         LOAD: loads[:-1],
@@ -63,7 +63,7 @@ def to_dataset(
 
 
 def features_of(joints: Sequence[str], slides: Collection[str] = ()) -> dict[str, Feature]:
-    """Return the features of such a dataset."""
+    """Return the features of an arm's dataset."""
     return {
         STATE: state_feature(joints, slides),
         ACTION: position_feature(joints, slides),

@@ -1,4 +1,4 @@
-"""One arm in motion: slow ways to a pose, and episodes played and read on schedule."""
+"""Motion of one arm: slow paths to a pose, and episodes commanded and read at the control rate."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -8,21 +8,21 @@ import numpy as np
 
 from nas_data.dataset.timing import late_readings
 from nas_data.hardware.arms.base import Arm, Health, Reading
-from nas_data.recorders.arm_ways import Ways
+from nas_data.recorders.path_planner import PathPlanner
+from nas_data.recorders.retry import Retry
 from nas_data.recorders.schedule import Clock
-from nas_data.recorders.tolerance import Tolerance
 
-APPROACH = 0.6  # [rad/s] of a slow way
-SETTLE = 0.5  # [s] that a pose is held before what follows
-LEAD = 0.02  # [s] from the decision to begin to the first reading
-COOLING = 5.0  # [s] between two looks at an arm that cools
-COOL = 5.0  # [°C] below the limit at which it goes on
-LOOK = 10  # control steps between two looks at the supply and warmth of a servo, one after the other
+APPROACH = 0.6  # [rad/s] joint speed on a slow path
+SETTLE = 0.5  # [s] for which a pose is held after an approach
+LEAD = 0.02  # [s] between the start of an episode and its first reading
+COOLING = 5.0  # [s] between two temperature checks while the arm cools
+COOL = 5.0  # [°C] below the limit at which the recording continues
+LOOK = 10  # control steps between two checks of voltage and temperature; servos take turns
 
 
 @dataclass
 class Vitals:
-    """What was last heard of each servo's supply and warmth.
+    """Last known supply voltage and temperature of each servo.
 
     Attributes:
         voltage: [V], shape (n,).
@@ -35,15 +35,15 @@ class Vitals:
 
 @dataclass
 class ArmEpisode:
-    """What was read and sent in an episode of T steps.
+    """Readings and commands of an episode of T steps.
 
     Attributes:
-        due: When each reading should have been made [s].
-        readings: Before the first command and after each, T + 1.
-        commands: As they were sent [rad], T of shape (n,).
+        due: Scheduled time of each reading [s].
+        readings: One before the first command and one after each, T + 1.
+        commands: Commands as sent [rad], T of shape (n,).
         voltages: [V], T of shape (n,).
         temperatures: [°C], T of shape (n,).
-        unheard: Places of readings before which the line failed and was asked again.
+        unheard: Indices of readings that were repeated after a bus error.
     """
 
     due: list[float] = field(default_factory=list)
@@ -53,29 +53,29 @@ class ArmEpisode:
     temperatures: list[np.ndarray] = field(default_factory=list)
     unheard: set[int] = field(default_factory=set)
 
-    def held(self) -> np.ndarray:
-        """Return the commands that the servos held in each step [rad], shape (T, n).
+    def active_commands(self) -> np.ndarray:
+        """Return the commands that were active in each step [rad], shape (T, n).
 
-        Where they are read back, the reading after a command tells them: one that was lost on the line did not count.
+        If the servos report their goals, the reading after a command decides: a lost packet changes no goal.
         """
         after = [reading.goals for reading in self.readings[1:]]
         pairs = zip(self.commands, after, strict=True)
         return np.array([sent if goals is None else goals for sent, goals in pairs])
 
     def delays(self) -> np.ndarray:
-        """Return how long after its time each reading was made [s], shape (T + 1,)."""
+        """Return how late each reading was made [s], shape (T + 1,)."""
         return np.array([reading.time for reading in self.readings]) - np.array(self.due)
 
     def late(self, period: float) -> np.ndarray:
-        """Return which readings came late, shape (T + 1,); those that were asked for again did."""
+        """Return which readings were late, shape (T + 1,); repeated readings count as late."""
         return late_readings(self.delays(), period) | self._asked_again()
 
     def missed(self, period: float) -> np.ndarray:
-        """Return which readings came so late that their moment is lost, shape (T + 1,)."""
+        """Return which readings were late by more than a control period, shape (T + 1,)."""
         return (self.delays() > period) | self._asked_again()
 
     def repeated(self) -> np.ndarray:
-        """Return which readings are those before byte for byte although the arm moves, shape (T + 1,)."""
+        """Return which readings equal the previous one byte for byte while the arm moves, shape (T + 1,)."""
         again = [a.raw == b.raw and bool(b.velocities.any()) for a, b in pairwise(self.readings)]
         return np.array([False, *again])
 
@@ -88,10 +88,10 @@ class ArmMotion:
 
     Attributes:
         arm: The arm.
-        clock: By which it is moved.
+        clock: Clock of the control loop.
         period: Control period [s].
-        vitals: What was last heard of supply and warmth.
-        tolerance: How errors of the line that may pass are met; they are raised at once where nobody sets another.
+        vitals: Last known voltages and temperatures.
+        retry: Repeats transactions after transient bus errors; by default they are raised at once.
     """
 
     def __init__(
@@ -100,56 +100,62 @@ class ArmMotion:
         clock: Clock,
         period: float,
         largest_step: float,
-        ways: Ways,
-        alive: Callable[[float], None] = lambda _: None,
+        planner: PathPlanner,
+        extend_deadline: Callable[[float], None] = lambda _: None,
     ) -> None:
-        """Take an arm over.
+        """Take over an arm whose torque is on.
 
         Args:
             arm: The arm.
-            clock: By which it is moved.
+            clock: Clock of the control loop.
             period: Control period [s].
-            largest_step: By how much a command may differ from the one before [rad; at a slide times what stands for
-                a radian there].
-            ways: How it gets to a pose without touching anything.
-            alive: Told at every reading until when the next one comes [s from now].
+            largest_step: Largest difference between successive commands [rad]; slides scale it by `planner.radians`.
+            planner: Finds collision-free paths.
+            extend_deadline: Called at every reading with the time until the next one [s].
         """
         self.arm, self.clock, self.period = arm, clock, period
-        self._largest_step, self._ways, self._alive = largest_step * ways.radians, ways, alive
-        self.tolerance = Tolerance()
+        self._largest_step, self._planner, self._extend_deadline = (
+            largest_step * planner.radians,
+            planner,
+            extend_deadline,
+        )
+        self.retry = Retry()
         self._sent = arm.read().positions
         self._steps = 0
-        first = [arm.look_after(place) for place in range(len(arm.names))]
+        first = [arm.check_servo(index) for index in range(len(arm.names))]
         self.vitals = Vitals(
             np.array([health.voltage for health in first]), np.array([float(health.temperature) for health in first])
         )
 
     def approach(self, pose: np.ndarray) -> None:
-        """Go to a pose [rad], shape (n,), slowly and without touching anything, and hold it for a moment.
+        """Move slowly to a pose [rad], shape (n,), on a collision-free path, and hold it for half a second.
 
         Raises:
-            WayBlocked: there is no free way.
-            ArmError: something is wrong with the arm.
+            PathBlocked: no path is free.
+            ArmError: the arm failed.
         """
-        begin = self.tolerance.ask(self.arm.read).positions
-        corners = np.stack([begin, *self._ways.find(begin, pose)])
-        slow = [slowly(a, b, self.period, self._ways.radians) for a, b in pairwise(corners)]
+        begin = self.retry.call(self.arm.read).positions
+        corners = np.stack([begin, *self._planner.find(begin, pose)])
+        slow = [plan_slow_path(a, b, self.period, self._planner.radians) for a, b in pairwise(corners)]
         self.play(np.concatenate([*slow, np.repeat(pose[None], round(SETTLE / self.period), axis=0)]))
 
     def hold(self, pose: np.ndarray, seconds: float) -> None:
-        """Stay in a pose [rad], shape (n,), for a time [s]; raises as `approach` does."""
+        """Hold a pose [rad], shape (n,), for a time [s]; raises like `play`."""
         self.play(np.repeat(pose[None], max(1, round(seconds / self.period)), axis=0))
 
     def cool(self, pose: np.ndarray, hot: float) -> None:
-        """Rest in a pose [rad], shape (n,), until the warmest servo is well below a temperature [°C]."""
+        """Hold a pose [rad], shape (n,), until all servos are 5 °C below a temperature [°C]."""
         while self.vitals.temperature.max() > hot - COOL:
             self.hold(pose, COOLING)
 
     def play(self, commands: np.ndarray) -> ArmEpisode:
-        """Send commands [rad], shape (T, n), one a period, and read the arm before each and after the last.
+        """Send one command per period, and read the arm before each and after the last.
+
+        Args:
+            commands: Commands [rad], shape (T, n).
 
         Raises:
-            ArmError: something is wrong with the arm.
+            ArmError: the arm failed.
         """
         episode, start = ArmEpisode(), self.clock.now() + LEAD
         for number, wanted in enumerate(commands):
@@ -158,34 +164,40 @@ class ArmMotion:
         self.record_reading(episode, start + len(commands) * self.period)
         return episode
 
-    def promise(self, seconds: float) -> None:
-        """Tell the guard until when the next word comes [s from now].
+    def extend_deadline(self, seconds: float) -> None:
+        """Tell the watchdog that the next message comes within a time [s].
 
         Raises:
-            GuardLost: the guard is gone.
+            GuardLost: the watchdog process has ended.
         """
-        self._alive(seconds)
+        self._extend_deadline(seconds)
 
     def sense(self) -> Reading:
-        """Read the arm.
+        """Read the arm, and refuse servos in an error state.
 
         Raises:
-            ArmError: something is wrong with the arm.
+            ArmError: the arm failed.
         """
-        return self.tolerance.ask(self._sense)
+        return self.retry.call(self._sense)
 
     def send(self, wanted: np.ndarray) -> np.ndarray:
-        """Send a command [rad], shape (n,), no farther from the last than is allowed; return it as it was sent.
+        """Send a command, limited to the largest step, and check one servo now and then.
+
+        Args:
+            wanted: Command [rad], shape (n,).
+
+        Returns:
+            The command as sent [rad], shape (n,).
 
         Raises:
-            ArmError: something is wrong with the arm.
+            ArmError: the arm failed.
         """
         sent = self.command(wanted)
-        self._look_after()
+        self._check_next_servo()
         return sent
 
     def command(self, wanted: np.ndarray) -> np.ndarray:
-        """Send a command as `send` does, and look after nothing.
+        """Send a command as `send` does, without checking a servo.
 
         Raises:
             AdapterLost: the port is gone.
@@ -194,13 +206,13 @@ class ArmMotion:
         return self.arm.command(self._sent)
 
     def record_command(self, episode: ArmEpisode, wanted: np.ndarray) -> None:
-        """Send a command [rad], shape (n,), and add it and the vitals to an episode; raises as `send` does."""
+        """Send a command [rad], shape (n,); append it and the vitals to an episode. Raises like `send`."""
         episode.commands.append(self.send(wanted))
         episode.voltages.append(self.vitals.voltage.copy())
         episode.temperatures.append(self.vitals.temperature.copy())
 
     def record_reading(self, episode: ArmEpisode, due: float) -> Reading:
-        """Read the arm at a time [s] and add it to an episode; raises as `sense` does."""
+        """Read the arm at a time [s] and append the reading to an episode. Raises like `sense`."""
         self.clock.wait_until(due)
         reading = self.sense()
         episode.due.append(due)
@@ -208,34 +220,34 @@ class ArmMotion:
         return reading
 
     def _sense(self) -> Reading:
-        self._alive(self.period)
+        self._extend_deadline(self.period)
         reading = self.arm.read()
         self.arm.refuse_alerts(reading)
         return reading
 
-    def _health(self, place: int) -> Health:
-        self._alive(self.period)
-        return self.arm.look_after(place)
+    def _health(self, index: int) -> Health:
+        self._extend_deadline(self.period)
+        return self.arm.check_servo(index)
 
-    def _look_after(self) -> None:
-        """Read supply and warmth of the next servo, now and then."""
+    def _check_next_servo(self) -> None:
+        """Read voltage and temperature of the next servo every `LOOK` steps."""
         self._steps += 1
         turn, rest = divmod(self._steps, LOOK)
         if rest:
             return
-        place = turn % len(self.arm.names)
-        health = self.tolerance.ask(lambda: self._health(place))
-        self.vitals.voltage[place], self.vitals.temperature[place] = health.voltage, health.temperature
+        index = turn % len(self.arm.names)
+        health = self.retry.call(lambda: self._health(index))
+        self.vitals.voltage[index], self.vitals.temperature[index] = health.voltage, health.temperature
 
 
-def slowly(begin: np.ndarray, end: np.ndarray, period: float, radians: np.ndarray | float = 1.0) -> np.ndarray:
-    """Return the commands of a straight slow way between poses [rad; m], one a control period [s], shape (T, n).
+def plan_slow_path(begin: np.ndarray, end: np.ndarray, period: float, radians: np.ndarray | float = 1.0) -> np.ndarray:
+    """Return the commands of a slow straight line in joint space [rad; m], one per period, shape (T, n).
 
     Args:
-        begin: First pose, shape (n,).
-        end: Last pose, shape (n,).
+        begin: First pose [rad; m], shape (n,).
+        end: Last pose [rad; m], shape (n,).
         period: Control period [s].
-        radians: What stands for a radian at each joint, shape (n,).
+        radians: Joint travel that counts as one radian, shape (n,).
     """
     steps = max(1, int(np.ceil((np.abs(end - begin) / radians).max() / APPROACH / period)))
     return np.asarray(begin + np.arange(1, steps + 1)[:, None] / steps * (end - begin))

@@ -1,4 +1,4 @@
-"""What an arm is going to be told: commands that touch neither the arm itself nor the floor, drawn before it moves."""
+"""Collision-free commands of a recording, drawn and checked in simulation before the arm moves."""
 
 import hashlib
 import io
@@ -10,17 +10,17 @@ import numpy as np
 
 from nas_data.effects.base import Effect, make_effect
 from nas_data.errors import OptionError
-from nas_data.recorders.arm_ways import Ways
+from nas_data.recorders.path_planner import PathPlanner
 from nas_data.recorders.readings import Readings
 from nas_data.recorders.session import PlaybackProtocol, RecordingSession, Target
 from nas_data.robots.base import Robot
 from nas_data.simulators.contact import contact_counts
 from nas_data.simulators.mujoco import MujocoSimulator
 
-RETURN = 2.0  # [s] in which the arm goes back to where it began, and must not touch anything either
-LOOK = 0.03  # [s] between two looks at a motion
-FAR = 1_000_003  # step of the seed that nobody takes by hand
-ROUNDS = 50  # of draws, after which what is asked for is taken to be impossible
+RETURN = 2.0  # [s] simulated after each episode: the return to the first pose must be collision-free, too
+LOOK = 0.03  # [s] between two collision checks of a motion
+FAR = 1_000_003  # added to the seed for each new draw; too large to meet a seed that a user chose
+ROUNDS = 50  # draws after which the request counts as impossible
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,9 @@ class MotionPlan:
     Attributes:
         commands: [rad], shape (E, T, n).
         poses: First poses [rad], shape (E, n).
-        task: What every episode does, in a word.
-        replaced: Episodes that were drawn again because they would have touched something.
-        key: What it follows from; see `plan_key`.
+        task: Name of the task.
+        replaced: Number of episodes that were drawn again because of a collision.
+        key: Inputs of the plan; see `plan_key`.
     """
 
     commands: np.ndarray
@@ -42,7 +42,7 @@ class MotionPlan:
     key: str
 
     def to_bytes(self) -> bytes:
-        """Return the plan as it is stored with the recording."""
+        """Return the plan as the bytes of an NPZ file."""
         stream = io.BytesIO()
         task, key = np.array(self.task), np.array(self.key)
         np.savez_compressed(
@@ -52,14 +52,14 @@ class MotionPlan:
 
     @classmethod
     def from_bytes(cls, content: bytes) -> "MotionPlan":
-        """Read what `to_bytes` wrote."""
+        """Read a plan from the output of `to_bytes`."""
         stored = np.load(io.BytesIO(content))
         words = str(stored["task"]), int(stored["replaced"]), str(stored["key"])
         return cls(stored["commands"], stored["poses"], *words)
 
 
 def plan_key(robot: Robot, protocol: PlaybackProtocol, rate: float, speed: float) -> str:
-    """Return everything that a plan follows from, as one line: equal lines give equal plans."""
+    """Return all inputs of a plan as one line of JSON: equal lines give equal plans."""
     file = hashlib.sha256(protocol.file.read_bytes()).hexdigest() if protocol.file else None
     values = {**vars(protocol), "excitation": protocol.excitation.to_json(), "file": file, "rate": rate, "speed": speed}
     return json.dumps({**values, "model": robot.sha256}, sort_keys=True)
@@ -72,20 +72,20 @@ def draw_plan(
     speed: float,
     progress: Callable[[int, int], None] = lambda *_: None,
 ) -> MotionPlan:
-    """Draw episodes until as many as are asked for touch nothing; those of a file must do so as they are.
+    """Draw episodes until the requested number is collision-free; those of a file are only checked.
 
     Args:
-        robot: Model that tells what touches.
-        protocol: What is to be played.
+        robot: Model for the collision checks.
+        protocol: Commands to draw or read.
         rate: Control rate [Hz].
         speed: Speed limit of the servos [rad/s]; 0 for none.
-        progress: Told how many episodes there are, of how many.
+        progress: Called with the number of episodes found and the number requested.
 
     Raises:
-        OptionError: a file's episode touches something, or nothing else can be drawn.
+        OptionError: an episode of a file collides, its episodes differ in length, or too few free ones can be drawn.
     """
-    ways = Ways(robot)
-    simulator = MujocoSimulator(robot, 1 / rate, effects=_limits(robot, speed * ways.radians), threads=1)
+    planner = PathPlanner(robot)
+    simulator = MujocoSimulator(robot, 1 / rate, effects=_limits(robot, speed * planner.radians), threads=1)
     target = Target(robot, simulator, Readings(), rate)
     commands, poses, fates = list[np.ndarray](), list[np.ndarray](), list[bool]()
     for attempt in range(ROUNDS):
@@ -93,7 +93,7 @@ def draw_plan(
         wanted = protocol.episodes if protocol.file is None else len(session.commands)
         block = np.stack([_same_length(rows, session.commands[0]) for rows in session.commands])
         first = session.starts[:, : len(simulator.joints)]
-        free = free_of_contact(simulator, block, first, ways)
+        free = free_of_contact(simulator, block, first, planner)
         if protocol.file is not None and not free.all():
             raise OptionError(
                 f"{protocol.file}: in episode {int(np.argmin(free))} the arm would touch itself or the floor; "
@@ -118,14 +118,18 @@ def draw_plan(
     )
 
 
-def free_of_contact(simulator: MujocoSimulator, commands: np.ndarray, poses: np.ndarray, ways: Ways) -> np.ndarray:
-    """Return which episodes touch nothing on their way, on the way back, and on slow ways from and to rest, shape (E,).
+def free_of_contact(
+    simulator: MujocoSimulator, commands: np.ndarray, poses: np.ndarray, planner: PathPlanner
+) -> np.ndarray:
+    """Return which episodes are collision-free, shape (E,).
+
+    The return to the first pose and the slow paths from and to the rest pose count as well.
 
     Args:
-        simulator: The arm.
+        simulator: Simulation of the arm.
         commands: [rad], shape (E, T, n).
         poses: First poses [rad], shape (E, n).
-        ways: The arm's slow ways.
+        planner: Checks the slow paths.
     """
     n, steps = poses.shape[1], commands.shape[1]
     back = np.repeat(poses[:, None], round(RETURN / simulator.period), axis=1)
@@ -136,12 +140,12 @@ def free_of_contact(simulator: MujocoSimulator, commands: np.ndarray, poses: np.
     free = np.asarray((counts == 0).all(axis=1) & (contact_counts(simulator, poses) == 0))
     for episode in np.flatnonzero(free):
         last, first = path[episode, steps - 1], poses[episode]
-        free[episode] = ways.exists(last, ways.rest) and ways.exists(ways.rest, first)
+        free[episode] = planner.exists(last, planner.rest) and planner.exists(planner.rest, first)
     return free
 
 
 def _limits(robot: Robot, speeds: np.ndarray) -> list[Effect]:
-    """Return what makes the simulated servos as slow as the real ones are set [rad/s; m/s], shape (n,); 0 for none."""
+    """Return effects with the servos' speed limits [rad/s; m/s], shape (n,); 0 means none."""
     limits = zip(robot.joints, speeds.tolist(), strict=True)
     return [make_effect("speed_limit", joint, {"speed": speed}) for joint, speed in limits if speed]
 

@@ -1,4 +1,4 @@
-"""What happened while a recording was made: late, missed and repeated readings, warmth, pauses, what was done anew."""
+"""Statistics of a recording: late, missed and repeated readings, temperatures, pauses and repeated episodes."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -10,7 +10,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import TIME
 from nas_data.recorders.arm_dataset import LATE, REPEATED, TEMPERATURE, VOLTAGE
 
-SUSPICIOUS = 0.01  # share of repeated readings from which the servos' own rate is too low for the recorder's
+SUSPICIOUS = 0.01  # share of repeated readings above which the servos update more slowly than the control rate
 
 
 @dataclass
@@ -18,10 +18,10 @@ class RecordingStats:
     """Counts over all sittings of a recording.
 
     Attributes:
-        sittings: How often it was begun or gone on with.
-        missed: Readings whose moment was lost.
-        anew: Episodes that were recorded again, because a reading was missed or the line failed.
-        pauses: How often the arm had to cool.
+        sittings: Number of starts and resumes.
+        missed: Readings that were late by more than a control period.
+        anew: Episodes that were repeated after a missed reading or a bus error.
+        pauses: Number of pauses for cooling.
         retries: Readings that needed more than one attempt.
     """
 
@@ -40,7 +40,7 @@ class RecordingStats:
 
 
 def summary(dataset: Dataset, tally: RecordingStats) -> dict[str, object]:
-    """Return the numbers that say whether a recording can be trusted."""
+    """Return the quality figures of a recording: counts, shares, rate [Hz], longest step [s], [°C] and [V]."""
     times = dataset.columns[TIME][:, 0]
     steps = np.concatenate([np.diff(times[rows]) for rows in dataset.episodes()] or [np.array([])])
     late, repeated = (int(dataset.columns[key].sum()) for key in (LATE, REPEATED))
@@ -59,7 +59,7 @@ def summary(dataset: Dataset, tally: RecordingStats) -> dict[str, object]:
 
 
 def describe_stats(numbers: Mapping[str, object]) -> list[str]:
-    """Return the same in lines for people."""
+    """Return the quality figures as lines of text."""
     lines = [
         f"{numbers['late']} late readings ({_float(numbers, 'late_share'):.3%}), {numbers['repeated']} repeated, "
         f"{numbers['missed']} missed; {numbers['anew']} episodes recorded anew, {numbers['retries']} readings tried "

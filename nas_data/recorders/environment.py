@@ -1,4 +1,4 @@
-"""Episodes of an environment played in open loop: its own starts, and a signal in its action space."""
+"""Open-loop episodes of an environment: its own starts, and an excitation in its action space."""
 
 import numpy as np
 
@@ -9,14 +9,14 @@ from nas_data.excitations.base import Excitation
 def draw_actions(
     environment: str, excitation: Excitation, episodes: int, steps: int, rng: np.random.Generator
 ) -> list[np.ndarray]:
-    """Return the commands that a signal of actions gives.
+    """Draw the commands of an excitation in the action space.
 
     Args:
-        environment: Its name.
-        excitation: Signal, drawn within the whole action space.
+        environment: Name of the environment.
+        excitation: Signal, scaled to the whole action space.
         episodes: Number of episodes, E.
         steps: Control steps of each, T.
-        rng: Source of the signal.
+        rng: Source of randomness.
 
     Returns:
         Positions [rad] or torques [N·m] of each episode, shape (T, n).
@@ -27,7 +27,7 @@ def draw_actions(
 
 
 def draw_environment_starts(environment: str, episodes: int, rng: np.random.Generator) -> np.ndarray:
-    """Return first states, shape (E, 2n + m): positions [rad], velocities [rad/s], and those of objects."""
+    """Draw initial states, shape (E, 2n + m): positions [rad], velocities [rad/s], then states of objects."""
     task = find_task(environment)
     starts = [task.start(rng) for _ in range(episodes)]
     return np.stack([np.concatenate([start.state, start.objects]) for start in starts])

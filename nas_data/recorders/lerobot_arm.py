@@ -1,4 +1,4 @@
-"""An arm that LeRobot drives, as the recorder uses it: LeRobot's robot commands and sets up, its bus is read whole."""
+"""An arm driven by LeRobot: LeRobot configures and commands it, and all its servos are read in one transaction."""
 
 import time
 from collections.abc import Callable
@@ -12,11 +12,11 @@ from lerobot.utils.errors import DeviceNotConnectedError
 
 from nas_data.errors import ArmError, BadReply, ServoSilent
 from nas_data.hardware.arms.base import Health, Reading
-from nas_data.hardware.arms.line import ATTEMPTS, Line, Register, charge, report_lost_port
+from nas_data.hardware.arms.line import ATTEMPTS, Line, Register, guard_options, report_lost_port
 from nas_data.hardware.arms.port_errors import lost_port_error, refusal
 from nas_data.recorders.lerobot_checks import (
     VOLTAGE,
-    nobody,
+    no_answer_error,
     refuse_other_calibration,
     refuse_outside,
     refuse_strangers,
@@ -25,7 +25,7 @@ from nas_data.recorders.lerobot_checks import (
 from nas_data.recorders.lerobot_frame import Frame
 from nas_data.recorders.lerobot_servos import control_table, family_of, register_of, table_of, units_of
 
-VOLT = 0.1  # [V] a unit of both makers' voltages
+VOLT = 0.1  # [V] voltage unit of both makers
 FLEETING = ("Present_", "Goal_", "Moving", "Status", "Hardware_Error", "Realtime", "Registered", "Torque_Enable")
 
 
@@ -33,14 +33,14 @@ class LeRobotArm:
     """An arm on a port.
 
     Attributes:
-        robot: LeRobot's.
-        frame: How its servos and the model's joints go together.
-        kind: Its `--robot.type`, which several types share.
-        line: Its servos.
-        control: Their registers by LeRobot's names.
-        start: First byte of what is read of each every time.
-        end: What follows its last byte.
-        sequential: Whether they are read one by one, because they do not know sync read.
+        robot: LeRobot's robot object.
+        frame: Conversion between servo counts and joint positions.
+        kind: LeRobot's `--robot.type`.
+        line: The bus with its servos.
+        control: Registers by LeRobot's names.
+        start: Address of the first byte of a regular reading.
+        end: Address after the last byte of a regular reading.
+        sequential: Whether servos are read one by one, because they lack sync read.
         retries: Readings that needed more than one attempt.
     """
 
@@ -48,9 +48,9 @@ class LeRobotArm:
         """Open the port; nothing moves.
 
         Args:
-            robot: LeRobot's.
-            kind: Its `--robot.type`, which several types share.
-            frame: How its servos and the model's joints go together.
+            robot: LeRobot's robot object.
+            kind: LeRobot's `--robot.type`.
+            frame: Conversion between servo counts and joint positions.
             now: Clock that stamps the readings [s].
 
         Raises:
@@ -79,42 +79,48 @@ class LeRobotArm:
 
     @property
     def ids(self) -> tuple[int, ...]:
-        """Identities of the servos."""
+        """IDs of the servos."""
         return tuple(motor.id for motor in self.bus.motors.values())
 
     def check(self) -> None:
-        """Look at every servo, and refuse an arm that cannot be used.
+        """Check every servo; refuse an arm that cannot be used.
 
         Raises:
-            ArmError: nobody answers, a servo is missing, twice there, of another model, shut down; the supply is low;
-                a joint stands outside its limits.
-            OptionError: the servos hold another calibration than LeRobot's file.
+            ArmError: no servo answers; one is missing, has a duplicate ID, is of another model or has shut down; the
+                supply voltage is low; a joint is outside its limits.
+            OptionError: the servos' calibration differs from LeRobot's file.
         """
         refuse_strangers(self)
-        for place in range(len(self.names)):
-            self.look_after(place)
+        for index in range(len(self.names)):
+            self.check_servo(index)
         refuse_other_calibration(self)
         self.sequential = self._sync() is None and self._sync() is None
         refuse_outside(self, self.read().positions)
 
     def configure(self) -> None:
-        """Let LeRobot set the servos up, where they stand: it switches their torque on again itself.
+        """Let LeRobot configure the servos, after their goals are set to the present pose: it switches the torque on.
 
         Raises:
-            ArmError: a servo does not take it.
+            ArmError: a servo refuses a setting.
         """
         self.line.torque_off()
-        for identity, count in zip(self.ids, self.line.where(), strict=True):
+        for identity, count in zip(self.ids, self.line.read_position(), strict=True):
             self.line.write(identity, self.line.table.goal, int(count))
         self._through_lerobot(self.robot.configure)
 
     def torque_on(self) -> None:
-        """Switch the torque on where the arm stands; raises as `configure` does."""
-        self.line.stay(self.line.where())
+        """Switch the torque on with the present pose as the goal; raises like `configure`."""
+        self.line.hold(self.line.read_position())
         self._through_lerobot(self.bus.enable_torque)
 
     def command(self, positions: np.ndarray) -> np.ndarray:
-        """Send goals [rad; m], shape (n,), through LeRobot; return them as they were sent: whole counts, within limits.
+        """Send goals through LeRobot.
+
+        Args:
+            positions: Goals [rad; m], shape (n,).
+
+        Returns:
+            The goals as sent [rad; m], shape (n,): within the limits, in whole counts.
 
         Raises:
             AdapterLost: the port is gone.
@@ -122,16 +128,16 @@ class LeRobotArm:
         wanted = units_of(self.bus, self.frame.counts(positions))
         action = {f"{name}.pos": value for name, value in zip(self.names, wanted, strict=True)}
         sent: dict[str, float] = {}
-        self.line.port.is_using = False  # what an exchange that failed may have left
+        self.line.port.is_using = False  # a failed transaction may have left it set
         self._through_lerobot(lambda: sent.update(self.robot.send_action(action)))
         values = {motor.id: sent[f"{name}.pos"] for name, motor in self.bus.motors.items()}
         return self.frame.positions(np.array(list(self.bus._unnormalize(values).values())))
 
     def read(self) -> Reading:
-        """Read goal, position, speed and load of every servo in one exchange, or one by one where that fails.
+        """Read goal, position, speed and load of every servo in one transaction, or one by one if that fails.
 
         Raises:
-            ArmError: nobody answers, or a servo does not, after several attempts.
+            ArmError: a servo does not answer after several attempts.
         """
         began = self._now()
         answers = None if self.sequential else self._sync()
@@ -153,17 +159,17 @@ class LeRobotArm:
         )
 
     def refuse_alerts(self, reading: Reading) -> None:
-        """Say why a servo has shut down.
+        """Refuse an arm with a servo that has shut down.
 
         Raises:
-            ArmError: one has.
+            ArmError: a servo has shut down, with the reason.
         """
         for identity in reading.alerts:
-            self.look_after(self.ids.index(identity))
+            self.check_servo(self.ids.index(identity))
 
-    def look_after(self, place: int) -> Health:
-        """Read supply and warmth of the servo of one joint, and refuse it where it is unfit; raises as `check` does."""
-        identity = self.ids[place]
+    def check_servo(self, index: int) -> Health:
+        """Read voltage, temperature and errors of the servo of joint `index`; raises like `check` if it is unfit."""
+        identity = self.ids[index]
         errors = self.line.read(identity, self.control[self._family.errors])
         volts = self.line.read(identity, self.control[self._family.voltage]) * VOLT
         warmth = self.line.read(identity, self.control["Present_Temperature"])
@@ -173,7 +179,7 @@ class LeRobotArm:
         return health
 
     def registers(self) -> dict[str, dict[str, int]]:
-        """Read the settings of every servo, by joint and LeRobot's names; raises as `read` does."""
+        """Read the settings of every servo, by joint and LeRobot's register name; raises like `read`."""
         settings = {name: r for name, r in self.control.items() if not name.startswith(FLEETING)}
         length = max(register.address + register.size for register in settings.values())
         found = {}
@@ -182,13 +188,13 @@ class LeRobotArm:
             found[name] = {key.strip(): register.decode(memory) for key, register in settings.items()}
         return found
 
-    def where(self) -> np.ndarray:
-        """Return where the arm stands; see `Line.where`."""
-        return self.line.where()
+    def read_position(self) -> np.ndarray:
+        """Return the present position [counts], shape (n,); see `Line.read_position`."""
+        return self.line.read_position()
 
-    def stay(self, there: np.ndarray) -> None:
-        """Command the arm to stay there; see `Line.stay`."""
-        self.line.stay(there)
+    def hold(self, position: np.ndarray) -> None:
+        """Command a position [counts], shape (n,); see `Line.hold`."""
+        self.line.hold(position)
 
     def speed(self) -> float:
         """Return the speed of the fastest servo [rad/s]."""
@@ -198,16 +204,16 @@ class LeRobotArm:
         """Switch the torque off at once; see `Line.torque_off`."""
         self.line.torque_off()
 
-    def unsure(self) -> list[int]:
-        """Return the servos that do not confirm that their torque is off."""
-        return self.line.unsure()
+    def find_unconfirmed(self) -> list[int]:
+        """Return the IDs of servos that do not confirm that their torque is off."""
+        return self.line.find_unconfirmed()
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         self.line.close()
 
     def describe(self) -> dict[str, object]:
-        """Return what provenance records about the hardware."""
+        """Return the description of the hardware for provenance."""
         from importlib.metadata import version
 
         return {
@@ -224,11 +230,11 @@ class LeRobotArm:
         }
 
     def label(self, identity: int) -> str:
-        """Return what to call a servo."""
+        """Return a servo's name for messages: its ID and joint."""
         return f"Servo {identity} ({self.names[self.ids.index(identity)]})"
 
     def _stretch(self) -> tuple[int, int]:
-        """Return begin and end of what is read every time."""
+        """Return the address range of a regular reading."""
         table = self.line.table
         wanted = [table.goal, table.position, table.speed, self.control[self._family.load]]
         errors = self.control[self._family.errors]
@@ -243,23 +249,23 @@ class LeRobotArm:
             return [self.line.read_bytes(identity, self.start, self.end - self.start) for identity in self.ids]
         except ServoSilent:
             if all(self.line.ping(identity) is None for identity in self.ids):
-                raise nobody(self.bus.port) from None
+                raise no_answer_error(self.bus.port) from None
             raise
 
     def _column(self, register: Register) -> np.ndarray:
         return np.array([register.decode(answer, self.start) for answer in self._last], float)
 
     def _state(self, answer: bytes) -> bytes:
-        """Return what an answer says of the servo's motion, without the goal."""
+        """Return the bytes of a reply that measure the servo's state, without the goal."""
         return answer[self.line.table.position.address - self.start :]
 
     def _per_radian(self) -> np.ndarray:
-        """Return what the joints turn or slide with a radian of their servos, shape (n,)."""
+        """Return the joints' travel per radian of their servos [rad/rad; m/rad], shape (n,)."""
         turns = [self.bus.model_resolution_table[motor.model] for motor in self.bus.motors.values()]
         return np.asarray(self.frame.ticks * np.array(turns) / (2 * np.pi))
 
     def _patiently(self, exchange: Callable[..., object]) -> Callable[..., object]:
-        """Let LeRobot's line ask again where a servo is not heard: its classes ask once, sixty times in a row."""
+        """Wrap a bus function so that it is repeated when a servo does not answer: LeRobot tries only once."""
 
         def ask(*arguments: object, **options: object) -> object:
             for _ in range(ATTEMPTS - 1):
@@ -273,10 +279,10 @@ class LeRobotArm:
         return ask
 
     def _through_lerobot(self, do: Callable[[], object]) -> None:
-        """Do something that only LeRobot does, and say in our words what may go wrong.
+        """Call a function of LeRobot, and translate its errors.
 
         Raises:
-            BadReply: a servo did not answer it, or with an error.
+            BadReply: a servo did not answer, or answered with an error.
             AdapterLost: the port is gone.
         """
         with report_lost_port(self.bus.port):
@@ -288,21 +294,21 @@ class LeRobotArm:
             except (ConnectionError, RuntimeError) as error:
                 if isinstance(error, ArmError):
                     raise
-                for place in range(len(self.names)):  # a servo that shut down answers with an error
-                    self.look_after(place)
+                for index in range(len(self.names)):  # a servo that shut down answers with an error
+                    self.check_servo(index)
                 said = " ".join(str(error).split()).rstrip(".")
                 raise BadReply(f"LeRobot could not set a servo up or command it: {said}.") from None
 
 
 @dataclass(frozen=True, kw_only=True)
 class LeRobotDriver:
-    """The driver of an arm that LeRobot drives.
+    """Driver of an arm that LeRobot controls.
 
     Attributes:
-        robot: LeRobot's.
-        kind: Its `--robot.type`.
-        frame: How its servos and the model's joints go together.
-        speed: Speed that commands are limited to [rad/s]; 0 for none.
+        robot: LeRobot's robot object.
+        kind: LeRobot's `--robot.type`.
+        frame: Conversion between servo counts and joint positions.
+        speed: Speed limit of the commands [rad/s]; 0 for none.
     """
 
     robot: LeRobot
@@ -312,23 +318,23 @@ class LeRobotDriver:
 
     @property
     def bus(self) -> Any:
-        """LeRobot's line to the servos."""
+        """LeRobot's motor bus."""
         return self.robot.bus
 
     @property
     def port(self) -> str:
-        """Where it is."""
+        """Path of the port."""
         return str(self.bus.port)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of its joints."""
+        """Names of the joints."""
         return self.frame.names
 
     def open(self, now: Callable[[], float] = time.monotonic) -> LeRobotArm:
         """Open the port; see `LeRobotArm`."""
         return LeRobotArm(self.robot, self.kind, self.frame, now)
 
-    def charge(self) -> dict[str, object]:
-        """Return what a guard needs."""
-        return charge(table_of(self.bus), [motor.id for motor in self.bus.motors.values()], self.port)
+    def guard_options(self) -> dict[str, object]:
+        """Return the options with which the watchdog opens the arm."""
+        return guard_options(table_of(self.bus), [motor.id for motor in self.bus.motors.values()], self.port)

@@ -1,4 +1,4 @@
-"""Checks of an arm that LeRobot drives: its servos are there, fit, calibrated as the file says and within limits."""
+"""Checks of an arm driven by LeRobot: servos present and healthy, calibration equal to the file, joints in limits."""
 
 from typing import TYPE_CHECKING
 
@@ -23,29 +23,31 @@ from nas_data.joint_units import HINGE, joint_unit, radians_at
 if TYPE_CHECKING:
     from nas_data.recorders.lerobot_arm import LeRobotArm
 
-VOLTAGE, OVERHEAT, OVERLOAD = 1, 4, 32  # bits of both makers' hardware errors
-TRIES = 3  # looks for a servo, and for a second one of its identity; one answer may come late
+VOLTAGE, OVERHEAT, OVERLOAD = 1, 4, 32  # bits of the hardware error register, the same for both makers
+TRIES = 3  # attempts to find a servo, or a second one with the same ID; one reply may come late
 
 
 def find_servo(arm: "LeRobotArm", identity: int) -> int | None:
-    """Return the model number of a servo; None where it answers in none of several tries."""
+    """Return the model number of a servo; None if it does not answer in several attempts."""
     tries = (arm.line.ping(identity) for _ in range(TRIES))
     return next((model for model in tries if model is not None), None)
 
 
 def refuse_strangers(arm: "LeRobotArm") -> None:
-    """Refuse a line on which other servos are than LeRobot's class says.
+    """Refuse a bus whose servos differ from LeRobot's robot class.
 
     Raises:
-        NobodyAnswers, DuplicateId, ServoSilent, WrongModel: none answers, two answer as one, one is missing or of
-            another model.
+        NobodyAnswers: no servo answers.
+        DuplicateId: two servos have one ID.
+        ServoSilent: a servo is missing.
+        WrongModel: a servo is of another model.
     """
     found = {identity: find_servo(arm, identity) for identity in arm.ids}
     here = [identity for identity, model in found.items() if model is not None]
     if not here:
-        raise nobody(arm.bus.port)
+        raise no_answer_error(arm.bus.port)
     for identity in here:
-        heard = [arm.line.voices(identity, arm.start, arm.end - arm.start) for _ in range(TRIES)]
+        heard = [arm.line.count_replies(identity, arm.start, arm.end - arm.start) for _ in range(TRIES)]
         if 2 * sum(sound > 1 for sound, _ in heard) > TRIES or all(damaged and not sound for sound, damaged in heard):
             raise DuplicateId(
                 f"Two servos answer as {identity}; unplug all but one of them and give it its own identity "
@@ -67,10 +69,10 @@ def refuse_strangers(arm: "LeRobotArm") -> None:
 
 
 def refuse_other_calibration(arm: "LeRobotArm") -> None:
-    """Refuse servos that hold another calibration than LeRobot's file.
+    """Refuse servos whose calibration differs from LeRobot's file.
 
     Raises:
-        OptionError: says which register, and how to calibrate again.
+        OptionError: a register differs; the message says how to calibrate again.
     """
     for name, motor in arm.bus.motors.items():
         known = arm.bus.calibration[name]
@@ -87,16 +89,16 @@ def refuse_other_calibration(arm: "LeRobotArm") -> None:
 
 
 def refuse_outside(arm: "LeRobotArm", positions: np.ndarray) -> None:
-    """Refuse a joint that stands outside its calibrated range.
+    """Refuse positions [rad; m], shape (n,), outside the joints' limits.
 
     Raises:
-        OutsideLimits: one does.
+        OutsideLimits: a joint is outside.
     """
     frame = arm.frame
     margins = MARGIN * radians_at(arm.names, frame.slides, frame.high - frame.low)
-    for place, joint in enumerate(arm.names):
-        position, low, high = positions[place], frame.low[place], frame.high[place]
-        if not low - margins[place] <= position <= high + margins[place]:
+    for index, joint in enumerate(arm.names):
+        position, low, high = positions[index], frame.low[index], frame.high[index]
+        if not low - margins[index] <= position <= high + margins[index]:
             unit = joint_unit(joint, frame.slides)
             digits = 0 if unit is HINGE else 1
             raise OutsideLimits(
@@ -106,15 +108,15 @@ def refuse_outside(arm: "LeRobotArm", positions: np.ndarray) -> None:
 
 
 def refuse_unfit(name: str, health: Health, lowest: float) -> None:
-    """Refuse a servo that shut down.
+    """Refuse a servo that has shut down.
 
     Args:
-        name: What to call the servo.
-        health: What it says.
-        lowest: Voltage that it needs [V].
+        name: Name of the servo for messages.
+        health: Its voltage, temperature and errors.
+        lowest: Its lowest allowed voltage [V].
 
     Raises:
-        ServoHot, ServoOverloaded, SupplyLow: it did, for that reason.
+        ServoHot, ServoOverloaded, SupplyLow: it has shut down for this reason.
     """
     again = "then switch the supply off and on."
     if health.errors & OVERHEAT:
@@ -127,8 +129,8 @@ def refuse_unfit(name: str, health: Health, lowest: float) -> None:
         )
 
 
-def nobody(port: str) -> ArmError:
-    """Return what to raise where no servo answers."""
+def no_answer_error(port: str) -> ArmError:
+    """Return the error for a bus on which no servo answers."""
     return NobodyAnswers(
         f"No servo answers on {port}; switch the supply on, check the plug of the first servo, and that it is the "
         "arm's port (lerobot-find-port)."

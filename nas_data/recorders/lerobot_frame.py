@@ -1,4 +1,4 @@
-"""How a model's joints and LeRobot's motors go together: zero, sign and unit, told by LeRobot's calibration."""
+"""Conversion between LeRobot's motors and a model's joints: zero, sign and unit from LeRobot's calibration."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -23,12 +23,12 @@ class Frame:
     0 … 100 stands at its lowest position where it is at 0.
 
     Attributes:
-        names: Of the joints.
-        zeros: Counts where the joints are at zero.
-        ticks: Change of the joint with a count [rad; m], negative where it turns against its servo.
+        names: Names of the joints.
+        zeros: Counts at which the joints are at zero.
+        ticks: Joint travel per count [rad; m]; negative if the joint turns against its servo.
         low: Lowest positions that may be commanded [rad; m].
-        high: Highest positions [rad; m].
-        slides: Joints that are slides.
+        high: Highest positions that may be commanded [rad; m].
+        slides: Names of the slide joints.
     """
 
     names: tuple[str, ...]
@@ -54,17 +54,17 @@ def frame_of(
     reverse: Sequence[str] = (),
     zero: Mapping[str, float] | None = None,
 ) -> Frame:
-    """Return how a model and a calibrated arm go together.
+    """Return the frame of a calibrated arm.
 
     Args:
-        robot: The model; its joints carry the motors' names.
+        robot: The model; its joints have the motors' names.
         bus: The arm's motors.
-        calibration: Of each.
-        reverse: Joints that turn against what LeRobot takes for forwards.
-        zero: Where joints stand in the model when LeRobot says zero [rad; m].
+        calibration: Calibration of each motor.
+        reverse: Joints whose positive direction is opposite to LeRobot's.
+        zero: Joint positions in the model at LeRobot's zero [rad; m].
 
     Raises:
-        JointMismatch: the model lacks a motor's joint, or an option names a joint that is not there.
+        JointMismatch: the model lacks a motor's joint, or an option names an unknown joint.
     """
     names, zero = tuple(bus.motors), zero or {}
     for joint in (*reverse, *zero):
@@ -73,19 +73,19 @@ def frame_of(
     refuse_other_joints(robot, names)
     low, high, slides = model_limits(robot, names)
     zeros, ticks = np.empty(len(names)), np.empty(len(names))
-    for place, name in enumerate(names):
+    for index, name in enumerate(names):
         known, motor = calibration[name], bus.motors[name]
         turn = bus.model_resolution_table[motor.model]
         span = known.range_max - known.range_min
         backwards = bool(bus.apply_drive_mode and known.drive_mode) != (name in reverse)
-        unit = (high[place] - low[place]) / span if name in slides else 2 * math.pi / turn
-        ticks[place] = -unit if backwards else unit
+        unit = (high[index] - low[index]) / span if name in slides else 2 * math.pi / turn
+        ticks[index] = -unit if backwards else unit
         if motor.norm_mode is MotorNormMode.RANGE_0_100:
-            at, there = (known.range_max if backwards else known.range_min), low[place]
+            at, there = (known.range_max if backwards else known.range_min), low[index]
         else:
             at = (known.range_min + known.range_max) / 2
-            there = 0.0 if span >= turn - 1 else (low[place] + high[place]) / 2
-        zeros[place] = at - zero.get(name, there) / ticks[place]
+            there = 0.0 if span >= turn - 1 else (low[index] + high[index]) / 2
+        zeros[index] = at - zero.get(name, there) / ticks[index]
     ends = np.array([[calibration[name].range_min, calibration[name].range_max] for name in names]).T
     first, last = np.sort((ends - zeros) * ticks, axis=0)
     return Frame(names, zeros, ticks, np.maximum(low, first), np.minimum(high, last), slides)
@@ -103,7 +103,7 @@ def refuse_other_joints(robot: Robot, names: Sequence[str]) -> None:
     """Refuse a model that lacks the joint of a motor.
 
     Raises:
-        JointMismatch: it does.
+        JointMismatch: a joint is missing.
     """
     missing = [name for name in names if name not in robot.joints]
     if missing:
@@ -114,23 +114,23 @@ def refuse_other_joints(robot: Robot, names: Sequence[str]) -> None:
 
 
 def full_range(robot: Robot, names: Sequence[str], turn: int, offsets: Sequence[int]) -> dict[str, MotorCalibration]:
-    """Return the calibration that a sweep of every joint through the model's range leaves.
+    """Return the calibration that LeRobot would find by moving every joint through the model's range.
 
     Args:
         robot: The model.
-        names: Its joints.
-        turn: Counts of a turn.
-        offsets: Homing offsets of the servos.
+        names: Names of its joints.
+        turn: Counts per turn.
+        offsets: Homing offsets of the servos [counts].
 
     Raises:
         OptionError: a joint can turn farther than a servo counts.
     """
     low, high, slides = model_limits(robot, names)
     found = {}
-    for place, name in enumerate(names):
-        half = turn // 4 if name in slides else math.floor((high[place] - low[place]) / 2 / (2 * math.pi / turn))
+    for index, name in enumerate(names):
+        half = turn // 4 if name in slides else math.floor((high[index] - low[index]) / 2 / (2 * math.pi / turn))
         middle = (turn - 1) // 2
         if half > middle:
             raise OptionError(f"{name} turns farther in the model than a servo can; give it a range below a turn.")
-        found[name] = MotorCalibration(place + 1, 0, offsets[place], middle - half, middle + half)
+        found[name] = MotorCalibration(index + 1, 0, offsets[index], middle - half, middle + half)
     return found

@@ -1,4 +1,4 @@
-"""LeRobot's robots by their type and options, on a real port or on a virtual one."""
+"""LeRobot robots, made from their type and options, on a real or virtual port."""
 
 import contextlib
 import importlib
@@ -16,7 +16,7 @@ from lerobot.robots import Robot as LeRobot
 from lerobot.robots import RobotConfig, make_robot_from_config
 
 from nas_data.errors import OptionError, UnknownName
-from nas_data.hardware.virtual_bus.arm import Mounted
+from nas_data.hardware.virtual_bus.arm import MountedServo
 from nas_data.hardware.virtual_bus.options import Options
 from nas_data.hardware.virtual_bus.ports import VIRTUAL, port_of
 from nas_data.joint_units import radians_at
@@ -25,27 +25,27 @@ from nas_data.recorders.lerobot_frame import Frame, frame_of, full_range, refuse
 from nas_data.recorders.lerobot_servos import family_of
 from nas_data.robots.base import Robot
 
-ASIDE = 0.1  # [rad] from its rest as a hand left the virtual arm
-SPREAD, STEP = 1001, 317  # counts by which the virtual horns are off: a number of its own for every servo
+ASIDE = 0.1  # [rad] by which the virtual arm starts beside its rest pose
+SPREAD, STEP = 1001, 317  # [counts] homing offsets of the virtual servos: a different one for each
 
 
 @dataclass
-class Chosen:
-    """What draccus reads LeRobot's options into."""
+class ParsedOptions:
+    """Target type into which draccus parses LeRobot's options."""
 
     robot: RobotConfig
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wish:
-    """Which robot is meant.
+class RobotRequest:
+    """A robot that the user asks for.
 
     Attributes:
         kind: LeRobot's `--robot.type`.
-        options: Its other options, as LeRobot writes them without `--robot.`, by name.
-        model: The model that it is checked with.
-        reverse: Joints that turn against what LeRobot takes for forwards.
-        zero: Where joints stand in the model when LeRobot says zero [rad; m].
+        options: Its other options by name, without `--robot.`.
+        model: Model for the collision checks.
+        reverse: Joints whose positive direction is opposite to LeRobot's.
+        zero: Joint positions in the model at LeRobot's zero [rad; m].
     """
 
     kind: str
@@ -57,7 +57,7 @@ class Wish:
 
 @contextmanager
 def driver_of(
-    wish: Wish,
+    request: RobotRequest,
     port: str,
     effects: Sequence[str] = (),
     faults: Sequence[str] = (),
@@ -65,16 +65,16 @@ def driver_of(
     rate: float = 50.0,
     speed: float = 0.0,
 ) -> Iterator[LeRobotDriver]:
-    """Yield the driver of an arm on a port, or on a virtual one for as long as it is used.
+    """Yield the driver of an arm on a real port, or on a virtual one that lives as long as the context.
 
     Args:
-        wish: Which robot.
-        port: Its path, or `virtual`.
-        effects: What the virtual arm has and its model lacks.
-        faults: What goes wrong on it.
-        lockstep: Whether it moves and answers as fast as it can.
-        rate: Control rate [Hz], for lock-step.
-        speed: Speed that commands are limited to [rad/s]; 0 for none.
+        request: The robot.
+        port: Path of the port, or `virtual`.
+        effects: Effects of the virtual arm that its model lacks.
+        faults: Faults of the virtual arm.
+        lockstep: Whether the virtual arm runs as fast as it can instead of in real time.
+        rate: Control rate in lock-step [Hz].
+        speed: Speed limit of the commands [rad/s]; 0 for none.
 
     Raises:
         OptionError: LeRobot has no such robot or option, it is not calibrated, or nas cannot record it.
@@ -82,22 +82,22 @@ def driver_of(
     """
     if port != VIRTUAL:
         with port_of(port, effects, faults, lockstep) as path:
-            robot = make_robot(wish, path)
-            refuse_uncalibrated(robot, wish.kind, path)
-            yield LeRobotDriver(robot=robot, kind=wish.kind, frame=_frame(wish, robot), speed=speed)
+            robot = make_robot(request, path)
+            refuse_uncalibrated(robot, request.kind, path)
+            yield LeRobotDriver(robot=robot, kind=request.kind, frame=_frame(request, robot), speed=speed)
         return
     with tempfile.TemporaryDirectory() as folder:
-        options = {**wish.options, "calibration_dir": folder}
-        robot = make_robot(wish, VIRTUAL, options)
-        arm = virtual_arm(wish, robot, 1 / rate)
+        options = {**request.options, "calibration_dir": folder}
+        robot = make_robot(request, VIRTUAL, options)
+        arm = virtual_arm(request, robot, 1 / rate)
         with port_of(VIRTUAL, effects, faults, lockstep, arm) as path:
-            calibrated = make_robot(wish, path, options)
+            calibrated = make_robot(request, path, options)
             calibrated.calibration = calibrated.bus.calibration = robot.calibration
-            yield LeRobotDriver(robot=calibrated, kind=wish.kind, frame=_frame(wish, calibrated), speed=speed)
+            yield LeRobotDriver(robot=calibrated, kind=request.kind, frame=_frame(request, calibrated), speed=speed)
 
 
-def virtual_arm(wish: Wish, robot: LeRobot, period: float) -> Options:
-    """Calibrate a robot that does not exist, and return what makes it exist.
+def virtual_arm(request: RobotRequest, robot: LeRobot, period: float) -> Options:
+    """Calibrate a virtual robot, and return the options of its virtual bus.
 
     Raises:
         UnknownName: one of its motors cannot be simulated.
@@ -106,66 +106,67 @@ def virtual_arm(wish: Wish, robot: LeRobot, period: float) -> Options:
     bus = robot.bus
     names = tuple(bus.motors)
     turn = max(bus.model_resolution_table[motor.model] for motor in bus.motors.values())
-    offsets = [place * STEP % SPREAD - SPREAD // 2 for place in range(1, len(names) + 1)]
-    refuse_other_joints(wish.model, names)
-    known = full_range(wish.model, names, turn, offsets)
+    offsets = [index * STEP % SPREAD - SPREAD // 2 for index in range(1, len(names) + 1)]
+    refuse_other_joints(request.model, names)
+    known = full_range(request.model, names, turn, offsets)
     for name, motor in bus.motors.items():
         known[name].id = motor.id
     robot.calibration = bus.calibration = known
-    frame = _frame(wish, robot)
+    frame = _frame(request, robot)
     mounted = []
-    for place, (name, motor) in enumerate(bus.motors.items()):
+    for index, (name, motor) in enumerate(bus.motors.items()):
         calibration, size = known[name], bus.model_ctrl_table[motor.model]["Homing_Offset"][1]
         encoded = bus._encode_sign("Homing_Offset", {motor.id: calibration.homing_offset})[motor.id]
         counted = (
             1 if family_of(bus).sdk == "scservo_sdk" else -1
-        )  # a Feetech takes its offset off, a Dynamixel adds it
+        )  # Feetech subtracts the homing offset, Dynamixel adds it
         registers = {
             "homing_offset": encoded % 256**size,
             "lowest_position": calibration.range_min,
             "highest_position": calibration.range_max,
         }
-        zero = float(frame.zeros[place]) + counted * calibration.homing_offset
+        zero = float(frame.zeros[index]) + counted * calibration.homing_offset
         mounted.append(
-            Mounted(
+            MountedServo(
                 joint=name,
                 kind=motor.model.replace("-", "_"),
                 id=motor.id,
                 zero=zero,
-                sign=1 if frame.ticks[place] > 0 else -1,
+                sign=1 if frame.ticks[index] > 0 else -1,
                 registers=registers,
             )
         )
-    rest = dict(zip(wish.model.joints, wish.model.rest, strict=False))
+    rest = dict(zip(request.model.joints, request.model.rest, strict=False))
     aside = ASIDE * radians_at(names, frame.slides, frame.high - frame.low)
-    lying = np.clip(aside + [rest.get(name, 0.0) for name in names], frame.low, frame.high)
-    path = str(wish.model.mjcf.absolute())
-    return Options(model=path, mounted=tuple(mounted), lying=tuple(lying.tolist()), period=period)
+    pose = np.clip(aside + [rest.get(name, 0.0) for name in names], frame.low, frame.high)
+    path = str(request.model.mjcf.absolute())
+    return Options(model=path, mounted=tuple(mounted), lying=tuple(pose.tolist()), period=period)
 
 
-def make_robot(wish: Wish, port: str, options: Mapping[str, str] | None = None) -> LeRobot:
-    """Make LeRobot's robot; nothing is opened.
+def make_robot(request: RobotRequest, port: str, options: Mapping[str, str] | None = None) -> LeRobot:
+    """Create LeRobot's robot object; no port is opened.
 
     Raises:
         OptionError: LeRobot has no such robot or option, or nas cannot record it.
     """
-    _register(wish.kind)
-    if wish.kind not in RobotConfig.get_known_choices():
+    _register(request.kind)
+    if request.kind not in RobotConfig.get_known_choices():
         raise OptionError(
-            f"LeRobot has no robot '{wish.kind}'; give --robot.type, one of: "
+            f"LeRobot has no robot '{request.kind}'; give --robot.type, one of: "
             f"{', '.join(sorted(RobotConfig.get_known_choices()))}, so101_follower, so100_follower, koch_follower …."
         )
-    given = {**(wish.options if options is None else options), "port": port}
+    given = {**(request.options if options is None else options), "port": port}
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
-            arguments = [f"--robot.{name}={value}" for name, value in {"type": wish.kind, **given}.items()]
-            robot = make_robot_from_config(draccus.parse(config_class=Chosen, args=arguments).robot)
+            arguments = [f"--robot.{name}={value}" for name, value in {"type": request.kind, **given}.items()]
+            robot = make_robot_from_config(draccus.parse(config_class=ParsedOptions, args=arguments).robot)
     except SystemExit:
-        raise OptionError(f"LeRobot does not take these options of a {wish.kind}: {_last(said.getvalue())}.") from None
+        refused = _last(said.getvalue())
+        raise OptionError(f"LeRobot does not take these options of a {request.kind}: {refused}.") from None
     except (draccus.utils.DraccusException, ValueError, TypeError, ImportError) as error:
-        raise OptionError(f"LeRobot cannot make a {wish.kind}: {_last(str(error))}.") from None
-    _refuse_other_robots(wish, robot)
+        raise OptionError(f"LeRobot cannot make a {request.kind}: {_last(str(error))}.") from None
+    _refuse_other_robots(request, robot)
     return robot
 
 
@@ -173,7 +174,7 @@ def refuse_uncalibrated(robot: LeRobot, kind: str, port: str) -> None:
     """Refuse a robot that has no calibration.
 
     Raises:
-        OptionError: it has none, or one of another arm.
+        OptionError: it has none, or that of another arm.
     """
     names = set(robot.bus.motors)
     if set(robot.calibration) != names:
@@ -185,10 +186,10 @@ def refuse_uncalibrated(robot: LeRobot, kind: str, port: str) -> None:
 
 
 def default_model(kind: str, model: str | None) -> Robot:
-    """Return the model of a robot: the one that is given, or ours of its name.
+    """Return the given model, or the built-in one of a robot type.
 
     Raises:
-        OptionError: none is given, and we have none.
+        OptionError: no model is given, and there is no built-in one.
         ModelFileError: the file cannot be used as a model.
     """
     from nas_data.robots.base import find_robot
@@ -204,12 +205,12 @@ def default_model(kind: str, model: str | None) -> Robot:
         ) from None
 
 
-def _frame(wish: Wish, robot: LeRobot) -> Frame:
-    return frame_of(wish.model, robot.bus, robot.calibration, wish.reverse, wish.zero)
+def _frame(request: RobotRequest, robot: LeRobot) -> Frame:
+    return frame_of(request.model, robot.bus, robot.calibration, request.reverse, request.zero)
 
 
 def _register(kind: str) -> None:
-    """Import what tells LeRobot of a robot: its own package that names it, else the plug-ins that are installed."""
+    """Import the module that registers a robot type with LeRobot: one of its own, else the installed plug-ins."""
     for file in Path(lerobot.robots.__path__[0]).glob("*/config*.py"):
         if f'"{kind}"' in file.read_text(encoding="utf-8"):
             importlib.import_module(f"lerobot.robots.{file.parent.name}")
@@ -219,12 +220,12 @@ def _register(kind: str) -> None:
         register_third_party_plugins()
 
 
-def _refuse_other_robots(wish: Wish, robot: LeRobot) -> None:
-    """Refuse what is no arm on one serial line."""
+def _refuse_other_robots(request: RobotRequest, robot: LeRobot) -> None:
+    """Refuse a robot that is not an arm on one serial bus, or that has cameras."""
     bus = getattr(robot, "bus", None)
     if bus is None or not hasattr(bus, "model_ctrl_table"):
         raise OptionError(
-            f"A {wish.kind} is no arm on one line of Feetech or Dynamixel servos, such as so101_follower, "
+            f"A {request.kind} is no arm on one line of Feetech or Dynamixel servos, such as so101_follower, "
             "so100_follower, koch_follower; record it with lerobot-record and take it in with nas import."
         )
     if getattr(robot, "cameras", None):

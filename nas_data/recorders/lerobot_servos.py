@@ -1,4 +1,4 @@
-"""What LeRobot's lines of servos are and do not say themselves: registers with their signs, units, errors."""
+"""Properties of servo families that LeRobot's control tables leave out: signs, units and error registers."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,17 +13,17 @@ from nas_data.hardware.arms.line import Register, StopRegisters
 
 @dataclass(frozen=True)
 class Family:
-    """What LeRobot's control tables do not say of a maker's servos.
+    """A maker's servos.
 
     Attributes:
         sdk: Package of the SDK.
-        protocol: Version, as the SDK counts.
-        speed_unit: Of the speed [rad/s].
-        load: Register of the load.
-        load_unit: Share of the largest torque.
-        load_sign: Its sign bit; −1 for a two's complement.
-        voltage: Register of the supply.
-        errors: Register of the hardware errors.
+        protocol: Protocol version, as the SDK counts.
+        speed_unit: Unit of the speed register [rad/s].
+        load: Name of the load register.
+        load_unit: Unit of the load register, as a share of the largest torque.
+        load_sign: Sign bit of the load register; −1 for two's complement.
+        voltage: Name of the supply voltage register.
+        errors: Name of the hardware error register.
     """
 
     sdk: str
@@ -56,10 +56,10 @@ FAMILIES = {
 
 
 def family_of(bus: SerialMotorsBus) -> Family:
-    """Return whose servos are on a bus.
+    """Return the family of the servos on a bus.
 
     Raises:
-        OptionError: they are of none that is known.
+        OptionError: the family is not supported.
     """
     for kind in type(bus).__mro__:
         if kind.__name__ in FAMILIES:
@@ -68,9 +68,9 @@ def family_of(bus: SerialMotorsBus) -> Family:
 
 
 def control_table(bus: SerialMotorsBus) -> Mapping[str, tuple[int, int]]:
-    """Return the registers that all motors of a bus have in the same place, by LeRobot's names."""
+    """Return address and size of the registers that all motors of a bus share, by LeRobot's names."""
     tables = [bus.model_ctrl_table[motor.model] for motor in bus.motors.values()]
-    return {name: place for name, place in tables[0].items() if all(table.get(name) == place for table in tables)}
+    return {name: entry for name, entry in tables[0].items() if all(table.get(name) == entry for table in tables)}
 
 
 def register_of(bus: SerialMotorsBus, name: str) -> Register:
@@ -86,7 +86,7 @@ def register_of(bus: SerialMotorsBus, name: str) -> Register:
 
 
 def table_of(bus: SerialMotorsBus) -> StopRegisters:
-    """Return the registers by which an arm is stopped."""
+    """Return the registers that are needed to stop an arm."""
     family = family_of(bus)
     return StopRegisters(
         sdk=family.sdk,
@@ -101,7 +101,7 @@ def table_of(bus: SerialMotorsBus) -> StopRegisters:
 
 
 def units_of(bus: SerialMotorsBus, counts: np.ndarray) -> list[float]:
-    """Return what LeRobot has to be told so that it sends these counts: it drops what lies beyond the point."""
+    """Return the goals in LeRobot's units that make it send these counts, shape (n,); it truncates fractions."""
     wanted = []
     for (name, motor), count in zip(bus.motors.items(), counts.tolist(), strict=True):
         known = bus.calibration[name]

@@ -1,4 +1,4 @@
-"""Recorded logs of any robot as a dataset: read by a map, audited, aligned, spaced evenly where the map asks for it."""
+"""Import of recorded logs as a dataset: read by a map, audited, aligned, and resampled if the map asks for it."""
 
 import hashlib
 from collections.abc import Callable, Sequence
@@ -38,18 +38,18 @@ from nas_data.visible_files import visible
 
 MAP_ATTACHMENT = "meta/import_map.toml"
 VIDEOS = {".mp4", ".mkv"}
-REGISTER = "velocity"  # signal that keeps the register where velocities are derived
+REGISTER = "velocity"  # signal that keeps the measured velocities when the state has derived ones
 
 
 @dataclass(frozen=True)
 class Import:
-    """What came out of the logs.
+    """Result of an import.
 
     Attributes:
-        dataset: One episode a recording, in the contract's features.
-        provenance: Where it comes from, with the findings as notes.
-        attachments: The map as it was used.
-        findings: What the audits reported; warnings only.
+        dataset: One episode per recording, with the features of the dataset format.
+        provenance: Origin of the dataset, with the findings as notes.
+        attachments: Extra files by path: the map.
+        findings: Warnings of the audits.
     """
 
     dataset: Dataset
@@ -59,16 +59,16 @@ class Import:
 
 
 def import_logs(paths: Sequence[Path], mapping: Map, progress: Callable[[str], None] = lambda _: None) -> Import:
-    """Turn logs into a dataset.
+    """Import logs as a dataset.
 
     Args:
         paths: Logs, or folders of logs.
-        mapping: Where in a log things stand.
-        progress: Told the name of each log before it is read.
+        mapping: Map from a log to joints, commands and signals.
+        progress: Called with the number and name of each log before it is read.
 
     Raises:
-        LogError: a log cannot be read, or an audit refuses it; nothing is kept then.
-        MapError: the map names something that a log lacks.
+        LogError: a log cannot be read, or an audit reports an error.
+        MapError: the map names a column or topic that a log lacks.
     """
     recordings: list[Recording] = []
     findings: list[AuditFinding] = []
@@ -78,7 +78,7 @@ def import_logs(paths: Sequence[Path], mapping: Map, progress: Callable[[str], N
         for recording in read_log(log, mapping):
             findings += audit(recording, mapping)
             recordings.append(recording)
-    refuse(findings)
+    raise_audit_errors(findings)
     ready = [_finish(recording, mapping) for recording in recordings]
     dataset = _dataset(ready, mapping)
     return Import(
@@ -90,7 +90,7 @@ def import_logs(paths: Sequence[Path], mapping: Map, progress: Callable[[str], N
 
 
 def find_logs(paths: Sequence[Path], mapping: Map) -> list[Path]:
-    """Return the logs that the paths mean: files, folders of files, or folders that are one log each.
+    """Expand paths to logs: files, folders of files, or folders that are one log each.
 
     Raises:
         LogError: a path that does not exist, a folder without a log, or a log named twice.
@@ -123,11 +123,11 @@ def _expand(path: Path, mapping: Map) -> list[Path]:
     return logs
 
 
-def refuse(findings: Sequence[AuditFinding]) -> None:
-    """Raise where an audit found an error.
+def raise_audit_errors(findings: Sequence[AuditFinding]) -> None:
+    """Raise the errors among findings.
 
     Raises:
-        LogError: the first error, and how many more there are in which logs.
+        LogError: there are errors; the message has the first one, the number of others, and their logs.
     """
     errors = [finding for finding in findings if finding.error]
     if not errors:
@@ -141,22 +141,22 @@ def refuse(findings: Sequence[AuditFinding]) -> None:
 
 
 def _finish(recording: Recording, mapping: Map) -> Recording:
-    """Align, resample and give velocities as the map says."""
+    """Align, resample and derive velocities as the map says."""
     signals = dict(recording.signals)
     if mapping.derive_velocity and recording.velocities is not None:
         signals[REGISTER] = recording.velocities
-    whole = replace(recording, signals=signals).aligned(mapping.alignment)
+    whole = replace(recording, signals=signals).align(mapping.alignment)
     if mapping.resample:
         whole = resample(whole, mapping.resample)
     if len(whole) < ENOUGH - 1:
-        raise LogError(f"{recording.place} has {len(whole)} rows after resampling; at least {ENOUGH - 1} are needed.")
+        raise LogError(f"{recording.label} has {len(whole)} rows after resampling; at least {ENOUGH - 1} are needed.")
     if not mapping.derive_velocity:
         return whole
     return replace(whole, velocities=estimate_velocities(whole.positions, mapping.fps))
 
 
 def _dataset(recordings: Sequence[Recording], mapping: Map) -> Dataset:
-    """Put recordings of N rows into N−1 transitions each."""
+    """Convert recordings of N rows to N−1 transitions each."""
     kinds = mapping.command.conversion.kinds
     features = {
         STATE: state_feature(mapping.joints, mapping.slides),
@@ -184,7 +184,7 @@ def _dataset(recordings: Sequence[Recording], mapping: Map) -> Dataset:
 
 
 def _with_rest(dataset: Dataset, recordings: Sequence[Recording], mapping: Map) -> Dataset:
-    """Add what LeRobot's datasets hold beside states and commands: other vectors, and what is only carried along."""
+    """Add the other features of LeRobot datasets: vectors, and passed-through data such as videos."""
     sources = {file: read(resolve(Path(file))) for file in dict.fromkeys(recording.file for recording in recordings)}
     first, *others = sources.values()
     used = {STATE, ACTION, NEXT_STATE, SIM_STATE, TIME, *dataset.features}
@@ -197,7 +197,7 @@ def _with_rest(dataset: Dataset, recordings: Sequence[Recording], mapping: Map) 
             rows = [sources[recording.file].columns[key][recording.rows[1:]] for recording in recordings]
             dataset = dataset.with_column(f"next.{key}", first.features[key], np.concatenate(rows))
     if mapping.resample or mapping.fps != first.fps:
-        return dataset  # pictures lie in their files at the rate of the dataset
+        return dataset  # video frames are stored at the rate of the source
     carried = [
         source.carried and source.carried.take(np.concatenate([r.rows[:-1] for r in recordings if r.file == file]))
         for file, source in sources.items()
@@ -223,14 +223,14 @@ def _signal_feature(name: str, mapping: Map) -> Feature:
 
 
 def _task(recording: Recording, mapping: Map) -> str:
-    """Return what an episode does, in the map's words."""
+    """Return the task of an episode, from the map's template."""
     return mapping.task.format_map({"log": recording.log, **recording.constants})
 
 
 def _provenance(
     logs: Sequence[Path], recordings: Sequence[Recording], mapping: Map, findings: Sequence[AuditFinding]
 ) -> Provenance:
-    """Say which files the dataset comes from, how they were read, and what the audits noticed."""
+    """Return the source files, how they were read, and the audits' findings."""
     derived = {key: VELOCITIES_DERIVED for key in (STATE, NEXT_STATE) if mapping.derive_velocity}
     if mapping.resample:
         how = f"resampled from {mapping.rate:g} to {mapping.resample.rate:g} Hz ({mapping.resample.method})"
@@ -256,7 +256,7 @@ def _provenance(
 
 
 def _parent(log: Path) -> Parent:
-    """Return how provenance names a dataset of LeRobot's."""
+    """Return the provenance entry of a LeRobot dataset."""
     root = resolve(log)
     return parent_of(root, read(root))
 

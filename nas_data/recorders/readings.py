@@ -1,4 +1,4 @@
-"""What a robot's sensors report of its state."""
+"""Sensor model: noise and quantisation of a robot's reported state."""
 
 import math
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from nas_data.errors import OptionError
 
 @dataclass(frozen=True, kw_only=True)
 class Readings:
-    """How a robot's sensors show its state: noise, then rounding to the sensor's resolution.
+    """Sensor model: Gaussian noise, then rounding to the sensor's resolution.
 
     Attributes:
         noise: Standard deviation of the position noise [rad].
@@ -30,13 +30,13 @@ class Readings:
                 raise OptionError(f"{name.replace('_', ' ')} is {value}; it must be zero or more.")
 
     def of(self, states: np.ndarray, rng: np.random.Generator, joints: int | None = None) -> np.ndarray:
-        """Return what is reported for states.
+        """Return the reported states, of the same shape.
 
         Args:
-            states: Positions [rad] then velocities [rad/s], shape (…, 2n); those of objects may follow, which are
-                reported as they are.
+            states: Positions [rad] then velocities [rad/s], shape (…, 2n). States of objects may follow; they are
+                reported unchanged.
             rng: Source of the noise.
-            joints: n, where objects follow.
+            joints: Number of joints n; required if states of objects follow.
         """
         n = states.shape[-1] // 2 if joints is None else joints
         return np.concatenate(

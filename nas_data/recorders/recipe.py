@@ -1,4 +1,4 @@
-"""A recording recipe: random actions on an environment's target, brief, long, weak or smooth by episode."""
+"""Recording recipe: random actions on an environment's target, with duration, strength and smoothness by episode."""
 
 from dataclasses import dataclass, replace
 from itertools import cycle, islice
@@ -18,19 +18,19 @@ from nas_data.recorders.session import PlaybackProtocol, RecordingSession, Targe
 from nas_data.recorders.simulated import record, to_dataset
 from nas_data.simulators.engines import load_simulator
 
-EVERY = 4  # of how many episodes of a varied recipe one follows its holds
-BRIEFEST, WEAKEST = 2, 0.2  # control steps that a drawn action lasts at least, and least share of the range
-KINDS = 1  # stream of the kinds, beside those of actions, starts and noise
+EVERY = 4  # one episode in so many of a varied recipe follows `holds`
+BRIEFEST, WEAKEST = 2, 0.2  # least duration [control steps] and least share of the range of a drawn action
+KINDS = 1  # random stream of the kinds, apart from those of actions, starts and noise
 
 
 @dataclass(frozen=True)
 class CommandKind:
-    """How actions come in an episode.
+    """How the actions of an episode are drawn.
 
     Attributes:
-        every: Control steps that each lasts.
-        strength: Share of the actions' range that they are drawn from.
-        smooth: Whether they are joined by ramps, not held.
+        every: Duration of each action [control steps].
+        strength: Share of the action range that is used.
+        smooth: Whether actions are joined by ramps instead of held.
     """
 
     every: int
@@ -39,32 +39,31 @@ class CommandKind:
 
     @classmethod
     def draw(cls, rng: np.random.Generator, longest: int) -> "CommandKind":
-        """Draw how long (log-uniform), how strong and how smooth."""
+        """Draw duration (log-uniform, up to `longest` control steps), strength and smoothness."""
         every = round(float(np.exp(rng.uniform(np.log(BRIEFEST), np.log(longest)))))
         return cls(every, float(rng.uniform(WEAKEST, 1.0)), bool(rng.integers(2)))
 
     def signal(self) -> Excitation:
-        """Return what draws the actions."""
+        """Return the excitation that draws the actions."""
         return Ramps(every=self.every) if self.smooth else Babbling(every=self.every)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Recipe:
-    """Episodes that begin as an environment's do, objects placed, under uniformly random actions.
+    """Episodes with an environment's starts, objects included, under uniformly random actions.
 
     Attributes:
         environment: Its name.
-        dynamics: What the target is: one of the environment's dynamics.
+        dynamics: Name of the environment's dynamics that is the target.
         episodes: Number of episodes.
-        steps: Control steps of each.
-        holds: Control steps that an action is held, one number after the other episode by episode. Actions that are
-            held long move the arm far, as policies do; actions that are held briefly are what exploring policies try.
-        seed: Of actions, starts and noise.
-        varied: Control steps that an action lasts at most where it is drawn how long, how strong and how smooth: in
-            three of four episodes, which then do not follow `holds`; none where 0. Policies act in all these ways.
-            Those that pay for effort push weakly and for long, where friction and play do what they never do under
-            full torque, and a step of the command hides what a slow one meets.
-        engine: What computes the target's physics, `mujoco` or `bullet`.
+        steps: Control steps of each episode.
+        holds: Duration of an action [control steps]; the episodes take these values in turn. Long actions move the arm
+            far, as trained policies do. Short actions resemble exploration.
+        seed: Seed of actions, starts and noise.
+        varied: Longest action [control steps] in the three of four episodes that draw duration, strength and
+            smoothness; 0 for no such episodes. Policies with an effort cost push weakly and for long, where friction
+            and backlash matter most. Slow commands show behaviour that steps hide.
+        engine: Physics engine of the target, `mujoco` or `bullet`.
     """
 
     environment: str
@@ -77,7 +76,7 @@ class Recipe:
     engine: str = "mujoco"
 
     def target(self) -> Target:
-        """Return the environment's target with the sensors of its robot."""
+        """Return the environment's target with its robot's sensor resolution."""
         task = find_task(self.environment)
         robot, effects = task.body(self.dynamics)
         readings = Readings(quantum=robot.position_quantum, velocity_quantum=robot.velocity_quantum)
@@ -85,7 +84,7 @@ class Recipe:
         return Target(robot, simulator, readings, rate=1 / task.period)
 
     def kinds(self) -> list[CommandKind]:
-        """Return how actions come in each episode; the same, however many episodes follow."""
+        """Return the kind of actions of each episode. It does not depend on the number of episodes."""
         kinds = [CommandKind(hold) for hold in islice(cycle(self.holds), self.episodes)]
         if not self.varied:
             return kinds
@@ -94,7 +93,7 @@ class Recipe:
         return [kinds[k // EVERY] if k % EVERY == 0 else drawn[k] for k in range(self.episodes)]
 
     def session(self) -> RecordingSession:
-        """Draw actions and starts, from streams of their own."""
+        """Draw actions and starts, from separate random streams."""
         task = find_task(self.environment)
         command_rng, pose_rng, noise_rng = np.random.default_rng(self.seed).spawn(3)
         span = np.ones(task.action_space.shape[0])
@@ -114,7 +113,7 @@ class Recipe:
         return RecordingSession(self.target(), protocol, commands, starts, noise_rng)
 
     def record(self) -> tuple[Dataset, Provenance]:
-        """Play the session, and return the recording with where it comes from."""
+        """Play the session; return the recording and its provenance."""
         session = self.session()
         held = ", ".join(str(hold) for hold in self.holds)
         notes = f"Random actions of {self.environment}, held for {held} control steps in turn, episode by episode."

@@ -1,17 +1,17 @@
-"""When a control loop does what: an absolute schedule, so that a late step does not shift those after it."""
+"""Clocks of control loops. Loops wait for absolute times, so that a late step does not shift later ones."""
 
 import time
 from typing import Protocol
 
 
 class Clock(Protocol):
-    """What tells the time and waits."""
+    """Interface of a clock that tells the time and waits."""
 
     def now(self) -> float:
-        """Return the time [s]; it never goes back."""
+        """Return the monotonic time [s]."""
 
     def wait_until(self, when: float) -> None:
-        """Return at a time [s], or at once where it is past."""
+        """Wait until a time [s]; return at once if it is past."""
 
 
 class MonotonicClock:
@@ -27,7 +27,7 @@ class MonotonicClock:
 
 
 class SteppedClock:
-    """A clock that nobody waits for: it shows the time until which was waited last. For arms in lock-step."""
+    """A clock for arms in lock-step: waiting takes no time and sets the clock."""
 
     def __init__(self) -> None:
         self._time = 0.0
@@ -37,5 +37,5 @@ class SteppedClock:
         return self._time
 
     def wait_until(self, when: float) -> None:
-        """Move the hands."""
+        """Set the clock to a time [s], unless it is past."""
         self._time = max(self._time, when)

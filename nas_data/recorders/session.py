@@ -1,4 +1,4 @@
-"""What is recorded and how: a target, a protocol, and all that is drawn before the first command is sent."""
+"""Recording sessions in simulation: target, protocol, and everything drawn before the first command."""
 
 import hashlib
 from collections.abc import Sequence
@@ -17,13 +17,13 @@ from nas_data.robots.base import Robot
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.limits import command_limits, command_radians, excitable_limits
 
-SETTLE = 0.5  # [s] that the first pose is held before the recording starts
+SETTLE = 0.5  # [s] for which the first pose is held before the recording starts
 RESET_SHARE = 0.2  # part of each joint's range in which the paper's resets draw a pose
 
 
 @dataclass(frozen=True)
 class Target:
-    """What stands in for the robot.
+    """The simulated robot that is recorded.
 
     Attributes:
         robot: Model and constants.
@@ -42,14 +42,14 @@ class Target:
         return command_limits(self.robot.spec().compile(), self.simulator.joints, str(self.robot.mjcf))
 
     def describe(self, blind: bool) -> dict[str, object]:
-        """Return the target for provenance; blind leaves out its effects, which are to be found."""
+        """Return the target for provenance; `blind` omits its effects, which the reader shall find."""
         description = {**self.simulator.describe(), **vars(self.readings)}
         return {key: value for key, value in description.items() if not (blind and key == "effects")}
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlaybackProtocol:
-    """What is played.
+    """The commands and starts to play.
 
     Attributes:
         excitation: Command signal.
@@ -58,8 +58,8 @@ class PlaybackProtocol:
         seconds: Length of each [s].
         start: First pose, `rest` or `random` as in the paper's resets.
         seed: Seed of commands, poses and noise.
-        joints: Joints that the excitation moves, the others resting; all where empty.
-        environment: Environment whose starts and actions are played instead, episode by episode; none where empty.
+        joints: Joints that the excitation moves while the others rest; empty for all.
+        environment: Environment that supplies starts and actions instead; empty for none.
     """
 
     excitation: Excitation
@@ -80,12 +80,12 @@ def check_amount(episodes: int, seconds: float, longest: float) -> None:
     """Refuse episodes that cannot be recorded.
 
     Args:
-        episodes: How many.
+        episodes: Number of episodes.
         seconds: Length of each [s].
-        longest: What it may be at most [s].
+        longest: Largest allowed length [s].
 
     Raises:
-        OptionError: there is none, or they are too long.
+        OptionError: there are no episodes, or they are too long.
     """
     if episodes < 1 or not 0 < seconds <= longest:
         raise OptionError(
@@ -98,8 +98,8 @@ class RecordingSession:
     """Everything that was drawn before the first command is sent.
 
     Attributes:
-        target: What is recorded.
-        protocol: How.
+        target: The simulated robot.
+        protocol: Commands and starts to play.
         commands: Commands of each episode [rad or N·m], shape (T, n); T may differ.
         starts: First state of each episode, positions [rad] then velocities [rad/s] and objects, shape (E, 2n + m).
         rng: Source of the sensors' noise.
@@ -113,10 +113,10 @@ class RecordingSession:
 
     @classmethod
     def draw(cls, target: Target, protocol: PlaybackProtocol) -> "RecordingSession":
-        """Draw commands and poses, from streams of their own: more noise does not change the commands.
+        """Draw commands and poses, from separate random streams: noise does not change the commands.
 
         Raises:
-            LogError, JointMismatch, OptionError: the file of commands does not fit the robot.
+            LogError, JointMismatch, OptionError: the command file does not fit the robot.
         """
         command_rng, pose_rng, noise_rng = np.random.default_rng(protocol.seed).spawn(3)
         commands = [as_stored(rows) for rows in draw_commands(target, protocol, command_rng)]
@@ -125,16 +125,16 @@ class RecordingSession:
 
     @property
     def settled(self) -> float:
-        """How long [s] the first pose is held before the recording starts; an environment's episodes just begin."""
+        """Time for which the first pose is held before the recording [s]; 0 for an environment's episodes."""
         return 0.0 if self.protocol.environment else SETTLE
 
     @property
     def task(self) -> str:
-        """What every episode does, in a word."""
+        """Name of the task of every episode."""
         return self.protocol.file.stem if self.protocol.file else self.protocol.excitation.name()
 
     def provenance(self, blind: bool = False) -> Provenance:
-        """Return where the dataset comes from; blind leaves out the target's effects."""
+        """Return the provenance of the dataset; `blind` omits the target's effects."""
         file = self.protocol.file
         signal = (
             {"file": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest()}
@@ -156,7 +156,7 @@ class RecordingSession:
 
 
 def as_stored(commands: np.ndarray) -> np.ndarray:
-    """Round commands to single precision: what is played is then to the bit what the dataset says was played."""
+    """Round commands to single precision, so that the played and the stored commands are bit-equal."""
     return commands.astype(np.float32).astype(float)
 
 
@@ -184,7 +184,7 @@ def draw_commands(target: Target, protocol: PlaybackProtocol, rng: np.random.Gen
 
 
 def resting(target: Target, protocol: PlaybackProtocol) -> np.ndarray:
-    """Return which joints the excitation leaves at rest, shape (n,).
+    """Return the mask of joints that the excitation leaves at rest, shape (n,).
 
     Raises:
         JointMismatch: the protocol moves a joint that the robot lacks.
@@ -215,7 +215,7 @@ def draw_poses(target: Target, protocol: PlaybackProtocol, episodes: int, rng: n
     if protocol.start == "rest":
         return np.tile(target.robot.rest or np.zeros(len(joints)), (episodes, 1))
     low, high = target.limits()
-    # limits of torques and speeds are no poses: such joints start near zero
+    # Limits of torques and velocities are not positions: such joints start near zero.
     told = np.array([kind == POSITION for kind in target.simulator.kinds])
     low, high = np.where(told, low, -np.inf), np.where(told, high, np.inf)
     model = target.robot.spec().compile()

@@ -1,4 +1,4 @@
-"""Episodes recorded from a simulated target: what a robot with that body and those sensors would have reported."""
+"""Recording of episodes from a simulated target, through its sensor model."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -21,18 +21,18 @@ from nas_data.dataset.features import (
 from nas_data.recorders.session import RecordingSession
 from nas_data.simulators.base import Simulator
 
-BATCH = 5000  # control steps simulated between two reports of progress
+BATCH = 5000  # control steps simulated between two progress reports
 
 
 def record(session: RecordingSession, progress: Callable[[int], None] = lambda done: None) -> list[np.ndarray]:
     """Play a session's commands on its target and read the sensors.
 
-    Each episode starts after the target has been commanded to its first pose for half a second; a target that takes
-    torques or velocities starts in the pose, at rest. An environment's episodes begin where its own do.
+    Each episode starts after the target has held its first pose for half a second. A target with torque or velocity
+    commands starts at rest in the pose. An environment's episodes begin in its own start states.
 
     Args:
-        session: What to play on what.
-        progress: Told how many episodes are done.
+        session: Target, commands and starts.
+        progress: Called with the number of finished episodes.
 
     Returns:
         Readings of each episode before the first command and after each, shape (T + 1, 2n or 2n + m).
@@ -52,18 +52,18 @@ def record(session: RecordingSession, progress: Callable[[int], None] = lambda d
 
 
 def hold_last(commands: np.ndarray, steps: int) -> np.ndarray:
-    """Lengthen commands (T, n) to `steps` by repeating the last one."""
+    """Extend commands of shape (T, n) to `steps` rows by repeating the last one."""
     return np.concatenate([commands, np.repeat(commands[-1:], steps - len(commands), axis=0)])
 
 
 def play(simulator: Simulator, commands: np.ndarray, initial: np.ndarray, settle: float) -> np.ndarray:
-    """Play commands from first states.
+    """Play commands from initial states.
 
     Args:
         simulator: Target.
-        commands: What each joint is asked for, shape (B, T, n).
-        initial: Shape (B, 2n), or with objects (B, 2n + m).
-        settle: How long [s] a first pose is held before; not where a joint is commanded otherwise.
+        commands: Position [rad], velocity [rad/s] or torque [N·m] commands, shape (B, T, n).
+        initial: Initial states, shape (B, 2n), or with objects (B, 2n + m).
+        settle: Time for which the first pose is held before [s]; unused unless all joints take positions.
 
     Returns:
         True states before and after each command, shape (B, T + 1, 2n or 2n + m).
@@ -79,7 +79,7 @@ def to_dataset(session: RecordingSession, measured: Sequence[np.ndarray]) -> Dat
     """Return recorded episodes as a dataset.
 
     Args:
-        session: What was played on what.
+        session: The session that was played.
         measured: Readings of each episode, shape (T + 1, 2n), or with objects (T + 1, 2n + m).
     """
     simulator = session.target.simulator

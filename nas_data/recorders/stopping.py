@@ -1,4 +1,4 @@
-"""Requests to end a recording: whoever makes them, the arm is made safe first."""
+"""Stop signals during a recording: the arm is made safe first."""
 
 import signal
 from collections.abc import Iterator
@@ -6,10 +6,10 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def stoppable() -> Iterator[None]:
-    """Let every request to end (of the system, of a terminal that is closed) be what Ctrl-C is: the arm is made safe.
+def stop_on_signals() -> Iterator[None]:
+    """Raise KeyboardInterrupt for SIGINT, SIGTERM and SIGHUP inside the context, so that the arm is made safe.
 
-    Ctrl-C itself is among them, for a shell hands it down as ignored to what it runs in the background.
+    SIGINT needs a handler, too: shells start background processes with SIGINT ignored.
     """
 
     def stop(number: int, _: object) -> None:

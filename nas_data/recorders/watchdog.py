@@ -1,6 +1,6 @@
-"""A process that switches an arm's torque off when the one that moves it is gone, or hangs, without a word.
+"""Watchdog process: it switches an arm's torque off when the process that moves the arm dies or hangs.
 
-It knows nothing of simulators and datasets, so that it starts at once and needs little.
+It imports neither simulators nor datasets, so that it starts quickly and needs little memory.
 """
 
 import contextlib
@@ -17,32 +17,32 @@ from types import TracebackType
 
 from nas_data.errors import ArmError, GuardLost
 from nas_data.hardware.arms.base import Driver
-from nas_data.hardware.arms.safety import make_safe, open_charge
+from nas_data.hardware.arms.safety import make_safe, open_for_guard
 
 ALL_WELL = b"all is well"
-HANG = 1.0  # [s] beyond the time that was promised after which a process that says nothing is taken to hang
-PATIENCE = 2.0  # [s] in which the port of a process that died must become free
+HANG = 1.0  # [s] after its deadline at which a silent process counts as hung
+PATIENCE = 2.0  # [s] to wait for the port of a dead process to become free
 CHUNK = 4096
 DIED = "The recorder died"
 HUNG = f"The recorder hung for {HANG:g} s and was ended"
 
 
 class Watchdog:
-    """Guards an arm as long as this context is open; leaving it in an orderly way sends the guard home."""
+    """Runs the watchdog process of an arm; leaving this context in an orderly way ends it."""
 
     def __init__(self, driver: Driver) -> None:
-        """Start the guard of an arm; until the first promise it looks only for the end of this process."""
+        """Start the process. Until the first `extend_deadline` it only watches for the end of this process."""
         command = [sys.executable, "-m", "nas_data.recorders.watchdog"]
-        # a session of its own: Ctrl-C in the terminal is meant for the recorder, and must not take the guard along
+        # a new session: Ctrl-C in the terminal is for the recorder and must not end the watchdog
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, bufsize=0, start_new_session=True)
-        order = {"pid": os.getpid(), "port": driver.port, "charge": driver.charge(), "hang": HANG}
+        order = {"pid": os.getpid(), "port": driver.port, "charge": driver.guard_options(), "hang": HANG}
         self._tell(json.dumps(order).encode())
 
-    def promise(self, seconds: float) -> None:
-        """Say that all is well, and that the next word comes within a time [s]; a second later the guard acts.
+    def extend_deadline(self, seconds: float) -> None:
+        """Announce the next message within a time [s]. One second after that the watchdog stops the arm.
 
         Raises:
-            GuardLost: the guard is gone, and an arm must not be moved without it.
+            GuardLost: the watchdog has ended; the arm must not move without it.
         """
         try:
             self._tell(repr(float(seconds)).encode())
@@ -52,7 +52,7 @@ class Watchdog:
             ) from None
 
     def release(self) -> None:
-        """Say that the arm is safe."""
+        """Report that the arm is safe, and wait for the watchdog to end."""
         assert self._process.stdin is not None
         with contextlib.suppress(BrokenPipeError):
             self._tell(ALL_WELL)
@@ -73,27 +73,27 @@ class Watchdog:
 
 
 def guard() -> None:
-    """Listen to the input; where it ends or falls silent, make the arm safe."""
-    words = Words(0)
+    """Read messages from standard input; make the arm safe when they end or stop coming."""
+    words = LineReader(0)
     first = words.wait(math.inf)
     if not first:
         return
     options = json.loads(first[0])
     reason = watch(words, first[1:], options["hang"])
     if reason == HUNG:
-        end(options["pid"])
+        kill_recorder(options["pid"])
     if reason:
         print(f"nas: {rescue(options['port'], options['charge'], reason)}", file=sys.stderr)
 
 
-class Words:
-    """Lines from a descriptor, with a limit to the wait for them."""
+class LineReader:
+    """Reads lines from a file descriptor, with a timeout."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor, self._rest = descriptor, b""
 
     def wait(self, seconds: float) -> list[bytes] | None:
-        """Return the lines that come next, none where the input has ended; None where nothing comes in time [s]."""
+        """Return the next lines, [] at the end of the input, or None after a timeout [s]."""
         until = time.monotonic() + seconds
         while True:
             left = None if math.isinf(seconds) else max(0.0, until - time.monotonic())
@@ -105,13 +105,13 @@ class Words:
                 return lines
 
 
-def watch(words: Words, lines: list[bytes], hang: float = HANG) -> str:
-    """Return why the arm must be made safe, once it must; an empty word where the guard is sent home.
+def watch(words: LineReader, lines: list[bytes], hang: float = HANG) -> str:
+    """Watch the recorder, and return why the arm must be made safe; empty after an orderly end.
 
     Args:
-        words: What the recorder says: how long [s] until its next word.
-        lines: What it has said already.
-        hang: How much longer it may be silent [s].
+        words: Messages of the recorder, each the time until its next one [s].
+        lines: Messages that were already read.
+        hang: Grace period after the deadline [s].
     """
     seconds = math.inf
     while ALL_WELL not in lines:
@@ -123,19 +123,25 @@ def watch(words: Words, lines: list[bytes], hang: float = HANG) -> str:
     return ""
 
 
-def end(process: int) -> None:
-    """Kill the recorder that started this guard: only then is its port free."""
-    if os.getppid() == process:  # a number that was given to another process by now must not be hit
+def kill_recorder(process: int) -> None:
+    """Kill the recorder that started this watchdog: only then is its port free."""
+    if os.getppid() == process:  # the id may belong to another process by now
         with contextlib.suppress(ProcessLookupError):
             os.kill(process, signal.SIGKILL)
 
 
-def rescue(port: str, charge: Mapping[str, object], reason: str = DIED) -> str:
-    """Hold the arm that a driver charges its guard with, switch its torque off, and say what was done and why."""
+def rescue(port: str, options: Mapping[str, object], reason: str = DIED) -> str:
+    """Open the arm, hold it, and switch its torque off; return a sentence on what was done and why.
+
+    Args:
+        port: Path of the port, for the sentence.
+        options: Output of `Driver.guard_options`.
+        reason: Why the arm is stopped.
+    """
     until = time.monotonic() + PATIENCE
     while True:
         try:
-            arm = open_charge(charge)
+            arm = open_for_guard(options)
             break
         except ArmError as error:
             if time.monotonic() > until:

@@ -1,1 +1,1 @@
-"""Run long computations: stages that resume, worker processes, hashes of the code that decides a result."""
+"""Run long computations: stages that resume, worker processes, hashes of the code that determines a result."""

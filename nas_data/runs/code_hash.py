@@ -1,4 +1,4 @@
-"""A hash of the code that decides a result: what other code made is not mixed with it, nor told as the same."""
+"""A hash of the code that determines a result, so that results of different code are not mixed."""
 
 import ast
 import hashlib
@@ -15,24 +15,24 @@ APART = (
 )  # fmt: skip
 # Each of their functions imports what one option needs. Whoever asks for a hash names the options that are taken.
 CHOOSING = ("envs.loop.dynamics_spec", "simulators.engines")
-BLOCKS = ("body", "orelse", "handlers", "finalbody", "cases")  # parts of a statement that hold statements
+BLOCKS = ("body", "orelse", "handlers", "finalbody", "cases")  # fields of a statement that hold statements
 
 
 def code_hash(*modules: str) -> str:
-    """Return a hash of modules of this package and of all that they import, at their head or inside functions.
+    """Return a hash of modules of this package and of everything they import, at module level or inside functions.
 
     Comments, docstrings and layout do not count. Everything else does, names of private functions included.
 
-    Every import that is written out is followed, with three exceptions:
+    Every explicit import is followed, with three exceptions:
 
-    - Imports for type checkers alone.
-    - Modules that only store, refuse, show or tell: `APART`.
-    - Imports inside the functions of the modules `CHOOSING`. A plain source must not depend on φ or on another engine
-      only because the module that builds plants can build those, too. The caller names the options that are taken, as
+    - Imports for type checkers only.
+    - Modules that only store, check or display: `APART`.
+    - Imports inside functions of the modules `CHOOSING`. A plain source must not depend on φ or another engine just
+      because the module that builds plants supports them. The caller passes the modules of the chosen options, as
       `Plant.modules` does.
 
-    A plug-in that the registry finds by its name (an effect, an environment, a kind of model) is written out nowhere.
-    The caller names it, too.
+    Plug-ins that the registry finds by name (effects, environments, kinds of models) have no explicit import. The
+    caller passes them as well.
 
     Args:
         modules: Their full names, for example `nas_data.envs.pusher`.
@@ -54,7 +54,7 @@ def collect(*modules: str) -> dict[str, str]:
 
 @cache
 def analyse_module(module: str) -> tuple[str, tuple[str, ...]]:
-    """Return the hash of a module by itself, and the modules that it imports; as they were when first asked for."""
+    """Return the hash of a single module, and the modules that it imports; cached at the first call."""
     tree = ast.parse(source_of(module))
     chooses = module.removeprefix(f"{PACKAGE}.") in CHOOSING
     followed = statements(tree, deep=not chooses)
@@ -70,13 +70,13 @@ def source_of(module: str) -> str:
 
 
 def file_of(module: str) -> Path | None:
-    """Return a module's file; None where there is none."""
+    """Return a module's file; None if there is none."""
     place = ROOT.parent.joinpath(*module.split("."))
     return next((path for path in (place.with_suffix(".py"), place / "__init__.py") if path.is_file()), None)
 
 
 def meaning(node: object) -> str:
-    """Return code without comments, docstrings and layout, alike in all versions of Python that read it alike."""
+    """Return code as text without comments, docstrings and layout, independent of the Python version."""
     if isinstance(node, list):
         return ",".join([meaning(part) for part in node if not is_text(part)])
     if not isinstance(node, ast.AST):
@@ -90,16 +90,16 @@ def meaning(node: object) -> str:
 
 
 def is_text(node: object) -> bool:
-    """Whether a part of the code is a docstring, or another text that does nothing."""
+    """Return whether a part of the code is a docstring or another string statement."""
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
 
 
 def statements(node: ast.AST, deep: bool) -> Iterator[ast.stmt]:
-    """Yield the statements inside a part of the code, those for type checkers left out.
+    """Yield the statements inside a part of the code, without those for type checkers.
 
     Args:
         node: A module, a statement, or a branch of one.
-        deep: Whether those inside functions are wanted.
+        deep: Whether to include statements inside functions.
     """
     aside = isinstance(node, ast.If) and "TYPE_CHECKING" in (getattr(node.test, key, "") for key in ("id", "attr"))
     for block in BLOCKS[1:] if aside else BLOCKS:
@@ -111,7 +111,7 @@ def statements(node: ast.AST, deep: bool) -> Iterator[ast.stmt]:
 
 
 def imported_modules(statement: ast.stmt) -> Iterator[str]:
-    """Yield the modules of this package that a statement imports, those that decide no result left out."""
+    """Yield the modules of this package that a statement imports, except those in `APART`."""
     if isinstance(statement, ast.Import):
         names = [name.name for name in statement.names]
     elif isinstance(statement, ast.ImportFrom) and statement.module:
@@ -126,5 +126,5 @@ def imported_modules(statement: ast.stmt) -> Iterator[str]:
 
 
 def is_ours(module: str) -> bool:
-    """Whether a module is of this package."""
+    """Return whether a module belongs to this package."""
     return module.split(".")[0] == PACKAGE

@@ -1,4 +1,4 @@
-"""Jobs side by side: each a plain function of one value, in processes of one thread."""
+"""Parallel jobs: calls of one function with one argument each, in single-threaded processes."""
 
 import multiprocessing
 import os
@@ -14,7 +14,7 @@ from nas_data.errors import JobsFailed, NasError, WorkerLost
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 Pool = Callable[[int], Executor]
-"""Makes what runs a number of jobs at a time."""
+"""Creates an executor for a number of parallel jobs."""
 
 
 def run_jobs(
@@ -24,19 +24,19 @@ def run_jobs(
     after: Mapping[int, Collection[int]] | None = None,
     pool: Pool | None = None,
 ) -> Iterator[tuple[int, Result]]:
-    """Run jobs and yield each result with its job's number, as it comes; where one fails, the others go on.
+    """Run jobs, and yield each job's number and result as it finishes; the others continue if one fails.
 
     Args:
-        function: Importable by its name, as are its argument and result.
-        jobs: Arguments; of those that can be begun, the first is.
-        workers: Jobs at a time.
-        after: Numbers of the jobs that a job builds on, all before it in `jobs`; it is left out where one fails.
-        pool: What runs them; where None, processes of this machine, and with one worker this process.
+        function: Function; it, its argument and its result must be importable by name.
+        jobs: Arguments; the first runnable jobs start first.
+        workers: Number of parallel jobs.
+        after: Numbers of the earlier jobs that each job depends on; it is skipped if one of them fails.
+        pool: Creates the executor; None for local processes, or this process with one worker.
 
     Raises:
-        JobsFailed: several could not be done; says which, when all others are.
-        WorkerLost: the system ended a worker, mostly for want of memory.
-        Exception: the same of a single one, as it was raised there.
+        JobsFailed: several jobs failed; raised after all others have finished.
+        WorkerLost: the system killed a worker, usually for lack of memory.
+        Exception: the error of a single failed job.
     """
     failed: dict[int, Exception] = {}
     done = 0
@@ -46,7 +46,7 @@ def run_jobs(
             if isinstance(error, BrokenProcessPool):
                 raise error
             if isinstance(error, Exception):
-                failed[number] = error  # told below, when all that can be done is done
+                failed[number] = error  # raised below, after all other jobs
             else:
                 done += 1
                 yield number, future.result()
@@ -60,7 +60,7 @@ def run_jobs(
 
 
 def combine_errors(failed: dict[int, Exception], jobs: int, left_out: int = 0) -> Exception:
-    """Return one error for all jobs that failed; what is no user's mistake stays what it is."""
+    """Combine the errors of failed jobs; unexpected errors are returned unchanged."""
     errors = [failed[number] for number in sorted(failed)]
     strange = [error for error in errors if not isinstance(error, NasError)]
     if strange or len(errors) == 1:
@@ -77,7 +77,7 @@ def run_all(
     after: Mapping[int, Collection[int]],
     pool: Pool | None,
 ) -> Iterator[tuple[int, Future[Result]]]:
-    """Run jobs and yield the number of each as it ends, with what holds its result or its error."""
+    """Run jobs, and yield the number and future of each as it finishes."""
     done: set[int] = set()
     waiting = list(range(len(jobs)))
 
@@ -111,13 +111,13 @@ def run_all(
 
 
 def processes(workers: int) -> Executor:
-    """Return a pool of processes of one thread each."""
-    context = multiprocessing.get_context("spawn")  # a fork would inherit the locks of torch's and MuJoCo's threads
+    """Return a pool of single-threaded processes."""
+    context = multiprocessing.get_context("spawn")  # a fork would inherit locks of torch's and MuJoCo's threads
     return ProcessPoolExecutor(workers, mp_context=context, initializer=prepare_worker)
 
 
 def done_here(function: Callable[[Job], Result], job: Job) -> Future[Result]:
-    """Do a job in this process, and return what holds its result or its error."""
+    """Run a job in this process, and return its future."""
     future: Future[Result] = Future()
     try:
         future.set_result(function(job))
@@ -127,14 +127,14 @@ def done_here(function: Callable[[Job], Result], job: Job) -> Future[Result]:
 
 
 def prepare_worker() -> None:
-    """Give a worker one thread, and let it die at once when the person interrupts or the program is killed."""
+    """Limit a worker to one thread, and end it at an interrupt or when its parent dies."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     os.environ["OMP_NUM_THREADS"] = "1"
     threading.Thread(target=die_with_parent, daemon=True).start()
 
 
 def die_with_parent() -> None:
-    """End this process when the one that started it has ended, which an idle worker would not notice."""
+    """End this process when its parent has ended, which an idle worker would not notice."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

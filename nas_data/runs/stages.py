@@ -1,4 +1,4 @@
-"""Stages that are done once: what each found is kept in a file, and a later run reads it instead of working again."""
+"""Resumable stages: each result is stored in a file, and later runs read it instead of repeating the stage."""
 
 import json
 import os
@@ -16,16 +16,16 @@ from nas_data.whole_file import write_whole
 
 PLAN = "plan.json"
 STAGES = "stages"
-WIDTH, INDENT = 110, " " * 6  # of what people read while it runs
+WIDTH, INDENT = 110, " " * 6  # line width and indentation of progress messages
 
 Report = Callable[[str], None]
 
 
 class Described(Protocol):
-    """A plan that can say what its results depend on."""
+    """A plan that describes what its results depend on."""
 
     def describe(self) -> dict[str, object]:
-        """Return it for JSON: other plans give other descriptions."""
+        """Return the description for JSON; different plans have different descriptions."""
 
 
 Plan = TypeVar("Plan", bound=Described)
@@ -33,14 +33,14 @@ Plan = TypeVar("Plan", bound=Described)
 
 @dataclass(frozen=True)
 class Work(Generic[Plan]):
-    """What stages work on: a plan in a folder.
+    """A plan and its folder.
 
     Attributes:
-        plan: What is to be done, and how large.
-        folder: Where everything lies.
-        report: Told of progress, in lines for people.
-        name: What people call it.
-        threads: Threads that simulate; all cores where None.
+        plan: The plan.
+        folder: Folder of all results.
+        report: Called with lines of progress.
+        name: Name in messages.
+        threads: Simulation threads; None for all cores.
     """
 
     plan: Plan
@@ -52,12 +52,12 @@ class Work(Generic[Plan]):
 
 @dataclass(frozen=True)
 class StageResult:
-    """What a stage found.
+    """Result of a stage.
 
     Attributes:
-        said: Lines for people, told once.
-        data: For machines.
-        summary: What it comes to, in a line or two, told at the end of every run.
+        said: Lines of text, printed once.
+        data: Values for JSON.
+        summary: Summary of one or two lines, printed at the end of every run.
     """
 
     said: Sequence[str]
@@ -67,16 +67,16 @@ class StageResult:
 
 @dataclass(frozen=True)
 class Stage(Generic[Plan]):
-    """A part of the work.
+    """A stage.
 
     Attributes:
-        name: File in which what it found is kept.
-        title: What it is, in a few words.
-        does: What it does, in a sentence or two for newcomers.
-        work: Does it.
-        made: Paths in the folder without which it must be done again.
-        builds_on: Stages whose results it uses, and after which it must be done again; all before it where None.
-        code: Returns a hash of the code that decides its results; None where any code will do.
+        name: Name of its result file.
+        title: Title of a few words.
+        does: Explanation of one or two sentences.
+        work: Function that runs the stage.
+        made: Output paths in the folder; the stage is repeated if one is missing.
+        builds_on: Stages that it depends on; it is repeated after them. None for all earlier stages.
+        code: Returns a hash of the code that determines its results; None if the code does not matter.
     """
 
     name: str
@@ -95,13 +95,13 @@ class Done:
     Attributes:
         seconds: Wall time that it took [s].
         when: When it ended, UTC, ISO 8601.
-        load: Processes that wanted to run on the machine at its end, mean of a minute.
-        said: Lines for people.
-        data: For machines.
-        summary: What it comes to.
-        cpu_seconds: Processor time that it took, processes of its own included [s].
-        code: Hash of the code that did it.
-        commit: Commit of that code, where it is known.
+        load: One-minute load average of the machine at its end.
+        said: Lines of text.
+        data: Values for JSON.
+        summary: Summary.
+        cpu_seconds: Processor time, child processes included [s].
+        code: Hash of the code that ran it.
+        commit: Commit of that code; None if unknown.
     """
 
     seconds: float
@@ -116,10 +116,10 @@ class Done:
 
 
 def run_stages(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> dict[str, Done]:
-    """Do each stage that is not done yet, in order.
+    """Run the unfinished stages in order.
 
     Returns:
-        What each found.
+        Result of each stage.
 
     Raises:
         OutputExists: the folder holds something else, or the same work with another plan or by other code.
@@ -141,14 +141,14 @@ def run_stages(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> dict[str, Don
 
 
 def begin(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> set[str]:
-    """Take hold of the folder, and return the names of the stages that are to be done.
+    """Claim the folder, and return the names of the stages to run.
 
     Raises:
         OutputExists: the folder holds something else, or the same work with another plan or by other code.
     """
     claim(work)
     check_code(stages, work)
-    missing: set[str] = set()  # a stage that is done anew leaves those that build on it behind
+    missing: set[str] = set()  # a repeated stage makes the stages that depend on it outdated
     for stage in stages:
         behind = missing if stage.builds_on is None else missing & set(stage.builds_on)
         if behind or read_done(stage, work.folder) is None:
@@ -157,17 +157,17 @@ def begin(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> set[str]:
 
 
 def introduction(head: str, stage: Stage[Plan]) -> str:
-    """Return what is said of a stage when it begins."""
+    """Return the message for the start of a stage."""
     return "\n".join([head, textwrap.fill(stage.does, WIDTH, initial_indent=INDENT, subsequent_indent=INDENT)])
 
 
 def describe_kept(done: Done) -> str:
-    """Return what is said of a stage that an earlier run did."""
+    """Return the message for a stage that an earlier run finished."""
     return f"done before, in {done.seconds:.0f} s; kept"
 
 
 def claim(work: Work[Plan]) -> None:
-    """Make the folder this work's own.
+    """Claim the folder for this plan.
 
     Raises:
         OutputExists: it holds something else, or the same work with another plan.
@@ -192,10 +192,10 @@ def claim(work: Work[Plan]) -> None:
 
 
 def check_code(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> None:
-    """Refuse what other code did, before anything is built on it.
+    """Refuse results of other code.
 
     Raises:
-        OutputExists: other code did one of the stages.
+        OutputExists: other code ran one of the stages.
     """
     for stage in stages:
         done = read_done(stage, work.folder)
@@ -208,7 +208,7 @@ def check_code(stages: Sequence[Stage[Plan]], work: Work[Plan]) -> None:
 
 
 def do(stage: Stage[Plan], work: Work[Plan]) -> Done:
-    """Do a stage and keep what it found."""
+    """Run a stage and store its result."""
     began, cpu = time.monotonic(), cpu_seconds()
     code = "" if stage.code is None else stage.code(work.plan)
     found = stage.work(work)
@@ -228,12 +228,12 @@ def do(stage: Stage[Plan], work: Work[Plan]) -> Done:
 
 
 def cpu_seconds() -> float:
-    """Return the processor time of this process and of those that it started and that have ended [s]."""
+    """Return the processor time of this process and of its finished child processes [s]."""
     return sum(os.times()[:4])
 
 
 def read_done(stage: Stage[Plan], folder: Path) -> Done | None:
-    """Return what a stage found in an earlier run; None where it has to be done."""
+    """Return the stored result of a stage; None if the stage must be run."""
     if not all((folder / path).exists() for path in stage.made):
         return None
     try:
@@ -243,5 +243,5 @@ def read_done(stage: Stage[Plan], folder: Path) -> Done | None:
 
 
 def read_stage(name: str, folder: Path) -> Done:
-    """Return what a finished stage found; raises what reading its file does."""
+    """Return the result of a finished stage; raises errors of reading its file."""
     return Done(**json.loads((folder / STAGES / f"{name}.json").read_text(encoding="utf-8")))

@@ -1,4 +1,4 @@
-"""Stages side by side: each in a process of its own, as soon as those that it builds on are done."""
+"""Parallel stages: each runs in its own process as soon as its dependencies are finished."""
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -23,7 +23,7 @@ from nas_data.runs.stages import (
 
 @dataclass(frozen=True)
 class Part(Generic[Plan]):
-    """A stage to be done by a process of its own.
+    """A stage to run in its own process.
 
     Attributes:
         stage: Its name.
@@ -41,17 +41,17 @@ class Part(Generic[Plan]):
 def run_side_by_side(
     stages: Sequence[Stage[Plan]], work: Work[Plan], workers: int, do_one: Callable[[Part[Plan]], None]
 ) -> None:
-    """Do the stages that are not done yet, several at a time; of those that can be begun, the first is.
+    """Run the unfinished stages, several at a time, the first runnable ones first.
 
     Args:
-        stages: In an order in which they could be done one after the other.
-        work: What they work on.
-        workers: Processes.
-        do_one: Does a stage; importable by its name.
+        stages: Stages in a valid sequential order.
+        work: Plan and folder.
+        workers: Number of processes.
+        do_one: Function that runs a stage; importable by name.
 
     Raises:
         OutputExists: the folder holds something else, or the same work with another plan or by other code.
-        JobsFailed: several could not be done; all others are but those that build on them.
+        JobsFailed: several stages failed; all others are finished except those that depend on them.
     """
     missing = begin(stages, work)
     if len(missing) < 2:
@@ -66,7 +66,7 @@ def run_side_by_side(
 
 
 def prerequisites(stages: Sequence[Stage[Plan]]) -> Mapping[int, Sequence[int]]:
-    """Return for each stage by its place the places of those before it that it builds on."""
+    """Return the indices of the earlier stages that each stage depends on, by index."""
     return {
         place: [
             before
@@ -78,7 +78,7 @@ def prerequisites(stages: Sequence[Stage[Plan]]) -> Mapping[int, Sequence[int]]:
 
 
 def do_part(stage: Stage[Plan], part: Part[Plan]) -> None:
-    """Do a stage with one thread, and say on stderr what it is and what it found; its name is said with both."""
+    """Run a stage with one thread; print its title and result on stderr, each with its name."""
     work = Work(part.plan, part.folder, show, part.name, threads=1)
     work.report(introduction(stage.title, stage))
     done = do(stage, work)

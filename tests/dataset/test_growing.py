@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from support.dataset_samples import same, walks
 
-from nas_data.dataset.incremental_writer import Growing
+from nas_data.dataset.incremental_writer import IncrementalWriter
 from nas_data.dataset.provenance import Provenance
 from nas_data.dataset.read import read
 from nas_data.errors import DatasetInvalid, OutputExists
@@ -21,8 +21,8 @@ EPISODES = walks()
 TESTS = Path(__file__).parents[1]
 
 
-def grown(root: Path, count: int) -> Growing:
-    growing = Growing(root)
+def grown(root: Path, count: int) -> IncrementalWriter:
+    growing = IncrementalWriter(root)
     for number in range(growing.episodes, count):
         growing.append(EPISODES.select([number]), SIMULATED)
     return growing
@@ -36,7 +36,7 @@ def test_what_is_saved_is_read(tmp_path):
 
 
 def test_several_episodes_are_saved_together(tmp_path, monkeypatch):
-    growing = Growing(tmp_path / "rec")
+    growing = IncrementalWriter(tmp_path / "rec")
     for first, last in ((0, 2), (2, 3), (3, 4), (0, 3)):
         growing.append(EPISODES.select(range(first, last)), SIMULATED)
     whole = EPISODES.select([0, 1, 2, 3, 0, 1, 2])
@@ -74,7 +74,7 @@ def test_what_a_killed_writer_left_is_removed(tmp_path):
 def test_something_else_is_not_touched(tmp_path):
     (tmp_path / "rec").mkdir()
     with pytest.raises(OutputExists):
-        Growing(tmp_path / "rec")
+        IncrementalWriter(tmp_path / "rec")
 
 
 def test_an_episode_of_other_features_is_refused(tmp_path):
@@ -97,10 +97,10 @@ import sys
 sys.path.insert(0, sys.argv[2])
 from pathlib import Path
 from support.dataset_samples import walks
-from nas_data.dataset.incremental_writer import Growing
+from nas_data.dataset.incremental_writer import IncrementalWriter
 from nas_data.dataset.provenance import Provenance
 EPISODES, SIMULATED = walks(), Provenance(how="hardware", robot="ergojr")
-growing = Growing(Path(sys.argv[1]))
+growing = IncrementalWriter(Path(sys.argv[1]))
 print("ready", flush=True)
 while True:
     growing.append(EPISODES.select([growing.episodes % 4]), SIMULATED)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nas_data.hardware.virtual_bus.arm import Mounted, VirtualArm
+from nas_data.hardware.virtual_bus.arm import MountedServo, VirtualArm
 from nas_data.hardware.virtual_bus.chain import ServoChain
 from nas_data.hardware.virtual_bus.feetech_packet import FeetechPacket, FeetechReader, decode, status
 from nas_data.hardware.virtual_bus.kinds.base import Reason, find_kind
@@ -120,7 +120,7 @@ def moved(seconds: float, **registers: int) -> np.ndarray:
     robot = find_robot("so101_follower")
     common = {"torque_enable": 1, "p_gain": 16, "goal_position": 2047, "torque_limit": 1000}
     names = enumerate(robot.joints, 1)
-    mounted = [Mounted(joint=j, kind="sts3215", id=i, zero=2047.0, sign=1, registers=common) for i, j in names]
+    mounted = [MountedServo(joint=j, kind="sts3215", id=i, zero=2047.0, sign=1, registers=common) for i, j in names]
     arm = VirtualArm.of((), str(robot.mjcf), mounted, np.zeros(6))
     arm.body.advance_to(0.5)
     for name, value in registers.items():

@@ -45,7 +45,7 @@ def test_units_are_the_manuals():
 
 @given(st.lists(st.integers(220, 800), min_size=6, max_size=6), st.lists(st.integers(-60, 60), min_size=6, max_size=6))
 def test_ticks_and_radians_are_inverse_of_each_other(raw, offsets):
-    joints = JOINTS.calibrated(tuple(offsets))
+    joints = JOINTS.with_offsets(tuple(offsets))
     assert joints.raw(joints.positions(np.array(raw))).tolist() == raw
 
 
@@ -355,7 +355,7 @@ def test_a_silent_port_is_told_from_a_silent_servo():
 def test_a_calibration_is_read_as_lerobot_reads_it(tmp_path):
     robots = pytest.importorskip("lerobot.motors.motors_bus")
     path = tmp_path / "deep" / "arm.json"
-    joints = JOINTS.calibrated((3, -4, 0, 12, 1, -9))
+    joints = JOINTS.with_offsets((3, -4, 0, 12, 1, -9))
     write_calibration(path, joints)
     content = json.loads(path.read_text())
     entries = {name: robots.MotorCalibration(**entry) for name, entry in content.items()}

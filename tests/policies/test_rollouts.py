@@ -19,7 +19,7 @@ from support.xl320_samples import be_patient, torques, virtual
 
 from nas_data.cli import main
 from nas_data.dataset.features import DONE, ENVIRONMENT, NEXT_ENVIRONMENT, NEXT_STATE, REWARD, STATE, SUCCESS
-from nas_data.dataset.incremental_writer import Growing
+from nas_data.dataset.incremental_writer import IncrementalWriter
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
@@ -37,9 +37,9 @@ from nas_data.policies.rollouts import recorded
 from nas_data.policies.rollouts.keyboard import EVENT, KEY_EVENT, KEY_S, Keyboard
 from nas_data.policies.rollouts.robot_stepper import RobotStepper
 from nas_data.policies.rollouts.rollout import judgements
-from nas_data.policies.rollouts.two_arms import ways_of_two
-from nas_data.recorders.arm_ways import Ways
+from nas_data.policies.rollouts.two_arms import make_two_arm_planner
 from nas_data.recorders.guarded import GuardedArm, Setup
+from nas_data.recorders.path_planner import PathPlanner
 from nas_data.recorders.schedule import SteppedClock
 from nas_data.recorders.watchdog import Watchdog
 from nas_data.robots.base import find_robot
@@ -120,7 +120,7 @@ def check_care(touching: Callable[[str], tuple[int, int]], monkeypatch: pytest.M
     held_back, found = touching("careful")
     assert held_back > 10
     assert found == 0
-    monkeypatch.setattr(RobotStepper, "_careful", lambda _, command: command)
+    monkeypatch.setattr(RobotStepper, "_avoid_contact", lambda _, command: command)
     held_back, found = touching("careless")
     assert held_back == 0
     assert found > touches
@@ -174,15 +174,16 @@ def test_a_sword_may_lie_on_a_shield_but_no_arm_on_the_other():
         stepper.reset(states[start : start + stepper.size])
         touching.append(geometric_touches(stepper))
     struck = poses[np.concatenate(touching)]
-    bodies, edges, alone = ways_of_two(), ways_of_two(edges=True), Ways(find_robot("ergojr_penholder"))
+    bodies, edges = make_two_arm_planner(), make_two_arm_planner(edges=True)
+    alone = PathPlanner(find_robot("ergojr_penholder"))
     assert len(struck) > 50
     assert np.mean([edges.touches(pose) for pose in struck]) < 0.2, "the others have an arm on the other as well"
     for pose in poses[:500]:
         assert alone.touches(pose[:6]) <= bodies.touches(pose) <= edges.touches(pose)
     crashed = next(pose for pose in struck if bodies.touches(pose) and not alone.touches(pose[:6]))
     upright = np.concatenate([np.zeros(6), crashed[6:]])
-    assert bodies.leads_into_touch(upright, crashed)
-    assert not bodies.leads_into_touch(crashed, upright)
+    assert bodies.enters_contact(upright, crashed)
+    assert not bodies.enters_contact(crashed, upright)
 
 
 @pytest.mark.slow
@@ -191,9 +192,9 @@ def test_arms_are_kept_from_touching_one_another(capsys, monkeypatch):
         """Roll out, and return how many commands were held back and in how many readings the sword was in the arm."""
         options = ("--episodes", "1", *DUEL, "--record", name, "--speed", "3", "--missed", "1", "--apart", "all")
         answer = evaluate(capsys, policy("ErgoShield", (0.0, 0.3, 0.0, 0.0, 0.0, 0.0)), *options)
-        dataset, ways = read(Path(answer["dataset"])), ways_of_two(edges=True)
+        dataset, planner = read(Path(answer["dataset"])), make_two_arm_planner(edges=True)
         places = (dataset.next_states[:, :6], dataset.columns[NEXT_ENVIRONMENT][:, :6])
-        return answer["held_back"], sum(ways.touches(pose) for pose in np.concatenate(places, axis=1).astype(float))
+        return answer["held_back"], sum(planner.touches(pose) for pose in np.concatenate(places, axis=1).astype(float))
 
     short(monkeypatch, 150)
     check_care(touching, monkeypatch, touches=3)
@@ -201,7 +202,7 @@ def test_arms_are_kept_from_touching_one_another(capsys, monkeypatch):
 
 def test_an_arm_stays_where_the_command_without_its_sag_keeps_it():
     robot, pose = find_robot("ergojr_penholder"), np.array([0.1, 0.2, 0.2, 0.0, 0.1, 0.1])
-    simulator, sag = MujocoSimulator(robot, 0.01, threads=1), Ways(robot).sag(pose)
+    simulator, sag = MujocoSimulator(robot, 0.01, threads=1), PathPlanner(robot).sag(pose)
     at_rest = np.concatenate([pose, 0 * pose])[None]
     held, sagging = (simulator.rollout(at_rest, np.tile(c, (1, 200, 1)))[0, -1, :6] for c in (pose - sag, pose))
     assert np.abs(held - pose).max() < 1e-6
@@ -210,17 +211,17 @@ def test_an_arm_stays_where_the_command_without_its_sag_keeps_it():
 
 def test_a_word_about_one_arm_is_a_word_about_both(monkeypatch):
     told = []
-    monkeypatch.setattr(Watchdog, "promise", lambda guard, seconds: told.append(guard))
-    ways = Ways(find_robot("ergojr"))
+    monkeypatch.setattr(Watchdog, "extend_deadline", lambda guard, seconds: told.append(guard))
+    planner = PathPlanner(find_robot("ergojr"))
     with virtual() as first, virtual() as second:
-        setups = [Setup(driver=Xl320(port=bus.port, joints=JOINTS), ways=ways) for bus in (first, second)]
+        setups = [Setup(driver=Xl320(port=bus.port, joints=JOINTS), planner=planner) for bus in (first, second)]
         with GuardedArm(setups[0], SteppedClock()) as one:
             with GuardedArm(setups[1], SteppedClock()) as other:
-                one.accompany(other)
-                one.promise(1.0)
+                one.share_guard(other)
+                one.extend_deadline(1.0)
                 assert len(set(told)) == 2
             told.clear()
-            one.promise(1.0)
+            one.extend_deadline(1.0)
             assert len(told) == 1, "the other is safe, and its guard was sent home"
 
 
@@ -349,14 +350,14 @@ def begun_elsewhere(tmp_path_factory) -> tuple[Path, tuple[str, ...]]:
     with pytest.MonkeyPatch.context() as patch:
         folder = work_in(tmp_path_factory.mktemp("begun"), patch)
         options = (policy("ErgoReacher", (0.3, -0.2, 0.2, 0.1)), *LOCKSTEP, "--episodes", "3", "--record", "rolled")
-        append, done = Growing.append, []
+        append, done = IncrementalWriter.append, []
 
-        def once(growing: Growing, *arguments) -> None:
+        def once(growing: IncrementalWriter, *arguments) -> None:
             if done:
                 raise KeyboardInterrupt
             done.append(append(growing, *arguments))
 
-        patch.setattr(Growing, "append", once)
+        patch.setattr(IncrementalWriter, "append", once)
         assert main(["policy", "evaluate", *options]) == 130
     return folder, options
 

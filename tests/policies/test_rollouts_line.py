@@ -18,8 +18,8 @@ from nas_data.hardware.xl320.arm import Reading, Xl320Arm
 from nas_data.hardware.xl320.ergojr import ergojr_joints
 from nas_data.policies.rollouts.robot_stepper import RobotStepper
 from nas_data.recorders.arm_dataset import LATE
+from nas_data.recorders.retry import TRIES, Retry
 from nas_data.recorders.schedule import SteppedClock
-from nas_data.recorders.tolerance import TRIES, Tolerance
 
 JOINTS = ergojr_joints()
 ERRORS = (BadReply, ServoSilent, NobodyAnswers)
@@ -45,15 +45,15 @@ def failing(times: int, errors: Iterator[type[Exception]]) -> Callable[[], str]:
 
 def test_what_passes_is_got_over_and_what_lasts_or_is_no_matter_of_the_line_is_not():
     stood = []
-    tolerance = Tolerance(TRIES, lambda: stood.append(1))
-    assert tolerance.ask(failing(TRIES - 1, cycle(ERRORS))) == "heard"
-    assert tolerance.failures == len(stood) == TRIES - 1
+    retry = Retry(TRIES, lambda: stood.append(1))
+    assert retry.call(failing(TRIES - 1, cycle(ERRORS))) == "heard"
+    assert retry.failures == len(stood) == TRIES - 1
     with pytest.raises(ERRORS):
-        tolerance.ask(failing(TRIES, cycle(ERRORS)))
+        retry.call(failing(TRIES, cycle(ERRORS)))
     with pytest.raises(GuardLost):
-        tolerance.ask(failing(1, cycle([GuardLost])))
+        retry.call(failing(1, cycle([GuardLost])))
     with pytest.raises(BadReply):
-        Tolerance().ask(failing(1, cycle(ERRORS)))
+        Retry().call(failing(1, cycle(ERRORS)))
 
 
 @pytest.fixture

@@ -10,16 +10,16 @@ import pytest
 from support.xl320_samples import torques, virtual
 
 from nas_data.envs.base import find_task
-from nas_data.errors import WayBlocked
+from nas_data.errors import PathBlocked
 from nas_data.hardware.xl320.arm import Xl320
 from nas_data.hardware.xl320.configuration import Configuration
 from nas_data.hardware.xl320.ergojr import ergojr_joints
 from nas_data.hardware.xl320.units import TICK
 from nas_data.policies.rollouts.approach import Approach
-from nas_data.policies.rollouts.arm_setup import CLEARANCE, ArmSetup, ways
+from nas_data.policies.rollouts.arm_setup import CLEARANCE, ArmSetup, make_path_planner
 from nas_data.policies.rollouts.robot_stepper import RobotStepper, RolloutTally
-from nas_data.policies.rollouts.two_arm_planner import WaysOfTwo
-from nas_data.policies.rollouts.two_arms import ways_of_two
+from nas_data.policies.rollouts.two_arm_planner import TwoArmPlanner
+from nas_data.policies.rollouts.two_arms import make_two_arm_planner
 from nas_data.recorders.guarded import Setup
 from nas_data.recorders.schedule import SteppedClock
 
@@ -38,13 +38,13 @@ def folder(tmp_path, monkeypatch) -> Path:
     return tmp_path
 
 
-def seeking(edges: bool) -> WaysOfTwo:
-    return WaysOfTwo(ways(), (ways_of_two(edges, CLEARANCE), ways_of_two(edges)))
+def seeking(edges: bool) -> TwoArmPlanner:
+    return TwoArmPlanner(make_path_planner(), (make_two_arm_planner(edges, CLEARANCE), make_two_arm_planner(edges)))
 
 
 def free_poses(edges: bool, count: int) -> list[np.ndarray]:
     """Draw poses of both arms in which neither touches anything."""
-    rng, together, alone = np.random.default_rng(0), ways_of_two(edges), ways()
+    rng, together, alone = np.random.default_rng(0), make_two_arm_planner(edges), make_path_planner()
     drawn = rng.uniform(-1, 1, (20 * count, 12)) * np.repeat([1.0, 0.7], 6)
     return [pose for pose in drawn if not (together.touches(pose) or alone.touches(pose[6:]))][:count]
 
@@ -54,7 +54,7 @@ def free_poses(edges: bool, count: int) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("edges", [False, True])
 def test_on_a_way_of_two_arms_one_moves_at_a_time_and_nothing_touches(edges):
-    together, alone, sought = ways_of_two(edges), ways(), seeking(edges)
+    together, alone, sought = make_two_arm_planner(edges), make_path_planner(), seeking(edges)
     poses = free_poses(edges, 25)
     corners = []
     for begin, end in pairwise(poses):
@@ -70,7 +70,7 @@ def test_on_a_way_of_two_arms_one_moves_at_a_time_and_nothing_touches(edges):
 
 
 def test_an_arm_makes_room_for_the_other():
-    together = ways_of_two()
+    together = make_two_arm_planner()
     left, right = (ACROSS + np.eye(6)[0] * side for side in (0.4, -0.4))  # as each arm sees it, face to face
     begin, end = np.concatenate([left, left]), np.concatenate([right, right])
     assert not together.touches(begin) and not together.touches(end)
@@ -79,12 +79,12 @@ def test_an_arm_makes_room_for_the_other():
 
 
 def test_where_no_way_is_free_the_sentence_names_what_is_in_it():
-    with pytest.raises(WayBlocked, match=r"the arms would touch: \w+ with \w+; move both upright by hand"):
+    with pytest.raises(PathBlocked, match=r"the arms would touch: \w+ with \w+; move both upright by hand"):
         seeking(edges=False).find(np.zeros(12), np.concatenate([ACROSS, ACROSS]))
 
 
 def test_what_comes_near_is_a_touch_where_room_is_wanted():
-    close, roomy = ways_of_two(), ways_of_two(clearance=CLEARANCE)
+    close, roomy = make_two_arm_planner(), make_two_arm_planner(clearance=CLEARANCE)
     touching = [
         (close.touches(pose), roomy.touches(pose)) for pose in np.linspace(0, 1, 80)[:, None] * np.tile(ACROSS, 2)
     ]
@@ -93,18 +93,18 @@ def test_what_comes_near_is_a_touch_where_room_is_wanted():
 
 
 def test_out_of_a_touch_is_where_the_clearance_grows():
-    together = ways_of_two()
+    together = make_two_arm_planner()
     poses = [np.concatenate([share * ACROSS, share * ACROSS]) for share in np.linspace(0, 1, 60)]
     first = next(number for number, pose in enumerate(poses) if together.touches(pose))
     free, touching, deeper = poses[first - 1 : first + 2]
-    assert together.leads_out_of_touch(deeper, touching)
-    assert together.leads_out_of_touch(touching, free)
-    assert not together.leads_out_of_touch(touching, deeper)
-    assert not together.leads_out_of_touch(touching, touching)
-    assert not together.leads_out_of_touch(free, poses[0]), "there is no touch to lead out of"
+    assert together.leaves_contact(deeper, touching)
+    assert together.leaves_contact(touching, free)
+    assert not together.leaves_contact(touching, deeper)
+    assert not together.leaves_contact(touching, touching)
+    assert not together.leaves_contact(free, poses[0]), "there is no touch to lead out of"
     lying = np.concatenate([[0, 1.5, 0.8, 0, 0, 0], ZERO])
     assert together.touches(lying)
-    assert not together.leads_out_of_touch(touching, lying), "into another touch"
+    assert not together.leaves_contact(touching, lying), "into another touch"
 
 
 # On virtual arms
@@ -114,7 +114,7 @@ def test_out_of_a_touch_is_where_the_clearance_grows():
 def duel(*ports: str) -> Iterator[RobotStepper]:
     """Yield what moves two virtual arms."""
     drivers = [Xl320(port=port, joints=JOINTS, configuration=Configuration(speed=1.745)) for port in ports]
-    setups = [Setup(driver=driver, ways=ways()) for driver in drivers]
+    setups = [Setup(driver=driver, planner=make_path_planner()) for driver in drivers]
     bench = ArmSetup(attacker=setups[0], defender=setups[1], clock=SteppedClock())
     with bench.open(find_task("ErgoShield"), RolloutTally()) as (_, stepper):
         yield stepper
@@ -129,7 +129,7 @@ def poses_of(stepper: RobotStepper) -> np.ndarray:
 
 
 def test_arms_get_to_their_first_poses_one_after_the_other_without_a_touch(monkeypatch):
-    together, seen, read = ways_of_two(), [], Approach._read
+    together, seen, read = make_two_arm_planner(), [], Approach._read
 
     def reading(approach: Approach) -> tuple[np.ndarray, np.ndarray]:
         seen.append((found := read(approach))[0])
@@ -146,7 +146,7 @@ def test_arms_get_to_their_first_poses_one_after_the_other_without_a_touch(monke
 
 
 def test_an_arm_in_a_touch_may_leave_it_and_is_sent_back_where_it_does_not(monkeypatch):
-    together, careful = ways_of_two(), RobotStepper._careful
+    together, careful = make_two_arm_planner(), RobotStepper._avoid_contact
     with virtual() as attacker, virtual() as defender, duel(attacker.port, defender.port) as stepper:
         stepper.reset(at_rest(ZERO, 0.6 * ACROSS))
 
@@ -154,10 +154,10 @@ def test_an_arm_in_a_touch_may_leave_it_and_is_sent_back_where_it_does_not(monke
             stepper.step(command[None])
             return stepper._bout.commands[-1]
 
-        monkeypatch.setattr(RobotStepper, "_careful", lambda _, goal: goal)
+        monkeypatch.setattr(RobotStepper, "_avoid_contact", lambda _, goal: goal)
         while not together.touches(poses_of(stepper)):
             sent(2 * ACROSS)
-        monkeypatch.setattr(RobotStepper, "_careful", careful)
+        monkeypatch.setattr(RobotStepper, "_avoid_contact", careful)
         assert np.abs(sent(ZERO) - ZERO).max() < TICK, "out of the touch, although the arm still moves into it"
         assert np.abs(sent(2 * ACROSS) - 2 * ACROSS).max() > 0.1
         for _ in range(50):
@@ -168,7 +168,7 @@ def test_an_arm_in_a_touch_may_leave_it_and_is_sent_back_where_it_does_not(monke
 def test_a_first_pose_in_a_touch_ends_in_a_sentence_and_without_torque():
     with virtual() as attacker, virtual() as defender:
         with (
-            pytest.raises(WayBlocked, match="On the slow ways to their next poses the arms would touch"),
+            pytest.raises(PathBlocked, match="On the slow ways to their next poses the arms would touch"),
             duel(attacker.port, defender.port) as stepper,
         ):
             stepper.reset(at_rest(ACROSS, ACROSS))

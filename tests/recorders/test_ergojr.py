@@ -21,7 +21,7 @@ from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, TIME
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
-from nas_data.dataset.write_lock import alone
+from nas_data.dataset.write_lock import hold_write_lock
 from nas_data.effects.base import make_effect
 from nas_data.errors import BeingWritten, GuardLost, ServoSilent
 from nas_data.excitations.base import parse
@@ -35,9 +35,9 @@ from nas_data.hardware.xl320.units import SPEED_UNIT, TICK
 from nas_data.recorders.arm_dataset import LATE, LOAD, REPEATED, TEMPERATURE, VOLTAGE
 from nas_data.recorders.arm_motion import ArmEpisode
 from nas_data.recorders.arm_plan import MotionPlan, draw_plan, free_of_contact
-from nas_data.recorders.arm_ways import Ways
+from nas_data.recorders.path_planner import PathPlanner
 from nas_data.recorders.session import PlaybackProtocol
-from nas_data.recorders.watchdog import DIED, HUNG, Watchdog, Words, rescue, watch
+from nas_data.recorders.watchdog import DIED, HUNG, LineReader, Watchdog, rescue, watch
 from nas_data.robots.base import find_robot
 from nas_data.simulators.contact import contact_counts
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -157,7 +157,7 @@ def test_an_episode_that_reaches_the_floor_is_not_free():
     simulator = MujocoSimulator(ROBOT, 0.01, threads=1)
     down = np.tile([0, 1.5, 0.8, 0, 0, 0], (150, 1))
     assert contact_counts(simulator, down[:1])[0] > 0
-    assert free_of_contact(simulator, np.stack([down, 0 * down]), np.zeros((2, 6)), Ways(ROBOT)).tolist() == [
+    assert free_of_contact(simulator, np.stack([down, 0 * down]), np.zeros((2, 6)), PathPlanner(ROBOT)).tolist() == [
         False,
         True,
     ]
@@ -317,7 +317,7 @@ def test_a_recording_under_way_is_not_mixed_with_another(capsys):
 
 
 def test_a_name_is_recorded_by_one_program_at_a_time(capsys):
-    with alone(UNDER_WAY):
+    with hold_write_lock(UNDER_WAY):
         assert record(*LOCKSTEP, "--episodes", "1") == 2
         assert f"is being written by another program (process {os.getpid()}); wait" in capsys.readouterr().err
     assert not Path("datasets").exists()
@@ -328,7 +328,11 @@ def test_a_name_is_recorded_by_one_program_at_a_time(capsys):
 def test_a_lock_that_a_dead_program_left_holds_nobody_up():
     UNDER_WAY.parent.mkdir(parents=True)
     UNDER_WAY.with_name(".recording.lock").write_text("1")
-    with alone(UNDER_WAY), pytest.raises(BeingWritten, match=rf"\(process {os.getpid()}\)"), alone(UNDER_WAY):
+    with (
+        hold_write_lock(UNDER_WAY),
+        pytest.raises(BeingWritten, match=rf"\(process {os.getpid()}\)"),
+        hold_write_lock(UNDER_WAY),
+    ):
         pass
     assert list(UNDER_WAY.parent.iterdir()) == []
 
@@ -421,16 +425,16 @@ def test_a_guard_listens_to_promises():
     try:
         os.write(writer, b"0.2\n")
         began = time.monotonic()
-        assert watch(Words(reader), []) == HUNG
+        assert watch(LineReader(reader), []) == HUNG
         assert 1.2 <= time.monotonic() - began < 5
-        assert watch(Words(reader), [b"0.1"]) == HUNG
+        assert watch(LineReader(reader), [b"0.1"]) == HUNG
         os.write(writer, b"0.2\n30.0\nall is ")
         os.write(writer, b"well\n")
-        assert watch(Words(reader), []) == ""
+        assert watch(LineReader(reader), []) == ""
         os.write(writer, b"30.0\n")
     finally:
         os.close(writer)
-    assert watch(Words(reader), []) == DIED
+    assert watch(LineReader(reader), []) == DIED
     os.close(reader)
 
 
@@ -440,7 +444,7 @@ def test_an_arm_is_not_moved_without_its_guard():
         watchdog._process.kill()
         watchdog._process.wait()
         with pytest.raises(GuardLost, match="guards the arm is gone"):
-            watchdog.promise(1.0)
+            watchdog.extend_deadline(1.0)
         watchdog.release()
 
 
@@ -461,6 +465,6 @@ def test_a_rescue_says_what_it_did():
         arm.configure()
         arm.torque_on()
         arm.close()
-        assert "the torque of the arm on" in rescue(bus.port, Xl320(port=bus.port, joints=JOINTS).charge())
+        assert "the torque of the arm on" in rescue(bus.port, Xl320(port=bus.port, joints=JOINTS).guard_options())
         assert torques(bus.port) == [0] * 6
-    assert "switch the supply off" in rescue("/dev/nowhere", Xl320(port="/dev/nowhere", joints=JOINTS).charge())
+    assert "switch the supply off" in rescue("/dev/nowhere", Xl320(port="/dev/nowhere", joints=JOINTS).guard_options())

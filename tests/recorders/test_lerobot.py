@@ -178,9 +178,9 @@ def test_a_command_that_was_lost_is_not_said_to_have_been_given(bus):
     time.sleep(0.1)
     assert arm.read().goals == pytest.approx(sent)
     assert sent != pytest.approx(lost, abs=0.05)
-    assert arm.unsure() == list(arm.ids)
+    assert arm.find_unconfirmed() == list(arm.ids)
     arm.torque_off()
-    assert arm.unsure() == []
+    assert arm.find_unconfirmed() == []
     arm.close()
 
 
@@ -337,9 +337,9 @@ def test_a_register_reads_back_what_is_written(sign, lowest):
 def test_registers_are_kept_from_the_episode_on_in_which_they_change():
     settings = Settings.of(None)
     for episode, gain in enumerate([16, 16, 20]):
-        settings.note(episode, {"elbow": {"P": gain}})
+        settings.record(episode, {"elbow": {"P": gain}})
     again = Settings.of({"registers": settings.to_json()})
-    again.note(3, {"elbow": {"P": 20}})
+    again.record(3, {"elbow": {"P": 20}})
     assert [entry["from_episode"] for entry in again.to_json()] == [0, 2]
-    again.note(1, {"elbow": {"P": 9}})
+    again.record(1, {"elbow": {"P": 9}})
     assert again.to_json()[-1] == {"from_episode": 1, "joints": {"elbow": {"P": 9}}}

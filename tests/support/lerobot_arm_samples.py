@@ -10,22 +10,22 @@ from nas_data.hardware.virtual_bus.options import Options
 from nas_data.hardware.virtual_bus.process import VirtualBus
 from nas_data.recorders.lerobot_arm import LeRobotDriver
 from nas_data.recorders.lerobot_frame import frame_of
-from nas_data.recorders.lerobot_robot import Wish, make_robot, virtual_arm
+from nas_data.recorders.lerobot_robot import RobotRequest, make_robot, virtual_arm
 from nas_data.robots.base import find_robot
 
 ROBOT = find_robot("so101_follower")
 PERIOD = 0.02
 
 
-def wish(folder: Path, kind: str = "so101_follower", **options: str) -> Wish:
+def request(folder: Path, kind: str = "so101_follower", **options: str) -> RobotRequest:
     """Return a robot whose calibration lies in a folder."""
-    return Wish(kind=kind, options={"id": "test", "calibration_dir": str(folder), **options}, model=ROBOT)
+    return RobotRequest(kind=kind, options={"id": "test", "calibration_dir": str(folder), **options}, model=ROBOT)
 
 
 def arm_of(folder: Path, kind: str = "so101_follower") -> Options:
     """Calibrate a virtual arm: write LeRobot's file, return what it is started with."""
-    robot = make_robot(wish(folder, kind), "virtual")
-    options = virtual_arm(wish(folder, kind), robot, PERIOD)
+    robot = make_robot(request(folder, kind), "virtual")
+    options = virtual_arm(request(folder, kind), robot, PERIOD)
     robot._save_calibration()
     return options
 
@@ -40,13 +40,13 @@ def virtual(folder: Path, *faults: str, kind: str = "so101_follower", **changes:
 
 def driver(folder: Path, port: str, kind: str = "so101_follower", **options: str) -> LeRobotDriver:
     """Return the driver of such an arm."""
-    robot = make_robot(wish(folder, kind, **options), port)
+    robot = make_robot(request(folder, kind, **options), port)
     return LeRobotDriver(robot=robot, kind=kind, frame=frame_of(ROBOT, robot.bus, robot.calibration))
 
 
 def torques(known: LeRobotDriver) -> list[int]:
     """Read the torque of every servo by another program's eyes."""
-    line = open_line(**{key: value for key, value in known.charge().items() if key != "opener"})
+    line = open_line(**{key: value for key, value in known.guard_options().items() if key != "opener"})
     try:
         return [line.read(identity, line.table.torque) for identity in line.ids]
     finally:

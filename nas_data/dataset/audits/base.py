@@ -1,4 +1,4 @@
-"""What an audit compares a recording with, and what it says."""
+"""Expectations and findings of audits."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
@@ -12,19 +12,19 @@ from nas_data.joint_units import radians_at
 
 @dataclass(frozen=True)
 class Expected:
-    """What a recording is compared with.
+    """Expectations about a recording.
 
     Attributes:
-        rate: Rows a second that are promised [Hz].
-        max_speed: Speed that no joint can have [rad/s; m/s]; None for what no usual joint can have.
+        rate: Expected rate [Hz].
+        max_speed: Speed that no joint can reach [rad/s; m/s]; None for a default.
         jitter: Largest deviation of a time step, as a share of the period.
         limits: Limits [rad; m] by joint; joints without limits are absent.
-        slides: Joints that are slides: in metres and newtons, where others are in radians and newton metres.
+        slides: Names of the slide joints, in metres and newtons instead of radians and newton metres.
         effort: Whether commands are not positions [rad; m].
-        turns: Whether joints may turn farther than two turns.
-        resampled: Whether rows are spaced evenly before they are used.
-        derived: Whether velocities are derived from the positions, whatever a register says.
-        promise: Who promises the rate, and says so.
+        turns: Whether joints may exceed two turns.
+        resampled: Whether rows are resampled to even steps before use.
+        derived: Whether velocities are derived from positions instead of read.
+        promise: Source of the expected rate, as words for messages.
     """
 
     rate: float
@@ -41,16 +41,16 @@ class Expected:
 
 @dataclass(frozen=True)
 class AuditFinding:
-    """What an audit says of one episode.
+    """Finding of an audit in one episode.
 
     Attributes:
-        check: What was checked, for example `irregular_time`.
-        file: Where it was found: the log, with the episode where it holds several, or the dataset's episode.
-        what: What was found, in a sentence without its full stop.
-        remedy: What to do about it in a map, likewise; empty where there is nothing to do.
-        rows: Rows concerned, counted from 0 at the first row of data; empty where all are.
-        error: Whether the recording cannot be used; else it is used and the finding kept with the dataset.
-        minor: Whether no result suffers from it.
+        check: Name of the check, for example `irregular_time`.
+        file: The log, with its episode if it holds several, or the dataset's episode.
+        what: The finding, as a sentence without its full stop.
+        remedy: Remedy in the map, likewise; empty if there is none.
+        rows: Affected rows, counted from 0 at the first row of data; empty for all.
+        error: Whether the recording is unusable; otherwise the finding is stored with the dataset.
+        minor: Whether it has no effect on results.
     """
 
     check: str
@@ -63,7 +63,7 @@ class AuditFinding:
 
     @property
     def message(self) -> str:
-        """One sentence: what was found, and the remedy where there is one."""
+        """The finding and its remedy as one sentence."""
         return f"{self.what}; {self.remedy}." if self.remedy else f"{self.what}."
 
     def to_json(self) -> dict[str, object]:

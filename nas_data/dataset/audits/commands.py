@@ -37,9 +37,9 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
                 f"factor between {units}"
             )
             remedy = "correct the unit in [read.command] or [read.position]"
-            found.append(AuditFinding("command_scale", recording.place, what, remedy, error=True))
+            found.append(AuditFinding("command_scale", recording.label, what, remedy, error=True))
         elif likeness <= -ALIKE:
             what = f"the position of {joint} moves against its command (correlation {likeness:.2f})"
             remedy = "check 'sign' in [read.command] and [read.position]"
-            found.append(AuditFinding("command_sign", recording.place, what, remedy))
+            found.append(AuditFinding("command_sign", recording.label, what, remedy))
     return found

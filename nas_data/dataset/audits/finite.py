@@ -25,5 +25,5 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
             rows = row_numbers(recording.rows, bad)
             what = f"the {name} is empty, NaN or infinite in {rows_text(rows)}"
             remedy = "take these rows out, or split the log there"
-            found.append(AuditFinding("not_finite", recording.place, what, remedy, rows, error=True))
+            found.append(AuditFinding("not_finite", recording.label, what, remedy, rows, error=True))
     return found

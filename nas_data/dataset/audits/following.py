@@ -28,7 +28,7 @@ def _copied(recording: Recording) -> list[AuditFinding]:
     names = ", ".join(joint for joint, copied in zip(recording.joints, same, strict=True) if copied)
     what = f"the command of {names} equals the measured position in all rows"
     remedy = "check that [read.command] names the commands, not the positions"
-    return [AuditFinding("command_is_position", recording.place, what, remedy)]
+    return [AuditFinding("command_is_position", recording.label, what, remedy)]
 
 
 def _swapped(recording: Recording, radians: np.ndarray) -> list[AuditFinding]:
@@ -47,7 +47,7 @@ def _swapped(recording: Recording, radians: np.ndarray) -> list[AuditFinding]:
                 f"(correlation {own:.2f})"
             )
             remedy = "check the order of the columns in [read.position] and [read.command]"
-            found.append(AuditFinding("joints_swapped", recording.place, what, remedy))
+            found.append(AuditFinding("joints_swapped", recording.label, what, remedy))
     return found
 
 

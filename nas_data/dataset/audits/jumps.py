@@ -36,5 +36,5 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
                 f"{joint} reaches {speeds[:, index].max():.4g} {unit} in {rows_text(rows)}, "
                 f"more than {limits[index]:.4g} {unit}"
             )
-            found.append(AuditFinding("jump", recording.place, what, hint, rows))
+            found.append(AuditFinding("jump", recording.label, what, hint, rows))
     return found

@@ -34,4 +34,4 @@ def _beyond(recording: Recording, expected: Expected, index: int, what: str, val
         f"the {what} of {joint} is up to {excess.max():.3g} {unit} beyond its limits "
         f"{low:.4g} … {high:.4g} {unit} in {rows_text(rows)}"
     )
-    return [AuditFinding(f"{what}_beyond_limits", recording.place, text, rows=rows)]
+    return [AuditFinding(f"{what}_beyond_limits", recording.label, text, rows=rows)]

@@ -33,7 +33,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
             f"{_pattern(stale, expected.rate)}"
         )
         minor = len(rows) <= TOLERATED * np.count_nonzero(moving)
-        found.append(AuditFinding("repeated_samples", recording.place, what, rows=rows, minor=minor))
+        found.append(AuditFinding("repeated_samples", recording.label, what, rows=rows, minor=minor))
     held = _held(recording, expected, same & ~stale)
     rows = row_numbers(recording.rows, held)
     if rows:
@@ -42,7 +42,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
             f"the reading stays the same for up to {longest / expected.rate:.2g} s while the command moves, in "
             f"{rows_text(rows)}: a joint that sticks, or stale readings; the log alone cannot tell"
         )
-        found.append(AuditFinding("repeated_samples", recording.place, what, rows=rows, minor=True))
+        found.append(AuditFinding("repeated_samples", recording.label, what, rows=rows, minor=True))
     return found if expected.effort else found + _stuck(recording, expected, held)
 
 
@@ -122,5 +122,5 @@ def _stuck(recording: Recording, expected: Expected, said: np.ndarray) -> list[A
                 f"the reading of {joint} stands still in {rows_text(rows)} while its command moves: a servo that is "
                 "blocked or released, or readings that are not fresh"
             )
-            found.append(AuditFinding("frozen_reading", recording.place, what, rows=rows))
+            found.append(AuditFinding("frozen_reading", recording.label, what, rows=rows))
     return found

@@ -25,16 +25,16 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     if back:
         what = f"the time goes back in {rows_text(back)}"
         remedy = "sort the rows, or split the log there"
-        return [AuditFinding("time_backwards", recording.place, what, remedy, back, error=True)]
+        return [AuditFinding("time_backwards", recording.label, what, remedy, back, error=True)]
     found = []
     repeated = row_numbers(recording.rows[1:], steps == 0)
     if len(repeated) == len(steps):
         what, remedy = "the time is the same in all rows", "name the time column in [read.time]"
-        return [AuditFinding("repeated_time", recording.place, what, remedy, repeated, error=True)]
+        return [AuditFinding("repeated_time", recording.label, what, remedy, repeated, error=True)]
     if repeated:
         kept = "resampling takes the last of them" if expected.resampled else "they are kept as rows of their own"
         what = f"the time does not go on in {rows_text(repeated)}: {kept}"
-        found.append(AuditFinding("repeated_time", recording.place, what, rows=repeated))
+        found.append(AuditFinding("repeated_time", recording.label, what, rows=repeated))
     return _divided(recording) + found + _rate(recording, steps, expected) + _steps(recording, steps, expected)
 
 
@@ -52,7 +52,7 @@ def _divided(recording: Recording) -> list[AuditFinding]:
         f"{recording.gap:.3g} s are missing before {rows_text(row)}; the log is divided there into two episodes, "
         "because nothing was measured in between"
     )
-    return [AuditFinding("time_gap", recording.place, what, rows=row)]
+    return [AuditFinding("time_gap", recording.label, what, rows=row)]
 
 
 def _rate(recording: Recording, steps: np.ndarray, expected: Expected) -> list[AuditFinding]:
@@ -72,7 +72,7 @@ def _rate(recording: Recording, steps: np.ndarray, expected: Expected) -> list[A
     refused = gross or off > RATE_REFUSED
     what = f"rows come at {rates[0] if refused else nearest:.6g} Hz, but {expected.promise} {expected.rate:.6g} Hz"
     remedy = "correct 'rate' or the unit of [read.time]" + ("" if gross else ", or add [resample]")
-    return [AuditFinding("rate", recording.place, what, remedy, error=refused)]
+    return [AuditFinding("rate", recording.label, what, remedy, error=refused)]
 
 
 def _steps(recording: Recording, steps: np.ndarray, expected: Expected) -> list[AuditFinding]:
@@ -84,13 +84,13 @@ def _steps(recording: Recording, steps: np.ndarray, expected: Expected) -> list[
             return []
         what = f"up to {steps.max() * 1e3:.3g} ms pass before {rows_text(gaps)}"
         remedy = "what resampling puts there was never measured"
-        return [AuditFinding("time_gap", recording.place, what, remedy, gaps)]
+        return [AuditFinding("time_gap", recording.label, what, remedy, gaps)]
     found = []
     holes = find_holes(steps, 1 / expected.rate) & find_holes(steps, float(np.median(steps)))
     rows = row_numbers(recording.rows[1:], holes)
     if rows:
         what = f"{steps[holes].max():.3g} s are missing before {rows_text(rows)}, in which nothing was measured"
-        found.append(AuditFinding("time_gap", recording.place, what, rows=rows, error=True))
+        found.append(AuditFinding("time_gap", recording.label, what, rows=rows, error=True))
     uneven = (np.abs(periods - 1) > expected.jitter + STEP_ROUNDING) & (steps > 0) & ~holes
     rows = row_numbers(recording.rows[1:], uneven)
     if not rows:
@@ -102,7 +102,7 @@ def _steps(recording: Recording, steps: np.ndarray, expected: Expected) -> list[
     derived = ", because velocities are derived as if they were" if expected.derived else ""
     remedy = f"add [resample] to the map to space rows evenly{derived}"
     minor = len(rows) <= TOLERATED * len(steps)
-    return [*found, AuditFinding("irregular_time", recording.place, what, remedy, rows, minor=minor)]
+    return [*found, AuditFinding("irregular_time", recording.label, what, remedy, rows, minor=minor)]
 
 
 def _milliseconds(steps: np.ndarray) -> str:

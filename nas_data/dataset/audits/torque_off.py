@@ -16,4 +16,4 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
         return []
     what = f"the torque is off in {rows_text(rows)}: the command does not act there"
     remedy = f"nas.{SIGNAL} tells these rows apart"
-    return [AuditFinding("torque_off", recording.place, what, remedy, rows, minor=True)]
+    return [AuditFinding("torque_off", recording.label, what, remedy, rows, minor=True)]

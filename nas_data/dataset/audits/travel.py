@@ -39,7 +39,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
                 "another joint's"
             )
             remedy = "check 'columns' in [read.position] and [read.velocity]"
-            found.append(AuditFinding("position_contradicts_velocity", recording.place, what, remedy, rows))
+            found.append(AuditFinding("position_contradicts_velocity", recording.label, what, remedy, rows))
     return found
 
 

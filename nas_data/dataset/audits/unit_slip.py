@@ -36,7 +36,7 @@ def _too_large(recording: Recording, expected: Expected, what: str, values: np.n
                 f"if the log is in {units}, say so: unit in [read.{what}]; if the joint does go so far, "
                 "add allow = ['unit_slip'] to [audit]"
             )
-            found.append(AuditFinding("unit_slip", recording.place, text, remedy, rows, error=True))
+            found.append(AuditFinding("unit_slip", recording.label, text, remedy, rows, error=True))
     return found
 
 
@@ -54,5 +54,5 @@ def _far_beyond(recording: Recording, expected: Expected) -> list[AuditFinding]:
                 f"in {rows_text(rows)}"
             )
             remedy = f"if the log is in {units}, say so: unit in [read.position]"
-            found.append(AuditFinding("unit_slip", recording.place, what, remedy, rows, error=True))
+            found.append(AuditFinding("unit_slip", recording.label, what, remedy, rows, error=True))
     return found

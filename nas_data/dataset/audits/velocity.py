@@ -83,7 +83,7 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
             "position"
         )
         remedy = "velocity = 'derive' in the map takes it from the positions instead"
-        found.append(AuditFinding("velocity_lag", recording.place, what, remedy))
+        found.append(AuditFinding("velocity_lag", recording.label, what, remedy))
     return found
 
 
@@ -180,7 +180,7 @@ def _silent(recording: Recording, expected: Expected) -> list[AuditFinding]:
         f"the velocity of {_names(names)} is zero in all rows although the position moves at up to "
         f"{speeds[silent].max():.2g} {unit_at('rad/s', fastest in expected.slides)}"
     )
-    return [AuditFinding("velocity_scale", recording.place, what, "say velocity = 'derive' in the map", error=True)]
+    return [AuditFinding("velocity_scale", recording.label, what, "say velocity = 'derive' in the map", error=True)]
 
 
 def _scales(recording: Recording, expected: Expected, fits: dict[str, VelocityFit]) -> list[AuditFinding]:
@@ -190,7 +190,7 @@ def _scales(recording: Recording, expected: Expected, fits: dict[str, VelocityFi
     if wrong:
         what = f"the velocity of {_names(wrong)} has the sign opposite to the differenced position"
         remedy = "correct 'sign' in [read.velocity] or [read.position]"
-        found.append(AuditFinding("velocity_scale", recording.place, what, remedy, error=True))
+        found.append(AuditFinding("velocity_scale", recording.label, what, remedy, error=True))
     for joint, fit in fits.items():
         size = abs(fit.factor)
         if 1 / FACTOR_NOTED < size < FACTOR_NOTED:
@@ -203,7 +203,7 @@ def _scales(recording: Recording, expected: Expected, fits: dict[str, VelocityFi
         reason = f", the factor between {known}" if known else ""
         what = f"the velocity of {joint} is {size:.3g} times the differenced position{reason}"
         remedy = "correct the unit or 'scale' in [read.velocity], [read.position] or [read.time]"
-        found.append(AuditFinding("velocity_scale", recording.place, what, remedy, error=known is not None))
+        found.append(AuditFinding("velocity_scale", recording.label, what, remedy, error=known is not None))
     return found
 
 

@@ -1,1 +1,1 @@
-"""What a dynamics changes in a model beyond effects: one kind of change a file."""
+"""Model edits of dynamics beyond effects, one per file."""

@@ -1,13 +1,13 @@
 """The ErgoJr of the paper's simulations: heavy motors behind stiff velocity control, and the target's drag.
 
-Only the arm that is commanded is changed; an opponent in the scene stays as it is.
+Only the commanded arm is changed, not an opponent in the scene.
 
-Masses, gains and drags are those of the authors' PyBullet code. Approximated: their motor reaches a velocity of a tenth
-of the error a control step in one solver pass with at most 1 N·m; here a position servo of that time constant, high
-damping and the same limit does. Their drag is a fixed joint of bounded force whose pivot is 0.1 m off; here it is
-Coulomb friction of that force on that lever. The brackets keep this project's masses, a few grams.
+Masses, gains and drags are those of the authors' PyBullet code, with two approximations. Their motor reaches a velocity
+of a tenth of the error per control step, with at most 1 N·m; here a position servo has that time constant, high damping
+and the same limit. Their drag is a fixed joint of bounded force with a pivot 0.1 m away; here it is Coulomb friction of
+that force on that lever. The brackets keep this project's masses of a few grams.
 
-On ErgoShield their target was the arm itself, of which their recordings show how it moves; see `authors_arm`.
+On ErgoShield their target was the real arm; its motion is known from their recordings, see `authors_arm`.
 """
 
 import mujoco
@@ -26,7 +26,7 @@ TARGET_DRAG = {"m3": 0.08, "m6": 0.06}  # [N·m] forces of 0.8 and 0.6 N on a le
 
 
 def authors_source(spec: mujoco.MjSpec) -> None:
-    """Turn our ErgoJr into the authors' source."""
+    """Change the ErgoJr model to the authors' source."""
     set_motors(spec, MOTOR)
     set_servos(spec, DAMPING * RATE, DAMPING, TORQUE)
     for joint in map(spec.joint, JOINTS):
@@ -34,7 +34,7 @@ def authors_source(spec: mujoco.MjSpec) -> None:
 
 
 def authors_target(spec: mujoco.MjSpec) -> None:
-    """Turn our ErgoJr into the authors' target."""
+    """Change the ErgoJr model to the authors' target."""
     authors_source(spec)
     set_motors(spec, HEAVY_MOTOR)
     for joint, damping in TARGET_DAMPING.items():
@@ -46,23 +46,23 @@ def authors_target(spec: mujoco.MjSpec) -> None:
 
 
 def authors_arm(spec: mujoco.MjSpec) -> None:
-    """Make our ErgoJr hold as their real arm did, within a degree of the command in every posture.
+    """Change the ErgoJr model to hold postures as the authors' real arm did, within a degree of the command.
 
-    Their servos had integral gain (Poppy's configuration, 4 of P, 2 of I), ours has none and sags; here stiffness does
-    what the integral did. How fast and how late it moves are effects (see `envs/ergo_shield.py`).
+    Their servos had integral gain (Poppy's configuration: P 4, I 2). The model has none and would sag; a higher
+    stiffness replaces the integral. Speed and delay are effects; see `envs/ergo_shield.py`.
     """
     set_servos(spec, STIFFNESS, VISCOSITY, STALL_TORQUE)
 
 
 def set_servos(spec: mujoco.MjSpec, stiffness: float, damping: float, torque: float) -> None:
-    """Give every servo a stiffness [N·m/rad], a damping [N·m·s/rad] and a limit [N·m]."""
+    """Set stiffness [N·m/rad], damping [N·m·s/rad] and torque limit [N·m] of every servo."""
     for actuator in map(spec.actuator, JOINTS):
         actuator.set_to_position(kp=stiffness, kv=damping)
         actuator.forcerange = [-torque, torque]
 
 
 def set_motors(spec: mujoco.MjSpec, mass: float) -> None:
-    """Give every motor that moves a mass [kg]."""
+    """Set the mass [kg] of every moving motor."""
     for geom in spec.geoms:
         if geom.name.startswith("motor") and geom.name != "motor1":
             geom.mass = mass

@@ -8,7 +8,7 @@ TABLE = 6.0  # friction of the table, + 500 %
 
 
 def widen_gap(spec: mujoco.MjSpec, joint: str, object_body: str | None = None) -> None:
-    """Change a model as the appendix says, the backlash apart.
+    """Change a model as in the appendix, without the backlash.
 
     Args:
         spec: Model.
@@ -25,7 +25,7 @@ def widen_gap(spec: mujoco.MjSpec, joint: str, object_body: str | None = None) -
 
 
 def scale_mass(body: mujoco.MjsBody, factor: float) -> None:
-    """Scale mass and inertia of a body and of all that hangs on it, however they are given."""
+    """Scale mass and inertia of a body and of all its descendants, in whatever form they are specified."""
     body.mass, body.inertia = body.mass * factor, body.inertia * factor
     body.fullinertia = body.fullinertia * factor
     for geom in body.geoms:

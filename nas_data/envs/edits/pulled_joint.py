@@ -1,4 +1,4 @@
-"""A soft constraint that pulls a joint towards a constant: what the paper's authors simulated as backlash."""
+"""A soft constraint that pulls a joint towards a constant: the paper's simulation of backlash."""
 
 import mujoco
 import numpy as np
@@ -7,10 +7,10 @@ TOWARDS = 3.0  # [rad] beyond the joints' limits, the first coefficient of the a
 
 
 def pull_joint(spec: mujoco.MjSpec, joint: str, width: float) -> None:
-    """Add the authors' constraint to a joint: there is no play in it.
+    """Add the authors' constraint to a joint; it contains no actual play.
 
-    Their impedance is 0.01 at the goal and asks for more than 1 at a distance of `width`; the engine clamps that to
-    0.9999, so that only the width matters.
+    Its impedance is 0.01 at the goal and above 1 at a distance of `width`. The engine clamps the latter to 0.9999, so
+    only the width matters.
 
     Args:
         spec: Model.

@@ -1,1 +1,1 @@
-"""What closes the loop between a task and what moves its arms; shared by every environment."""
+"""The control loop between a task and its simulator or robot, shared by all environments."""

@@ -24,7 +24,7 @@ HUMAN, RGB_ARRAY = "human", "rgb_array"
 class ArmEnv(gymnasium.Env[Array, Array], gymnasium.utils.EzPickle):
     """A task as a Gymnasium environment; the same logic as `ArmVecEnv`, for one arm.
 
-    Pickled or copied, it is built anew from its arguments, and begins with a `reset` as a new one does.
+    Pickling and copying rebuild it from its arguments; the copy needs a `reset` first.
 
     Example:
         >>> import gymnasium
@@ -50,13 +50,13 @@ class ArmEnv(gymnasium.Env[Array, Array], gymnasium.utils.EzPickle):
 
         Args:
             task: Name of the task.
-            dynamics: Which of the task's dynamics; `source` is the plain model.
+            dynamics: Name of one of the task's dynamics; `source` is the plain model.
             checkpoint: Learned model that corrects (φ) or replaces (ψ) the physics.
-            stepper: What moves the arm, instead of a simulation of the task's robot: a batch of one.
+            stepper: Stepper of batch size 1 that replaces the simulation of the task's robot.
             render_mode: `rgb_array`: `render()` returns a picture; `human`: a window shows every step as it happens.
-            effects: Gap report, or its `effects.json`, whose named effects the physics has as well.
-            engine: What computes the physics, `mujoco` or `bullet`.
-            missed: Share of the touches that ErgoShield does not notice.
+            effects: Gap report, or its `effects.json`; its named effects are added to the physics.
+            engine: Physics engine, `mujoco` or `bullet`.
+            missed: Share of touches that ErgoShield does not detect.
 
         Raises:
             UnknownName: there is no such task, dynamics or engine; lists the choices.
@@ -82,7 +82,7 @@ class ArmEnv(gymnasium.Env[Array, Array], gymnasium.utils.EzPickle):
     def reset(
         self, *, seed: int | None = None, options: dict[str, object] | None = None
     ) -> tuple[Array, dict[str, object]]:
-        """Begin an episode; returns its first observation."""
+        """Begin an episode; return its first observation."""
         super().reset(seed=seed)
         self.arena.start([self.np_random])
         self._seen = self.arena.observe()[0]
@@ -91,10 +91,10 @@ class ArmEnv(gymnasium.Env[Array, Array], gymnasium.utils.EzPickle):
         return self._seen.copy(), {}
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, object]]:
-        """Act for one control period; `info["is_success"]` says whether the goal is reached.
+        """Act for one control period; `info["is_success"]` is whether the goal is reached.
 
-        A simulation that leaves all bounds ends the episode (see `TaskBatch`): `info["diverged"]` says so, and the
-        observation is the one before.
+        A simulation that diverges ends the episode (see `TaskBatch`). Then `info["diverged"]` is true, and the
+        observation is the previous one.
 
         Raises:
             OptionError: the action is not finite or has another shape than the action space.
@@ -108,11 +108,11 @@ class ArmEnv(gymnasium.Env[Array, Array], gymnasium.utils.EzPickle):
         return self._seen.copy(), float(verdict.reward[0]), bool(verdict.terminated[0]), bool(truncated[0]), info
 
     def render(self) -> Array | None:
-        """Return a picture of the arm as it is, shape (480, 640, 3), uint8; with `human`, show it and return None.
+        """Return an image of the arm, shape (480, 640, 3), uint8; with `human`, show it and return None.
 
         Raises:
             OptionError: the environment was made without a render mode, or there is no screen for a window.
-            MissingPackage: this machine has nothing that draws pictures; names a package.
+            MissingPackage: this machine has no renderer; the message names a package.
         """
         from nas_data.envs.loop.rendering import Pose, Window
         from nas_data.simulators.offscreen import Pictures
@@ -132,7 +132,7 @@ class ArmEnv(gymnasium.Env[Array, Array], gymnasium.utils.EzPickle):
         return None
 
     def close(self) -> None:
-        """Close the window or the renderer, where one is open."""
+        """Close the window or the renderer, if one is open."""
         if self._display is not None:
             self._display.close()
             self._display = None

@@ -1,4 +1,4 @@
-"""A task on a batch of simulations as stable-baselines3 wants it."""
+"""A task on a batch of simulations as a stable-baselines3 `VecEnv`."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -16,13 +16,13 @@ Indices = None | int | Iterable[int]
 
 @dataclass(frozen=True)
 class RunningEpisode:
-    """How an episode went.
+    """Result of an episode.
 
     Attributes:
         total: Sum of its rewards.
         length: Its control steps.
         success: Whether it reached the goal.
-        diverged: Whether it ended because the simulation left all bounds.
+        diverged: Whether it ended because the simulation diverged.
     """
 
     total: float
@@ -32,12 +32,12 @@ class RunningEpisode:
 
 
 class ArmVecEnv(VecEnv):
-    """B arms stepped by one call; a finished episode is followed by the next one at once.
+    """B arms stepped by one call; finished episodes restart automatically.
 
-    Row i after `seed(s)` lives through the same episodes as `ArmEnv` after `reset(seed=s + i)`. A finished row's info
-    holds `terminal_observation`, `TimeLimit.truncated`, `is_success` and the `episode`'s return `r` and length `l`;
-    `take_episodes` returns the same without the need to look at every step. A simulation that leaves all bounds ends
-    its episode (see `TaskBatch`), whose last observation is then the one before.
+    Row i after `seed(s)` has the same episodes as `ArmEnv` after `reset(seed=s + i)`. The info of a finished row holds
+    `terminal_observation`, `TimeLimit.truncated`, `is_success` and the `episode`'s return `r` and length `l`.
+    `take_episodes` returns the same for many steps at once. A simulation that diverges ends its episode (see
+    `TaskBatch`); its last observation is then the previous one.
     """
 
     def __init__(self, task: Task, stepper: Stepper) -> None:
@@ -71,7 +71,7 @@ class ArmVecEnv(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, object]]]:
-        """Act for one control period; rows that end begin anew, and their observation is the new episode's."""
+        """Act for one control period; finished rows restart, and their observation is that of the new episode."""
         verdict, truncated = self.arena.step(self._actions)
         self._returns += verdict.reward
         lost = self.arena.lost
@@ -109,7 +109,7 @@ class ArmVecEnv(VecEnv):
         return [value for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: object, indices: Indices = None) -> None:
-        """Refuse: a task is a value."""
+        """Refuse: a task is immutable."""
         raise AttributeError(f"'{attr_name}' cannot be set; a task does not change. Build another environment.")
 
     def env_method(

@@ -1,4 +1,4 @@
-"""Where a policy lives: a task on a simulator, on a target, or on what was learned about it."""
+"""Specification of the dynamics for a policy: a task on a simulator, a target, or a learned model."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DynamicsSpec:
-    """A task, the dynamics of its robot, and what was named or learned about them.
+    """A task, the dynamics of its robot, and named or learned corrections of them.
 
     Attributes:
         environment: Name of the environment.
-        dynamics: Which of the task's dynamics the physics has; `source` is the plain model.
-        checkpoint: Learned model: φ corrects that physics after each step, ψ takes its place.
-        effects: Gap report, or its `effects.json`, whose named effects and retuned base the physics has as well.
-        engine: What computes the physics, `mujoco` or `bullet`; a gap that nobody designed lies between them.
-        missed: Share of the touches that ErgoShield does not notice.
-        randomised: Whether the physics' parameters are drawn anew for every episode (domain randomisation).
+        dynamics: Name of one of the task's dynamics; `source` is the plain model.
+        checkpoint: Learned model: φ corrects the physics after each step, ψ replaces it.
+        effects: Gap report, or its `effects.json`; its effects and base parameters are applied to the physics.
+        engine: Physics engine, `mujoco` or `bullet`; the two differ by a natural simulation gap.
+        missed: Share of touches that ErgoShield does not detect.
+        randomised: Whether physics parameters are drawn for each episode (domain randomisation).
     """
 
     environment: str
@@ -41,7 +41,7 @@ class DynamicsSpec:
 
         Raises:
             UnknownName: there is no such environment.
-            OptionError: the missed touches are no share, or the task knows no touches.
+            OptionError: the share of missed touches is outside 0 … 1, or the task has no touches.
         """
         task = find_task(self.environment)
         if not self.missed:
@@ -82,7 +82,7 @@ class DynamicsSpec:
         return LearnedStepper(simulator.stepper(size), load_model(Path(self.checkpoint), simulator))
 
     def describe(self) -> dict[str, object]:
-        """Return what provenance records: equal for plants that behave alike, wherever their files lie.
+        """Return the description for provenance; plants with equal behaviour have equal descriptions.
 
         Raises:
             UnknownName: there is no such environment or engine, or it has no such dynamics.
@@ -104,9 +104,9 @@ class DynamicsSpec:
         return described if named is None else {**described, "retuned": dict(named.retuned)}
 
     def modules(self) -> tuple[str, ...]:
-        """Return the modules of this package that decide what happens here, for `code_hash`.
+        """Return the modules of this package that determine the dynamics, for `code_hash`.
 
-        `code_hash` follows no import inside the functions of this module: what an option needs stands here.
+        `code_hash` follows no imports inside the functions of this module, so the modules of each option are listed.
         """
         named = self._named()
         effects = (*self.task.effects(self.dynamics), *(() if named is None else named.effects))
@@ -122,11 +122,11 @@ class DynamicsSpec:
         )
 
     def check(self) -> None:
-        """Say what is wrong before hours are spent; raises what `stepper` does."""
+        """Check the specification before a long run; raises like `stepper`."""
         self.stepper(1)
 
     def _randomised(self, size: int) -> Stepper:
-        """Return B simulations of the plain physics, whose parameters are drawn anew for every episode."""
+        """Return B simulations of the plain physics with parameters drawn for each episode."""
         from nas_data.envs.loop.randomised import RandomisedStepper, delay_line
         from nas_data.simulators.mujoco import MujocoSimulator
 

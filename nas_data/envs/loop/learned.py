@@ -1,4 +1,4 @@
-"""Whether a learned model fits an environment: the same joints, rate, commands, and the source that it corrects."""
+"""Loading of learned models for an environment, with checks of joints, rate, commands and source."""
 
 import hashlib
 from collections.abc import Mapping
@@ -16,8 +16,8 @@ from nas_data.simulators.engines import load_simulator
 from nas_data.sources import EFFECTS, MODEL
 
 SAME_SOURCE = 1e-3  # [rad] apart after PROBED; equal sources agree to rounding, 4 g more at the tip makes 0.03
-PROBED = 20  # control steps, with wide commands: limits, play and friction under load do not show in one step
-PROBES = 64  # rollouts in which two sources are compared
+PROBED = 20  # control steps with large commands: limits, backlash and friction need more than one step to show
+PROBES = 64  # rollouts for the comparison of two sources
 REMEDY = "Pair the dataset with this environment's robot, with the same effects if any, and train again."
 WIDE, WEAK = 1.5, 0.1  # [rad] and [N·m] of the probes' commands
 
@@ -26,7 +26,7 @@ def load_model(folder: Path, simulator: Simulator) -> DynamicsModel:
     """Load a frozen φ or ψ for a simulator.
 
     Raises:
-        CheckpointError: it is damaged, learned at another rate or from other commands, or corrects another source.
+        CheckpointError: it is damaged, was trained with another rate or command type, or corrects another source.
         JointMismatch: it belongs to another robot.
     """
     folder = checkpoints.find(folder)
@@ -50,13 +50,13 @@ def load_model(folder: Path, simulator: Simulator) -> DynamicsModel:
 
 
 def check_source(folder: Path, model: DynamicsModel, simulator: Simulator) -> None:
-    """Refuse φ where it would correct another source than it was trained to correct.
+    """Refuse φ if the simulator is not the source that it was trained to correct.
 
-    The source kept with the checkpoint must move as the simulator does; where none is kept, what the checkpoint
-    records of it must be what the simulator is.
+    The source stored with the checkpoint must move like the simulator. Without a stored source, its description in the
+    checkpoint must match the simulator.
 
     Raises:
-        CheckpointError: it is another source.
+        CheckpointError: the sources differ.
     """
     recorded = model.provenance.get("source")
     record = recorded if isinstance(recorded, dict) else {}
@@ -78,7 +78,7 @@ def check_source(folder: Path, model: DynamicsModel, simulator: Simulator) -> No
 
 
 def check_record(folder: Path, record: Mapping[str, object], ours: Mapping[str, object]) -> None:
-    """Refuse φ that keeps no source, where what it records of its source is not what the environment's is."""
+    """Refuse φ without a stored source if the description of its source differs from the environment's."""
     theirs = {"effects": [], **record}
     different = [key for key in ("sha256", "effects") if key in theirs and theirs[key] != ours.get(key, theirs[key])]
     if different:
@@ -89,7 +89,7 @@ def check_record(folder: Path, record: Mapping[str, object], ours: Mapping[str, 
 
 
 def distance(one: Simulator, other: Simulator) -> float:
-    """Return how far apart [rad] the joints of two simulators are at most in rollouts from the same states."""
+    """Return the largest joint difference [rad] of two simulators in rollouts from the same states."""
     n = len(other.joints)
     rng = np.random.default_rng(0)
     states = rng.uniform(-0.5, 0.5, (PROBES, 2 * n))
@@ -100,6 +100,6 @@ def distance(one: Simulator, other: Simulator) -> float:
 
 
 def checkpoint_sha256(folder: Path) -> str:
-    """Return a hash of what a checkpoint's model is: configuration and weights."""
+    """Return a hash of a checkpoint's configuration and weights."""
     names = (checkpoints.CONFIG, checkpoints.WEIGHTS)
     return hashlib.sha256(b"".join((checkpoints.find(folder) / name).read_bytes() for name in names)).hexdigest()

@@ -1,4 +1,4 @@
-"""Domain randomisation: simulations whose masses, damping, friction, gains and delay are drawn anew each episode."""
+"""Domain randomisation: masses, damping, friction, gains and delay are drawn for each episode."""
 
 from collections.abc import Sequence
 
@@ -27,19 +27,19 @@ FIELDS = (
 
 
 def delay_line(ranges: Ranges = RANGES) -> CommandDelay:
-    """Return the effect that gives a model's actuators room for the longest delay."""
+    """Return the effect that adds buffers for the longest delay to a model's actuators."""
     return CommandDelay(delay=ranges.delay[1])
 
 
 class RandomisedStepper(Stepper):
-    """A batch of simulations, each on a model of its own from episode to episode; implements `Redrawn`."""
+    """A batch of simulations, each with its own model per episode; implements `Redrawn`."""
 
     def __init__(self, stepper: MujocoStepper, ranges: Ranges = RANGES) -> None:
         """Give every simulation its own parameters.
 
         Args:
             stepper: Batch of B simulations of a model with `delay_line`.
-            ranges: What is drawn.
+            ranges: Limits of the draws.
         """
         self.stepper, self.ranges = stepper, ranges
         self.joints, self.size = stepper.joints, stepper.size
@@ -51,15 +51,15 @@ class RandomisedStepper(Stepper):
         self._torque = np.array([largest_torque(self.model, joint) for joint in self.joints])
 
     def redraw(self, rngs: Sequence[np.random.Generator], rows: np.ndarray | None = None) -> None:
-        """Draw the models of episodes that are about to begin; see `Redrawn`."""
+        """Draw the models of new episodes; see `Redrawn`."""
         chosen = np.arange(self.size) if rows is None else np.asarray(rows)
         for row, rng in zip(chosen, rngs, strict=True):
-            child = rng.spawn(1)[0]  # the starts and goals are those of the plain source with the same seed
+            child = rng.spawn(1)[0]  # so that starts and goals equal those of the plain source with the same seed
             self.apply(int(row), self.ranges.draw(child, self.model, len(self.joints)))
         self.stepper.batch.set_const(chosen)
 
     def apply(self, row: int, drawn: Factors) -> None:
-        """Write one simulation's parameters; what the engine derives from them is left to `redraw`."""
+        """Write one simulation's parameters; `redraw` updates the values that the engine derives from them."""
         model, fields = self.model, self.fields
         fields["body_mass"][row] = model.body_mass * drawn.mass
         fields["body_inertia"][row] = model.body_inertia * drawn.mass[:, None]
@@ -85,11 +85,11 @@ class RandomisedStepper(Stepper):
 
     @property
     def objects(self) -> np.ndarray:
-        """What moves beside the joints, shape (B, m)."""
+        """State of the objects, shape (B, m)."""
         return self.stepper.objects
 
     def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
-        """Start simulations anew on the models that they have; see `Stepper.reset`."""
+        """Reset simulations with their present models; see `Stepper.reset`."""
         self.stepper.reset(states, rows)
 
     def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
@@ -105,7 +105,7 @@ class RandomisedStepper(Stepper):
         self.stepper.set_states(states)
 
     def site_positions(self, name: str) -> np.ndarray:
-        """Return where a site is [m], shape (B, 3)."""
+        """Return the position of a site [m], shape (B, 3)."""
         return self.stepper.site_positions(name)
 
 
@@ -120,7 +120,7 @@ def controls_of(model: mujoco.MjModel, joints: Sequence[str]) -> tuple[np.ndarra
 
 
 def largest_torque(model: mujoco.MjModel, joint: str) -> float:
-    """Return the most that a joint's actuator gives [N·m]: its force limit, or its gain times its largest control."""
+    """Return the largest torque of a joint's actuator [N·m]: its force limit, or gain times largest control."""
     index = model.joint(joint).id
     if model.jnt_actfrclimited[index]:  # also where a dead band moved the servo's limit to
         return float(np.abs(model.jnt_actfrcrange[index]).max())

@@ -1,4 +1,4 @@
-"""What domain randomisation draws anew for every episode, and between which limits."""
+"""Parameters of domain randomisation, and the limits of their draws."""
 
 from dataclasses import asdict, dataclass
 
@@ -10,14 +10,14 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Factors:
-    """One draw: what a model's parameters are multiplied by, and what is added to it.
+    """One draw of factors and added parameters.
 
     Attributes:
-        mass: Of each body's mass and inertia, shape (nbody,).
-        damping: Of each degree of freedom's damping, shape (nv,).
-        friction: Of each degree of freedom's Coulomb friction, shape (nv,).
-        armature: Of each degree of freedom's rotor inertia, shape (nv,).
-        gain: Of each actuator's gain, shape (nu,).
+        mass: Factor of each body's mass and inertia, shape (nbody,).
+        damping: Factor of each degree of freedom's damping, shape (nv,).
+        friction: Factor of each degree of freedom's Coulomb friction, shape (nv,).
+        armature: Factor of each degree of freedom's rotor inertia, shape (nv,).
+        gain: Factor of each actuator's gain, shape (nu,).
         drag: Coulomb friction added in each joint, as a share of its actuator's largest torque, shape (n,).
         delay: Dead time of all commands [s].
     """
@@ -33,22 +33,22 @@ class Factors:
 
 @dataclass(frozen=True)
 class Ranges:
-    """Limits of every draw; a factor of 1, no drag and no delay, which is the source itself, lie within all of them.
+    """Limits of the draws. All of them include the source itself: factors of 1, no drag and no delay.
 
     Masses, damping and gain are those of OpenAI et al., Learning dexterous in-hand manipulation, 2018
     (arXiv:1808.00177, table 1), the delay that of Tan et al., Sim-to-real: learning agile locomotion for quadruped
-    robots, 2018 (arXiv:1804.10332, table of randomised parameters); friction and rotor inertia are given the damping's
-    and the masses' limits, and drag lets a motor that the source thinks frictionless have some. Nothing here is known
-    of the target: who randomises does not know what is missing, and play is not among what the usual recipes draw.
+    robots, 2018 (arXiv:1804.10332, table of randomised parameters). Friction has the limits of damping, and rotor
+    inertia those of mass. Drag adds friction to motors that are frictionless in the source. The limits use no knowledge
+    of the target. Backlash is left out, as in the usual recipes.
 
     Attributes:
-        mass: Factor of mass and inertia, drawn evenly.
-        damping: Factor, its logarithm drawn evenly.
-        friction: Likewise.
-        armature: Factor, drawn evenly.
-        gain: Factor, its logarithm drawn evenly.
-        drag: Coulomb friction added in each joint, as a share of its actuator's largest torque, drawn evenly.
-        delay: Dead time [s], drawn evenly.
+        mass: Factor of mass and inertia, uniform.
+        damping: Factor, log-uniform.
+        friction: Factor, log-uniform.
+        armature: Factor, uniform.
+        gain: Factor, log-uniform.
+        drag: Added Coulomb friction of each joint, as a share of its actuator's largest torque, uniform.
+        delay: Dead time [s], uniform.
     """
 
     mass: Range = (0.5, 1.5)
@@ -64,7 +64,7 @@ class Ranges:
 
         Args:
             rng: Source of randomness; same seed, same bits.
-            model: Its model, whose bodies, degrees of freedom and actuators are each given numbers of their own.
+            model: Its model; each body, degree of freedom and actuator gets its own values.
             joints: Number of measured joints, n.
         """
         return Factors(
@@ -83,7 +83,7 @@ class Ranges:
 
 
 def evenly_in_logarithm(rng: np.random.Generator, limits: Range, count: int) -> np.ndarray:
-    """Draw numbers whose logarithm is uniform between those of the limits, shape (count,)."""
+    """Draw log-uniform numbers between limits, shape (count,)."""
     low, high = limits
     return np.exp(rng.uniform(np.log(low), np.log(high), count))
 

@@ -1,4 +1,4 @@
-"""What an environment looks like: the posture that a simulation tells of, and a window that follows it."""
+"""Rendering of environments: images of the present pose, and a window that follows it."""
 
 import os
 import sys
@@ -16,17 +16,17 @@ from nas_data.simulators.layout import FULLPHYSICS, Layout, RestStates
 
 
 class Pose:
-    """The model of a task in the posture that a simulation, a network or a robot tells of; its physics never runs."""
+    """The model of a task in the pose of a simulation, network or robot; it runs no physics."""
 
     def __init__(self, task: Task, dynamics: str) -> None:
-        """Compile the model of a task's dynamics, without effects: they move the arm, and nobody sees them."""
+        """Compile the model of a task's dynamics, without effects, which are invisible."""
         robot, _ = task.body(dynamics)
         self.model = robot.spec().compile()
         self.data = mujoco.MjData(self.model)
         self._rest = RestStates(self.model, Layout.of(self.model, task.joints, str(robot.mjcf)), FULLPHYSICS)
 
     def take(self, stepper: Stepper) -> None:
-        """Move to the state of the first simulation; stay where that has left all bounds."""
+        """Take the pose of the first simulation; keep the last one if it has diverged."""
         states = np.concatenate([stepper.states[:1], stepper.objects[:1]], axis=1)
         if not np.isfinite(states).all():
             return
@@ -36,14 +36,14 @@ class Pose:
 
 
 class Window:
-    """A window that shows a pose, at the pace of the clock."""
+    """A window that shows a pose in real time."""
 
     def __init__(self, pose: Pose, period: float) -> None:
         """Open the window.
 
         Args:
-            pose: What it shows.
-            period: Time between two pictures [s]; a simulation that is faster waits.
+            pose: The pose to show.
+            period: Time between two frames [s]; a faster simulation waits.
 
         Raises:
             OptionError: there is no screen.
@@ -54,7 +54,7 @@ class Window:
         self._viewer = mujoco.viewer.launch_passive(pose.model, pose.data, show_left_ui=False, show_right_ui=False)
 
     def show(self) -> None:
-        """Show the pose as it is, once its time has come."""
+        """Wait until the next frame is due, and show the pose."""
         time.sleep(max(0.0, self._due - time.monotonic()))
         self._due = time.monotonic() + self._period
         self._viewer.sync()

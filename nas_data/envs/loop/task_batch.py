@@ -1,4 +1,4 @@
-"""A task on a batch of simulations, or on a robot: who is where in which episode."""
+"""A task on a batch of simulations or on a robot: bookkeeping of episodes."""
 
 from collections.abc import Sequence
 
@@ -11,17 +11,17 @@ from nas_data.simulators.base import Redrawn, Stepper
 
 
 class TaskBatch:
-    """A task on B simulations: who is where in which episode.
+    """A task on B simulations, with the state of each episode.
 
-    Each row has its own random generator, so its episodes depend neither on B nor on what happens in other rows.
+    Each row has its own random generator, so its episodes depend neither on B nor on other rows.
 
-    A row whose simulation leaves all bounds ends its episode without success, and no policy can gain by that: for this
-    step and each that the episode would have had, it is given the least reward that any row has had since all began,
-    or zero where that is less. Where rewards are negative, an early end would otherwise be a prize.
+    A diverged simulation ends its episode without success. For this step and each remaining step of the episode it gets
+    the smallest reward of any row so far, at most zero. Without this penalty an early end would pay off in tasks with
+    negative rewards.
 
     Attributes:
-        lost: Which simulations left all bounds in the last step, shape (B,).
-        least: Least reward that any row has had; infinite before the first.
+        lost: Which simulations diverged in the last step, shape (B,).
+        least: Smallest reward of any row so far; infinite before the first.
     """
 
     def __init__(self, task: Task, stepper: Stepper) -> None:
@@ -44,7 +44,7 @@ class TaskBatch:
 
     @property
     def goals(self) -> np.ndarray:
-        """What the episodes are about and what is remembered of them, shape (B, k)."""
+        """Goals and memory of the episodes, shape (B, k)."""
         if self._goals is None:
             raise gymnasium.error.ResetNeeded("Call reset() before step().")
         return self._goals

@@ -1,4 +1,4 @@
-"""What a recorder needs of an arm of servos, whichever protocol they speak."""
+"""Interface between recorders and arms of servos, whichever protocol they use."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -16,13 +16,13 @@ class Reading:
     """The state of the arm at one moment.
 
     Attributes:
-        time: Monotonic clock, the middle between question and last answer [s].
+        time: Monotonic time, midway between request and last reply [s].
         positions: [rad], shape (n,).
         velocities: [rad/s], shape (n,).
         loads: Shares of the largest torque, shape (n,).
-        raw: What the servos said, byte for byte.
-        alerts: Identities of servos with a hardware error.
-        goals: Commands that the servos hold at that moment [rad], shape (n,); None where they are not read back.
+        raw: Replies of the servos, as bytes.
+        alerts: IDs of servos with a hardware error.
+        goals: Active commands [rad], shape (n,); None if the servos do not report them.
     """
 
     time: float
@@ -36,12 +36,12 @@ class Reading:
 
 @dataclass(frozen=True)
 class Health:
-    """What is read now and then of one servo.
+    """Health of one servo.
 
     Attributes:
-        voltage: At its supply [V].
-        temperature: Inside [°C].
-        errors: Bits of the hardware error, as its control table has them.
+        voltage: Supply voltage [V].
+        temperature: Internal temperature [°C].
+        errors: Bits of the hardware error register.
     """
 
     voltage: float
@@ -50,10 +50,10 @@ class Health:
 
 
 class Arm(Stoppable, Protocol):
-    """An open arm; what goes wrong with it is an `ArmError`.
+    """An open arm; its methods raise `ArmError`.
 
     Attributes:
-        names: Of its joints.
+        names: Names of the joints.
         retries: Readings that needed more than one attempt.
     """
 
@@ -64,50 +64,50 @@ class Arm(Stoppable, Protocol):
         """Names of the joints."""
 
     def check(self) -> object:
-        """Look at every servo, and refuse an arm that cannot be used; nothing moves."""
+        """Check every servo, and refuse an arm that cannot be used; nothing moves."""
 
     def configure(self) -> None:
-        """Set every servo up."""
+        """Write the settings of every servo."""
 
     def torque_on(self) -> None:
-        """Switch the torque on where the arm stands."""
+        """Switch the torque on with the present pose as the goal."""
 
     def command(self, positions: np.ndarray) -> np.ndarray:
-        """Send goals [rad], shape (n,); return them as they were sent."""
+        """Send goals [rad], shape (n,); return them as sent."""
 
     def read(self) -> Reading:
-        """Read the arm."""
+        """Read all servos."""
 
     def refuse_alerts(self, reading: Reading) -> None:
-        """Say why a servo has shut down, where one has."""
+        """Raise ArmError if a servo has shut down, with the reason."""
 
-    def look_after(self, place: int) -> Health:
-        """Read supply and warmth of the servo of one joint, and refuse one that must not be used."""
+    def check_servo(self, index: int) -> Health:
+        """Read the health of the servo of joint `index`; raise ArmError if it must not be used."""
 
     def registers(self) -> Registers:
-        """Read the settings of every servo, as its control table holds them."""
+        """Read the settings of every servo from its control table."""
 
     def describe(self) -> dict[str, object]:
-        """Return what provenance records about the hardware."""
+        """Return the description of the hardware for provenance."""
 
 
 class Driver(Protocol):
-    """How to open an arm."""
+    """Opens an arm."""
 
     @property
     def port(self) -> str:
-        """Where it is."""
+        """Path of the port."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of its joints."""
+        """Names of the joints."""
 
     @property
     def speed(self) -> float:
-        """Speed that its servos are limited to [rad/s]; 0 for none."""
+        """Speed limit of the servos [rad/s]; 0 for none."""
 
     def open(self, now: Callable[[], float]) -> Arm:
         """Open the port; the clock [s] stamps the readings."""
 
-    def charge(self) -> dict[str, object]:
-        """Return what a guard needs in order to stop the arm; see `nas_data.hardware.arms.safety`."""
+    def guard_options(self) -> dict[str, object]:
+        """Return the options of `safety.open_for_guard`, with which the watchdog opens the arm."""

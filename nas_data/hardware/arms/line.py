@@ -1,7 +1,7 @@
-"""A line of servos through their maker's SDK: each read is whole, of the servo that was asked and fresh, or fails.
+"""A bus of servos through their maker's SDK: a read returns a complete, fresh reply of the right servo, or fails.
 
-ROBOTIS' and Feetech's SDKs have the same classes. Both take a reply that comes too late for that to the next question,
-so that the line is left alone after each failure until it has fallen silent.
+ROBOTIS' and Feetech's SDKs have the same classes. Both mistake a late reply for the reply to the next request.
+Therefore the bus is left alone after each failure until it is silent.
 """
 
 import errno
@@ -20,23 +20,23 @@ from nas_data.hardware.arms.port_errors import busy, lost_port_error, refusal
 from nas_data.hardware.arms.safety import OPENER
 
 ATTEMPTS = 3
-QUIET = 0.04  # [s] of silence after which nothing late is expected any more
-LONGEST = 0.5  # [s] that silence is waited for
-LISTENING = 5.0  # [ms] in which a second servo of the same identity would answer as well
+QUIET = 0.04  # [s] of silence after which no late reply is expected
+LONGEST = 0.5  # [s] to wait for silence
+LISTENING = 5.0  # [ms] in which a second servo with the same ID would answer as well
 PSEUDO_TERMINALS = "/dev/pts/"
-LENIENCE = 150.0  # [ms] to wait longer where another program plays the servos: it must first be given a processor
-LOOK = 0.002  # [s] that one look for its bytes may last, so that it is left the processor
-SUCCESS = 0  # what both SDKs call COMM_SUCCESS
+LENIENCE = 150.0  # [ms] of extra timeout for virtual servos: their process must first be scheduled
+LOOK = 0.002  # [s] read timeout with virtual servos; blocking leaves the processor to their process
+SUCCESS = 0  # COMM_SUCCESS of both SDKs
 
 
 @dataclass(frozen=True)
 class Register:
-    """A place in the control table.
+    """A register in the control table.
 
     Attributes:
         address: First byte.
         size: Bytes, little endian.
-        sign: Bit that says minus; −1 for a two's complement, None for a number that is never negative.
+        sign: Sign bit of a sign-magnitude number; −1 for two's complement, None if unsigned.
     """
 
     address: int
@@ -44,11 +44,11 @@ class Register:
     sign: int | None = None
 
     def decode(self, data: Sequence[int], start: int = 0) -> int:
-        """Return the register's value from bytes that begin at an address."""
+        """Return the value from bytes that begin at address `start`."""
         return self.signed(int.from_bytes(bytes(data[self.address - start :][: self.size]), "little"))
 
     def signed(self, value: int) -> int:
-        """Return what bits, taken for a number without sign, say."""
+        """Convert an unsigned number to the signed value."""
         if self.sign is None:
             return value
         if self.sign < 0:
@@ -70,17 +70,17 @@ class Register:
 
 @dataclass(frozen=True)
 class StopRegisters:
-    """The registers by which an arm is stopped.
+    """The registers that are needed to stop an arm.
 
     Attributes:
         sdk: Name of the SDK's package.
-        protocol: Version of the protocol, as the SDK counts.
-        baud: Speed of the line [bit/s].
-        speed_unit: Of a unit of speed [rad/s].
-        torque: Whether the torque is on.
-        goal: Where the servo shall go.
-        position: Where it is.
-        speed: How fast it turns.
+        protocol: Protocol version, as the SDK counts.
+        baud: Baud rate [bit/s].
+        speed_unit: Unit of the speed register [rad/s].
+        torque: Torque enable register.
+        goal: Goal position register.
+        position: Present position register.
+        speed: Present speed register.
     """
 
     sdk: str
@@ -94,7 +94,7 @@ class StopRegisters:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Self:
-        """Read what `asdict` made."""
+        """Read the output of `asdict`."""
         kinds: dict[str, Any] = {
             key: Register(**value) if isinstance(value, Mapping) else value for key, value in values.items()
         }
@@ -102,25 +102,25 @@ class StopRegisters:
 
 
 class Line:
-    """Servos on an open port; see `Stoppable` for what it does to them.
+    """Servos on an open port; implements `Stoppable`.
 
     Attributes:
-        port: The SDK's port.
-        ids: Of the servos.
-        failures: Exchanges that failed.
+        port: The SDK's port handler.
+        ids: IDs of the servos.
+        failures: Number of failed transactions.
     """
 
     def __init__(self, table: StopRegisters, ids: Sequence[int], port: Any, packets: Any) -> None:
-        """Take a port over that is open.
+        """Take over an open port.
 
         Args:
             table: Registers.
-            ids: Of the servos.
-            port: The SDK's port.
-            packets: The SDK's handler of packets.
+            ids: IDs of the servos.
+            port: The SDK's port handler.
+            packets: The SDK's packet handler.
 
         Raises:
-            PortBusy: another program has it.
+            PortBusy: another program uses the port.
         """
         self.table, self.ids, self.port, self.failures = table, tuple(ids), port, 0
         self._packets, self._sdk = packets, importlib.import_module(table.sdk)
@@ -133,14 +133,15 @@ class Line:
             _be_lenient(port)
 
     def read(self, identity: int, register: Register) -> int:
-        """Return a register; raises as `read_bytes` does."""
+        """Return the value of a register; raises like `read_bytes`."""
         return register.decode(self.read_bytes(identity, register.address, register.size), register.address)
 
     def read_bytes(self, identity: int, address: int, length: int) -> bytes:
-        """Return a stretch of a servo's memory.
+        """Return a range of a servo's memory.
 
         Raises:
-            ServoSilent, BadReply: it does not answer, or not in a way that can be trusted.
+            ServoSilent: the servo does not answer.
+            BadReply: its replies are damaged.
             AdapterLost: the port is gone.
         """
         for _ in range(ATTEMPTS):
@@ -157,7 +158,7 @@ class Line:
         raise ServoSilent(f"Servo {identity} does not answer; check its plug and the plugs before it in the chain.")
 
     def read_all(self, address: int, length: int) -> list[bytes] | None:
-        """Return a stretch of every servo's memory in one exchange; None where one is missing.
+        """Return a range of every servo's memory in one transaction; None if a reply is missing.
 
         Raises:
             AdapterLost: the port is gone.
@@ -174,11 +175,11 @@ class Line:
         return None
 
     def write(self, identity: int, register: Register, value: int) -> None:
-        """Write a register and make sure that it holds the value.
+        """Write a register, and verify it by reading it back.
 
         Raises:
-            ServoRefused: the servo keeps its own.
-            ServoSilent, BadReply: it does not answer.
+            ServoRefused: the servo keeps another value.
+            ServoSilent, BadReply: it does not answer reliably.
             AdapterLost: the port is gone.
         """
         data = register.encode(value)
@@ -190,7 +191,7 @@ class Line:
         raise ServoRefused(f"Servo {identity} refuses {value} for address {register.address}; it keeps its own value.")
 
     def write_all(self, register: Register, values: Sequence[int]) -> None:
-        """Write a register of every servo in one packet, which none of them confirms.
+        """Write a register of every servo in one packet, without confirmation.
 
         Raises:
             AdapterLost: the port is gone.
@@ -202,7 +203,7 @@ class Line:
             group.txPacket()
 
     def ping(self, identity: int) -> int | None:
-        """Return the model number of a servo; None where it does not answer."""
+        """Return the model number of a servo; None if it does not answer."""
         for _ in range(ATTEMPTS):
             with self._using():
                 model, result, _ = self._packets.ping(self.port, identity)
@@ -211,14 +212,14 @@ class Line:
                 self.calm()
         return None
 
-    def voices(self, identity: int, address: int, length: int) -> tuple[int, bool]:
-        """Ask one servo, and listen to everything that comes.
+    def count_replies(self, identity: int, address: int, length: int) -> tuple[int, bool]:
+        """Send a read request to one ID, and count all replies; two servos with one ID both answer.
 
         Returns:
-            How many sound replies of that identity came, and whether something unsound came.
+            Number of valid replies, and whether a damaged one came.
         """
         newer = self.table.protocol >= 2
-        fast, who = ((False,), 4) if newer else ((), 2)  # how the SDKs receive, and where a packet says who speaks
+        fast, who = ((False,), 4) if newer else ((), 2)  # arguments of rxPacket, and index of the ID in a packet
         with self._using():
             self._packets.readTx(self.port, identity, address, length)
             sound, damaged = 0, False
@@ -230,29 +231,29 @@ class Line:
                 damaged |= packet[who] != identity
                 self.port.setPacketTimeoutMillis(LISTENING)
 
-    def where(self) -> np.ndarray:
-        """Return the positions as the servos count them, shape (n,); raises as `read` does."""
+    def read_position(self) -> np.ndarray:
+        """Return the present positions [counts], shape (n,); raises like `read`."""
         return np.array([self.read(identity, self.table.position) for identity in self.ids])
 
-    def stay(self, there: np.ndarray) -> None:
-        """Command positions as the servos count them, shape (n,)."""
-        self.write_all(self.table.goal, there.tolist())
+    def hold(self, position: np.ndarray) -> None:
+        """Command positions [counts], shape (n,)."""
+        self.write_all(self.table.goal, position.tolist())
 
     def speed(self) -> float:
-        """Return the speed of the fastest servo [rad/s]; raises as `read` does."""
+        """Return the speed of the fastest servo [rad/s]; raises like `read`."""
         return max(abs(self.read(identity, self.table.speed)) for identity in self.ids) * self.table.speed_unit
 
     def torque_off(self) -> None:
-        """Switch the torque off at once, whatever moves; raises AdapterLost where the port is gone."""
-        for _ in range(ATTEMPTS):  # nobody confirms it, and it must not get lost
+        """Switch the torque off at once, even in motion; raises AdapterLost if the port is gone."""
+        for _ in range(ATTEMPTS):  # the packet is not confirmed, and must not get lost
             self.write_all(self.table.torque, [0] * len(self.ids))
 
-    def unsure(self) -> list[int]:
-        """Return the servos that do not confirm that their torque is off."""
+    def find_unconfirmed(self) -> list[int]:
+        """Return the IDs of servos that do not confirm that their torque is off."""
         return [identity for identity in self.ids if not self._is_off(identity)]
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         self.port.closePort()
 
     def _is_off(self, identity: int) -> bool:
@@ -262,7 +263,7 @@ class Line:
             return False
 
     def calm(self) -> None:
-        """Wait until the line is silent: what comes late must not be taken for what is asked next."""
+        """Wait until the bus is silent: a late reply must not be taken for the next one."""
         self.failures += 1
         until, silent = time.monotonic() + LONGEST, time.monotonic() + QUIET
         while time.monotonic() < min(until, silent):
@@ -273,7 +274,7 @@ class Line:
 
     @contextmanager
     def _using(self) -> Iterator[None]:
-        """Begin an exchange on a line from which nothing waits; say it where the port is gone."""
+        """Begin a transaction with an empty input buffer; raise AdapterLost if the port is gone."""
         with report_lost_port(self.port.port_name):
             self.port.is_using = False
             self.port.ser.reset_input_buffer()
@@ -281,7 +282,7 @@ class Line:
 
 
 def _be_lenient(port: Any) -> None:
-    """Let a port wait longer for a packet, and sleep while it waits."""
+    """Extend the timeout of a port, and let it sleep while it waits."""
     usual = port.setPacketTimeout
 
     def wait_longer(length: int) -> None:
@@ -293,31 +294,31 @@ def _be_lenient(port: Any) -> None:
 
 @contextmanager
 def report_lost_port(path: str) -> Iterator[None]:
-    """Say in a sentence that the port is gone.
+    """Translate the errors of a vanished port.
 
     Raises:
-        AdapterLost: it is.
+        AdapterLost: the port is gone.
     """
     try:
         yield
     except ArmError:
         raise
-    except (OSError, termios.error, TypeError) as error:  # a port that was closed meanwhile has no descriptor
+    except (OSError, termios.error, TypeError) as error:  # a closed port has no descriptor
         if isinstance(error, ConnectionError) and error.errno not in {errno.EIO, errno.ENODEV}:
-            raise  # LeRobot's word for a servo that does not answer
+            raise  # LeRobot raises it for a servo that does not answer
         raise lost_port_error(path) from error
 
 
-def charge(table: StopRegisters, ids: Sequence[int], port: str) -> dict[str, object]:
-    """Return what a guard needs in order to stop the servos on a port."""
+def guard_options(table: StopRegisters, ids: Sequence[int], port: str) -> dict[str, object]:
+    """Return the options with which the watchdog opens a port to stop its servos; see `open_line`."""
     return {OPENER: f"{__name__}:{open_line.__name__}", "table": asdict(table), "ids": list(ids), "port": port}
 
 
 def open_line(table: Mapping[str, Any], ids: Sequence[int], port: str) -> Line:
-    """Open a port in order to stop its servos; see `charge`.
+    """Open a port in order to stop its servos; see `guard_options`.
 
     Raises:
-        ArmError: it cannot be opened.
+        ArmError: the port cannot be opened.
     """
     known = StopRegisters.from_json(table)
     sdk = importlib.import_module(known.sdk)

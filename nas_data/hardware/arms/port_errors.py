@@ -1,4 +1,4 @@
-"""What goes wrong with a serial port, in sentences with a remedy."""
+"""Errors of serial ports, each with a remedy."""
 
 import errno
 from pathlib import Path
@@ -9,7 +9,7 @@ KINDS = ("ttyUSB*", "ttyACM*", "ttyAMA*", "tty.usb*", "cu.usb*")
 
 
 def refusal(path: str, error: OSError | ValueError) -> ArmError:
-    """Say why a port could not be opened, and what to do."""
+    """Return the error for a port that could not be opened."""
     code = getattr(error, "errno", None)
     if code in {errno.ENOENT, errno.ENODEV, errno.ENXIO} or not Path(path).exists():
         return NoSuchPort(f"There is no port {path}; plug the adapter in and give one of: {_ports()}.")
@@ -24,16 +24,16 @@ def refusal(path: str, error: OSError | ValueError) -> ArmError:
 
 
 def _ports() -> str:
-    """Return the ports that are there, for a sentence."""
+    """Return the available ports as a list for a sentence."""
     found = sorted(str(path) for kind in KINDS for path in Path("/dev").glob(kind))
     return ", ".join([*found, "virtual"])
 
 
 def busy(path: str) -> PortBusy:
-    """Return what to raise where another program has a port."""
+    """Return the error for a port that another program uses."""
     return PortBusy(f"{path} is used by another program; close that program (a recorder, a monitor) and try again.")
 
 
 def lost_port_error(path: str) -> AdapterLost:
-    """Return what to raise where a port that was open is gone."""
+    """Return the error for an open port that has vanished."""
     return AdapterLost(f"{path} vanished while it was used; plug the adapter in again and check its cable.")

@@ -1,4 +1,4 @@
-"""How an arm is left: held until it is slow, then without torque, each servo asked whether it is."""
+"""Safe stop of an arm: hold it until it is slow, switch the torque off, and verify that on each servo."""
 
 import contextlib
 import importlib
@@ -10,60 +10,64 @@ import numpy as np
 
 from nas_data.errors import ArmError
 
-SLOW = 0.15  # [rad/s] below which the torque may go without a jerk
-PATIENCE = 1.0  # [s] to wait for that
-OPENER = "opener"  # what a charge calls the function that opens the arm, as `module:function`
+SLOW = 0.15  # [rad/s] below which switching the torque off causes no jerk
+PATIENCE = 1.0  # [s] to wait for that speed
+OPENER = "opener"  # key of the function that opens the arm, as `module:function`
 
 
 class Stoppable(Protocol):
-    """What can be made safe; its methods raise ArmError where the line fails."""
+    """Interface for a safe stop; its methods raise ArmError if the bus fails."""
 
-    def where(self) -> np.ndarray:
-        """Return where the arm stands, as `stay` takes it, shape (n,)."""
+    def read_position(self) -> np.ndarray:
+        """Return the present position in the units of `hold`, shape (n,)."""
 
-    def stay(self, there: np.ndarray) -> None:
-        """Command the arm to stay somewhere."""
+    def hold(self, position: np.ndarray) -> None:
+        """Command a position, shape (n,)."""
 
     def speed(self) -> float:
         """Return the speed of the fastest joint [rad/s]."""
 
     def torque_off(self) -> None:
-        """Switch the torque off at once, whatever moves."""
+        """Switch the torque off at once, even in motion."""
 
-    def unsure(self) -> list[int]:
-        """Return the servos that do not confirm that their torque is off."""
+    def find_unconfirmed(self) -> list[int]:
+        """Return the IDs of servos that do not confirm that their torque is off."""
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
 
 
 def make_safe(arm: Stoppable) -> str:
-    """Hold the arm where it is, wait until it is slow, switch the torque off; return what could not be done."""
-    with contextlib.suppress(ArmError):  # what keeps the arm from being read has been said, or is said below
-        until, here = time.monotonic() + PATIENCE, arm.where()
-        arm.stay(here)
+    """Hold the arm, wait until it is slow, and switch its torque off.
+
+    Returns:
+        A sentence on what failed; empty if nothing did.
+    """
+    with contextlib.suppress(ArmError):  # a failure here is reported elsewhere or below
+        until, here = time.monotonic() + PATIENCE, arm.read_position()
+        arm.hold(here)
         while time.monotonic() < until and arm.speed() > SLOW:
-            arm.stay(here)
+            arm.hold(here)
             time.sleep(0.01)
     try:
         arm.torque_off()
     except ArmError as error:
         return f"The torque could not be switched off; switch the supply off. {error}"
-    unsure = [str(identity) for identity in arm.unsure()]
-    if unsure:
-        return f"Servo {', '.join(unsure)} did not confirm that its torque is off; switch the supply off."
+    unconfirmed = [str(identity) for identity in arm.find_unconfirmed()]
+    if unconfirmed:
+        return f"Servo {', '.join(unconfirmed)} did not confirm that its torque is off; switch the supply off."
     return ""
 
 
-def open_charge(charge: Mapping[str, object]) -> Stoppable:
-    """Open the arm that a guard was told of.
+def open_for_guard(options: Mapping[str, object]) -> Stoppable:
+    """Open an arm in order to stop it.
 
     Args:
-        charge: Under `opener` a function as `module:function`; the rest are its arguments.
+        options: Under `opener` a function as `module:function`; the other entries are its arguments.
 
     Raises:
         ArmError: the port cannot be opened.
     """
-    module, _, name = str(charge[OPENER]).partition(":")
+    module, _, name = str(options[OPENER]).partition(":")
     opener = getattr(importlib.import_module(module), name)
-    return cast(Stoppable, opener(**{key: value for key, value in charge.items() if key != OPENER}))
+    return cast(Stoppable, opener(**{key: value for key, value in options.items() if key != OPENER}))

@@ -1,4 +1,4 @@
-"""A whole simulated arm: its servos on one line, in one body."""
+"""A simulated arm: servos on one bus, in one simulated body."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -16,22 +16,22 @@ from nas_data.hardware.xl320.ergojr import ergojr_joints
 from nas_data.robots.base import Robot, find_robot
 from nas_data.simulators.engines import load_simulator
 
-LYING = np.array([0.2, -1.31, 0.72, -0.15, 0.94, 0.28])  # [rad] about Poppy's rest pose, as a hand would leave it
+LYING = np.array([0.2, -1.31, 0.72, -0.15, 0.94, 0.28])  # [rad] initial pose near Poppy's rest pose, as left by hand
 TURN = np.radians(150)  # [rad] from the middle to either end, XL-320 e-manual
 STEP = 0.002  # [s] by which an arm advances, where its model's own step is not longer
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mounted:
-    """A servo in its place, as a calibration left it.
+class MountedServo:
+    """A mounted and calibrated servo.
 
     Attributes:
-        joint: What it moves.
+        joint: Name of its joint.
         kind: Its series, a file of `kinds/`.
-        id: Its identity.
-        zero: What its encoder counts where the joint is at zero.
-        sign: 1 where the joint turns as the servo does, −1 otherwise.
-        registers: What its control table holds beside the factory's values, by name.
+        id: Its ID.
+        zero: Encoder count at the joint's zero.
+        sign: 1 if the joint turns with the servo, −1 otherwise.
+        registers: Register values that differ from the factory's, by name.
     """
 
     joint: str
@@ -42,7 +42,7 @@ class Mounted:
     registers: dict[str, int]
 
     def servo(self) -> VirtualServo:
-        """Take it out of its box, and set it up."""
+        """Create the servo with these registers."""
         servo = VirtualServo(self.id, kind=find_kind(self.kind))
         for name, value in self.registers.items():
             servo.put(name, value)
@@ -52,10 +52,10 @@ class Mounted:
 
 @dataclass(frozen=True)
 class Encoders:
-    """How joints and encoders go together: see `Mounting`.
+    """Conversion between joint positions and encoder counts; see `Mounting`.
 
     Attributes:
-        signs: Shape (n,).
+        signs: 1 if a joint turns with its servo, −1 otherwise, shape (n,).
         zeros: Counts where the joints are at zero, shape (n,).
         ticks: Angle of a count [rad], shape (n,).
     """
@@ -65,8 +65,8 @@ class Encoders:
     ticks: np.ndarray
 
     @classmethod
-    def of(cls, mounted: Sequence[Mounted]) -> Self:
-        """Read them off servos in their places."""
+    def of(cls, mounted: Sequence[MountedServo]) -> Self:
+        """Make the conversion of mounted servos."""
         ticks = np.array([find_kind(one.kind).tick for one in mounted])
         return cls(np.array([one.sign for one in mounted]), np.array([one.zero for one in mounted]), ticks)
 
@@ -83,10 +83,10 @@ class VirtualArm:
     """An arm of servos whose torque is off.
 
     Attributes:
-        servos: In the order of the joints.
-        kind: How the first of them is built, which speaks for the line.
-        chain: The same on one line.
-        body: What they move.
+        servos: Servos in joint order.
+        kind: Series of the first servo; it defines the bus protocol.
+        chain: The servos on the bus.
+        body: The simulated body.
     """
 
     def __init__(
@@ -100,16 +100,16 @@ class VirtualArm:
         """Assemble an arm.
 
         Args:
-            effects: What the simulated arm has and its model lacks.
-            servos: One a joint of the robot.
-            robot: What they move.
-            joints: How their positions are counted.
-            lying: How a hand left it [rad], shape (n,).
+            effects: Effects of the simulated arm that its model lacks.
+            servos: One servo per joint.
+            robot: Model of the arm.
+            joints: Conversion between positions and counts.
+            lying: Initial pose [rad], shape (n,).
         """
         self.servos, self.kind, self.chain = list(servos), servos[0].kind, ServoChain(servos)
         period = max(STEP, float(robot.spec().option.timestep))
         self.body = SimulatedBody(load_simulator(robot, period, effects=effects, threads=1), robot, self.servos, joints)
-        self.body.place(np.concatenate([lying, np.zeros(len(lying))]))
+        self.body.set_state(np.concatenate([lying, np.zeros(len(lying))]))
 
     @classmethod
     def ergojr(cls, effects: Sequence[Effect] = (), offsets: Sequence[int] = ()) -> Self:
@@ -124,7 +124,7 @@ class VirtualArm:
         return cls(effects, [VirtualServo(identity) for identity in joints.ids], robot, joints, LYING)
 
     @classmethod
-    def of(cls, effects: Sequence[Effect], model: str, mounted: Sequence[Mounted], lying: Sequence[float]) -> Self:
+    def of(cls, effects: Sequence[Effect], model: str, mounted: Sequence[MountedServo], lying: Sequence[float]) -> Self:
         """Put calibrated servos into a model.
 
         Args:
@@ -140,7 +140,7 @@ class VirtualArm:
 
 
 def _free(spec: mujoco.MjSpec) -> None:
-    """Let the joints turn as far as a servo can: what keeps them within the arm's limits is software."""
+    """Extend the joint limits to the servos' range: the arm's own limits are enforced by software only."""
     for joint in spec.joints:
         joint.range = np.array([-TURN, TURN])
 

@@ -1,4 +1,4 @@
-"""What the simulated servos move: any simulator of the arm, driven by their registers, read back into them."""
+"""Simulated body of an arm: a simulator driven by the servos' registers; measurements are written back to them."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -12,15 +12,15 @@ from nas_data.robots.base import Robot
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.layout import actuator_index, joint_index
 
-LONGEST = 2.0  # [s] that a body catches up with after its process stood still
+LONGEST = 2.0  # [s] of simulated time that is caught up after the process was suspended
 
 
 class Mounting(Protocol):
-    """How joints and encoders go together."""
+    """Conversion between joint positions and encoder counts."""
 
     @property
     def signs(self) -> np.ndarray:
-        """1 where a joint turns as its servo does, −1 otherwise, shape (n,)."""
+        """1 if a joint turns with its servo, −1 otherwise, shape (n,)."""
 
     def raw(self, positions: np.ndarray) -> np.ndarray:
         """Return encoder counts for positions [rad], shape (n,)."""
@@ -36,11 +36,11 @@ class SimulatedBody:
     the joint, so that friction alone holds it.
 
     Attributes:
-        servos: One a joint.
-        joints: How their positions are counted.
-        electrics: Their supply and warmth.
-        time: Until when the arm has moved [s].
-        renewal: Time between two renewals of the servos' readings [s]; with every step where 0.
+        servos: One servo per joint.
+        joints: Conversion between positions and counts.
+        electrics: Supply voltages and temperatures.
+        time: Simulated time [s].
+        renewal: Update period of the servos' readings [s]; 0 for every step.
     """
 
     def __init__(self, simulator: Simulator, robot: Robot, servos: Sequence[VirtualServo], joints: Mounting) -> None:
@@ -48,9 +48,9 @@ class SimulatedBody:
 
         Args:
             simulator: The arm; its period is the step by which the arm advances.
-            robot: Its model, which says how strong and stiff the servos are.
-            servos: One a joint, in the order of the joints.
-            joints: How their positions are counted.
+            robot: Its model, for strength and stiffness of the servos.
+            servos: One servo per joint, in joint order.
+            joints: Conversion between positions and counts.
         """
         self._stepper = simulator.stepper(1)
         self.servos, self.joints = list(servos), joints
@@ -67,17 +67,17 @@ class SimulatedBody:
 
     @property
     def positions(self) -> np.ndarray:
-        """Where the joints are [rad], shape (n,)."""
+        """Joint positions [rad], shape (n,)."""
         return np.asarray(self._stepper.states[0, : len(self.servos)])
 
-    def place(self, state: np.ndarray) -> None:
-        """Put the arm into a state, positions [rad] then velocities [rad/s], shape (2n,)."""
+    def set_state(self, state: np.ndarray) -> None:
+        """Set the state of the arm: positions [rad] then velocities [rad/s], shape (2n,)."""
         self._stepper.reset(state[None])
         self._goal, self._pace = self.positions.copy(), np.zeros(len(self.servos))
         self.sense()
 
     def advance_to(self, time: float) -> None:
-        """Let the arm move until a time [s] on its own clock, then renew the servos' readings."""
+        """Simulate until a time [s] on the arm's clock, then update the servos' readings."""
         if time - self.time > LONGEST:
             self.time = time - LONGEST
         steps = int((time - self.time) / self._step_time + 1e-9)
@@ -89,27 +89,27 @@ class SimulatedBody:
             self.sense()
 
     def sense(self) -> None:
-        """Write what the servos measure into their registers, and let them fail where they must."""
+        """Write measurements into the registers, and shut down servos outside their operating limits."""
         n = len(self.servos)
         states = self._stepper.states[0]
         raw = self.joints.raw(states[:n])
         speeds = self.joints.signs * states[n:]
         efforts = self.joints.signs * self._duty
-        for place, servo in enumerate(self.servos):
+        for index, servo in enumerate(self.servos):
             felt = Sensation(
-                position=int(raw[place]),
-                speed=float(speeds[place]),
-                effort=float(efforts[place]),
-                voltage=self.electrics.volts(place),
-                temperature=float(self.electrics.temperature[place]),
+                position=int(raw[index]),
+                speed=float(speeds[index]),
+                effort=float(efforts[index]),
+                voltage=self.electrics.volts(index),
+                temperature=float(self.electrics.temperature[index]),
             )
             servo.kind.sense(servo, felt)
-            reasons = self.electrics.reasons(place, servo.kind.bounds(servo))
+            reasons = self.electrics.reasons(index, servo.kind.bounds(servo))
             if reasons:
                 servo.fail(reasons)
 
     def _step(self) -> None:
-        """Advance by one step under the goals, gains and limits that the servos hold now."""
+        """Advance by one step with the servos' present goals, gains and limits."""
         self._read_drives()
         positions, most = self.positions, self._most
         self._approach(positions)
@@ -123,7 +123,7 @@ class SimulatedBody:
         self.electrics.advance(self._duty, self._strain, self._step_time)
 
     def _read_drives(self) -> None:
-        """Renew what the registers say, where one has changed."""
+        """Update the drive states after a register change."""
         drives = [servo.drive for servo in self.servos]
         if len(drives) == len(self._drives) and all(a is b for a, b in zip(drives, self._drives, strict=True)):
             return

@@ -1,4 +1,4 @@
-"""Servos on one line: who answers an instruction, in which order, after which pause."""
+"""Servos on one bus: which of them answer an instruction, in which order and after which delay."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,8 +14,8 @@ class Reply:
 
     Attributes:
         content: Its bytes.
-        pause: Time between the end of what came before and its first byte [s].
-        together: Whether it starts at the same time as the reply before it, because two servos think they are meant.
+        pause: Delay after the previous packet [s].
+        together: Whether it starts together with the previous reply, because two servos have one ID.
     """
 
     content: bytes
@@ -24,7 +24,7 @@ class Reply:
 
 
 class ServoChain:
-    """The servos of an arm, which speak one protocol; several may wrongly have the same identity."""
+    """The servos of an arm with one protocol; several may have the same ID by mistake."""
 
     def __init__(self, servos: Sequence[VirtualServo]) -> None:
         self.servos = list(servos)
@@ -46,7 +46,7 @@ class ServoChain:
         }
 
     def respond(self, packet: Packet) -> list[Reply]:
-        """Follow an instruction; return what goes back on the wire."""
+        """Execute an instruction; return the replies."""
         if packet.instruction == Instruction.STATUS:
             return []
         if packet.instruction in self._several:
@@ -54,10 +54,10 @@ class ServoChain:
         if packet.id == BROADCAST:
             return self._to_everyone(packet)
         replies = [self._alone(servo, packet) for servo in self.named(packet.id)]
-        return [Reply(reply.content, reply.pause, together=place > 0) for place, reply in enumerate(_said(replies))]
+        return [Reply(reply.content, reply.pause, together=index > 0) for index, reply in enumerate(_said(replies))]
 
     def named(self, identity: int) -> list[VirtualServo]:
-        """Return the servos of an identity: one in a sound arm."""
+        """Return the servos with an ID; a correct arm has one."""
         return [servo for servo in self.servos if servo.get("id") == identity]
 
     def _to_everyone(self, packet: Packet) -> list[Reply]:
@@ -69,7 +69,7 @@ class ServoChain:
         return replies if packet.instruction == Instruction.PING else []
 
     def _alone(self, servo: VirtualServo, packet: Packet) -> Reply | None:
-        """Let one servo follow an instruction; None where its status level keeps it silent."""
+        """Execute an instruction on one servo; None if its status level suppresses the reply."""
         follow = self._single.get(packet.instruction)
         if not packet.sound:
             error, data = Error.CRC, b""
@@ -82,7 +82,7 @@ class ServoChain:
         return self._reply(servo, error, data) if answers else None
 
     def _sync_read(self, parameters: bytes) -> list[Reply]:
-        """Answer one after the other; the first that is missing keeps those after it waiting for ever."""
+        """Answer in order; after a missing servo no later one answers."""
         address, length, who = *self._stretch(parameters), parameters[2 * self._protocol.width :]
         return self._in_turn([(identity, address, length) for identity in who])
 
@@ -96,9 +96,9 @@ class ServoChain:
             servos = [servo for servo in self.named(identity) if servo.answers_sync]
             if not servos:
                 break
-            for place, servo in enumerate(servos):
+            for index, servo in enumerate(servos):
                 reply = self._reply(servo, *servo.read(address, length))
-                replies.append(Reply(reply.content, reply.pause, together=place > 0))
+                replies.append(Reply(reply.content, reply.pause, together=index > 0))
         return replies
 
     def _sync_write(self, parameters: bytes) -> list[Reply]:

@@ -1,4 +1,4 @@
-"""By which clock a simulated arm moves: the monotonic one, or in step with the goals that it is sent."""
+"""Clocks of a simulated arm: real time, or lock-step with the received goals."""
 
 import time
 from typing import Protocol
@@ -8,13 +8,13 @@ from nas_data.hardware.virtual_bus.protocols import PacketProtocol as Speech
 
 
 class BusClock(Protocol):
-    """What says how far the arm has moved."""
+    """Interface of a clock of a simulated arm."""
 
     def now(self) -> float:
         """Return the time since the start [s]."""
 
     def heard(self, packet: Packet) -> None:
-        """Take note of an instruction."""
+        """Process a received instruction."""
 
 
 class RealClock:
@@ -28,19 +28,19 @@ class RealClock:
         return time.monotonic() - self._began
 
     def heard(self, packet: Packet) -> None:
-        """Time passes by itself."""
+        """Do nothing: time passes by itself."""
 
 
 class LockStep:
-    """Time that passes only when goals are sent to all servos, a control period each: for tests without waiting."""
+    """Lock-step time: each goal sent to all servos advances it by a control period. For tests without waiting."""
 
     def __init__(self, speech: Speech, goal: int, period: float) -> None:
-        """Stand at zero.
+        """Start at zero.
 
         Args:
-            speech: How the servos speak.
-            goal: Address of the goals.
-            period: Between two goals [s].
+            speech: Packet protocol of the servos.
+            goal: Address of the goal register.
+            period: Time between two goals [s].
         """
         self._speech, self._goal, self._period = speech, goal, period
         self._time = 0.0
@@ -50,6 +50,6 @@ class LockStep:
         return self._time
 
     def heard(self, packet: Packet) -> None:
-        """Advance by a period where goals were sent."""
+        """Advance by a period if the packet sends goals."""
         if packet.instruction == Instruction.SYNC_WRITE and self._speech.number(packet.parameters, 0) == self._goal:
             self._time += self._period

@@ -21,11 +21,11 @@ class Electrics:
     """Supply and warmth of n servos.
 
     Attributes:
-        kinds: Of each servo.
+        kinds: Series of each servo.
         air: Temperature around the arm [°C].
         supply: Voltage of each without load [V], shape (n,), or one for all.
-        voltage: Voltage at each [V], likewise.
-        temperature: Of each [°C], shape (n,).
+        voltage: Voltage at each servo [V], likewise.
+        temperature: Temperature of each servo [°C], shape (n,).
     """
 
     kinds: Sequence[ServoSeries]
@@ -41,12 +41,12 @@ class Electrics:
         self._strained: np.ndarray = np.zeros(len(self.kinds))
 
     def advance(self, duty: np.ndarray, strain: np.ndarray, seconds: float) -> None:
-        """Let time pass.
+        """Advance voltages, temperatures and stall times.
 
         Args:
-            duty: Of each servo, a share of its largest torque, signed, shape (n,).
-            strain: Duty from which each counts as stalled, shape (n,).
-            seconds: How long [s].
+            duty: Signed share of the largest torque of each servo, shape (n,).
+            strain: Duty above which each servo counts as stalled, shape (n,).
+            seconds: Time step [s].
         """
         current = IDLE_CURRENT + self._stall * np.abs(duty)
         self.voltage = np.maximum(0.0, self.supply - SUPPLY_RESISTANCE * float(current.sum()))
@@ -54,17 +54,17 @@ class Electrics:
         self.temperature += (warm - self.temperature) * min(1.0, seconds / WARMING)
         self._strained = np.where(np.abs(duty) >= strain, self._strained + seconds, 0.0)
 
-    def volts(self, place: int) -> float:
+    def volts(self, index: int) -> float:
         """Return the voltage at one servo [V]."""
-        return float(np.broadcast_to(self.voltage, len(self.kinds))[place])
+        return float(np.broadcast_to(self.voltage, len(self.kinds))[index])
 
-    def reasons(self, place: int, bounds: Bounds) -> Reason:
-        """Return why one servo must protect itself now."""
+    def reasons(self, index: int, bounds: Bounds) -> Reason:
+        """Return the reasons for which a servo must shut down."""
         found = Reason(0)
-        if self._strained[place] > bounds.seconds:
+        if self._strained[index] > bounds.seconds:
             found |= Reason.OVERLOAD
-        if self.temperature[place] > bounds.hottest:
+        if self.temperature[index] > bounds.hottest:
             found |= Reason.OVERHEAT
-        if not bounds.lowest <= self.volts(place) <= bounds.highest:
+        if not bounds.lowest <= self.volts(index) <= bounds.highest:
             found |= Reason.VOLTAGE
         return found

@@ -11,7 +11,7 @@ import numpy as np
 from nas_data.effects.base import Effect
 from nas_data.effects.base import parse as parse_effect
 from nas_data.errors import OptionError
-from nas_data.hardware.virtual_bus.arm import Mounted, VirtualArm
+from nas_data.hardware.virtual_bus.arm import MountedServo, VirtualArm
 from nas_data.hardware.virtual_bus.clock import LockStep, RealClock
 from nas_data.hardware.virtual_bus.device import Device
 from nas_data.hardware.virtual_bus.faults.base import LineGone
@@ -40,7 +40,7 @@ class Options:
     faults: tuple[str, ...] = ()
     offsets: tuple[int, ...] = ()
     model: str = ""
-    mounted: tuple[Mounted, ...] = ()
+    mounted: tuple[MountedServo, ...] = ()
     lying: tuple[float, ...] = ()
     seed: int = 0
     honest: bool = True
@@ -74,7 +74,7 @@ class Options:
     def from_json(cls, line: str) -> "Options":
         """Read what `to_json` wrote."""
         values = json.loads(line)
-        mounted = tuple(Mounted(**one) for one in values.pop("mounted"))
+        mounted = tuple(MountedServo(**one) for one in values.pop("mounted"))
         kinds: dict[str, Any] = {
             key: tuple(value) if isinstance(value, list) else value for key, value in values.items()
         }

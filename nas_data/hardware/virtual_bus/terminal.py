@@ -1,4 +1,4 @@
-"""A pseudo-terminal behind which a simulated arm answers, until it is told to stop or pulled out."""
+"""Pseudo-terminal of a simulated arm, open until a stop order or an unplugged adapter."""
 
 import contextlib
 import os
@@ -9,7 +9,7 @@ import tty
 from nas_data.hardware.virtual_bus.device import Device
 from nas_data.hardware.virtual_bus.faults.base import LineGone, parse
 
-IDLE = 0.004  # [s] between two looks at the arm while nobody speaks
+IDLE = 0.004  # [s] between two updates of the arm without bus traffic
 CHUNK = 4096
 
 
@@ -17,14 +17,14 @@ class Terminal:
     """A port that any serial program can open.
 
     Attributes:
-        path: Where it lies.
+        path: Path of the port.
     """
 
     def __init__(self, device: Device) -> None:
         """Open the port.
 
         Args:
-            device: Who answers.
+            device: The simulated device.
         """
         self._device = device
         # the terminal's own end is kept open too: a driver that closes the port must not hang up the line
@@ -51,7 +51,7 @@ class Terminal:
         os.close(self._slave)
 
     def _once(self, orders: int) -> bool:
-        """Answer what is there; False when it is time to stop."""
+        """Answer pending instructions; return False to stop."""
         ready, _, _ = select.select([self._master, orders], [], [], IDLE)
         if self._master in ready:
             now = time.monotonic()

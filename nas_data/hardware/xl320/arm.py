@@ -16,7 +16,7 @@ from nas_data.hardware.xl320.control_table import FEEDBACK, FEEDBACK_SIZE, HEALT
 from nas_data.hardware.xl320.fitness import refuse_outside, refuse_unfit
 from nas_data.hardware.xl320.joints import Joints
 from nas_data.hardware.xl320.port import open_port
-from nas_data.hardware.xl320.survey import FoundServo, nobody, survey
+from nas_data.hardware.xl320.survey import FoundServo, no_answer_error, survey
 from nas_data.hardware.xl320.units import HIGHEST, VOLT
 
 
@@ -143,9 +143,9 @@ class Xl320Arm:
         for identity in reading.alerts:
             refuse_unfit(self._name(identity), self.health(identity))
 
-    def look_after(self, place: int) -> Health:
+    def check_servo(self, index: int) -> Health:
         """Read supply and warmth of the servo of one joint, and refuse it where it is unfit; raises as `check` does."""
-        identity = self.joints.ids[place]
+        identity = self.joints.ids[index]
         health = self.health(identity)
         refuse_unfit(self._name(identity), health)
         return health
@@ -160,19 +160,19 @@ class Xl320Arm:
             for joint, answer in zip(self.joints.names, answers, strict=True)
         }
 
-    def where(self) -> np.ndarray:
+    def read_position(self) -> np.ndarray:
         """Return the positions [rad], shape (n,); raises as `read` does."""
         return self.read().positions
 
-    def stay(self, there: np.ndarray) -> None:
+    def hold(self, position: np.ndarray) -> None:
         """Command positions [rad], shape (n,); raises as `command` does."""
-        self.command(there)
+        self.command(position)
 
     def speed(self) -> float:
         """Return the speed of the fastest joint [rad/s]; raises as `read` does."""
         return float(np.abs(self.read().velocities).max())
 
-    def unsure(self) -> list[int]:
+    def find_unconfirmed(self) -> list[int]:
         """Return the servos that do not confirm that their torque is off."""
         return [identity for identity in self.joints.ids if not self._is_off(identity)]
 
@@ -216,7 +216,7 @@ class Xl320Arm:
             return [self.bus.read(identity, FEEDBACK, FEEDBACK_SIZE) for identity in self.joints.ids]
         except ServoSilent:
             if not any(self.bus.ping(identity) for identity in self.joints.ids):
-                raise nobody(self.port) from None
+                raise no_answer_error(self.port) from None
             raise
 
     def _reading(self, answers: Sequence[Answer], when: float) -> Reading:
@@ -265,11 +265,11 @@ class Xl320:
         """Open the port; see `Xl320Arm`."""
         return Xl320Arm(self.port, self.joints, now, self.configuration)
 
-    def charge(self) -> dict[str, object]:
+    def guard_options(self) -> dict[str, object]:
         """Return what a guard needs."""
         return {OPENER: f"{__name__}:{open_guarded.__name__}", "port": self.port, "joints": asdict(self.joints)}
 
 
 def open_guarded(port: str, joints: Mapping[str, Sequence[object]]) -> Xl320Arm:
-    """Open an arm in order to stop it; see `Xl320.charge`."""
+    """Open an arm in order to stop it; see `Xl320.guard_options`."""
     return Xl320Arm(port, Joints(**{key: tuple(value) for key, value in joints.items()}))  # type: ignore[arg-type]

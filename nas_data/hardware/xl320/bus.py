@@ -66,7 +66,7 @@ class Bus:
             _, result, _ = self._handler.ping(self.port, identity)
         return bool(result == COMM_SUCCESS)
 
-    def found(self) -> dict[int, int]:
+    def broadcast_ping(self) -> dict[int, int]:
         """Return the model number of everything that answers a call to all, by its identity; takes 0.8 s."""
         with self._using():
             servos, _ = self._handler.broadcastPing(self.port)
@@ -166,7 +166,7 @@ class Bus:
         with self._using():
             self._handler.reboot(self.port, identity)
 
-    def voices(self, identity: int, address: int, length: int) -> tuple[int, bool]:
+    def count_replies(self, identity: int, address: int, length: int) -> tuple[int, bool]:
         """Ask one servo and listen to everything that comes; a late reply to an earlier question has another length.
 
         Returns:

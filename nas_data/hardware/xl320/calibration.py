@@ -50,13 +50,13 @@ def write_calibration(path: Path, joints: Joints) -> None:
     ends = np.sort([joints.raw(np.array(joints.low)), joints.raw(np.array(joints.high))], axis=0).T
     content = {
         name: {
-            "id": joints.ids[place],
-            "drive_mode": int(not joints.direct[place]),
-            "homing_offset": joints.offsets[place],
-            "range_min": int(ends[place][0]),
-            "range_max": int(ends[place][1]),
+            "id": joints.ids[index],
+            "drive_mode": int(not joints.direct[index]),
+            "homing_offset": joints.offsets[index],
+            "range_min": int(ends[index][0]),
+            "range_max": int(ends[index][1]),
         }
-        for place, name in enumerate(joints.names)
+        for index, name in enumerate(joints.names)
     }
     write_synced(path, json.dumps(content, indent=4).encode())
 
@@ -78,7 +78,7 @@ def read_calibration(path: Path, joints: Joints) -> Joints:
     expected = [(identity, int(not direct)) for identity, direct in zip(joints.ids, joints.direct, strict=True)]
     if [number[:2] for number in numbers] != expected:
         raise OptionError(f"{path} has other identities or directions than this arm; calibrate it again.")
-    return joints.calibrated(tuple(number[2] for number in numbers))
+    return joints.with_offsets(tuple(number[2] for number in numbers))
 
 
 def joints_of(joints: Joints, robot: str, name: str, path: Path | None = None) -> Joints:

@@ -8,7 +8,7 @@ from nas_data.hardware.xl320.arm import Xl320Arm
 from nas_data.hardware.xl320.control_table import MODEL_NUMBER
 from nas_data.hardware.xl320.fitness import refuse_outside, refuse_unfit
 from nas_data.hardware.xl320.joints import Joints
-from nas_data.hardware.xl320.survey import FoundServo, look, nobody, present, refuse_duplicates
+from nas_data.hardware.xl320.survey import FoundServo, find_answering, no_answer_error, read_servo, refuse_duplicates
 
 
 @dataclass(frozen=True)
@@ -31,14 +31,14 @@ def take_inventory(arm: Xl320Arm) -> Inventory:
         NobodyAnswers: nothing is there.
         AdapterLost: the port is gone.
     """
-    answering = set(arm.bus.found()) | set(present(arm.bus, arm.joints.ids))
+    answering = set(arm.bus.broadcast_ping()) | set(find_answering(arm.bus, arm.joints.ids))
     if not answering:
-        raise nobody(arm.port)
+        raise no_answer_error(arm.port)
     problems, servos = [], []
     for identity in sorted(answering):
         try:
             refuse_duplicates(arm.bus, [identity])
-            servos.append(look(arm.bus, identity))
+            servos.append(read_servo(arm.bus, identity))
         except ArmError as error:
             problems.append(str(error))
     return Inventory(tuple(servos), (*problems, *_absent(arm.joints, answering), *_unfit(arm, servos)))

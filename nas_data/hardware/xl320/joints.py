@@ -62,6 +62,6 @@ class Joints:
         """Return goals for positions [rad], shape (n,): the nearest ticks within the joints' limits and the servo's."""
         return np.clip(self.raw(np.clip(positions, self.low, self.high)), 0, HIGHEST)
 
-    def calibrated(self, offsets: tuple[int, ...]) -> "Joints":
+    def with_offsets(self, offsets: tuple[int, ...]) -> "Joints":
         """Return the joints with other zeros."""
         return replace(self, offsets=offsets)

@@ -38,7 +38,7 @@ class FoundServo:
     errors: tuple[str, ...]
 
 
-def look(bus: Bus, identity: int) -> FoundServo:
+def read_servo(bus: Bus, identity: int) -> FoundServo:
     """Read everything about one servo; raises as `Bus.read` does."""
     head = bus.read(identity, 0, 3)
     model = head.register("model_number", 0)
@@ -66,9 +66,9 @@ def survey(bus: Bus, identities: Sequence[int]) -> list[FoundServo]:
         DuplicateId: two have one identity.
         WrongModel: one is no XL-320.
     """
-    here = present(bus, identities)
+    here = find_answering(bus, identities)
     if not here:
-        raise nobody(bus.port.port_name)
+        raise no_answer_error(bus.port.port_name)
     refuse_duplicates(bus, here)
     missing = [str(identity) for identity in identities if identity not in here]
     if missing:
@@ -76,7 +76,7 @@ def survey(bus: Bus, identities: Sequence[int]) -> list[FoundServo]:
             f"Servo {', '.join(missing)} does not answer, {', '.join(map(str, here))} do; check its plug and its "
             "identity (a new servo has 1, and two with one identity cannot be told apart)."
         )
-    found = [look(bus, identity) for identity in identities]
+    found = [read_servo(bus, identity) for identity in identities]
     for servo in found:
         if servo.model != MODEL_NUMBER:
             raise WrongModel(
@@ -85,7 +85,7 @@ def survey(bus: Bus, identities: Sequence[int]) -> list[FoundServo]:
     return found
 
 
-def present(bus: Bus, identities: Sequence[int]) -> list[int]:
+def find_answering(bus: Bus, identities: Sequence[int]) -> list[int]:
     """Return which servos answer, in any of several tries."""
     return [identity for identity in identities if any(bus.ping(identity) for _ in range(TRIES))]
 
@@ -97,7 +97,7 @@ def refuse_duplicates(bus: Bus, identities: Sequence[int]) -> None:
         DuplicateId: there is one.
     """
     for identity in identities:
-        heard = [bus.voices(identity, FEEDBACK, MOVING_PART) for _ in range(TRIES)]
+        heard = [bus.count_replies(identity, FEEDBACK, MOVING_PART) for _ in range(TRIES)]
         if 2 * sum(sound > 1 for sound, _ in heard) > TRIES or all(damaged and not sound for sound, damaged in heard):
             raise DuplicateId(
                 f"Two servos answer as {identity}; unplug all but one of them and give it its own identity "
@@ -105,7 +105,7 @@ def refuse_duplicates(bus: Bus, identities: Sequence[int]) -> None:
             )
 
 
-def nobody(port: str) -> ArmError:
+def no_answer_error(port: str) -> ArmError:
     """Return what to raise where no servo answers."""
     return NobodyAnswers(
         f"No servo answers on {port}; switch the supply on (7.4 V), check the plug of the first servo, and that it is "

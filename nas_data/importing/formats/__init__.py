@@ -1,4 +1,4 @@
-"""File formats of logs: each file of the folder reads one and says which endings its files have."""
+"""File formats of logs, one module each, with the file suffixes it reads."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -14,17 +14,17 @@ FORMATS = registry.names("importing.formats")
 
 
 class Format(Protocol):
-    """What a file of this folder defines."""
+    """Interface of a format module."""
 
     SUFFIXES: tuple[str, ...]
     FOLDER: str  # what a log that is a folder is called; a module without it reads files only
 
     def read(self, path: Path, layout: LogLayout) -> LogTable:
-        """Read a file; any of `LogError`, `ValueError`, `OSError` says that it is none of this format."""
+        """Read a file; LogError, ValueError or OSError means that it has another format."""
 
 
 class Bag(Protocol):
-    """What a file of this folder defines whose logs are messages of several topics, in place of `read`."""
+    """Interface of a format module for message logs, with `read_topics` instead of `read`."""
 
     def read_topics(self, path: Path, layout: LogLayout) -> dict[str, LogTable]:
         """Read the topics that a map names, by the keys of its `[topics]`."""
@@ -36,7 +36,7 @@ def find_format(name: str) -> Format:
 
 
 def folder_kind(name: str) -> str:
-    """Return what a log of a format is called where it is a folder; empty where logs are files."""
+    """Return the word for a log of a format that is a folder; empty if logs are files."""
     return str(getattr(find_format(name), "FOLDER", ""))
 
 
@@ -49,7 +49,7 @@ def read_tables(path: Path, layout: LogLayout) -> dict[str, LogTable]:
     """Read one log that is one file or folder: one table, or one for each topic that the map names.
 
     Raises:
-        LogError: no such file, another ending than the format's, or content that cannot be read as it.
+        LogError: the file is missing, has another suffix, or cannot be read as this format.
     """
     if layout.topics:
         return _read(path, layout, cast(Bag, find_format(layout.format)).read_topics)
@@ -57,12 +57,12 @@ def read_tables(path: Path, layout: LogLayout) -> dict[str, LogTable]:
 
 
 def read_table(path: Path, layout: LogLayout) -> LogTable:
-    """Read one file of a log; raises as `read_tables` does."""
+    """Read one file of a log; raises like `read_tables`."""
     return _read(path, layout, find_format(layout.format).read)
 
 
 def _read(path: Path, layout: LogLayout, reader: Callable[[Path, LogLayout], Content]) -> Content:
-    """Read a file or folder after it was found to be one, and say in a sentence where it cannot be read."""
+    """Read a file or folder; raise LogError with a remedy if that fails."""
     known = find_format(layout.format)
     folder = is_folder_log(path, layout.format)
     if not folder and folder_kind(layout.format) and not (path.is_file() and known.SUFFIXES):

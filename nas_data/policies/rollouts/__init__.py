@@ -1,1 +1,1 @@
-"""Policies on real arms: the same tasks, with servos in place of a simulation."""
+"""Rollouts of policies on real arms, in the same tasks as in simulation."""

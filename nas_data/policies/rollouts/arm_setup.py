@@ -1,4 +1,4 @@
-"""What stands on the table, an ErgoJr or two of them: whether a task can be done there, and the arms taken over."""
+"""Setup of one or two ErgoJr arms for rollouts: checks of the task, and control of the arms."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -12,33 +12,33 @@ from nas_data.errors import OptionError
 from nas_data.policies.rollouts.approach import Approach
 from nas_data.policies.rollouts.keyboard import Keyboard
 from nas_data.policies.rollouts.robot_stepper import AHEAD, RobotStepper, RolloutTally
-from nas_data.policies.rollouts.two_arm_planner import WaysOfTwo
-from nas_data.policies.rollouts.two_arms import ways_of_two
+from nas_data.policies.rollouts.two_arm_planner import TwoArmPlanner
+from nas_data.policies.rollouts.two_arms import make_two_arm_planner
 from nas_data.recorders.arm_motion import ArmMotion
-from nas_data.recorders.arm_ways import Ways
 from nas_data.recorders.guarded import GuardedArm, Setup
+from nas_data.recorders.path_planner import PathPlanner
 from nas_data.recorders.schedule import Clock
 from nas_data.robots.base import find_robot
 from nas_data.robots.ergojr import JOINTS
 from nas_data.simulators.base import Stepper
 
-ARM = "ergojr_penholder"  # model of either arm by itself
+ARM = "ergojr_penholder"  # model of a single arm
 NO_LOAD_SPEED = 11.9  # [rad/s] at 7.4 V, XL-320 e-manual (114 rpm)
-CLEARANCE = 0.01  # [m] that two arms keep on their slow ways where they can: friction leaves joints up to 5° off
+CLEARANCE = 0.01  # [m] preferred distance of two arms on slow paths: friction leaves joint errors of up to 5°
 SIMULATED = "simulated"
 
 
 @dataclass(frozen=True, kw_only=True)
 class ArmSetup:
-    """What stands on the table.
+    """The arms on the table.
 
     Attributes:
-        attacker: The arm that is commanded.
-        defender: The other one, where the task has one.
-        clock: By which they are moved.
-        hits: Where hits are read: an input device, or `simulated` for the geometry of the measured poses.
-        missed: Share of the simulated hits that are not noticed.
-        edges: Whether the sword is kept from the defender's body, and the shield from the attacker's.
+        attacker: The arm that the policy commands.
+        defender: The second arm; None if the task has none.
+        clock: Clock of the control loop.
+        hits: Source of hits: an input device, or `simulated` for the geometry of the measured poses.
+        missed: Share of simulated hits that are dropped.
+        edges: Whether collision checks include sword and shield against the other arm's body.
     """
 
     attacker: Setup
@@ -49,10 +49,10 @@ class ArmSetup:
     edges: bool = False
 
     def check(self, task: Task) -> None:
-        """Find out whether a task can be done on what is there.
+        """Check that a task fits the arms.
 
         Raises:
-            OptionError: says what is missing, or too much.
+            OptionError: an arm or option is missing, or does not belong to the task.
         """
         if task.joints != JOINTS:
             raise OptionError(f"An ErgoJr cannot do the task of a {task.robot}; roll out ErgoReacher or ErgoShield.")
@@ -66,15 +66,15 @@ class ArmSetup:
 
     @contextmanager
     def open(self, task: Task, tally: RolloutTally) -> Iterator[tuple[Task, RobotStepper]]:
-        """Take the arms over; yield the task as it is told here, and what moves.
+        """Take over the arms; yield the task with its source of hits, and the stepper that moves the arms.
 
         Args:
-            task: What is to be done.
-            tally: What happened so far, to be counted on.
+            task: The task.
+            tally: Statistics to continue.
 
         Raises:
-            ArmError: something is wrong with an arm; all of them are without torque then.
-            OptionError: the device of the hits cannot be read.
+            ArmError: an arm failed; the torque of all arms is off.
+            OptionError: the input device cannot be read.
         """
         self.check(task)
         rest = np.zeros(len(JOINTS))
@@ -83,12 +83,12 @@ class ArmSetup:
             arms = [stack.enter_context(GuardedArm(self.attacker, self.clock))]
             if self.defender:
                 arms.append(stack.enter_context(GuardedArm(self.defender, self.clock)))
-                arms[0].accompany(arms[1])
+                arms[0].share_guard(arms[1])
             motions = [arm.take(rest) for arm in arms]
-            touching, approach = self.attacker.ways, self._alone(motions[0])
+            touching, approach = self.attacker.planner, self._alone(motions[0])
             if self.defender:
-                touching = ways_of_two(self.edges)
-                seeking = WaysOfTwo(self.defender.ways, (ways_of_two(self.edges, CLEARANCE), touching))
+                touching = make_two_arm_planner(self.edges)
+                seeking = TwoArmPlanner(self.defender.planner, (make_two_arm_planner(self.edges, CLEARANCE), touching))
                 approach = Approach(motions[0], motions[1], seeking, touching)
             stepper = RobotStepper(
                 motions[0],
@@ -102,12 +102,12 @@ class ArmSetup:
             yield noticed, stepper
 
     def _alone(self, motion: ArmMotion) -> Callable[[np.ndarray], None]:
-        """Return what brings a single arm into a pose, its sag made up for."""
-        ways = self.attacker.ways
-        return lambda pose: motion.approach(pose - ways.sag(pose))
+        """Return a function that brings a single arm to a pose [rad], shape (n,), with sag compensation."""
+        planner = self.attacker.planner
+        return lambda pose: motion.approach(pose - planner.sag(pose))
 
     def _noticed(self, task: Task, stack: ExitStack) -> Task:
-        """Return a task that reads its hits where they come from."""
+        """Return the task with its source of hits."""
         if not isinstance(task, ErgoShield):
             return task
         touched: Callable[[Stepper], np.ndarray] = touches
@@ -116,6 +116,6 @@ class ArmSetup:
         return replace(task, touched=touched, missed=self.missed)
 
 
-def ways() -> Ways:
-    """Return the slow ways of an arm with a pen holder."""
-    return Ways(find_robot(ARM))
+def make_path_planner() -> PathPlanner:
+    """Return the path planner of a single arm with a pen holder."""
+    return PathPlanner(find_robot(ARM))

@@ -1,4 +1,4 @@
-"""What is to be rolled out on an arm: which policies, from which starts, in which order."""
+"""Plan of an evaluation on an arm: policies, starts and their order."""
 
 import hashlib
 from collections.abc import Sequence
@@ -13,13 +13,13 @@ from nas_data.policies.policy import WEIGHTS, Policy, find_policies, load_policy
 
 @dataclass(frozen=True)
 class EvaluationPlan:
-    """Every policy from the same starts, one episode after the other, one policy after the other.
+    """Plan in which every policy plays the same starts, policy by policy.
 
     Attributes:
-        paths: Folders as the user gave them: of one policy, or of one a seed.
-        folders: Policies' folders, path by path.
-        policies: By folder.
-        episodes: Of each policy.
+        paths: Folders that the user gave, each with one policy or one per seed.
+        folders: Folders of the policies, for each path.
+        policies: Policies by folder.
+        episodes: Number of episodes of each policy.
     """
 
     paths: tuple[Path, ...]
@@ -32,12 +32,12 @@ class EvaluationPlan:
         """Read policies.
 
         Args:
-            paths: Where they lie.
-            environment: What they are to be judged on.
-            episodes: Of each policy.
+            paths: Folders of policies.
+            environment: Environment of the evaluation.
+            episodes: Number of episodes of each policy.
 
         Raises:
-            CheckpointError: there are none, or they were trained for something else.
+            CheckpointError: there are no policies, or they were trained for another environment.
         """
         folders = tuple(tuple(find_policies(path)) for path in paths)
         policies = {folder: load_policy(folder) for found in folders for folder in found}
@@ -46,27 +46,27 @@ class EvaluationPlan:
         return cls(tuple(paths), folders, policies, episodes)
 
     def turns(self) -> list[tuple[Policy, int]]:
-        """Return who acts in each episode, and the seed of its start: that which it has in simulation."""
+        """Return the policy and the start seed of each episode; seeds are the same as in simulation."""
         listed = [folder for found in self.folders for folder in found]
         return [(self.policies[folder], SEED + number) for folder in listed for number in range(self.episodes)]
 
     def weights(self) -> list[str]:
-        """Return the SHA-256 of each policy's weights, in the order of their turns."""
+        """Return the SHA-256 of each policy's weights, in playing order."""
         files = [folder / WEIGHTS for found in self.folders for folder in found]
         return [hashlib.sha256(file.read_bytes()).hexdigest() for file in files]
 
     def groups(self, scores: Sequence[Returns]) -> list[Group]:
-        """Return the scores of all turns by the folders that the user gave."""
+        """Group the scores of all episodes by the folders that the user gave."""
         left = iter(scores)
         groups = []
         for path, found in zip(self.paths, self.folders, strict=True):
-            of_each = [together([next(left) for _ in range(self.episodes)]) for _ in found]
+            of_each = [concatenate_scores([next(left) for _ in range(self.episodes)]) for _ in found]
             groups.append(Group(str(path), found, [self.policies[folder] for folder in found], of_each))
         return groups
 
 
-def together(scores: Sequence[Returns]) -> Returns:
-    """Return episodes that went one after the other as one score."""
+def concatenate_scores(scores: Sequence[Returns]) -> Returns:
+    """Concatenate the scores of episodes."""
     return Returns(
         returns=np.concatenate([score.returns for score in scores]),
         successes=np.concatenate([score.successes for score in scores]),

@@ -1,4 +1,4 @@
-"""Hits as a keyboard says them: sword and shield, painted to conduct, press a key of a MakeyMakey.
+"""Hits from a keyboard: sword and shield have conductive paint and press a key of a MakeyMakey.
 
 Source: Linux, `include/uapi/linux/input.h` and `input-event-codes.h`: 24-byte events of time, type, code and value.
 """
@@ -20,7 +20,7 @@ EVENTS = 64  # read at once
 
 
 class Keyboard:
-    """A key that is pressed while sword and shield touch; a context that gives the device back."""
+    """A key that is pressed while sword and shield touch; a context manager that closes the device."""
 
     def __init__(self, path: str) -> None:
         """Open an input device.
@@ -42,7 +42,7 @@ class Keyboard:
         self._path, self._held = path, False
 
     def __call__(self, stepper: Stepper) -> np.ndarray:
-        """Return whether the key was pressed since the last call, or still is, shape (1,).
+        """Return whether the key was pressed since the last call or still is, shape (1,).
 
         Raises:
             OptionError: the device is gone.
@@ -55,7 +55,7 @@ class Keyboard:
         return np.array([pressed])
 
     def _events(self) -> list[tuple[int, int, int]]:
-        """Return type, code and value of what has come in."""
+        """Return type, code and value of the new events."""
         try:
             content = os.read(self._descriptor, EVENTS * EVENT.size)
         except BlockingIOError:
@@ -75,6 +75,6 @@ class Keyboard:
 
 
 def devices() -> str:
-    """Return the keyboards that are there, for a sentence."""
+    """Return the available keyboards as a list for a sentence."""
     found = sorted(str(path) for path in Path("/dev/input/by-id").glob("*-kbd"))
     return ", ".join([*found, "simulated"])

@@ -1,4 +1,4 @@
-"""Rollouts as a dataset: each is on the disk, with its rewards, before the next begins; a second run goes on."""
+"""Recording of rollouts as a dataset: each is saved before the next begins, and a later run resumes."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -19,21 +19,21 @@ from nas_data.dataset.features import (
     flag_feature,
     reward_feature,
 )
-from nas_data.dataset.incremental_writer import Growing
+from nas_data.dataset.incremental_writer import IncrementalWriter
 from nas_data.dataset.merge import concatenate
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read
-from nas_data.dataset.versions import check_place
-from nas_data.dataset.write_lock import alone
+from nas_data.dataset.versions import check_destination
+from nas_data.dataset.write_lock import hold_write_lock
 from nas_data.errors import OptionError
 from nas_data.policies.evaluate import Returns
 from nas_data.policies.rollouts.robot_stepper import Bout, RolloutTally
 from nas_data.policies.rollouts.rollout import Judgement, judgements
 from nas_data.recorders.arm_dataset import to_dataset
-from nas_data.recorders.under_way import complete, describe_progress, other_recording_error, place
+from nas_data.recorders.under_way import complete, describe_progress, other_recording_error, recording_folder
 
 FEATURES = {REWARD: reward_feature(), DONE: flag_feature(DONE), SUCCESS: flag_feature(SUCCESS)}
-WORDS = {  # what the user would call that in which two series of rollouts differ
+WORDS = {  # names for the user of settings in which two series of rollouts may differ
     "how": "kind of arm",
     "kind": "kind of arm",
     "arms": "arm",
@@ -52,14 +52,14 @@ WORDS = {  # what the user would call that in which two series of rollouts diffe
 
 @dataclass(frozen=True, kw_only=True)
 class Recorder:
-    """How rollouts become a dataset.
+    """Converts rollouts to a dataset.
 
     Attributes:
-        joints: Names of the arm's.
+        joints: Names of the arm's joints.
         rate: Control rate [Hz].
         task: Name of the environment.
-        objects: What is known of the defender; of no width where there is none.
-        provenance: Where the episodes come from, without the tally. Rollouts of an equal one may be gone on with.
+        objects: Feature of the defender's state; width 0 without a defender.
+        provenance: Origin of the episodes, without statistics. Only rollouts of equal provenance can be resumed.
     """
 
     joints: tuple[str, ...]
@@ -69,7 +69,7 @@ class Recorder:
     provenance: Provenance
 
     def dataset(self, bouts: Sequence[Bout], judgement: Judgement) -> Dataset:
-        """Return a rollout of T steps as a dataset of one episode a bout."""
+        """Return a rollout of T steps as a dataset, with one episode per reset."""
         dataset = concatenate([self._bout(bout) for bout in bouts])
         for key, column in judgement.columns().items():
             dataset = dataset.with_column(key, FEATURES[key], column)
@@ -85,20 +85,20 @@ class Recorder:
 
 
 class Saved:
-    """Rollouts that are saved under a name, and may become more.
+    """Saved rollouts, to which more may be added.
 
     Attributes:
-        name: Of the dataset that they become.
-        growing: Where they are.
-        scores: How each went.
-        tally: What happened while they were made.
+        name: Name of the final dataset.
+        growing: The saved episodes.
+        scores: Score of each rollout.
+        tally: Statistics of the recording.
     """
 
-    def __init__(self, name: str, growing: Growing) -> None:
-        """Read what an earlier run saved.
+    def __init__(self, name: str, growing: IncrementalWriter) -> None:
+        """Read the rollouts of an earlier run.
 
         Raises:
-            OptionError: something else is under way there.
+            OptionError: the folder holds another kind of recording.
         """
         self.name, self.growing, self.scores = name, growing, list[Returns]()
         self._known = read_provenance(growing.root) if growing.episodes else None
@@ -110,11 +110,11 @@ class Saved:
                 raise other_recording_error(growing.root, "another command", "--record")
             self.scores = [judgement.score() for judgement in judgements(dataset)]
 
-    def go_on(self, recorder: Recorder) -> None:
-        """Begin, or go on with, what a recorder makes datasets of.
+    def resume(self, recorder: Recorder) -> None:
+        """Begin or resume a recording.
 
         Raises:
-            OptionError: what is saved is of another kind; says in what it differs.
+            OptionError: the saved rollouts have other settings; the message names them.
         """
         self._recorder = recorder
         if self._known:
@@ -124,25 +124,25 @@ class Saved:
                 raise other_recording_error(self.growing.root, f"another {' and '.join(other)}", "--record")
 
     def save(self, bouts: Sequence[Bout], judgement: Judgement) -> None:
-        """Save a rollout, after `go_on`; when this returns, it outlives everything but the disk."""
+        """Save a rollout and flush it to the disk. Call `resume` first."""
         assert self._recorder is not None
         provenance = self._recorder.provenance
         target = {**(provenance.target or {}), "tally": asdict(self.tally)}
         self.growing.append(self._recorder.dataset(bouts, judgement), replace(provenance, target=target))
         self.scores.append(judgement.score())
 
-    def told(self, wanted: int) -> str:
-        """Say how many episodes of how many are saved, and how it goes on."""
+    def describe_progress(self, wanted: int) -> str:
+        """Return a sentence on how many of the wanted episodes are saved, and how to resume."""
         return describe_progress(self.growing.root, len(self.scores), wanted)
 
     def finish(self, notes: str) -> Path:
-        """Make a dataset of what is saved, and return its folder.
+        """Save the rollouts as a dataset, and return its folder.
 
         Args:
-            notes: On how it came about, for people.
+            notes: Notes for the provenance.
 
         Raises:
-            OptionError: nothing is saved.
+            OptionError: no rollout is saved.
         """
         if not self.growing.episodes:
             raise OptionError(f"Nothing is saved in {self.growing.root} that could be finished; record first.")
@@ -151,18 +151,18 @@ class Saved:
 
 @contextmanager
 def saved_as(name: str) -> Iterator[Saved]:
-    """Yield what is saved under a name; nobody else writes there as long as this context is open.
+    """Open the rollouts saved under a name, with a write lock.
 
     Raises:
-        BeingWritten: another program records under that name.
-        OptionError: no name for a dataset, or something else is under way there.
+        BeingWritten: another program records under this name.
+        OptionError: the name is invalid, or the folder holds another kind of recording.
     """
-    check_place(name=name)
-    with alone(root := place(name)):
-        yield Saved(name, Growing(root))
+    check_destination(name=name)
+    with hold_write_lock(root := recording_folder(name)):
+        yield Saved(name, IncrementalWriter(root))
 
 
 def identity(provenance: Provenance) -> dict[str, object]:
-    """Return what must be alike in rollouts that are one recording, by the keys of `WORDS`."""
+    """Return the settings that all rollouts of a recording must share, by the keys of `WORDS`."""
     values = {**provenance.to_json(), **(provenance.target or {}), **(provenance.signal or {})}
     return {key: json.loads(json.dumps(values.get(key))) for key in WORDS}

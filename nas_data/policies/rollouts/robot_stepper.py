@@ -1,4 +1,4 @@
-"""One arm, or two, in place of a batch of simulations: what is read is the state, what is commanded moves servos."""
+"""Stepper for real arms: readings are the state, and commands move servos."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -9,20 +9,20 @@ from nas_data.errors import OptionError
 from nas_data.hardware.xl320.arm import Reading
 from nas_data.recorders.arm_motion import LEAD, ArmEpisode, ArmMotion
 from nas_data.recorders.arm_tally import RecordingStats
-from nas_data.recorders.arm_ways import Ways
-from nas_data.recorders.tolerance import TRIES, Tolerance
+from nas_data.recorders.path_planner import PathPlanner
+from nas_data.recorders.retry import TRIES, Retry
 from nas_data.simulators.base import Simulator
 
-HOT = 55.0  # [°C] of a servo at which the arms rest between two bouts; it would shut down at 65
-AHEAD = 0.1  # [s] for which it is looked ahead whether a command leads into a touch
+HOT = 55.0  # [°C] at which the arms pause between two episodes; a servo shuts down at 65 °C
+AHEAD = 0.1  # [s] lookahead of the collision check
 
 
 @dataclass
 class Bout(ArmEpisode):
-    """What was read and sent from one reset to the next.
+    """Readings and commands from one reset to the next.
 
     Attributes:
-        opponents: States of the defender before the first command and after each, T + 1 of shape (m,); m may be 0.
+        opponents: Defender states before the first command and after each, T + 1 of shape (m,); m may be 0.
     """
 
     opponents: list[np.ndarray] = field(default_factory=list)
@@ -34,9 +34,9 @@ class RolloutTally(RecordingStats):
 
     Attributes:
         steps: Commands.
-        late: Readings after a command that came late; those that were missed are among them.
-        held_back: Commands that would have led into a touch, and were not sent.
-        unheard: Times that a servo went unheard, in spite of the bus's own attempts, and was asked again.
+        late: Late readings after a command, including the missed ones.
+        held_back: Commands that were replaced because they would have caused a collision.
+        unheard: Transactions that were repeated after the attempts of the bus had failed.
     """
 
     steps: int = 0
@@ -46,20 +46,20 @@ class RolloutTally(RecordingStats):
 
 
 class RobotStepper:
-    """An arm, and a defender where the task has one, behind the interface of a batch of one simulation.
+    """One or two arms behind the interface of a simulation batch of size 1.
 
-    A reset is a slow way to the first pose. A command that would bring the arm into touch with itself, the floor or
-    the defender within a tenth of a second is not sent: the arm goes back to where it was last free of touches. The
-    defender waits where it was safe while its own way would lead into the attacker. What leads out of a touch is sent.
-    Sites are where the model has them in the measured pose.
+    A reset moves the arms slowly to the first pose. A command is not sent if it would cause a collision with the arm
+    itself, the floor or the other arm within 0.1 s. The arm then returns to its last collision-free pose, and the
+    defender waits in its own. Commands that open a contact are sent. Site positions are computed by the model in the
+    measured pose.
 
-    A servo that goes unheard is asked again while the arms stand still; the reading is flagged as late and missed, and
-    the schedule goes on with the next moment that is not over. Only what lasts is an error.
+    After a transient bus error the arms stand still and the reading is repeated. It is flagged as late and missed, and
+    the schedule continues with the next full period. Only persistent errors are raised.
 
     Attributes:
         joints: Names of the commanded joints.
-        size: 1.
-        tally: What happened so far.
+        size: Batch size, 1.
+        tally: Statistics so far.
     """
 
     def __init__(
@@ -67,29 +67,29 @@ class RobotStepper:
         attacker: ArmMotion,
         defender: ArmMotion | None,
         model: Simulator,
-        ways: Ways,
+        planner: PathPlanner,
         approach: Callable[[np.ndarray], None],
         reach: float,
         tally: RolloutTally | None = None,
     ) -> None:
-        """Take arms over.
+        """Take over the arms.
 
         Args:
-            attacker: The arm that is commanded.
-            defender: The other one.
-            model: The task's model, which tells where sites are.
-            ways: What touches in poses of the arm [rad], shape (n,), or of both, the attacker's first, shape (2n,).
-            approach: Brings the arms slowly into such a pose [rad].
-            reach: How far a joint may get in the time that is looked ahead [rad].
-            tally: What happened so far; nothing where None.
+            attacker: The arm that the policy commands.
+            defender: The second arm; None if the task has none.
+            model: Simulator of the task, for the sites.
+            planner: Collision checks in poses [rad] of the arm, shape (n,), or of both, shape (2n,).
+            approach: Brings the arms slowly to such a pose [rad].
+            reach: Largest joint travel within the lookahead [rad].
+            tally: Statistics to continue; new ones if None.
         """
         self.joints, self.size, self.tally = model.joints, 1, tally or RolloutTally()
-        self._attacker, self._defender, self._ways, self._reach = attacker, defender, ways, reach
+        self._attacker, self._defender, self._planner, self._reach = attacker, defender, planner, reach
         self._arms = (attacker, defender) if defender else (attacker,)
         self._body, self._approach, self._retries = model.stepper(1), approach, 0
-        self._tolerance = Tolerance(TRIES, self._stand_still)
+        self._retry = Retry(TRIES, self._stand_still)
         for arm in self._arms:
-            arm.tolerance = self._tolerance
+            arm.retry = self._retry
         self._bouts, self._bout, self._due = list[Bout](), Bout(), 0.0
         self._state, self._opponent = np.zeros(2 * len(self.joints)), np.zeros(model.object_feature.width)
         self._guidance: np.ndarray = np.zeros(len(self.joints))
@@ -102,40 +102,40 @@ class RobotStepper:
 
     @property
     def objects(self) -> np.ndarray:
-        """The same of the defender, shape (1, m)."""
+        """Measured state of the defender, shape (1, m)."""
         return self._opponent[None]
 
     def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
-        """Bring the arms slowly into their first poses, one after the other; see `Stepper.reset`."""
+        """Move the arms slowly to their first poses; see `Stepper.reset`."""
         self._end_bout()
         n = len(self.joints)
         self._guidance = states[0, 2 * n : 3 * n].copy()
         self._bring(np.concatenate([states[0, :n], self._guidance]) if self._defender else states[0, :n])
         self._bout, self._due = Bout(), self._attacker.clock.now() + LEAD
-        self._read(self._tolerance.failures)
-        here, _ = self._halves()
-        self._safe = here - self._ways.sag(here)
+        self._read(self._retry.failures)
+        here, _ = self._measured()
+        self._safe = here - self._planner.sag(here)
 
     def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
-        """Command the defender from now on; see `Stepper.guide`."""
+        """Set the defender's command for the next steps; see `Stepper.guide`."""
         self._guidance = targets[0].copy()
 
     def step(self, commands: np.ndarray) -> np.ndarray:
-        """Send commands (1, n), wait for the end of the control period, and read the arms."""
-        n, unheard = len(self.joints), self._tolerance.failures
-        sent = self._careful(np.concatenate([commands[0], self._guidance]))
+        """Send commands [rad], shape (1, n), wait for the end of the control period, and read the arms."""
+        n, unheard = len(self.joints), self._retry.failures
+        sent = self._avoid_contact(np.concatenate([commands[0], self._guidance]))
         self._attacker.record_command(self._bout, sent[:n])
         if self._defender:
             self._defender.send(sent[n:])
         self._due += self._attacker.period
         self._read(unheard)
         over = (self._attacker.clock.now() - self._due) // self._attacker.period
-        self._due += max(0.0, over) * self._attacker.period  # moments that are over are not made up for in a hurry
+        self._due += max(0.0, over) * self._attacker.period  # skip missed periods instead of catching up
         self.tally.steps += 1
         return self.states
 
     def set_states(self, states: np.ndarray) -> None:
-        """Refuse: nobody can put a real arm into a state in motion.
+        """Refuse: a real arm cannot be set to a moving state.
 
         Raises:
             OptionError: always.
@@ -143,25 +143,25 @@ class RobotStepper:
         raise OptionError("A real arm cannot be put into a state; judge a policy on it without a learned model.")
 
     def site_positions(self, name: str) -> np.ndarray:
-        """Return where the model has a site in the measured pose [m], shape (1, 3)."""
+        """Return the position of a site in the measured pose [m], shape (1, 3)."""
         self._body.reset(np.concatenate([self._state, self._opponent])[None])
         return self._body.site_positions(name)
 
     def take_bouts(self) -> list[Bout]:
-        """Return what was read and sent since the last call, one bout from reset to reset; the present one is over."""
+        """End the present bout, and return all bouts since the last call."""
         self._end_bout()
         bouts, self._bouts = self._bouts, []
         retries = sum(motion.arm.retries for motion in self._arms)
         self.tally.retries, self._retries = self.tally.retries + retries - self._retries, retries
-        self.tally.unheard, self._tolerance.failures = self.tally.unheard + self._tolerance.failures, 0
+        self.tally.unheard, self._retry.failures = self.tally.unheard + self._retry.failures, 0
         return bouts
 
-    def promise(self, seconds: float) -> None:
-        """Tell the guards until when the next word comes [s from now]; raises as `ArmMotion.promise` does."""
-        self._attacker.promise(seconds)
+    def extend_deadline(self, seconds: float) -> None:
+        """Tell the guards until when the next word comes [s from now]; raises as `ArmMotion.extend_deadline` does."""
+        self._attacker.extend_deadline(seconds)
 
     def _end_bout(self) -> None:
-        """Put what was read and sent since the last reset to the bouts."""
+        """Append the readings and commands since the last reset to the bouts."""
         bout, self._bout = self._bout, Bout()
         if bout.commands:
             self.tally.late += int(bout.late(self._attacker.period)[1:].sum())
@@ -169,78 +169,82 @@ class RobotStepper:
             self._bouts.append(bout)
 
     def _read(self, unheard: int) -> None:
-        """Read the arms; flag that where the line has failed more often by then than a number says."""
+        """Read the arms; flag the reading if there were more bus errors than `unheard`."""
         self._state = _state(self._attacker.record_reading(self._bout, self._due))
         if self._defender:
             self._opponent = _state(self._defender.sense())
         self._bout.opponents.append(self._opponent)
-        if self._tolerance.failures > unheard:
+        if self._retry.failures > unheard:
             self._bout.unheard.add(len(self._bout.readings) - 1)
 
     def _bring(self, pose: np.ndarray) -> None:
-        """Go slowly to a pose [rad], shape (n,) or (2n,), and rest there where a servo is hot."""
+        """Move slowly to a pose [rad], shape (n,) or (2n,), and cool there if a servo is hot."""
         self._approach(pose)
-        held = pose - self._ways.sag(pose)
+        held = pose - self._planner.sag(pose)
         for motion, command in zip(self._arms, np.split(held, len(self._arms)), strict=True):
             if motion.vitals.temperature.max() >= HOT:
                 self.tally.pauses += 1
                 motion.cool(command, HOT)
 
     def _stand_still(self) -> None:
-        """Send the arms back to where they were safe: a command was looked after for a tenth of a second only."""
+        """Send the arms to their last safe poses: a command was checked for the next 0.1 s only."""
         if self._bout.commands:
             for motion, pose in zip(self._arms, np.split(self._safe, len(self._arms)), strict=True):
                 motion.command(pose)
 
-    def _careful(self, goal: np.ndarray) -> np.ndarray:
-        """Return what may be sent: the goal, or for an arm that it would lead into a touch, what keeps it safe.
+    def _avoid_contact(self, goal: np.ndarray) -> np.ndarray:
+        """Return the goal, with the safe pose for arms that would collide.
 
-        The attacker gives way first, and then, where this is not enough, the defender, and then both.
+        The attacker is stopped first, then the defender instead, then both.
 
         Args:
-            goal: Of the attacker, and of the defender where there is one [rad], shape (n,) or (2n,).
+            goal: Command of the attacker, then of a defender [rad], shape (n,) or (2n,).
         """
         n = len(self.joints)
-        here, velocities = self._halves()
+        here, velocities = self._measured()
         attacker, defender = slice(0, n), slice(n, len(goal))
         soon = here + velocities * AHEAD
         if self._is_safe(goal, soon):
-            return self._sent(goal, slice(0, len(goal)))
+            return self._accept(goal, slice(0, len(goal)))
         self.tally.held_back += 1
         if self._is_safe(waiting := np.concatenate([self._safe[attacker], goal[defender]])):
-            return self._sent(waiting, defender)
+            return self._accept(waiting, defender)
         if self._defender and self._is_safe(waiting := np.concatenate([goal[attacker], self._safe[defender]]), soon):
-            return self._sent(waiting, attacker)
+            return self._accept(waiting, attacker)
         return self._safe
 
-    def _sent(self, command: np.ndarray, moving: slice) -> np.ndarray:
-        """Return a command, and remember where the arms that it moves are free: there they may be sent back to."""
-        here, _ = self._halves()
-        if not self._ways.touches(here):
+    def _accept(self, command: np.ndarray, moving: slice) -> np.ndarray:
+        """Return a command; store the present pose of the moving arms as safe if it is collision-free."""
+        here, _ = self._measured()
+        if not self._planner.touches(here):
             self._safe = self._safe.copy()
-            self._safe[moving] = (here - self._ways.sag(here))[moving]
+            self._safe[moving] = (here - self._planner.sag(here))[moving]
         return command
 
     def _is_safe(self, goal: np.ndarray, *others: np.ndarray) -> bool:
-        """Return whether a command [rad], shape (n,) or (2n,), leads into no touch, or out of the one there is."""
-        here, _ = self._halves()
-        led = self._led(goal + self._ways.sag(here))
-        leaves = all(self._ways.leads_out_of_touch(here, pose) for pose in ((here + led) / 2, led))
-        return leaves or not self._touches_soon(led, *others)
+        """Return whether a command [rad], shape (n,) or (2n,), makes no contact, or opens the present one."""
+        here, _ = self._measured()
+        reached = self._predict(goal + self._planner.sag(here))
+        leaves = all(self._planner.leaves_contact(here, pose) for pose in ((here + reached) / 2, reached))
+        return leaves or not self._touches_soon(reached, *others)
 
-    def _touches_soon(self, led: np.ndarray, *others: np.ndarray) -> bool:
-        """Return whether poses [rad], shape (n,) or (2n,), and what is half-way to the first, bring a new touch."""
-        here, _ = self._halves()
-        poses = ((here + led) / 2, led, *others)  # a thin sword could be through at the end of the way
-        return any(self._ways.leads_into_touch(here, pose) for pose in poses)
+    def _touches_soon(self, reached: np.ndarray, *others: np.ndarray) -> bool:
+        """Return whether poses [rad], shape (n,) or (2n,), or the midpoint to the first, make a new contact."""
+        here, _ = self._measured()
+        poses = (
+            (here + reached) / 2,
+            reached,
+            *others,
+        )  # at the end of the path a thin sword could have passed through
+        return any(self._planner.enters_contact(here, pose) for pose in poses)
 
-    def _led(self, goal: np.ndarray) -> np.ndarray:
-        """Return where an arm gets on its way to a pose [rad], shape (n,) or (2n,), in the time looked ahead."""
-        here, _ = self._halves()
+    def _predict(self, goal: np.ndarray) -> np.ndarray:
+        """Return the pose reached within the lookahead on the way to a goal [rad], shape (n,) or (2n,)."""
+        here, _ = self._measured()
         return np.asarray(here + np.clip(goal - here, -self._reach, self._reach))
 
-    def _halves(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return positions [rad] and velocities [rad/s] of the attacker, then of the defender, (n,) or (2n,) each."""
+    def _measured(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions [rad] and velocities [rad/s], attacker first, shape (n,) or (2n,) each."""
         own, others = np.split(self._state, 2), np.split(self._opponent, 2)
         return np.concatenate([own[0], others[0]]), np.concatenate([own[1], others[1]])
 

@@ -1,4 +1,4 @@
-"""One episode of a policy on an arm: what was read and sent, and what the task said after each step."""
+"""One rollout of a policy on an arm: readings, commands, rewards and successes."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -16,11 +16,11 @@ from nas_data.policies.rollouts.robot_stepper import Bout, RobotStepper
 
 @dataclass(frozen=True)
 class Judgement:
-    """What the task said of an episode of T steps.
+    """Rewards and successes of an episode of T steps.
 
     Attributes:
-        rewards: Of each step, shape (T,), float32: as they are stored, so that returns are the same after a resume.
-        successes: Whether the goal was reached by then, shape (T,).
+        rewards: Reward of each step, shape (T,), float32 as in the file, so that returns survive a resume unchanged.
+        successes: Whether the goal was reached by each step, shape (T,).
     """
 
     rewards: np.ndarray
@@ -33,12 +33,12 @@ class Judgement:
         return cls(rewards, np.array([bool(verdict.success[0]) for verdict in verdicts]))
 
     def columns(self) -> dict[str, np.ndarray]:
-        """Return what a dataset stores of it, each of shape (T, 1); done is the episode's last step alone."""
+        """Return the dataset columns, shape (T, 1) each; `done` is true at the last step only."""
         done = np.arange(len(self.rewards)) == len(self.rewards) - 1
         return {REWARD: self.rewards[:, None], DONE: done[:, None], SUCCESS: self.successes[:, None]}
 
     def score(self) -> Returns:
-        """Return how the episode went."""
+        """Return the score of the episode."""
         return Returns(
             returns=np.array([self.rewards.sum(dtype=float)]),
             successes=np.array([self.successes.any()]),
@@ -48,7 +48,7 @@ class Judgement:
 
 
 def judgements(dataset: Dataset) -> Iterator[Judgement]:
-    """Yield what the task said of each episode that a dataset of rollouts holds, whatever bouts it consists of."""
+    """Yield the rewards and successes of each rollout in a dataset; a rollout may have several resets."""
     ends = np.flatnonzero(dataset.columns[DONE][:, 0]) + 1
     for first, last in zip([0, *ends[:-1].tolist()], ends.tolist(), strict=False):
         rewards, successes = (dataset.columns[key][first:last, 0] for key in (REWARD, SUCCESS))
@@ -56,19 +56,19 @@ def judgements(dataset: Dataset) -> Iterator[Judgement]:
 
 
 def roll_out_on_arm(task: Task, stepper: RobotStepper, policy: Policy, seed: int) -> tuple[list[Bout], Judgement]:
-    """Let a policy's mean actions move an arm for one episode.
+    """Play one episode with a policy's mean actions.
 
     Args:
-        task: What is to be done.
-        stepper: What moves.
-        policy: Who acts.
-        seed: Of the start.
+        task: The task.
+        stepper: The arm or arms.
+        policy: The policy.
+        seed: Seed of the start.
 
     Returns:
-        What was read and sent from reset to reset, T steps in all, and what the task said of them.
+        Readings and commands from reset to reset, T steps in all, and their rewards and successes.
 
     Raises:
-        ArmError: something is wrong with an arm.
+        ArmError: an arm failed.
     """
     arena = TaskBatch(task, stepper)
     arena.start([np.random.default_rng(seed)])

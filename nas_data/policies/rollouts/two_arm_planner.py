@@ -1,50 +1,53 @@
-"""The slow ways of two arms: one moves at a time, round what is in its way, or after the other made room."""
+"""Collision-free slow paths of two arms: one arm moves at a time, around the other or after it moved aside."""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
 
-from nas_data.errors import WayBlocked
-from nas_data.recorders.arm_ways import Ways
+from nas_data.errors import PathBlocked
+from nas_data.recorders.path_planner import PathPlanner
 
 
-class WaysOfTwo:
-    """The free ways of an attacker and a defender; poses are of the one then the other [rad], shape (2n,)."""
+class TwoArmPlanner:
+    """Plans paths of an attacker and a defender; poses [rad], shape (2n,), have the attacker's joints first."""
 
-    def __init__(self, alone: Ways, together: Sequence[Ways]) -> None:
-        """Take what tells touches.
+    def __init__(self, alone: PathPlanner, together: Sequence[PathPlanner]) -> None:
+        """Set the collision checks.
 
         Args:
-            alone: Of either arm by itself.
-            together: Of both; the first that finds a way is followed, so those that keep the arms farther apart go
-                first.
+            alone: Planner of a single arm.
+            together: Planners of both arms, the largest clearance first; the first one that finds a path is used.
         """
         self._alone, self._together = alone, together
         self._attacker = np.arange(2 * len(alone.rest)) < len(alone.rest)
 
     def find(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """Return the corners of a free way, shape (k, 2n): between two of them one arm moves, straight in joint space.
+        """Find a collision-free path.
 
         Args:
-            begin: Where the arms stand, shape (2n,).
-            end: Where they shall go, shape (2n,); the last corner.
+            begin: Present pose [rad], shape (2n,).
+            end: Target pose [rad], shape (2n,).
+
+        Returns:
+            Waypoints [rad], shape (k, 2n). One arm moves between two of them, straight in joint space. The last one
+            is the target.
 
         Raises:
-            WayBlocked: no way is free.
+            PathBlocked: no path is free.
         """
-        for ways in self._together:
+        for planner in self._together:
             for stops in self._orders(begin, end):
-                corners = self._lead(ways, np.stack([begin, *stops]))
+                corners = self._plan_stops(planner, np.stack([begin, *stops]))
                 if corners is not None:
                     return corners
-        raise WayBlocked(
+        raise PathBlocked(
             f"On the slow ways to their next poses the arms would touch: {self._together[-1].obstacle(begin, end)}; "
             "move both upright by hand (the torque is off) and start again."
         )
 
     def _orders(self, begin: np.ndarray, end: np.ndarray) -> Iterator[list[np.ndarray]]:
-        """Yield where both arms stand after each move: each goes at once, one makes room first, both do."""
+        """Yield the poses after each move of candidate orders: directly, one arm first to rest, both first to rest."""
         rest = np.concatenate([self._alone.rest] * 2)
         orders = (self._attacker, ~self._attacker)
         for first in orders:
@@ -55,30 +58,30 @@ class WaysOfTwo:
         for first in orders:
             yield [np.where(first, rest, begin), rest, np.where(first, end, rest), end]
 
-    def _lead(self, ways: Ways, stops: np.ndarray) -> np.ndarray | None:
-        """Return the corners of a free way over stops, shape (k, 2n); None where there is none."""
+    def _plan_stops(self, planner: PathPlanner, stops: np.ndarray) -> np.ndarray | None:
+        """Return the waypoints of a free path through stops, shape (k, 2n); None if there is none."""
         legs = list[np.ndarray]()
-        for a, b in reversed(list(pairwise(stops))):  # what ends in a touch is found out soonest
-            leg = self._leg(ways, a, b)
+        for a, b in reversed(list(pairwise(stops))):  # backwards, as a target pose in contact is rejected soonest
+            leg = self._plan_move(planner, a, b)
             if leg is None:
                 return None
             legs.insert(0, leg)
         return np.concatenate(legs)
 
-    def _leg(self, ways: Ways, begin: np.ndarray, end: np.ndarray) -> np.ndarray | None:
-        """Return the corners of a free way of the one arm that stands elsewhere in the end, shape (k, 2n)."""
+    def _plan_move(self, planner: PathPlanner, begin: np.ndarray, end: np.ndarray) -> np.ndarray | None:
+        """Return the waypoints of a free path on which a single arm moves, shape (k, 2n); None if there is none."""
         moves = self._attacker if (begin != end)[self._attacker].any() else ~self._attacker
-        if ways.touches(end):
+        if planner.touches(end):
             return None
         for corners in self._alone.candidates(begin[moves], end[moves]):
             path = np.stack([begin, *(_with(begin, moves, corner) for corner in corners)])
-            if ways.is_free(path) and self._alone.is_free(path[:, moves]):
+            if planner.is_free(path) and self._alone.is_free(path[:, moves]):
                 return path[1:]
         return None
 
 
 def _with(pose: np.ndarray, moves: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """Return a pose (2n,) with the half of the arm that moves (2n,) in its place (n,)."""
+    """Return a pose, shape (2n,), with the joints of the mask `moves`, shape (2n,), set to `half`, shape (n,)."""
     whole = pose.copy()
     whole[moves] = half
     return whole

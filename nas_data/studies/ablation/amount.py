@@ -1,4 +1,4 @@
-"""How much data a trial learns from: some whole episodes, or some minutes cut out of them."""
+"""Amount of training data: a number of episodes, or of minutes cut from them."""
 
 import math
 from collections.abc import Sequence
@@ -16,8 +16,8 @@ class Amount:
     """An amount of training data.
 
     Attributes:
-        value: Episodes, or minutes; infinite for all there are.
-        unit: What is counted.
+        value: Number of episodes or minutes; infinite for all.
+        unit: The unit.
     """
 
     value: float
@@ -30,7 +30,7 @@ class Amount:
 
     @property
     def is_all(self) -> bool:
-        """Whether everything is meant, however much it is."""
+        """Whether the amount is all data."""
         return math.isinf(self.value)
 
     @property
@@ -39,15 +39,15 @@ class Amount:
         return ALL if self.is_all else self.value
 
     def __str__(self) -> str:
-        """Return it with its unit."""
+        """Return the amount with its unit."""
         return f"{ALL if self.is_all else f'{self.value:g}'} {self.unit[:-1] if self.value == 1 else self.unit}"
 
 
 def parse(texts: Sequence[str], unit: Unit) -> tuple[Amount, ...]:
-    """Read amounts as a person types them, `10,25,all` or several words; sorted, each once.
+    """Parse amounts such as `10,25,all`, in one or several words; sorted, without duplicates.
 
     Raises:
-        OptionError: there is none, or one is no number above zero, or a number of episodes is not whole.
+        OptionError: there is no amount, one is not positive, or a number of episodes is not an integer.
     """
     option = "--counts" if unit == "episodes" else "--minutes"
     found = {Amount(number(word, option, unit), unit) for word in words(texts)}

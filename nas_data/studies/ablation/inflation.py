@@ -1,4 +1,4 @@
-"""What a second worker costs: the processor time of a short training alone, and beside another of its kind."""
+"""Cost of parallel workers: processor time of a short training alone and with others."""
 
 import json
 import shutil
@@ -18,20 +18,20 @@ from nas_data.studies.ablation.trial import UNFINISHED, Trial, prepare
 from nas_data.whole_file import write_whole
 
 FILE = "inflation.json"
-PROBE_UPDATES = 10  # of a trial that only measures: seconds of work
-PROBE_EPOCHS = 1  # the same for one that is trained by teacher forcing
+PROBE_UPDATES = 10  # length of a timing probe: seconds of work
+PROBE_EPOCHS = 1  # length of a timing probe with teacher forcing
 
 
 @dataclass(frozen=True)
 class Inflation:
-    """The same short training with one worker and with several, measured in one run.
+    """Times of the same short training with one worker and with several.
 
     Attributes:
-        workers: How many were beside each other.
+        workers: Number of parallel workers.
         cpu_alone: Processor time with one worker [s].
-        cpu_beside: The same with several, median of them.
+        cpu_beside: Processor time with several workers, median [s].
         wall_alone: Wall time with one worker [s].
-        wall_beside: The same with several.
+        wall_beside: Wall time with several workers [s].
     """
 
     workers: int
@@ -42,16 +42,16 @@ class Inflation:
 
     @property
     def factor(self) -> float:
-        """How much more processor time a training takes beside others."""
+        """Ratio of processor times with several workers and with one."""
         return self.cpu_beside / self.cpu_alone
 
     @property
     def work(self) -> float:
-        """How much more work is done per second of wall time than by one worker."""
+        """Ratio of throughputs with several workers and with one."""
         return self.workers * self.wall_alone / self.wall_beside
 
     def sentence(self) -> str:
-        """Say it."""
+        """Return the result as a sentence."""
         return (
             f"With {self.workers} workers a short training takes {self.factor:.2f} times the processor time that it "
             f"takes with one, and {self.work:.2f} times as much is done in the same time."
@@ -67,10 +67,10 @@ NUMBERS = tuple(field.name for field in fields(Inflation))
 
 @dataclass(frozen=True)
 class Probe:
-    """A short training that only measures.
+    """A timing probe: a short training.
 
     Attributes:
-        trial: What is learned from.
+        trial: The trial that it shortens.
     """
 
     trial: Trial
@@ -81,7 +81,7 @@ Cost = tuple[float, float]
 
 
 def read(folder: Path) -> Inflation | None:
-    """Return what was measured when a sweep began; None where nothing was."""
+    """Return the measurement from the start of a sweep; None if there is none."""
     path = folder / FILE
     if not path.is_file():
         return None
@@ -89,21 +89,21 @@ def read(folder: Path) -> Inflation | None:
 
 
 def keep(folder: Path, found: Inflation | None) -> None:
-    """Write what was measured into a sweep's folder, where it could be."""
+    """Write the measurement into a sweep's folder, if there is one."""
     if found is not None:
         write_whole(folder / FILE, (json.dumps(found.to_json(), indent=1) + "\n").encode())
 
 
 def probes(trials: Sequence[Trial], workers: int, folder: Path) -> list[Probe]:
-    """Return what measures: as many probes as there are workers, side by side, and then one alone.
+    """Return timing probes: one per worker to run in parallel, and then one to run alone.
 
     Args:
-        trials: Those to be done, of which the smallest that trains a network is shortened.
-        workers: How many run at a time.
-        folder: The sweep's.
+        trials: Trials to run; the smallest one that trains a network is shortened.
+        workers: Number of parallel workers.
+        folder: The sweep's folder.
 
     Returns:
-        Nothing where no network is trained, one worker has nothing beside it, or it was measured before.
+        The probes; empty if no network is trained, there is one worker, or the sweep has a measurement.
     """
     training = [trial for trial in trials if find_kind(trial.config.kind).trains and not must_name(trial)]
     if workers < 2 or not training or read(folder) is not None:
@@ -112,9 +112,9 @@ def probes(trials: Sequence[Trial], workers: int, folder: Path) -> list[Probe]:
 
 
 def order(probes: int, jobs: int) -> dict[int, list[int]]:
-    """Return what each of some jobs waits for, the first of which are probes.
+    """Return the dependencies of jobs whose first ones are probes.
 
-    The last probe, which is alone, waits for the others; all that is no probe waits for it.
+    The last probe runs alone after the others, and all other jobs wait for it.
     """
     if not probes:
         return {}
@@ -123,7 +123,7 @@ def order(probes: int, jobs: int) -> dict[int, list[int]]:
 
 
 def inflation_of(costs: Sequence[Cost | None]) -> Inflation | None:
-    """Return what the probes found, the last of which was alone; None where one of them failed."""
+    """Return the result of the probes, the last of which ran alone; None if one failed."""
     known = [cost for cost in costs if cost is not None]
     if not known or len(known) < len(costs):
         return None
@@ -132,28 +132,28 @@ def inflation_of(costs: Sequence[Cost | None]) -> Inflation | None:
 
 
 def must_name(trial: Trial) -> bool:
-    """Whether a trial would first search for effects, for minutes."""
+    """Return whether a trial searches for effects first, which takes minutes."""
     return find_kind(trial.config.kind).names and trial.material.effects is None
 
 
 def make_short_trial(trial: Trial) -> Trial:
-    """Return a trial that takes seconds."""
+    """Return a shortened trial that takes seconds."""
     options = trial.config.options
     short = replace(options, updates=min(options.updates, PROBE_UPDATES), epochs=min(options.epochs, PROBE_EPOCHS))
     return replace(trial, config=replace(trial.config, options=short))
 
 
 def cost(probe: Probe) -> Cost | None:
-    """Learn as a trial does, twice, and return what the second took, when all is loaded; None where it cannot."""
+    """Train twice, and return the cost of the second time, when all code is loaded; None on failure."""
     try:
         learn(probe.trial)
         return learn(probe.trial)
-    except Exception:  # its trial says why, when it is its turn
+    except Exception:  # the trial itself reports the error later
         return None
 
 
 def learn(trial: Trial) -> Cost:
-    """Learn as a trial does, and return what that took."""
+    """Train as in a trial, and return the cost."""
     trial.folder.joinpath(UNFINISHED).mkdir(parents=True, exist_ok=True)
     folder = Path(tempfile.mkdtemp(prefix="probe-", dir=trial.folder / UNFINISHED))
     try:

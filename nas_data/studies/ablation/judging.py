@@ -1,4 +1,4 @@
-"""How far a predictor is off on held-out episodes, beside source, hold and command on the same."""
+"""Errors of a predictor on held-out episodes, with the baselines source, hold and command."""
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.metrics import Errors
@@ -12,17 +12,17 @@ BASELINES = (SOURCE, "hold", "command")
 
 
 def judge(kind: str, learned: Learned, plain: SourceModel | None, held: Dataset) -> dict[str, object]:
-    """Compare a predictor and the baselines with what was measured.
+    """Compare predictions of a predictor and of the baselines with measurements.
 
     Args:
-        kind: What the predictor is called.
+        kind: Name of the predictor.
         learned: The predictor.
-        plain: Source without what was learned; None where there is none.
+        plain: Plain source; None if there is none.
         held: Held-out transitions.
 
     Returns:
         `one_step` and `open_loop`, the errors [rad] by predictor: overall, mean of the episodes, per joint, per
-        episode; null where it diverged.
+        episode; null after divergence.
     """
     with_model = evaluation(learned.source, learned, held)
     own = SOURCE if learned.model is None else MODEL[learned.model.kind]
@@ -35,7 +35,7 @@ def judge(kind: str, learned: Learned, plain: SourceModel | None, held: Dataset)
 
 
 def evaluation(source: SourceModel | None, learned: Learned, held: Dataset) -> Evaluation:
-    """Evaluate a model on a source, either of which may be missing."""
+    """Evaluate a model on a source; either may be missing."""
     simulator = None if source is None else source.simulator(held, threads=1)
     return evaluate(held, simulator, learned.model)
 

@@ -1,4 +1,4 @@
-"""Naming inside a trial: what `nas gap` says is missing in the source, from some transitions alone."""
+"""Naming of effects inside a trial, from its training transitions alone."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -16,11 +16,11 @@ from nas_data.sources import SourceModel
 
 @dataclass(frozen=True)
 class NamedSource:
-    """A source with what was named.
+    """A source with named effects.
 
     Attributes:
-        source: With the effects and the retuned base.
-        effects: The effects.
+        source: The source with effects and changed base parameters.
+        effects: The named effects.
         retuned: Factors of base parameters by name.
     """
 
@@ -29,7 +29,7 @@ class NamedSource:
     retuned: Mapping[str, float]
 
     def to_json(self) -> dict[str, object]:
-        """Return what was named."""
+        """Return effects and base parameters for JSON."""
         return {"effects": [effect.to_json() for effect in self.effects], "retuned": dict(self.retuned)}
 
 
@@ -37,9 +37,9 @@ def name_effects(data: Dataset, source: SourceModel, root: Path) -> NamedSource:
     """Name the effects that a source lacks.
 
     Args:
-        data: Transitions; a third of the episodes judges the names.
-        source: Without effects of its own.
-        root: Folder of the dataset that they are from, for names and errors.
+        data: Transitions; a third of the episodes is held out.
+        source: Source without effects of its own.
+        root: Folder of their dataset, for names and error messages.
 
     Raises:
         NasError: the episodes are too few or too short.
@@ -53,7 +53,7 @@ def name_effects(data: Dataset, source: SourceModel, root: Path) -> NamedSource:
 
 
 def read_named(path: Path, source: SourceModel, data: Dataset) -> NamedSource:
-    """Take what an earlier gap report named; raises OptionError or JointMismatch where it does not fit."""
+    """Use the effects of an earlier gap report; raises OptionError or JointMismatch if it does not match."""
     return add(Named.read(path), source, data)
 
 

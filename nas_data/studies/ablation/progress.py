@@ -1,4 +1,4 @@
-"""How far a sweep is, and how long it still takes."""
+"""Progress of a sweep, and its remaining time."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -11,15 +11,15 @@ from nas_data.studies.ablation.trial import Config, Record
 
 
 class SweepProgress:
-    """Tells of results as they come, with the time left."""
+    """Reports results as they arrive, with the remaining time."""
 
     def __init__(self, waiting: Sequence[Config], workers: int, total: int) -> None:
         """Start counting.
 
         Args:
-            waiting: Trials to do.
-            workers: How many run at a time.
-            total: Trials of the sweep, those done before included.
+            waiting: Trials to run.
+            workers: Number of parallel trials.
+            total: Number of trials of the sweep, finished ones included.
         """
         self.waiting = list(waiting)
         self.workers = max(1, min(workers, len(waiting)))
@@ -27,14 +27,14 @@ class SweepProgress:
         self.took: dict[str, list[float]] = defaultdict(list)
 
     def begin(self, failed: int) -> str:
-        """Say what is to do."""
+        """Report the number of trials to run."""
         before = self.total - len(self.waiting)
         known = f"{before} of {self.total} trials were done before" if before else f"{self.total} trials"
         again = f" ({failed} of them failed; --retry does them again)" if failed else ""
         return f"{known}{again}; {len(self.waiting)} to do with {self.workers} worker{'s' * (self.workers > 1)}"
 
     def tell(self, config: Config, record: Record) -> str:
-        """Say what a trial found, how many are done, and about how long the rest takes."""
+        """Report a trial's result, the number of finished trials, and the remaining time."""
         self.waiting.remove(config)
         seconds = float(str(record["wall_seconds"]))
         self.took[config.kind].append(seconds)
@@ -44,7 +44,7 @@ class SweepProgress:
         return f"{head}: {found} ({seconds:.0f} s{left})"
 
     def left(self) -> float:
-        """Return the time that is left [s], by what trials of each kind took so far."""
+        """Return the remaining time [s], estimated from finished trials of each kind."""
         every = [seconds for took in self.took.values() for seconds in took]
         return sum(float(np.mean(self.took.get(c.kind) or every)) for c in self.waiting) / self.workers
 

@@ -1,4 +1,4 @@
-"""Which data a trial learns from: nested subsets, drawn per seed, of what is not held out."""
+"""Training data of trials: nested subsets of the training episodes, drawn per seed."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -9,18 +9,18 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.errors import OptionError
 from nas_data.studies.ablation.amount import Amount
 
-STRETCH = 10.0  # [s] of a motion that is drawn as one: longer than any memory of the arm, many to the minute
-HOLDING_OUT, DRAWING = 0, 1  # streams of random numbers that have nothing to do with each other
+STRETCH = 10.0  # [s] length of a drawn stretch: longer than any memory of the arm, yet many per minute
+HOLDING_OUT, DRAWING = 0, 1  # independent random streams
 
-Run = tuple[int, int]  # first frame, and the one after the last
+Run = tuple[int, int]  # first frame, and the frame after the last
 
 
 def divide(episodes: int, share: float, seed: int) -> tuple[list[int], list[int]]:
-    """Draw the episodes that are held out, the same for all trials of a seed.
+    """Draw the held-out episodes, the same for all trials of a seed.
 
     Args:
-        episodes: How many there are, at least two.
-        share: Part to hold out; at least one episode is, and one is left.
+        episodes: Number of episodes, at least two.
+        share: Share to hold out; at least one episode is held out, and one is left.
         seed: Seed of the draw.
 
     Returns:
@@ -32,19 +32,19 @@ def divide(episodes: int, share: float, seed: int) -> tuple[list[int], list[int]
 
 
 def draw(dataset: Dataset, train: Sequence[int], amount: Amount, seed: int) -> list[Run]:
-    """Draw training data; of two amounts of one seed, the smaller is part of the larger.
+    """Draw training data; for equal seeds, smaller amounts are parts of larger ones.
 
     Args:
         dataset: Transitions.
         train: Training episodes.
-        amount: How much.
+        amount: Amount of data.
         seed: Seed of the draw.
 
     Returns:
         Runs of consecutive frames in their order: whole episodes, or stretches of some.
 
     Raises:
-        OptionError: there is not as much.
+        OptionError: there is less data.
     """
     check_enough(dataset, train, amount)
     rng = np.random.default_rng([seed, DRAWING])
@@ -57,7 +57,7 @@ def draw(dataset: Dataset, train: Sequence[int], amount: Amount, seed: int) -> l
 
 
 def check_enough(dataset: Dataset, train: Sequence[int], amount: Amount) -> None:
-    """Raise OptionError where the training episodes do not hold an amount."""
+    """Raise OptionError if the training episodes hold less than an amount."""
     there = len(train) if amount.unit == "episodes" else available(dataset, train) / dataset.fps / 60
     if amount.is_all or amount.value <= there * (1 + 1e-9):
         return
@@ -84,7 +84,7 @@ def stretches(dataset: Dataset, train: Sequence[int]) -> list[Run]:
 
 
 def take(runs: Sequence[Run], rng: np.random.Generator, frames: int) -> list[Run]:
-    """Take runs in a random order until there are so many frames, the last one cut short."""
+    """Take runs in random order up to a number of frames; the last one is truncated."""
     taken: list[Run] = []
     for place in rng.permutation(len(runs)):
         start, stop = runs[place]
@@ -97,7 +97,7 @@ def take(runs: Sequence[Run], rng: np.random.Generator, frames: int) -> list[Run
 
 
 def merge_adjacent_runs(runs: Sequence[Run], dataset: Dataset) -> list[Run]:
-    """Sort runs and join those that follow each other within an episode: nothing parts them."""
+    """Sort runs, and join consecutive ones within an episode."""
     starts = set(dataset.starts.tolist())
     result: list[Run] = []
     for start, stop in sorted(runs):

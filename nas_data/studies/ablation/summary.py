@@ -1,4 +1,4 @@
-"""What a sweep found: median and spread over seeds of each kind and amount, and how much data is enough."""
+"""Summary of a sweep: median and spread over seeds of each kind and amount, and the sufficient amount of data."""
 
 import json
 import math
@@ -17,7 +17,7 @@ from nas_data.studies.ablation.results import amount_of, config, error, failure,
 from nas_data.studies.ablation.trial import Record
 
 JSON = "ablation.json"
-ENOUGH = 0.05  # by which the median error may exceed the best one
+ENOUGH = 0.05  # relative excess of the median error over the best one at a sufficient amount
 LOOPS = ("open_loop", "one_step")
 
 
@@ -26,14 +26,14 @@ class Spread:
     """Errors of several seeds.
 
     Attributes:
-        values: One a seed [rad]; infinite where it diverged.
+        values: Error of each seed [rad]; infinite after divergence.
     """
 
     values: tuple[float, ...]
 
     @property
     def median(self) -> float:
-        """Their median [rad]; infinite where half diverged."""
+        """Median [rad]; infinite if half of the seeds diverged."""
         ordered = sorted(self.values)
         low, high = ordered[(len(ordered) - 1) // 2], ordered[len(ordered) // 2]
         return high if math.isinf(high) else (low + high) / 2
@@ -44,7 +44,7 @@ class Spread:
         return min(self.values), max(self.values)
 
     def to_json(self) -> dict[str, object]:
-        """Return all of it; infinity is left to whoever writes."""
+        """Return values and statistics; the writer replaces infinity."""
         low, high = self.ends
         return {"median": self.median, "min": low, "max": high, "values": list(self.values)}
 
@@ -54,9 +54,9 @@ class Cell:
     """One kind with one amount of data.
 
     Attributes:
-        kind: What learned.
-        amount: From how much, as asked for.
-        size: The same as a number of the amount's unit, median over seeds.
+        kind: Name of the kind.
+        amount: Requested amount of data.
+        size: Actual amount in its unit, median over seeds.
         errors: Spread of `open_loop` and `one_step`.
     """
 
@@ -76,11 +76,11 @@ class SweepSummary:
     """A sweep's results.
 
     Attributes:
-        unit: What is counted.
-        cells: By kind, in the order of amounts.
+        unit: Unit of the amounts.
+        cells: Cells by kind, by ascending amount.
         baselines: Spread of `open_loop` and `one_step` of source, hold and command, over seeds.
-        failed: Sentences of trials that could not be done.
-        shown: How errors are shown.
+        failed: Sentences on failed trials.
+        shown: Display unit of errors.
     """
 
     unit: Unit
@@ -109,7 +109,7 @@ class SweepSummary:
         """Read the `ablation.json` of a sweep.
 
         Raises:
-            OptionError: it is none, or lacks a part.
+            OptionError: the file is invalid or incomplete.
         """
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
@@ -136,7 +136,7 @@ class SweepSummary:
         return found
 
     def sentence(self) -> str:
-        """Say in one sentence how much data is enough."""
+        """Return a sentence on the sufficient amount of data."""
         enough = self.enough()
         parts = [self._told(kind, enough.get(kind)) for kind in self.cells]
         head = f"Smallest amount of data whose median open-loop error is within {ENOUGH:.0%} of the kind's best: "
@@ -153,7 +153,7 @@ class SweepSummary:
         return told + self._beaten_by(top)
 
     def _beaten_by(self, cell: Cell) -> str:
-        """Say which predictor that learned nothing is no worse than the best of a kind; nothing where there is none."""
+        """Return a sentence on baselines that are as good as the best of a kind; empty if there are none."""
         found = {name: spreads["open_loop"].median for name, spreads in self.baselines.items()}
         if not found or min(found.values()) > cell.errors["open_loop"].median:
             return ""
@@ -161,11 +161,11 @@ class SweepSummary:
         return f", which is no better than '{name}', which learned nothing ({self._text(found[name])})"
 
     def _text(self, value: float) -> str:
-        """Return an error in the unit in which it is shown."""
+        """Return an error in its display unit."""
         return f"{self.shown.factor * value:.3g}{self.shown.mark}"
 
     def to_json(self) -> dict[str, object]:
-        """Return everything in the unit inside."""
+        """Return the summary for JSON, in SI units."""
         return {
             "metric": "position RMSE on held-out episodes, mean of the episodes",
             "unit": self.shown.si,
@@ -179,7 +179,7 @@ class SweepSummary:
 
 
 def best(cells: Sequence[Cell]) -> Cell:
-    """Return the amount with the smallest median open-loop error, the smaller of equals."""
+    """Return the smallest amount with the least median open-loop error."""
     return min(cells, key=lambda cell: cell.errors["open_loop"].median)
 
 
@@ -214,7 +214,7 @@ def gather(kind: str, records: Sequence[Record]) -> list[Cell]:
 
 
 def baselines(records: Sequence[Record]) -> dict[str, dict[str, Spread]]:
-    """Return the errors of what learns nothing, one a seed: all trials of a seed meet the same held-out episodes."""
+    """Return the errors of the baselines, one per seed, as all trials of a seed share the held-out episodes."""
     by_seed = {config(record)["seed"]: record for record in records}
     names = [name for name in BASELINES if all(name in predictors(r, "open_loop") for r in by_seed.values())]
     return {

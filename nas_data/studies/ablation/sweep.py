@@ -1,4 +1,4 @@
-"""A sweep: amount × seed × kind; checked before anything is done, and gone on with where it stopped."""
+"""A resumable sweep over amount × seed × kind, checked before it starts."""
 
 import json
 import shutil
@@ -27,15 +27,15 @@ SWEEP, LOCK = "sweep.json", ".lock"
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """What is swept.
+    """Settings of a sweep.
 
     Attributes:
-        kinds: What learns.
-        amounts: From how much, all of one unit.
+        kinds: Names of the kinds.
+        amounts: Amounts of data, all in one unit.
         seeds: Seeds of every kind and amount.
-        options: Of the trainings; each seed is its own trial's.
-        held_out: Share of the episodes that judges; None where another dataset does.
-        material: Where the data lie.
+        options: Options of the trainings; each trial has its own seed.
+        held_out: Share of held-out episodes; None if another dataset is held out.
+        material: The data.
     """
 
     kinds: Sequence[str]
@@ -46,9 +46,9 @@ class SweepPlan:
     material: SweepData
 
     def trials(self, content: Content, folder: Path) -> list[Trial]:
-        """Return every trial: one seed after the other, so that the shape is seen early; long trials first in each.
+        """Return all trials, seed by seed, so that first results cover all amounts; long trials come first in each.
 
-        Else the last worker's long trial would be waited for by all others.
+        A long trial at the end would leave the other workers idle.
         """
         source = self.material.source()
         codes = {kind: trial_code(kind, source) for kind in self.kinds}
@@ -60,7 +60,7 @@ class SweepPlan:
         ]
 
     def identity(self, content: Content) -> dict[str, object]:
-        """Return what all trials of a folder share; kinds, amounts and seeds may be added to it."""
+        """Return the settings that all trials of a folder share; kinds, amounts and seeds may be added later."""
         return {
             **content.to_json(named=False),
             "unit": self.amounts[0].unit,
@@ -72,18 +72,17 @@ class SweepPlan:
 def run_sweep(
     trials: Sequence[Trial], executor: Executor, workers: int, retry: bool, say: Callable[[str], None]
 ) -> list[Record]:
-    """Do the trials that are not done yet, and return the results of all in their order.
+    """Run the unfinished trials, and return all results in order.
 
-    Results by other code stay in the folder and are not used.
-
-    With several workers it is measured first what another costs, once a sweep, by the same workers.
+    Results of other code stay in the folder and are not used. With several workers, the cost of parallel work is
+    measured first, once per sweep.
 
     Args:
         trials: See `SweepPlan.trials`.
-        executor: Where they run.
-        workers: How many run at a time.
-        retry: Do those again that failed.
-        say: Told of each result in a sentence.
+        executor: Runs the trials.
+        workers: Number of parallel trials.
+        retry: Whether to repeat failed trials.
+        say: Called with a sentence for each result.
     """
     records = {number: record for number, trial in enumerate(trials) if (record := done(trial, retry)) is not None}
     waiting = [number for number in range(len(trials)) if number not in records]
@@ -114,7 +113,7 @@ def do_job(job: Trial | Probe) -> Any:
 
 
 def done(trial: Trial, retry: bool) -> Record | None:
-    """Return a trial's result; None where there is none to trust, or where it failed and is to be done again."""
+    """Return a trial's stored result; None if there is no valid one, or if a failed one shall be repeated."""
     try:
         record = json.loads(trial.path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -147,7 +146,7 @@ def spell(question: Record) -> str:
 
 @contextmanager
 def open_sweep(folder: Path, identity: dict[str, object]) -> Iterator[None]:
-    """Take hold of a sweep's folder: a new one, or that of the same sweep.
+    """Lock a sweep's folder: a new one, or that of the same sweep.
 
     Raises:
         OutputExists: it holds something else, or another process works in it.
@@ -166,7 +165,7 @@ def open_sweep(folder: Path, identity: dict[str, object]) -> Iterator[None]:
 
 
 def check_same(folder: Path, identity: dict[str, object]) -> None:
-    """Raise OutputExists where a folder holds another sweep, or none but something else."""
+    """Raise OutputExists if a folder holds another sweep or something else."""
     entries = {path.name for path in folder.iterdir()} - {LOCK, UNFINISHED} if folder.is_dir() else set()
     if not entries and not folder.is_file():
         return

@@ -1,4 +1,4 @@
-"""Training a network inside a trial: on one thread, in silence, on the processor, so that bits repeat."""
+"""Training of a network inside a trial: silently, on one CPU thread, so that results are bit-reproducible."""
 
 from pathlib import Path
 
@@ -19,8 +19,8 @@ def train(
         kind: `delta` for φ, `forward` for ψ.
         data: Transitions; paired with the simulator for φ.
         simulator: Source, for φ.
-        options: Of the training.
-        folder: Where checkpoint and history go while it runs.
+        options: Options of the training.
+        folder: Folder of checkpoint and history while it runs.
 
     Raises:
         DatasetInvalid: there is too little to train on.
@@ -30,4 +30,4 @@ def train(
 
 
 def silent(_: str) -> None:
-    """Report nothing: several trials would talk at once."""
+    """Report nothing, as several trials run at once."""

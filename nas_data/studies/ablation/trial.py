@@ -1,4 +1,4 @@
-"""A trial: one kind learns from one subset with one seed; its result depends on nothing else but the data."""
+"""A trial: one kind learns from one subset with one seed; its result depends only on these and the data."""
 
 import hashlib
 import json
@@ -35,14 +35,14 @@ Record = dict[str, object]
 
 @dataclass(frozen=True)
 class Config:
-    """All that a trial's result depends on beside the data.
+    """Settings of a trial; with the data they determine its result.
 
     Attributes:
-        kind: What learns.
-        amount: How much of the training data it is given.
-        seed: Of what is held out, of the subset, and of weights, order and windows.
-        options: Of the training; its seed is the trial's.
-        held_out: Share of the episodes that judges; None where another dataset does.
+        kind: Name of the kind.
+        amount: Amount of training data.
+        seed: Seed of held-out episodes, subset, weights, order and windows.
+        options: Options of the training; its seed is the trial's.
+        held_out: Share of held-out episodes; None if another dataset is held out.
     """
 
     kind: str
@@ -69,11 +69,11 @@ class Trial:
     """A trial to do.
 
     Attributes:
-        config: What is asked.
-        content: What the data hold, whatever their place.
-        material: Where they lie.
-        folder: The sweep's.
-        code: Hash of the code that decides the result, where the sweep was begun.
+        config: Settings of the trial.
+        content: Identity of the data.
+        material: Location of the data.
+        folder: The sweep's folder.
+        code: Hash of the code that determines the result, at the start of the sweep.
     """
 
     config: Config
@@ -84,14 +84,14 @@ class Trial:
 
     @property
     def question(self) -> dict[str, object]:
-        """What the result depends on."""
+        """Everything that the result depends on, for JSON."""
         named = find_kind(self.config.kind).names
         content = self.content.to_json(named)
         return {"schema": SCHEMA, "config": self.config.to_json(), "content": content, "code": self.code}
 
     @property
     def key(self) -> str:
-        """Hash of the question, 16 hexadecimal digits."""
+        """Hash of these dependencies, 16 hexadecimal digits."""
         return hashlib.sha256(json.dumps(self.question, sort_keys=True).encode()).hexdigest()[:16]
 
     @property

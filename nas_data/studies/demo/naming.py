@@ -1,4 +1,4 @@
-"""The demo's second stage: `nas gap` names what the source lacks, from the recording alone."""
+"""The demo's second stage: `nas gap` names the missing effects from the recording alone."""
 
 import textwrap
 from dataclasses import replace
@@ -21,11 +21,11 @@ from nas_data.studies.demo.recording import DATASETS, TRAIN, newest
 
 FOLDER = "gap"
 BLIND = "ergojr_demo_blind"
-PAUSE = 5.0  # [s] between two lines of the search, which says much
+PAUSE = 5.0  # [s] between two progress lines of the search
 
 
 def name_effects(demo: Demo) -> StageResult:
-    """Run `nas gap` on episodes of the recording, and keep its report; nothing where the plan leaves the search out."""
+    """Run `nas gap` on episodes of the recording, and store its report; do nothing if the plan skips the search."""
     folder = demo.folder / FOLDER
     if not demo.plan.named:
         folder.mkdir(exist_ok=True)
@@ -46,7 +46,7 @@ def name_effects(demo: Demo) -> StageResult:
 
 
 def record_blind(demo: Demo) -> Path:
-    """Return the folder of what `nas gap` is given: the first episodes, without a word about what hides in them."""
+    """Return the folder of the input of `nas gap`: the first episodes, without the target's description."""
     root = newest(demo, TRAIN)
     recorded = read(root)
     known = read_provenance(root) or Provenance(how="edited")
@@ -56,7 +56,7 @@ def record_blind(demo: Demo) -> Path:
 
 
 def named_dynamics(demo: Demo) -> DynamicsSpec | None:
-    """Return the source with what was named and retuned; None where that is the plain source."""
+    """Return the source with named effects and base parameters; None if it equals the plain source."""
     folder = demo.folder / FOLDER
     if not (folder / EFFECTS).is_file():
         return None

@@ -1,4 +1,4 @@
-"""How large the demo is, and what it is about."""
+"""Settings of the demo."""
 
 from dataclasses import asdict, dataclass
 
@@ -15,23 +15,23 @@ class DemoPlan:
     """Sizes of the demo.
 
     Attributes:
-        episodes: Recorded episodes that the models learn from.
-        heldout: Further recorded episodes that they are judged on.
-        named: Of the recorded episodes, those that `nas gap` is given, from the first on; 0 leaves its search out.
-        seconds: Length of each [s].
-        holds: Times that random commands are held [s], one after the other episode by episode. One second is the
-            paper's protocol; the shorter ones are what a policy does while it explores.
+        episodes: Number of training episodes.
+        heldout: Number of held-out episodes.
+        named: Number of recorded episodes for `nas gap`; 0 skips its search.
+        seconds: Length of each episode [s].
+        holds: Durations of random commands [s]; the episodes take them in turn. One second is the paper's protocol;
+            shorter ones resemble the exploration of a policy.
         delta: Training of φ.
         forward: Training of ψ.
-        frames: Control steps that each policy learns from.
+        frames: Control steps of each policy's training.
         seeds: Seeds of the policies of each method.
-        judged: Episodes that each policy is judged on.
+        judged: Evaluation episodes of each policy.
         rollout: Control steps between two updates of a policy.
         minibatches: Parts of a rollout, one gradient step each.
         epochs: Passes over a rollout.
         seed: Seed of the recordings; the held-out episodes take the next one.
-        environment: What the policies are to do.
-        dynamics: What the target is: one of the environment's dynamics.
+        environment: Name of the environment.
+        dynamics: Name of the environment's dynamics that is the target.
     """
 
     episodes: int
@@ -58,7 +58,7 @@ class DemoPlan:
 
     @property
     def target(self) -> DynamicsSpec:
-        """The plant that stands in for the robot."""
+        """The simulated plant in place of the robot."""
         return DynamicsSpec(self.environment, self.dynamics)
 
     @property
@@ -67,7 +67,7 @@ class DemoPlan:
         return DynamicsSpec(self.environment, SOURCE)
 
     def describe(self) -> dict[str, object]:
-        """Return what the demo's results depend on, for JSON; cheap, so that a finished demo says so at once."""
+        """Return the settings that determine the results, for JSON."""
         robot = find_robot(self.task.robot)
         effects = {name: list(self.task.dynamics[name]) for name in (SOURCE, self.dynamics)}
         return {"nas_data": __version__, **asdict(self), "robot": robot.name, "model": robot.sha256, "effects": effects}

@@ -1,4 +1,4 @@
-"""The demo's fourth stage: policies learn on the target, in the source and in what was learned or named."""
+"""The demo's fourth stage: policies are trained on the target, the source, and the learned or named models."""
 
 import json
 from pathlib import Path
@@ -22,7 +22,7 @@ BASELINES = "policies/baselines.json"
 
 
 def learn_policies(demo: Demo) -> StageResult:
-    """Train every method with every seed, and judge each policy on the target."""
+    """Train every method with every seed, and evaluate each policy on the target."""
     plan = demo.plan
     study = study_of(demo)
     with watching(study, demo.folder / FOLDER, lambda line: demo.report(f"{INDENT}{line}")):
@@ -52,13 +52,13 @@ def learn_policies(demo: Demo) -> StageResult:
 
 
 def load_baselines(path: Path) -> dict[str, dict[str, float]]:
-    """Return the scores of what needs no learning that the stage kept."""
+    """Return the stored scores of untrained baselines."""
     scores: dict[str, dict[str, float]] = json.loads(path.read_text(encoding="utf-8"))
     return scores
 
 
 def study_of(demo: Demo) -> Study:
-    """Return what is compared: the two ends, φ, ψ and the names, where there are any."""
+    """Return the methods to compare: expert, source, φ, ψ and named effects, if any."""
     plan = demo.plan
     delta, forward = (str(demo.folder / FOLDERS[kind]) for kind in FOLDERS)
     named = named_dynamics(demo)

@@ -1,4 +1,4 @@
-"""The demo's first stage: recordings of the target, paired with what the source predicts."""
+"""The demo's first stage: recordings of the target, paired with the source's predictions."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ TRAIN, HELDOUT = "ergojr_demo", "ergojr_demo_heldout"
 
 
 def record_pairs(demo: Demo) -> StageResult:
-    """Record what the models learn from and what they are judged on, and pair both with the source."""
+    """Record training and held-out data, and pair both with the source."""
     plan, source = demo.plan, Predictor.of(demo.plan.environment)
     sets = ((TRAIN, plan.episodes, plan.seed), (HELDOUT, plan.heldout, plan.seed + 1))
     train, heldout = (
@@ -30,7 +30,7 @@ def record_pairs(demo: Demo) -> StageResult:
 
 
 def gap(plan: DemoPlan) -> dict[str, object]:
-    """Return what makes the target differ from the source, for people: the effects and the joints they sit in."""
+    """Return the effects and joints in which the target differs from the source, as text."""
     joints: dict[str, list[str]] = {}
     for effect in plan.task.effects(plan.dynamics):
         joints.setdefault(effect.name(), []).append(effect.joint or "the whole arm")

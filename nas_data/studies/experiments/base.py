@@ -1,4 +1,4 @@
-"""What an experiment is: a figure or table of the paper, made from a request, ending in JSON, table and pictures."""
+"""Interface of experiments: a figure or table of the paper, with results as JSON, tables and pictures."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,19 +16,19 @@ FOLDER = "studies.experiments"
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked of an experiment.
+    """Settings of an experiment.
 
     Attributes:
-        environments: Their names.
-        dynamics: What the target is: one of each environment's dynamics.
-        sizes: How large everything is.
-        folder: Where results and what they are made from go; experiments that share it share that.
-        report: Told of progress, in lines for people.
-        methods: Methods to compare, where the experiment compares some.
-        workers: Processes side by side.
-        purpose: Folder of the material below the environment's; another where it is of other sizes.
-        whole: Sizes of the whole experiment, so that files of a part of it are told apart; `sizes` where None.
-        engine: What computes the target; MuJoCo always computes the source.
+        environments: Names of the environments.
+        dynamics: Dynamics of the target, one of each environment's.
+        sizes: Sizes of datasets and trainings.
+        folder: Folder of results and artifacts; experiments with the same folder share artifacts.
+        report: Called with lines of progress.
+        methods: Methods to compare, if the experiment compares methods.
+        workers: Number of parallel processes.
+        purpose: Subfolder of the artifacts, one for each set of sizes.
+        whole: Sizes of the whole experiment, to distinguish files of parts of it; `sizes` if None.
+        engine: Physics engine of the target; the source always uses MuJoCo.
     """
 
     environments: tuple[str, ...]
@@ -44,21 +44,21 @@ class Request:
 
     @property
     def target(self) -> str:
-        """What the target is, for names of files."""
+        """Name of the target, for file names."""
         return self.dynamics if self.engine == "mujoco" else f"{self.dynamics}-{self.engine}"
 
     @property
     def target_text(self) -> str:
-        """What the target is, for titles."""
+        """Name of the target, for titles."""
         return f"'{self.dynamics}'" if self.engine == "mujoco" else f"'{self.dynamics}' in {ENGINE_NAMES[self.engine]}"
 
     def home(self, environment: str) -> Path:
-        """Return the folder of an environment's material and policies; quick ones are apart."""
+        """Return the folder of an environment's artifacts and policies; quick runs have their own."""
         name = f"{environment_name(find_task_file(environment))}-{self.target}"
         return (self.folder / self.sizes.name if self.sizes.quick else self.folder) / name
 
     def material(self, environment: str, needs: Sequence[str]) -> Artifacts:
-        """Make what is needed of an environment's material; see `make_material`."""
+        """Build the required artifacts of an environment; see `make_material`."""
         from nas_data.studies.experiments.pipeline.stages import make_material
 
         sizes = self.sizes
@@ -73,10 +73,10 @@ class ResultTable:
     """A table.
 
     Attributes:
-        title: What it shows, with units.
-        headers: Of its columns.
-        rows: Its cells.
-        notes: Sentences right below it.
+        title: Title, with units.
+        headers: Column headings.
+        rows: Cells, row by row.
+        notes: Sentences below the table.
     """
 
     title: str
@@ -85,26 +85,26 @@ class ResultTable:
     notes: Sequence[str] = ()
 
     def text(self) -> str:
-        """Return it for a terminal."""
+        """Return the table as aligned text."""
         from nas_data.policies.tables import align_columns
 
         return "\n".join([self.title, align_columns(self.headers, self.rows), *self.notes])
 
     def markdown(self) -> str:
-        """Return it as Markdown."""
+        """Return the table as Markdown."""
         lines = ["| " + " | ".join(row) + " |" for row in (self.headers, ["---"] * len(self.headers), *self.rows)]
         return "\n\n".join([self.title, "\n".join(lines), *self.notes])
 
 
 @dataclass(frozen=True)
 class ExperimentResult:
-    """What an experiment found.
+    """Results of an experiment.
 
     Attributes:
-        tables: What people read.
+        tables: Tables.
         notes: Sentences below them.
-        data: For machines.
-        pictures: PNG files by the end of their names; the first under the experiment's own.
+        data: Values for JSON.
+        pictures: PNG files by name suffix; the first one has the experiment's name.
     """
 
     tables: Sequence[ResultTable]
@@ -118,11 +118,11 @@ class Experiment:
     """An experiment; the file `experiments/a.py` holds the experiment `a` as `EXPERIMENT`.
 
     Attributes:
-        title: What it shows, in a few words.
-        environments: Those of the paper.
-        run: Makes it.
-        several: Whether it can be about several environments at a time.
-        methods: Those that it can be asked for; where empty, those that figure 5 compares.
+        title: Title of a few words.
+        environments: The paper's environments.
+        run: Function that runs it.
+        several: Whether it supports several environments at a time.
+        methods: Available methods; if empty, those of figure 5.
     """
 
     title: str

@@ -1,4 +1,4 @@
-"""Figure 4: one command sequence on the target, and what φ, ψ, the source and standing still make of it."""
+"""Figure 4: one command sequence on the target, predicted by φ, ψ, the source and a constant pose."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from nas_data.studies.experiments.base import Experiment, ExperimentResult, Requ
 from nas_data.studies.experiments.pipeline.sequence import DRAWN, Sequence, predict_heldout
 from nas_data.studies.experiments.pipeline.table_notes import notes_on_models
 
-PARTS = (0.25, 0.5, 1.0)  # of the rollout, after which errors are told
+PARTS = (0.25, 0.5, 1.0)  # shares of the rollout at which errors are reported
 HEADERS = ("predictor", *(f"error after {part:.0%} [°]" for part in PARTS), "whole rollout [°]", "all held out [°]")
 
 
@@ -33,7 +33,7 @@ def run(request: Request) -> ExperimentResult:
 
 
 def about(found: Sequence, environment: str) -> str:
-    """Say which sequence it is, and what diverged."""
+    """Return notes on the chosen sequence and on diverged predictions."""
     lost = "".join(
         f" {name} left all bounds in {len(times)} of them." for name, times in found.evaluation.diverged.items()
     )

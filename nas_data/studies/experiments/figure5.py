@@ -1,4 +1,4 @@
-"""Figure 5: what policies of each method are worth on the target."""
+"""Figure 5: return of each method's policies on the target."""
 
 from nas_data.environment_ids import environment_name
 from nas_data.envs.base import find_task_file

@@ -1,4 +1,4 @@
-"""Figure 6: what policies are worth by how many trajectories φ learned from, or ψ, or effects were named from."""
+"""Figure 6: policy return against the number of recorded trajectories for φ, ψ and named effects."""
 
 import time
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ from nas_data.studies.experiments.pipeline.sample_size import LEARNED, LEARNED_O
 from nas_data.studies.experiments.pipeline.stages import describe_stages
 from nas_data.studies.experiments.pipeline.table_notes import NAS, on_intervals
 
-ENDS = (EXPERT_METHOD, SOURCE_METHOD)  # what the curves lie between
+ENDS = (EXPERT_METHOD, SOURCE_METHOD)  # lower and upper reference of the curves
 ONE_RECORDING = (
     "One recording (of seed 0) serves all seeds; the subset, what is made of it and the policy are each seed's own."
 )
@@ -86,7 +86,7 @@ def choose_counts(request: Request) -> tuple[tuple[int, ...], tuple[str, ...]]:
 
 
 def describe(counts: tuple[int, ...], returns: np.ndarray) -> dict[str, object]:
-    """Return what one method achieved, for JSON; returns have a row a count and a number a seed."""
+    """Return one method's results for JSON; returns have shape (counts, seeds)."""
     return {
         "returns": returns.tolist(),
         "spread": {str(count): summarise_spread(values) for count, values in zip(counts, returns, strict=True)},
@@ -97,10 +97,10 @@ def describe(counts: tuple[int, ...], returns: np.ndarray) -> dict[str, object]:
 def sweep(
     request: Request, material: Artifacts, counts: tuple[int, ...], methods: tuple[str, ...]
 ) -> tuple[Mapping[str, np.ndarray], list[dict[str, object]]]:
-    """Do every count and seed; of each seed, large counts come last.
+    """Run every count and seed; large counts run last.
 
     Returns:
-        The return of each on the target by method, shape (counts, seeds), and what each took.
+        Returns on the target by method, shape (counts, seeds), and the time of each.
     """
     sizes = request.sizes
     jobs = [
@@ -165,7 +165,7 @@ def table(
     returns: Mapping[str, np.ndarray],
     ends: Comparison,
 ) -> ResultTable:
-    """Return the table: each method's counts, then the two ends."""
+    """Return the table: each method's counts, then both references."""
     environment, seeds = request.environments[0], len(request.sizes.seeds)
     rows = [
         (LEARNED_ON[method], str(count), *cells(row), theirs(environment, method, count))
@@ -184,7 +184,7 @@ def table(
 
 
 def headers(seeds: int) -> tuple[str, ...]:
-    """Return the heads of the columns, which say what the interval over so many seeds is."""
+    """Return the column headings, with the kind of interval over seeds."""
     median = f"return: median [{kind_of(seeds)}]" if seeds > 1 else "return: median"
     return ("learned on", "trajectories", "seeds", median, "min … max", "mean ± sd", "authors: mean ± sd")
 
@@ -201,7 +201,7 @@ def cells(values: np.ndarray) -> tuple[str, str, str, str]:
 
 
 def theirs(environment: str, method: str, count: int) -> str:
-    """Return what the authors found, where they did."""
+    """Return the authors' numbers, if published."""
     if method != NAS or find_task_file(environment) != "pusher" or count not in RETURN_BY_COUNT:
         return ""
     mean, deviation = RETURN_BY_COUNT[count]

@@ -17,7 +17,7 @@ HEADERS = ("predictor", "1st quartile", "mean", "3rd quartile", "median", "autho
 
 
 def run(request: Request) -> ExperimentResult:
-    """Tell how far predicted trajectories are from measured ones, on every environment."""
+    """Compare predicted with measured trajectories on every environment."""
     tables, notes, data = [], [], {}
     for environment in request.environments:
         found = predict_heldout(request, environment)
@@ -45,13 +45,13 @@ def run(request: Request) -> ExperimentResult:
 
 
 def differences(found: Sequence, name: str, episodes: List[int]) -> np.ndarray:
-    """Return the mean squared differences of each trajectory and joint, infinite where it diverged, shape (E · n,)."""
+    """Return the mean squared differences of each trajectory and joint, infinite after divergence, shape (E · n,)."""
     squared = found.evaluation.open_loop[name].squared[list(episodes)] / UNIT**2
     return np.where(np.isfinite(squared), squared, np.inf).ravel()
 
 
 def statistics(found: Sequence, name: str, episodes: List[int]) -> dict[str, float]:
-    """Return quartiles and mean of a predictor's differences; a quartile is a difference that occurs."""
+    """Return quartiles and mean of a predictor's differences; quartiles are actual values, not interpolated."""
     values = differences(found, name, episodes)
     first, middle, third = np.quantile(values, [0.25, 0.5, 0.75], method="inverted_cdf")
     return {"first_quartile": float(first), "mean": float(values.mean()), "third_quartile": float(third)} | {
@@ -60,14 +60,14 @@ def statistics(found: Sequence, name: str, episodes: List[int]) -> dict[str, flo
 
 
 def rows(found: Sequence, episodes: List[int], authors: bool) -> list[tuple[str, ...]]:
-    """Return a row a predictor."""
+    """Return one table row per predictor."""
     return [
         (name, *map(cell, statistics(found, name, episodes).values()), theirs(name, authors)) for name in PREDICTORS
     ]
 
 
 def theirs(name: str, shown: bool) -> str:
-    """Return what the authors found with a predictor, where they did."""
+    """Return the authors' numbers for a predictor, if published."""
     if not shown or name not in DIFFERENCES:
         return ""
     return ", ".join(f"{value:.3f}" for value in DIFFERENCES[name].values)
@@ -79,7 +79,7 @@ def cell(value: float) -> str:
 
 
 def describe_numbers(found: Sequence) -> list[str]:
-    """Say what the numbers are of, and what diverged."""
+    """Return notes on the data and on diverged trajectories."""
     lost = [f"{name} left all bounds in {len(times)} episodes." for name, times in found.evaluation.diverged.items()]
     return [
         "Every rollout starts once, at the first measured state of a trajectory that neither φ nor ψ has seen; the "

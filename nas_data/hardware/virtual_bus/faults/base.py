@@ -1,4 +1,4 @@
-"""What a fault is: something that strikes the arm at a time, or disturbs what passes the line from then on."""
+"""Interface of faults: a fault changes the arm at a given time, or disturbs the bus from then on."""
 
 from dataclasses import dataclass, fields
 
@@ -30,22 +30,22 @@ class Fault:
         return cls.__module__.rsplit(".", 1)[-1]
 
     def strike(self, arm: VirtualArm) -> None:
-        """Happen to the arm, once.
+        """Apply the fault to the arm, once.
 
         Raises:
             LineGone: the line is gone.
         """
 
     def instruction(self, content: bytes, rng: np.random.Generator) -> bytes:
-        """Return what the servos hear of the bytes that were sent."""
+        """Return the instruction bytes as the servos receive them."""
         return content
 
     def reply(self, content: bytes, rng: np.random.Generator) -> bytes:
-        """Return what the computer hears of a reply."""
+        """Return the bytes of a reply as the computer receives them."""
         return content
 
     def delay(self, rng: np.random.Generator) -> float:
-        """Return how much later [s] the replies to an instruction come."""
+        """Return the extra delay of replies [s]."""
         return 0.0
 
 
@@ -72,7 +72,7 @@ def find_fault(name: str) -> type[Fault]:
 
 
 def parse(text: str) -> Fault:
-    """Read a fault as a person types it: `unplugged:servo=3,after=20`.
+    """Parse a fault such as `unplugged:servo=3,after=20`.
 
     Raises:
         UnknownName: there is no such fault.

@@ -31,4 +31,4 @@ class Bent(Fault):
             raise OptionError(f"A fault bends servo {self.servo}; the virtual arm has 1 to {len(arm.servos)}.")
         positions = arm.body.positions.copy()
         positions[self.servo - 1] = self.radians
-        arm.body.place(np.concatenate([positions, np.zeros_like(positions)]))
+        arm.body.set_state(np.concatenate([positions, np.zeros_like(positions)]))

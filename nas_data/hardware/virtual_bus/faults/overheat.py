@@ -20,6 +20,6 @@ class Overheat(Fault):
 
     def strike(self, arm: VirtualArm) -> None:
         """Heat the servo; see `Fault.strike`."""
-        place = arm.servos.index(struck(arm, self.servo))
-        arm.body.electrics.temperature[place] = self.celsius
+        index = arm.servos.index(struck(arm, self.servo))
+        arm.body.electrics.temperature[index] = self.celsius
         arm.body.sense()

@@ -14,4 +14,4 @@ class Zeroed(Fault):
 
     def strike(self, arm: VirtualArm) -> None:
         """Put the arm there; see `Fault.strike`."""
-        arm.body.place(np.zeros(2 * len(arm.servos)))
+        arm.body.set_state(np.zeros(2 * len(arm.servos)))

@@ -1,4 +1,4 @@
-"""What a series of servos is: its control table, its line, and how registers and physics go together."""
+"""Interface of servo series: control table, bus protocol, and the physics of the registers."""
 
 import math
 from abc import ABC, abstractmethod
@@ -16,11 +16,11 @@ from nas_data.hardware.xl320.control_table import ControlTableEntry
 if TYPE_CHECKING:
     from nas_data.hardware.virtual_bus.servo import VirtualServo
 
-ANSWERS_ALL = 2  # status level from which everything is answered, and what is answered from a lower one on
+ANSWERS_ALL = 2  # status level at which every instruction is answered; lower levels answer only some
 LEVELS: dict[int, int] = {Instruction.PING: 0, Instruction.READ: 1}
 VOLT = 0.1  # [V] unit of every voltage register
-OVERLOAD = (0.95, 2.0)  # share of the largest torque that counts as stalled, and the time of it [s] that is borne
-STILL = 0.05  # [rad/s] below which a servo does not say that it moves
+OVERLOAD = (0.95, 2.0)  # share of the largest torque that counts as stalled, and tolerated duration [s]
+STILL = 0.05  # [rad/s] below which a servo does not report motion
 
 
 class Reason(IntFlag):
@@ -33,16 +33,16 @@ class Reason(IntFlag):
 
 @dataclass(frozen=True)
 class ServoDrive:
-    """What a servo's registers make of it.
+    """Drive state of a servo, from its registers.
 
     Attributes:
         powered: Whether its torque is on.
-        goal: Where it shall go, as its encoder counts.
-        speed: At which it approaches a goal [rad/s]; infinite for as fast as it can.
-        acceleration: At which it does [rad/s²]; infinite likewise.
+        goal: Goal position [counts].
+        speed: Speed limit [rad/s]; infinite for none.
+        acceleration: Acceleration limit [rad/s²]; infinite for none.
         stiffness: Gain relative to the model's.
-        strength: Share of its largest torque that it may use.
-        deadband: Error that it ignores [rad].
+        strength: Torque limit as a share of the largest torque.
+        deadband: Position error that it ignores [rad].
     """
 
     powered: bool
@@ -56,12 +56,12 @@ class ServoDrive:
 
 @dataclass(frozen=True)
 class Sensation:
-    """What a servo feels.
+    """Measurements of a servo.
 
     Attributes:
-        position: As its encoder counts.
-        speed: [rad/s], positive where the count rises.
-        effort: Share of its largest torque, signed likewise.
+        position: Encoder position [counts].
+        speed: Speed [rad/s], positive for rising counts.
+        effort: Share of its largest torque, with the same sign convention.
         voltage: [V].
         temperature: [°C].
     """
@@ -80,14 +80,14 @@ class Sensation:
 
 @dataclass(frozen=True)
 class Bounds:
-    """What a servo bears.
+    """Operating limits of a servo.
 
     Attributes:
-        lowest: Voltage [V].
-        highest: Voltage [V].
-        hottest: Temperature [°C].
+        lowest: Lowest voltage [V].
+        highest: Highest voltage [V].
+        hottest: Highest temperature [°C].
         strain: Share of its largest torque that counts as stalled.
-        seconds: Time of it after which it gives up [s].
+        seconds: Duration of a stall after which it shuts down [s].
     """
 
     lowest: float
@@ -98,7 +98,7 @@ class Bounds:
 
 
 class ServoSeries(ABC):
-    """A series of servos; it remembers nothing, for all that a servo remembers is in its registers.
+    """A series of servos. It is stateless: the state of a servo is in its registers.
 
     Every table has the registers id, model_number, torque_enable, return_delay, status_level, baud_rate,
     goal_position, registered, moving and hardware_error.
@@ -107,12 +107,12 @@ class ServoSeries(ABC):
         registers: The control table by name.
         tick: Angle of a unit of position [rad].
         supply: Usual voltage [V].
-        stall_current: At that voltage [A].
-        stall_torque: At that voltage [N m].
-        baud: Speeds of the line [bit/s] by the register.
-        bits: Of each reason in the registers hardware_error and shutdown.
-        unloads: Register that a shutdown sets to zero; None where it does nothing.
-        protocol: How it speaks.
+        stall_current: Stall current at that voltage [A].
+        stall_torque: Stall torque at that voltage [N m].
+        baud: Baud rate [bit/s] by register value.
+        bits: Bit of each reason in the registers hardware_error and shutdown.
+        unloads: Register that a shutdown sets to zero; None if there is none.
+        protocol: Packet protocol.
     """
 
     registers: Mapping[str, ControlTableEntry]
@@ -137,42 +137,42 @@ class ServoSeries(ABC):
 
     @abstractmethod
     def lasts(self, register: ControlTableEntry) -> bool:
-        """Whether a register outlives a loss of power."""
+        """Return whether a register survives a loss of power."""
 
     @abstractmethod
     def drive(self, servo: "VirtualServo") -> ServoDrive:
-        """Read the physics off the registers."""
+        """Return the drive state that the registers define."""
 
     @abstractmethod
     def sense(self, servo: "VirtualServo", felt: Sensation) -> None:
-        """Write what is felt into the registers."""
+        """Write measurements into the registers."""
 
     def overload(self, servo: "VirtualServo") -> tuple[float, float]:
-        """Return the share of the largest torque that counts as stalled, and for how long it is borne [s]."""
+        """Return the share of the largest torque that counts as stalled, and its tolerated duration [s]."""
         return OVERLOAD
 
     def bounds(self, servo: "VirtualServo") -> Bounds:
-        """Return what a servo bears."""
+        """Return the operating limits of a servo."""
         lowest, highest = (servo.get(name) * VOLT for name in ("lowest_voltage", "highest_voltage"))
         return Bounds(lowest, highest, float(servo.get("temperature_limit")), *self.overload(servo))
 
     def fail(self, servo: "VirtualServo", reason: Reason) -> None:
-        """Note a hardware error; a servo that shuts down lets go."""
+        """Set a hardware error; a servo that shuts down switches its torque off."""
         bits = sum(self.bits[one] for one in reason)
         servo.put("hardware_error", servo.get("hardware_error") | bits)
         if self.unloads and servo.get("shutdown") & bits:
             servo.put(self.unloads, 0)
 
     def locked(self, servo: "VirtualServo", register: ControlTableEntry) -> bool:
-        """Whether a register must not be written now: what lasts, while the torque is on."""
+        """Return whether a register is locked: persistent ones are while the torque is on."""
         return self.lasts(register) and bool(servo.get("torque_enable"))
 
     def judge(self, servo: "VirtualServo", register: ControlTableEntry, value: int) -> Error:
-        """Say what a register refuses beside values out of its range."""
+        """Return the error for a value that a register refuses although it is in range."""
         return Error.NONE
 
     def started(self, servo: "VirtualServo") -> None:  # noqa: B027  # many have nothing to do
-        """Do what is done when the power comes on."""
+        """Initialise registers at power-on."""
 
     def error_byte(self, servo: "VirtualServo", error: Error) -> int:
         """Return the error byte of an answer."""

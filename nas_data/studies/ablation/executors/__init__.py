@@ -1,1 +1,1 @@
-"""Where trials run: one file a place, `local` or a cluster."""
+"""Executors of trials, one per file: `local` or a cluster."""

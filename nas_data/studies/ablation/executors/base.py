@@ -1,4 +1,4 @@
-"""What an executor is: a function that runs jobs somewhere and yields each result as it comes."""
+"""Interface of executors: functions that run jobs and yield each result as it arrives."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import Protocol, TypeVar
@@ -14,8 +14,8 @@ Result = TypeVar("Result")
 class Executor(Protocol):
     """An executor; the file `ablation/executors/a_b.py` holds the executor `a_b` as function `run`.
 
-    A cluster's is one more file: whatever it does, a job is a picklable value, the function is importable by its name
-    on every machine, and the jobs' folders must be the same there.
+    Another cluster needs one more file. Jobs are picklable, the function must be importable by name on every machine,
+    and the jobs' folders must have the same path there.
     """
 
     def __call__(

@@ -1,1 +1,1 @@
-"""What can be learned from a subset: one file a kind."""
+"""Kinds of predictors, one per file."""

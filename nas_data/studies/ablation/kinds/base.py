@@ -1,4 +1,4 @@
-"""What a kind is: a way to predict that is learned from some transitions."""
+"""Interface of kinds: predictors that are learned from transitions."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,14 +19,14 @@ FOLDER = "studies.ablation.kinds"
 
 @dataclass(frozen=True)
 class Lesson:
-    """What a kind learns from.
+    """Input of a kind.
 
     Attributes:
-        data: Transitions of the subset alone.
-        root: Folder of the dataset that they are from, for names and errors.
-        source: Plain source; None where there is none.
-        effects: A gap report's folder, or its effects.json, to be used instead of naming them from the subset.
-        options: Of the training, its seed included.
+        data: Transitions of the subset.
+        root: Folder of their dataset, for names and error messages.
+        source: Plain source; None if there is none.
+        effects: A gap report's folder, or its effects.json, to use instead of naming.
+        options: Options of the training, seed included.
         folder: Empty folder for working files.
     """
 
@@ -39,7 +39,7 @@ class Lesson:
 
     @property
     def plain(self) -> SourceModel:
-        """The plain source, of a kind that needs one."""
+        """The plain source, for kinds that need one."""
         assert self.source is not None  # the sweep checks it before anything is learned
         return self.source
 
@@ -49,9 +49,9 @@ class Learned:
     """A predictor.
 
     Attributes:
-        model: φ or ψ; None where the source predicts alone.
-        source: Source that it needs; None for ψ.
-        named: What was named, where something was.
+        model: φ or ψ; None if the source predicts alone.
+        source: Its source; None for ψ.
+        named: Named effects, if any.
     """
 
     model: DynamicsModel | None
@@ -65,8 +65,8 @@ class ModelKind:
 
     Attributes:
         label: Its name in tables and figures.
-        learn: What makes a predictor of a lesson.
-        trains: Whether a network is trained, so that options of training count.
+        learn: Function that returns a predictor for a lesson.
+        trains: Whether it trains a network, so that training options matter.
         needs_source: Whether it needs a source.
         needs_pairs: Whether it needs the source's prediction for each transition in the dataset.
         names: Whether it names effects.

@@ -1,4 +1,4 @@
-"""φ: the source, corrected by what the subset teaches."""
+"""φ: the source with a correction learned from the subset."""
 
 from nas_data.studies.ablation.kinds.base import Learned, Lesson, ModelKind
 from nas_data.studies.ablation.training import train

@@ -1,11 +1,11 @@
-"""Named: the source with the effects that `nas gap` names from the same subset, nothing trained."""
+"""Named: the source with the effects that `nas gap` names from the subset, without training."""
 
 from nas_data.studies.ablation.kinds.base import Learned, Lesson, ModelKind
 from nas_data.studies.ablation.naming import name_effects, read_named
 
 
 def learn(lesson: Lesson) -> Learned:
-    """Name effects, or take those given."""
+    """Name effects, or use the given ones."""
     named = (
         read_named(lesson.effects, lesson.plain, lesson.data)
         if lesson.effects

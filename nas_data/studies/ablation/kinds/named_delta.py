@@ -1,4 +1,4 @@
-"""Named + φ: the source with named effects, corrected by what the subset teaches beyond them."""
+"""Named + φ: the source with named effects and a learned correction of the residual."""
 
 from nas_data.pairing import pair
 from nas_data.studies.ablation.kinds import named
@@ -7,7 +7,7 @@ from nas_data.studies.ablation.training import train
 
 
 def learn(lesson: Lesson) -> Learned:
-    """Name effects, pair the subset with the source that has them, train φ on it."""
+    """Name effects, pair the subset with the source and its effects, and train φ on the pairs."""
     base = named.learn(lesson)
     assert base.source is not None
     simulator = base.source.simulator(lesson.data, threads=1)

@@ -1,1 +1,1 @@
-"""What the experiments share: recordings, models and names of one environment, policies, the authors' numbers."""
+"""Shared parts of the experiments: recordings, models, named effects, policies, the authors' numbers."""

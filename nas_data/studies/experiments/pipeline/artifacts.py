@@ -1,4 +1,4 @@
-"""What all methods of an environment are made from: recordings, φ, ψ and names; built once, whatever the seeds."""
+"""Artifacts shared by all methods of an environment: recordings, φ, ψ and named effects; built once for all seeds."""
 
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -22,14 +22,14 @@ TRAIN, HELDOUT, NAMED = "train", "heldout", "train_named"
 
 @dataclass(frozen=True)
 class MaterialPlan:
-    """What the material depends on.
+    """Settings of the artifacts.
 
     Attributes:
-        recipe: How the target is recorded.
-        heldout: Further episodes that models are judged on; their seed is the next one.
+        recipe: Recording of the target.
+        heldout: Number of held-out episodes, recorded with the next seed.
         delta: Training of φ.
         forward: Training of ψ.
-        named: Recorded episodes that `nas gap` is given; all where None.
+        named: Number of recorded episodes for `nas gap`; all if None.
     """
 
     recipe: Recipe
@@ -40,22 +40,22 @@ class MaterialPlan:
 
     @property
     def task(self) -> Task:
-        """What the environment is about."""
+        """The task of the environment."""
         return find_task(self.recipe.environment)
 
     @property
     def source(self) -> str:
-        """The dynamics that the gap begins at: `source`, or where a dynamics has a source of its own, that."""
+        """Dynamics of the source: `source`, or the dynamics' own source if it has one."""
         own = f"{self.recipe.dynamics}-{SOURCE}"
         return own if own in self.task.dynamics else SOURCE
 
     def source_with(self, names: str | Path) -> Predictor:
-        """Return the source with what a gap report named."""
+        """Return the source with the effects of a gap report."""
         named, body = Named.read(names), Predictor.of(self.recipe.environment, self.source)
         return Predictor(named.robot(body.robot, self.task.joints), (*body.effects, *named.effects))
 
     def describe(self) -> dict[str, object]:
-        """Return what the material depends on, for JSON."""
+        """Return the settings for JSON."""
         dynamics = (self.source, self.recipe.dynamics)
         models = {name: self.task.body(name)[0].sha256 for name in dynamics}
         effects = {name: [effect.to_json() for effect in self.task.effects(name)] for name in dynamics}
@@ -65,11 +65,11 @@ class MaterialPlan:
 
 @dataclass(frozen=True)
 class Artifacts:
-    """Material as it lies in a folder.
+    """Artifacts in a folder.
 
     Attributes:
-        plan: What it was made by.
-        folder: Where.
+        plan: Their settings.
+        folder: Their folder.
     """
 
     plan: MaterialPlan
@@ -77,12 +77,12 @@ class Artifacts:
 
     @property
     def train(self) -> Path:
-        """Folder of the pairs that models learn from."""
+        """Folder of the training pairs."""
         return versions.resolve(self.folder / DATASETS / TRAIN)
 
     @property
     def heldout(self) -> Path:
-        """Folder of the pairs that they are judged on."""
+        """Folder of the held-out pairs."""
         return versions.resolve(self.folder / DATASETS / HELDOUT)
 
     @property
@@ -97,23 +97,23 @@ class Artifacts:
 
     @cached_property
     def named(self) -> str | None:
-        """Folder of the gap report; None where it names nothing and retunes nothing: that is the source."""
+        """Folder of the gap report; None if it has neither effects nor changed base parameters."""
         named = Named.read(self.folder / NAMES)
         return str(self.folder / NAMES) if named.effects or named.retuned else None
 
     @property
     def explained(self) -> bool:
-        """Whether what the names leave is at the recordings' noise floor, so that φ has nothing to learn there."""
+        """Whether the residual after naming is at the noise floor, so that φ has nothing to learn."""
         return read_stage(NAMES, self.folder).data.get("verdict") in EXPLAINED
 
     @property
     def phi_named(self) -> str:
-        """Checkpoint of the φ that corrects the source with the names."""
+        """Checkpoint of the φ for the source with named effects."""
         return str(self.folder / PHI_NAMED)
 
     @property
     def content_hash(self) -> str:
-        """Content hash of the pairs that models learn from."""
+        """Content hash of the training pairs."""
         provenance = read_provenance(self.train)
         return provenance.content_hash if provenance else ""
 

@@ -1,4 +1,4 @@
-"""Methods compared on one environment: policies of every method and seed, judged on the target, done once."""
+"""Comparison of methods on one environment: policies of every method and seed, evaluated on the target."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -23,7 +23,7 @@ from nas_data.studies.experiments.pipeline.table_notes import describe_paired, n
 
 
 def headers(seeds: int) -> tuple[str, ...]:
-    """Return the heads of the columns, which say what the intervals over so many seeds are."""
+    """Return the column headings, with the kind of intervals over seeds."""
     several = seeds > 1
     return (
         "method",
@@ -40,17 +40,17 @@ def headers(seeds: int) -> tuple[str, ...]:
 
 
 def choose_methods(request: Request) -> tuple[str, ...]:
-    """Return the methods that are compared."""
+    """Return the methods to compare."""
     return request.methods or tuple(METHODS)
 
 
 def hyperparameters(sizes: Sizes) -> Hyperparameters:
-    """Return PPO's."""
+    """Return the hyperparameters of PPO."""
     return Hyperparameters(arms=sizes.arms, rollout=sizes.rollout, minibatches=sizes.minibatches, epochs=sizes.epochs)
 
 
 def compare_methods(request: Request, environment: str) -> tuple[Artifacts, Comparison]:
-    """Train every method with every seed, and judge all on the target; those that need no material come first."""
+    """Train every method with every seed, and evaluate all on the target; methods without artifacts come first."""
     names = choose_methods(request)
     needs = sorted(needs_of(names))
     bare = tuple(name for name in names if not METHODS[name].needs)
@@ -67,7 +67,7 @@ def compare_methods(request: Request, environment: str) -> tuple[Artifacts, Comp
 
 
 def study(request: Request, material: Artifacts, names: Sequence[str], dataset: str | None = None) -> Study:
-    """Return what is compared: some methods on an environment's material."""
+    """Return the comparison of methods with an environment's artifacts."""
     sizes = request.sizes
     return Study(
         target=target(material),
@@ -81,7 +81,7 @@ def study(request: Request, material: Artifacts, names: Sequence[str], dataset: 
 
 
 def run_study(study: Study, request: Request, environment: str) -> Comparison:
-    """Run a study in the environment's folder, where policies of other lengths and of another PPO lie apart."""
+    """Run a comparison in the environment's folder; other lengths and PPO settings have other subfolders."""
     folder = request.home(environment) / "policies" / request.sizes.policies
 
     def report(line: str) -> None:
@@ -92,7 +92,7 @@ def run_study(study: Study, request: Request, environment: str) -> Comparison:
 
 
 def table(material: Artifacts, comparison: Comparison, title: str) -> ResultTable:
-    """Return the comparison as a table, the authors' numbers beside ours of the same kind."""
+    """Return the comparison as a table, with the authors' numbers next to ours."""
     rows = [row(comparison, material.plan.recipe.environment, method) for method in comparison.study.methods]
     return ResultTable(title, headers(len(comparison.study.seeds)), rows, notes(material, comparison))
 

@@ -1,4 +1,4 @@
-"""What a dynamics adds to the source, in words made from its own definition in `envs/`."""
+"""Descriptions of dynamics, generated from their definitions in `envs/`."""
 
 from functools import partial
 
@@ -9,7 +9,7 @@ from nas_data.studies.experiments.pipeline.artifacts import Artifacts
 
 
 def dynamics_of(material: Artifacts) -> str:
-    """Say what the target of a material is."""
+    """Return a sentence on the target of the artifacts."""
     plan = material.plan
     said = describe_dynamics(plan.task, plan.recipe.dynamics, plan.source)
     if plan.recipe.engine == "mujoco":
@@ -18,7 +18,7 @@ def dynamics_of(material: Artifacts) -> str:
 
 
 def describe_dynamics(task: Task, dynamics: str, source: str = SOURCE) -> str:
-    """Say what a dynamics and the source that it is compared with add to the plain model.
+    """Return a sentence on what a dynamics and its source add to the plain model.
 
     Raises:
         UnknownName: the task has no such dynamics; lists those it has.
@@ -32,7 +32,7 @@ def describe_dynamics(task: Task, dynamics: str, source: str = SOURCE) -> str:
 
 
 def list_effects(task: Task, dynamics: str) -> str:
-    """Return the effects of a dynamics, each with its joints, and what it changes in the model beyond them."""
+    """Return the effects of a dynamics with their joints, and its model edits."""
     joints: dict[str, list[str]] = {}
     for effect in task.effects(dynamics):
         joints.setdefault(effect_words(effect), []).append(effect.joint or "the arm")
@@ -47,7 +47,7 @@ def effect_words(effect: Effect) -> str:
 
 
 def edit_words(edit: Edit | None) -> list[str]:
-    """Return what an edit is called in the code, with its arguments."""
+    """Return the function name and arguments of an edit."""
     if isinstance(edit, InTurn):
         return [*edit_words(edit.first), *edit_words(edit.second)]
     if isinstance(edit, partial):

@@ -1,4 +1,4 @@
-"""Training φ and ψ on a paired dataset in a folder: done once, gone on with where it was interrupted, else anew."""
+"""Resumable training of φ and ψ on a paired dataset in a folder."""
 
 import json
 import shutil
@@ -30,8 +30,8 @@ class ModelJob:
         kind: `delta` for φ, `forward` for ψ.
         dataset: Folder of the pairs, with their source.
         options: Of the training.
-        folder: Where it goes; what decides it is kept beside, in a file of the same name.
-        threads: Threads that simulate its source; all cores where None.
+        folder: Output folder; a file of the same name beside it records the identity of the training.
+        threads: Simulation threads of the source; None for all cores.
     """
 
     kind: Kind
@@ -42,22 +42,22 @@ class ModelJob:
 
     @property
     def record(self) -> Path:
-        """The file that says what the model in the folder learned from."""
+        """The file with the identity of the training in the folder."""
         return self.folder.with_name(f"{self.folder.name}.json")
 
 
 def train_model(
     job: ModelJob, report: Callable[[str], None], choose: Callable[[Dataset], Dataset] = lambda whole: whole
 ) -> list[dict[str, float]]:
-    """Train a model, or go on with its training.
+    """Train a model, or resume its training.
 
     Args:
-        job: What to train on what.
-        report: Told a line a validation.
-        choose: Which part of the dataset is learned from.
+        job: The training.
+        report: Called with a line after each validation.
+        choose: Selects the training part of the dataset.
 
     Returns:
-        Its history: a row a validation.
+        Its history, one row per validation.
     """
     dataset = read(job.dataset)
     chosen = choose(dataset)
@@ -85,7 +85,7 @@ def train_model(
 
 
 def claim(job: ModelJob, identity: Mapping[str, object], report: Callable[[str], None]) -> None:
-    """Make the folder this training's own; a model of ours that learned otherwise makes room for it."""
+    """Claim the folder for this training; an outdated model in it is removed."""
     held = read_record(job.record)
     if held == identity:
         return
@@ -97,7 +97,7 @@ def claim(job: ModelJob, identity: Mapping[str, object], report: Callable[[str],
 
 
 def read_record(path: Path) -> dict[str, Any]:
-    """Return what the file beside a model or names says that they are of; nothing where there is none to trust."""
+    """Return the recorded identity of a model or gap report; empty if there is no valid one."""
     try:
         held = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):

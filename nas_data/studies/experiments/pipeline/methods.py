@@ -1,4 +1,4 @@
-"""The methods: where each learns its policies, and what of the material it needs for that."""
+"""The methods: dynamics on which each trains its policies, and the artifacts it needs."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ class Method:
     """A method.
 
     Attributes:
-        learned_on: Where its policies learn, in a few words.
-        plant: The same as a plant.
-        needs: Stages of the material that it takes.
+        learned_on: Description of its training dynamics, in a few words.
+        plant: Its training dynamics.
+        needs: Stages of the artifacts that it needs.
     """
 
     learned_on: str
@@ -25,7 +25,7 @@ class Method:
 
 
 def target(material: Artifacts) -> DynamicsSpec:
-    """Return what every policy is judged on."""
+    """Return the target, on which every policy is evaluated."""
     recipe = material.plan.recipe
     return DynamicsSpec(recipe.environment, recipe.dynamics, engine=recipe.engine)
 
@@ -39,7 +39,7 @@ def on_source(
 
 
 def named_nas(material: Artifacts) -> DynamicsSpec:
-    """Return the source with names and φ; φ alone where nothing was named, names alone where they explain all."""
+    """Return the source with named effects and φ; one of them alone if the other is empty."""
     if material.named is None:
         return on_source(material, material.phi)
     return on_source(material, None if material.explained else material.phi_named, material.named)
@@ -57,12 +57,12 @@ METHODS: Mapping[str, Method] = {
 
 
 def check_methods(names: Sequence[str], known: Sequence[str]) -> None:
-    """Raise UnknownName where one is no method, or none of an experiment that knows others."""
+    """Raise UnknownName if a method does not exist or does not belong to the experiment."""
     for name in names:
         if name not in (known or METHODS):
             raise UnknownName("method", name, known or METHODS)
 
 
 def needs_of(names: Sequence[str]) -> set[str]:
-    """Return the stages that some methods need, without those that these build on."""
+    """Return the stages that methods need, without their dependencies."""
     return set[str]().union(*(METHODS[name].needs for name in names))

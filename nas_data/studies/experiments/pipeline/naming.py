@@ -1,4 +1,4 @@
-"""What the files of an experiment are called: other environments, dynamics, sizes and parts have other files."""
+"""File names of an experiment; they differ by environment, dynamics, sizes and part."""
 
 from nas_data.studies.experiments.base import Request, find_experiment
 from nas_data.studies.experiments.pipeline.methods import METHODS
@@ -13,7 +13,7 @@ def stem_of(name: str, request: Request) -> str:
 
 
 def part_of(request: Request) -> list[str]:
-    """Return words for what differs from the whole experiment; none for the whole."""
+    """Return words for differences from the whole experiment; none for the whole."""
     ours, whole = request.sizes, request.whole or request.sizes
     words = []
     if request.methods and set(request.methods) != set(METHODS):

@@ -1,4 +1,4 @@
-"""Making an experiment: checked before hours are spent, and written as JSON, tables and pictures."""
+"""Runs an experiment: checks it first, and writes JSON, tables and pictures."""
 
 import json
 import time
@@ -20,12 +20,12 @@ from nas_data.whole_file import write_whole
 
 @dataclass(frozen=True)
 class Conducted:
-    """An experiment that was made.
+    """A finished experiment.
 
     Attributes:
-        text: For people, with where the files are.
-        data: For machines.
-        files: Where it was written.
+        text: Results as text, with the paths of the files.
+        data: Values for JSON.
+        files: Written files.
     """
 
     text: str
@@ -34,17 +34,17 @@ class Conducted:
 
 
 def conduct(name: str, request: Request) -> Conducted:
-    """Make an experiment and write its files: first those of each environment alone, as soon as it is done.
+    """Run an experiment and write its files; those of single environments are written as soon as they are done.
 
     Raises:
         UnknownName: there is no such experiment, environment, dynamics or method; lists those there are.
         OptionError: a size makes no sense.
-        OutputExists: the folder holds something else, or what other code made.
-        JobsFailed: several jobs could not be done; all others are.
+        OutputExists: the folder holds something else, or results of other code.
+        JobsFailed: several jobs failed; all others are finished.
     """
     experiment = find_experiment(name)
     spelt = tuple(environment_name(find_task_file(environment)) for environment in request.environments)
-    request = replace(request, environments=spelt)  # however it is spelt, an environment's files have one name
+    request = replace(request, environments=spelt)  # file names do not depend on the spelling of an environment
     check(experiment, request)
     if len(request.environments) > 1:
         make_each(name, experiment, request)
@@ -53,17 +53,17 @@ def conduct(name: str, request: Request) -> Conducted:
 
 
 def make_each(name: str, experiment: Experiment, request: Request) -> None:
-    """Make an experiment of each environment alone, with files of its own; where one fails, the others go on.
+    """Run an experiment for each environment, with separate files; the others continue if one fails.
 
     Raises:
-        Exception: one or several could not be made; says which, when all others are.
+        Exception: one or several failed; raised after all others have finished.
     """
     failed: dict[int, Exception] = {}
     for number, environment in enumerate(request.environments):
         try:
             for path in make(name, experiment, replace(request, environments=(environment,))).files:
                 request.report(f"→ {path}")
-        except Exception as error:  # raised below, when all that can be made is made
+        except Exception as error:  # raised below, after all others
             request.report(f"{environment} could not be made: {error}")
             failed[number] = error
     if failed:
@@ -71,7 +71,7 @@ def make_each(name: str, experiment: Experiment, request: Request) -> None:
 
 
 def make(name: str, experiment: Experiment, request: Request) -> Conducted:
-    """Make an experiment of all its environments, and write its files."""
+    """Run an experiment on all its environments, and write its files."""
     began = time.monotonic()
     result = experiment.run(request)
     seconds = round(time.monotonic() - began, 1)
@@ -84,7 +84,7 @@ def make(name: str, experiment: Experiment, request: Request) -> Conducted:
 
 
 def about(name: str, title: str, request: Request) -> dict[str, object]:
-    """Return what the JSON of every experiment begins with."""
+    """Return the common entries of every experiment's JSON."""
     return {
         "schema": 1,
         "experiment": name,
@@ -100,14 +100,14 @@ def about(name: str, title: str, request: Request) -> dict[str, object]:
 
 
 def warnings(request: Request) -> list[str]:
-    """Return what must stand above a table that is no result."""
+    """Return the warning above tables of quick runs."""
     return [sentence for sentence in (request.sizes.sentence(),) if sentence]
 
 
 def write(
     result: ExperimentResult, data: Mapping[str, object], title: str, request: Request, stem: Path
 ) -> Mapping[str, Path]:
-    """Write JSON, tables and pictures; return the files by what they are."""
+    """Write JSON, tables and pictures; return the files by kind."""
     named = {"result": ".json", "table": ".md", **{f"figure{end}": f"{end}.png" for end in result.pictures}}
     files = {key: stem.with_name(stem.name + end) for key, end in named.items()}
     page = [f"# {title}", *warnings(request), *(table.markdown() for table in result.tables), *result.notes]
@@ -119,7 +119,7 @@ def write(
 
 
 def check(experiment: Experiment, request: Request) -> None:
-    """Refuse what cannot be done before hours are spent."""
+    """Refuse an impossible request before any work is done."""
     sizes = request.sizes
     if len(request.environments) > 1 and not experiment.several:
         raise OptionError("This experiment is about one environment at a time; give one --env.")

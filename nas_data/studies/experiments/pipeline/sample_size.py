@@ -1,4 +1,4 @@
-"""Policies for a number of trajectories: a nested subset is learned from or named from, then each policy trained."""
+"""Policies for a number of trajectories: models are trained or effects named on a nested subset, then policies."""
 
 import json
 import time
@@ -40,12 +40,12 @@ BY_PRESET = {f"nas_{name}": name for name in FOR_FEW}
 
 
 class Names(NamedTuple):
-    """What was named from a subset.
+    """Effects named from a subset.
 
     Attributes:
-        folder: The gap report; None where it names nothing and retunes nothing.
-        seconds: Time that it took [s].
-        explained: Whether what the names leave is at the recording's noise floor.
+        folder: The gap report; None if it has neither effects nor changed base parameters.
+        seconds: Duration [s].
+        explained: Whether the residual is at the recording's noise floor.
     """
 
     folder: Path | None
@@ -53,7 +53,7 @@ class Names(NamedTuple):
     explained: bool
 
 
-Learned = tuple[DynamicsSpec, float]  # where a policy learns, and the time that it took to make it [s]
+Learned = tuple[DynamicsSpec, float]  # training dynamics of a policy, and the time to build it [s]
 
 
 @dataclass(frozen=True)
@@ -61,17 +61,17 @@ class CountJob:
     """A number of trajectories and a seed.
 
     Attributes:
-        material: Recording of which the trajectories are a part, and how φ and ψ are trained.
-        methods: What is made of them, some of `LEARNED`.
-        count: Trajectories; of two counts of one seed, the smaller's are part of the larger's.
-        seed: Of the subset, of φ and ψ and of the policies.
-        frames: Control steps of each policy.
-        episodes: Episodes that it is judged on.
-        hyperparameters: PPO's.
-        policies: Folder of policies of this length and PPO.
-        folder: Where models, names and policies go.
-        presets: How φ is trained by other presets than for many trajectories, by their names.
-        threads: Threads that simulate the source of φ, and that names are sought with; all cores where None.
+        material: Recording with the trajectories, and trainings of φ and ψ.
+        methods: Methods to run, some of `LEARNED`.
+        count: Number of trajectories; for equal seeds, smaller subsets are parts of larger ones.
+        seed: Seed of the subset, of φ and ψ, and of the policies.
+        frames: Control steps of each policy's training.
+        episodes: Evaluation episodes of each policy.
+        hyperparameters: Hyperparameters of PPO.
+        policies: Folder of policies with this length and PPO.
+        folder: Folder of models, named effects and policies.
+        presets: Trainings of φ by presets for few trajectories, by name.
+        threads: Threads for simulation and search; None for all cores.
     """
 
     material: Artifacts
@@ -87,7 +87,7 @@ class CountJob:
     threads: int | None = None
 
     def subset(self, dataset: Dataset) -> Dataset:
-        """Return the trajectories that are learned from."""
+        """Return the indices of the training trajectories."""
         runs = draw(dataset, range(dataset.n_episodes), Amount(self.count, "episodes"), self.seed)
         return rows_of(dataset, runs)
 
@@ -116,7 +116,7 @@ def learn_by(job: CountJob, preset: str) -> Learned:
 
 
 def name_subset(job: CountJob) -> Names:
-    """Let `nas gap` name what the source lacks, from the subset and nothing else; what it named before is read."""
+    """Run `nas gap` on the subset alone; a finished report is read."""
     folder, root = job.folder / NAMES, job.recorded()
     record = folder.with_name(f"{NAMES}.json")
     identity = {"named_from": content_hash(read(root)), "code": naming_code(job.material.plan)}
@@ -133,13 +133,13 @@ def name_subset(job: CountJob) -> Names:
 
 
 def with_names(job: CountJob) -> Learned:
-    """Add what was named to the source."""
+    """Return the source with the named effects."""
     names = name_subset(job)
     return on_source(job.material, effects=None if names.folder is None else str(names.folder)), names.seconds
 
 
 def with_names_and_phi(job: CountJob) -> Learned:
-    """Pair the subset with the source that has the names, and train φ on what they leave, if anything."""
+    """Pair the subset with the source and its named effects, and train φ on the residual, if any."""
     material = job.material
     folder, seconds, explained = name_subset(job)
     if folder is None:
@@ -165,10 +165,10 @@ LEARNED_ON = {name: method.learned_on for name, method in METHODS.items()} | {
 
 
 def do_count(job: CountJob) -> dict[str, Record]:
-    """Make of the trajectories what each method needs and then its policy, judge it; what was done before is read.
+    """Build the models and the policy of each method, and evaluate it; finished results are read.
 
     Returns:
-        By method the policy's record, and `learning_seconds`: how long training φ or ψ and naming took [s].
+        The policy's record by method, with `learning_seconds`: time for training φ or ψ and for naming [s].
     """
     records = {}
     for method in job.methods:

@@ -1,4 +1,4 @@
-"""Held-out episodes predicted by φ, ψ and what needs no learning, and which of them a picture shows."""
+"""Predictions of held-out episodes by φ, ψ and baselines, and the choice of an episode to draw."""
 
 from dataclasses import dataclass
 
@@ -21,15 +21,14 @@ DRAWN = ("source + φ", "ψ", "source", "hold")
 
 @dataclass(frozen=True)
 class Sequence:
-    """Held-out episodes, all predicted, of which one is shown.
+    """Held-out episodes with predictions, and the episode to draw.
 
     Attributes:
-        material: Where they come from.
+        material: Their artifacts.
         dataset: The episodes.
         evaluation: Predictions and errors.
-        episode: The one that is shown: of those of the paper's protocol, the one in which the source's error is the
-            median.
-        joint: The joint that the source predicts worst in these.
+        episode: The drawn episode: the one with the median source error among those of the paper's protocol.
+        joint: The joint with the largest source error in these episodes.
     """
 
     material: Artifacts

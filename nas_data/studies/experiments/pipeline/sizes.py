@@ -1,4 +1,4 @@
-"""How large the experiments are: as in the paper, or a quick look at their shape."""
+"""Sizes of the experiments: as in the paper, or small for a quick look."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -8,20 +8,19 @@ from nas_data.errors import UnknownName
 from nas_data.models.presets import TrainingOptions, preset
 from nas_data.recorders.recipe import Recipe
 
-FOR_FEW = ("few", "symmetric")  # presets that learn from few trajectories
+FOR_FEW = ("few", "symmetric")  # presets for training from few trajectories
 
 
 @dataclass(frozen=True)
 class RecordingSize:
-    """How much of an environment's target is recorded.
+    """Size of an environment's recording.
 
     Attributes:
-        trajectories: Number of episodes, the paper's (sections 4.3 and 4.4) but for ErgoShield; of Pusher what the
-            authors' published returns are of, the paper says 250.
-        steps: Control steps of each.
-        hold: Control steps that an action is held in the paper's protocol, which every fourth episode follows.
-        longest: Control steps that an action lasts at most in the others, which a drawn part of its range, held or
-            ramped, make more like what policies do (see `Recipe.varied`).
+        trajectories: Number of episodes, as in the paper (sections 4.3 and 4.4) except for ErgoShield. Pusher has the
+            number behind the authors' published returns; the paper's text says 250.
+        steps: Control steps of each episode.
+        hold: Duration of an action [control steps] in the paper's protocol, which every fourth episode follows.
+        longest: Longest action [control steps] in the other episodes; see `Recipe.varied`.
     """
 
     trajectories: int
@@ -35,7 +34,7 @@ RECORDINGS: Mapping[str, RecordingSize] = {
     "pusher": RecordingSize(1000, 100, 1, 50),
     "striker": RecordingSize(5000, 100, 1, 50),
     "ergo_reacher": RecordingSize(1000, 100, 1, 100),
-    "ergo_shield": RecordingSize(2000, 300, 100, 100),  # the paper's arm has 500, which φ here learns by heart
+    "ergo_shield": RecordingSize(2000, 300, 100, 100),  # the paper has 500; φ overfits them here
 }
 # Ours is that of the paper's robot experiments, 16 arms side by side in place of 4 processes; in simulation the authors
 # had one process of 2048 steps, 32 minibatches of 64 and 10 epochs (paper, appendix C; facts in reference/paper.md, 5)
@@ -52,21 +51,21 @@ class Sizes:
 
     Attributes:
         name: `full` or `quick`.
-        heldout: Recorded episodes that models are judged on.
-        delta: Training of φ, but for environments that `PHI` lists.
+        heldout: Number of held-out episodes.
+        delta: Training of φ, except for environments in `PHI`.
         forward: Training of ψ.
-        presets: Trainings of φ by other presets, by their names, in figure 6.
-        frames: Control steps of each policy.
+        presets: Trainings of φ by other presets in figure 6, by name.
+        frames: Control steps of each policy's training.
         seeds: Seeds of each method.
-        judged: Episodes that each policy is judged on.
-        counts: Trajectories that are learned from in figure 6.
-        trajectories: Recorded episodes; the paper's number where None.
-        named: Of those, how many `nas gap` is given; all where None.
+        judged: Evaluation episodes of each policy.
+        counts: Numbers of training trajectories in figure 6.
+        trajectories: Number of recorded episodes; the paper's if None.
+        named: Number of episodes for `nas gap`; all if None.
         rollout: Control steps between two updates of a policy.
         minibatches: Parts of a rollout, one gradient step each.
         epochs: Passes over a rollout.
         arms: Simulations stepped together.
-        ppo: Whose PPO these last four make: one of `PPO`.
+        ppo: Name of the set of the last four values, one of `PPO`.
     """
 
     name: str
@@ -88,7 +87,7 @@ class Sizes:
 
     @property
     def quick(self) -> bool:
-        """Whether this is less than the experiment."""
+        """Whether these sizes are smaller than the full experiment's."""
         return self.name != "full"
 
     @property
@@ -100,7 +99,7 @@ class Sizes:
         """Return these sizes with another PPO.
 
         Raises:
-            UnknownName: there is none of that name; lists those there are.
+            UnknownName: the name is unknown; the message lists the known ones.
         """
         if name not in PPO:
             raise UnknownName("PPO", name, PPO)
@@ -109,8 +108,8 @@ class Sizes:
     def with_counts(self, counts: tuple[int, ...]) -> "Sizes":
         """Return these sizes with other numbers of trajectories, all drawn from one recording.
 
-        It is as large as the largest of their own numbers, and larger only where more is asked for: whoever adds a
-        number later draws from the same.
+        The recording has the size of the largest default number, or more if a larger one is requested. Numbers that are
+        added later use the same recording.
         """
         return replace(self, counts=counts or self.counts, trajectories=max((*counts, *self.counts)))
 
@@ -133,7 +132,7 @@ class Sizes:
         return self.delta if self.quick else PHI.get(find_task_file(environment), self.delta)
 
     def sentence(self) -> str:
-        """Say how small a quick run is, for tables; nothing for a full one."""
+        """Return a note on the sizes of a quick run, for tables; empty for a full one."""
         if not self.quick:
             return ""
         return (

@@ -1,4 +1,4 @@
-"""The stages that make an environment's material: record and pair, learn φ and ψ, name, learn φ on the names."""
+"""Stages that build an environment's artifacts: record and pair, train φ and ψ, name, train φ on the names."""
 
 from collections.abc import Callable, Collection
 from dataclasses import replace
@@ -36,12 +36,12 @@ from nas_data.studies.experiments.pipeline.pairs import Predictor, pair_again, r
 
 Job = Work[MaterialPlan]
 
-PAUSE = 15.0  # [s] between two lines of the search, which says much
-TOLD = ("verdict", "effects", "retuned", "gap")  # what is kept of a gap report beside the report itself
+PAUSE = 15.0  # [s] between two progress lines of the search
+TOLD = ("verdict", "effects", "retuned", "gap")  # entries of a gap report that are stored with the stage
 
 
 def record(job: Job) -> StageResult:
-    """Record what is learned from and what judges, and pair both with the source."""
+    """Record training and held-out data, and pair both with the source."""
     plan = job.plan
     source = Predictor.of(plan.recipe.environment, plan.source)
     held = replace(plan.recipe, episodes=plan.heldout, seed=plan.recipe.seed + 1)
@@ -54,7 +54,7 @@ def record(job: Job) -> StageResult:
 
 
 def learner(kind: Kind, name: str, folder: str) -> Callable[[Job], StageResult]:
-    """Return what trains a model of a kind on the pairs."""
+    """Return a function that trains a model of a kind on the pairs."""
 
     def learn(job: Job) -> StageResult:
         options = job.plan.delta if kind == "delta" else job.plan.forward
@@ -65,13 +65,13 @@ def learner(kind: Kind, name: str, folder: str) -> Callable[[Job], StageResult]:
 
 
 def run_training(model: ModelJob, name: str, job: Job) -> StageResult:
-    """Train a model and say how far it came."""
+    """Train a model; return its result as a sentence."""
     history = train_model(model, lambda line: job.report(f"{INDENT}{name}  {line}"))
     return StageResult([f"{name} → {model.folder}"], {"validations": len(history), "options": vars(model.options)})
 
 
 def name_effects(job: Job) -> StageResult:
-    """Let `nas gap` name what the source lacks, from the same recordings and nothing else."""
+    """Run `nas gap` on the recordings alone, without knowledge of the target."""
     material = Artifacts(job.plan, job.folder)
     root = recordings_to_name(job)
     say = Calm(lambda line: job.report(f"{INDENT}names  {line.strip()}"), PAUSE)
@@ -85,7 +85,7 @@ def name_effects(job: Job) -> StageResult:
 
 
 def recordings_to_name(job: Job) -> Path:
-    """Return the folder of what `nas gap` is given: all that was recorded, or the first episodes of it."""
+    """Return the folder of the input of `nas gap`: all recorded episodes, or the first ones."""
     train = Artifacts(job.plan, job.folder).train
     dataset, provenance = read(train), read_provenance(train)
     if job.plan.named is None or job.plan.named >= dataset.n_episodes or provenance is None:
@@ -94,7 +94,7 @@ def recordings_to_name(job: Job) -> Path:
 
 
 def learn_on_names(job: Job) -> StageResult:
-    """Pair the recordings with the source that has the names, and train φ on what they leave."""
+    """Pair the recordings with the source and its named effects, and train φ on the residual."""
     material, plan = Artifacts(job.plan, job.folder), job.plan
     if material.named is None or material.explained:
         (job.folder / PHI_NAMED).mkdir(exist_ok=True)
@@ -106,7 +106,7 @@ def learn_on_names(job: Job) -> StageResult:
     return run_training(model, "φ on the names", job)
 
 
-STAGES = {  # side by side those first that others wait for, and of the rest the longest
+STAGES = {  # in parallel runs, stages with dependents come first, then the longest ones
     stage.name: stage
     for stage in (
         Stage(
@@ -161,7 +161,7 @@ STAGES = {  # side by side those first that others wait for, and of the rest the
 
 
 def describe_stages(material: Artifacts) -> dict[str, object]:
-    """Return for JSON what each stage of a material that is done cost, when, and by which commit."""
+    """Return cost, time and commit of each finished stage for JSON."""
     told = ("seconds", "cpu_seconds", "when", "load", "commit")
     found = {name: read_done(stage, material.folder) for name, stage in STAGES.items()}
     return {name: {key: getattr(done, key) for key in told} for name, done in found.items() if done is not None}
@@ -170,18 +170,18 @@ def describe_stages(material: Artifacts) -> dict[str, object]:
 def make_material(
     plan: MaterialPlan, folder: Path, needs: Collection[str], report: Report, workers: int = 1
 ) -> Artifacts:
-    """Make what is needed of an environment's material; a stage that is done is not done again.
+    """Build the required artifacts of an environment; finished stages are skipped.
 
     Args:
-        plan: What it depends on.
-        folder: Where it lies.
-        needs: Names of stages; those that they build on are done as well.
-        report: Told of progress.
-        workers: Stages at a time, each in a process of its own where there are several.
+        plan: Settings of the artifacts.
+        folder: Their folder.
+        needs: Names of the required stages; their dependencies are added.
+        report: Called with lines of progress.
+        workers: Number of parallel stages; several run in processes of their own.
 
     Raises:
-        OutputExists: the folder holds something else, or material of another plan or by other code.
-        JobsFailed: several stages could not be done; all others are but those that build on them.
+        OutputExists: the folder holds something else, or artifacts of another plan or other code.
+        JobsFailed: several stages failed; all others are finished except those that depend on them.
     """
     wanted = {*needs}.union(*(STAGES[name].builds_on or () for name in needs))
     stages = [stage for name, stage in STAGES.items() if name in wanted]
@@ -194,5 +194,5 @@ def make_material(
 
 
 def make_part(part: Part[MaterialPlan]) -> None:
-    """Do a stage in a process of its own."""
+    """Run a stage in its own process."""
     do_part(STAGES[part.stage], part)

@@ -1,4 +1,4 @@
-"""What must stand below a table of methods, so that nobody takes more from it than it holds."""
+"""Notes below tables of methods, on the limits of their numbers."""
 
 from collections.abc import Sequence
 
@@ -43,7 +43,7 @@ def notes(material: Artifacts, comparison: Comparison) -> list[str]:
 
 
 def note_on_names_alone(material: Artifacts, comparison: Comparison) -> Sequence[str]:
-    """Say why named + φ is the names alone, where it is."""
+    """Return a note if named + φ equals the named effects alone."""
     if NAMED_NAS not in comparison.study.methods or not material.explained:
         return ()
     return (
@@ -53,7 +53,7 @@ def note_on_names_alone(material: Artifacts, comparison: Comparison) -> Sequence
 
 
 def on_intervals(seeds: int) -> str:
-    """Say what the intervals over so many seeds are worth; nothing where there are enough seeds."""
+    """Return a note on intervals over few seeds; none if there are enough seeds."""
     if not 1 < seeds <= FEW:
         return ""
     return (
@@ -64,14 +64,14 @@ def on_intervals(seeds: int) -> str:
 
 
 def return_differences(comparison: Comparison) -> np.ndarray | None:
-    """Return the return of named + φ minus that of φ alone by seed, shape (seeds,); None where one is not compared."""
+    """Return the difference of returns of named + φ and φ by seed, shape (seeds,); None if one is missing."""
     if not {NAS, NAMED_NAS} <= set(comparison.study.methods):
         return None
     return comparison.values(NAMED_NAS) - comparison.values(NAS)
 
 
 def describe_return_differences(comparison: Comparison) -> Sequence[str]:
-    """Say how named + φ compares with φ alone, seed by seed."""
+    """Return a note on named + φ against φ alone, seed by seed."""
     apart = return_differences(comparison)
     if apart is None:
         return ()
@@ -82,7 +82,7 @@ def describe_return_differences(comparison: Comparison) -> Sequence[str]:
 
 
 def describe_paired(comparison: Comparison) -> dict[str, object] | None:
-    """Return the same for JSON; None where one is not compared."""
+    """Return the paired comparison for JSON; None if one is missing."""
     apart = return_differences(comparison)
     if apart is None:
         return None

@@ -1,4 +1,4 @@
-"""Slow ways from pose to pose on which an arm touches neither itself nor the floor."""
+"""Collision-free slow paths between poses: the arm touches neither itself nor the floor."""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -6,62 +6,63 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 
-from nas_data.errors import WayBlocked
+from nas_data.errors import PathBlocked
 from nas_data.joint_units import radians_at
 from nas_data.robots.base import Robot
 from nas_data.simulators.contact import Touches, contact_counts, touches
 from nas_data.simulators.limits import command_limits
 from nas_data.simulators.mujoco import MujocoSimulator
 
-LOOK = 0.02  # [rad] between two looks along a way
-CLOSER = 0.001  # [m] by which what touches at the start may come closer before it parts: readings are whole ticks
+LOOK = 0.02  # [rad] between two collision checks along a path
+CLOSER = 0.001  # [m] by which bodies in contact at the start may approach further: readings are whole ticks
 
 
-class Ways:
-    """The free ways of one arm, told by its model.
+class PathPlanner:
+    """Plans collision-free paths in joint space; its collision checks use the robot's model.
 
-    Where the arm stands may touch something, for a hand put it there; what touches may part, and nothing new may touch.
+    The start pose may be in contact, because a person may have put the arm there. Such contacts may only open, and no
+    new contact may appear.
 
     Attributes:
-        rest: The pose over which a way leads where the straight one is not free [rad; m], shape (n,).
-        radians: What stands for a radian at each joint, shape (n,); see `joint_units.radians_at`.
+        rest: Intermediate pose for paths whose straight line is blocked [rad; m], shape (n,).
+        radians: Joint travel that counts as one radian, shape (n,); see `joint_units.radians_at`.
     """
 
     def __init__(self, robot: Robot) -> None:
         self._simulator = MujocoSimulator(robot, 1 / robot.rate, threads=1)
-        self._room = mujoco.MjData(self._simulator.model)
+        self._scratch = mujoco.MjData(self._simulator.model)
         self.rest = np.array(robot.rest or np.zeros(len(robot.joints)))
         low, high = command_limits(self._simulator.model, robot.joints, robot.name)
         self.radians = radians_at(robot.joints, self.slides, high - low)
 
     @property
     def slides(self) -> tuple[str, ...]:
-        """Names of the joints that are slides."""
+        """Names of the slide joints."""
         return self._simulator.slides
 
     def find(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """Return the corners of a free way: the straight one, or one round what is in its way.
+        """Find a collision-free path: straight in joint space, or around an obstacle.
 
         Args:
-            begin: Where the arm stands [rad], shape (n,).
-            end: Where it shall go [rad], shape (n,).
+            begin: Present pose [rad; m], shape (n,).
+            end: Target pose [rad; m], shape (n,).
 
         Returns:
-            Poses [rad] to go to one after the other, straight in joint space, shape (k, n); the last is the end.
+            Waypoints [rad; m], shape (k, n), joined by straight lines in joint space. The last one is the target.
 
         Raises:
-            WayBlocked: no way is free.
+            PathBlocked: every candidate path is blocked.
         """
         for corners in self.candidates(begin, end):
             if self.is_free(np.stack([begin, *corners])):
                 return np.stack(corners)
-        raise WayBlocked(
+        raise PathBlocked(
             f"On the slow way to its next pose the arm would touch {self.obstacle(begin, end)}; move it upright by "
             "hand (the torque is off) and start again."
         )
 
     def candidates(self, begin: np.ndarray, end: np.ndarray) -> Iterator[list[np.ndarray]]:
-        """Yield the straight way, that over the rest pose, and those that move one joint first or last."""
+        """Yield the waypoints of candidate paths: straight, through the rest pose, and with one joint moved alone."""
         yield [end]
         yield [self.rest, end]
         for first in self._one_at_rest(begin):
@@ -72,53 +73,54 @@ class Ways:
             yield [self.rest, last, end]
 
     def is_free(self, corners: np.ndarray) -> bool:
-        """Return whether nothing new touches along straight lines between poses [rad], shape (k, n)."""
+        """Return whether straight lines between waypoints [rad; m], shape (k, n), make no new contact."""
         if self.touches(corners[-1]):
             return False
-        path = np.concatenate([self._between(a, b) for a, b in pairwise(corners)])
+        path = np.concatenate([self._interpolate(a, b) for a, b in pairwise(corners)])
         touching = contact_counts(self._simulator, path) > 0
         parted = int(np.argmin(touching))
-        return not touching[parted:].any() and self._parts(path[:parted])
+        return not touching[parted:].any() and self._only_separates(path[:parted])
 
     def exists(self, begin: np.ndarray, end: np.ndarray) -> bool:
-        """Return whether there is a free way between two poses [rad], shape (n,)."""
+        """Return whether a collision-free path joins two poses [rad; m], shape (n,)."""
         return any(self.is_free(np.stack([begin, *corners])) for corners in self.candidates(begin, end))
 
     def obstacle(self, begin: np.ndarray, end: np.ndarray) -> str:
-        """Name what is first in the straight way."""
+        """Return the first new contact on the straight path, as the names of both bodies."""
         known = touches(self._simulator, begin).keys()
-        for pose in self._between(begin, end):
+        for pose in self._interpolate(begin, end):
             new = touches(self._simulator, pose).keys() - known
             if new:
                 return " with ".join(reversed(min(new)))
         return "what it touches now even more"
 
     def touches(self, pose: np.ndarray) -> bool:
-        """Return whether a pose [rad], shape (n,), touches something."""
-        return bool(touches(self._simulator, pose, self._room))
+        """Return whether a pose [rad; m], shape (n,), is in contact."""
+        return bool(touches(self._simulator, pose, self._scratch))
 
-    def leads_into_touch(self, begin: np.ndarray, end: np.ndarray) -> bool:
-        """Return whether something touches in a pose [rad], shape (n,), that in another does not, or less."""
-        soon = touches(self._simulator, end, self._room)
-        now = touches(self._simulator, begin, self._room) if soon else {}
+    def enters_contact(self, begin: np.ndarray, end: np.ndarray) -> bool:
+        """Return whether moving between poses [rad; m], shape (n,), makes a new contact or deepens one."""
+        soon = touches(self._simulator, end, self._scratch)
+        now = touches(self._simulator, begin, self._scratch) if soon else {}
         return any(distance < now.get(pair, np.inf) for pair, distance in soon.items())
 
-    def leads_out_of_touch(self, begin: np.ndarray, end: np.ndarray) -> bool:
-        """Return whether a pose [rad], shape (n,), touches something, and another touches nothing else and less of it.
+    def leaves_contact(self, begin: np.ndarray, end: np.ndarray) -> bool:
+        """Return whether moving between poses [rad; m], shape (n,), opens the contacts of the first and makes none.
 
-        Less is a larger clearance where it is smallest, while no pair of bodies comes closer by more than a millimetre.
+        The smallest clearance must grow. No pair of bodies may come closer by more than 1 mm.
         """
-        now = touches(self._simulator, begin, self._room)
-        soon = touches(self._simulator, end, self._room) if now else {}
+        now = touches(self._simulator, begin, self._scratch)
+        soon = touches(self._simulator, end, self._scratch) if now else {}
         parts = all(distance > now.get(pair, np.inf) - CLOSER for pair, distance in soon.items())
         return bool(now) and parts and min(soon.values(), default=np.inf) > min(now.values())
 
     def sag(self, pose: np.ndarray) -> np.ndarray:
-        """Return how far the arm hangs from a command that keeps it in a pose [rad], shape (n,): pose minus command.
+        """Return the gravity sag in a pose [rad], shape (n,): pose minus the command that holds it.
 
-        A servo without integral gain gives way until its spring carries the weight: gravity's torque over its gain.
+        A servo without integral gain settles where its proportional torque balances gravity, so the sag is gravity's
+        torque divided by the gain.
         """
-        model, data, layout = self._simulator.model, self._room, self._simulator.layout
+        model, data, layout = self._simulator.model, self._scratch, self._simulator.layout
         data.qpos[layout.qpos], data.qvel[:] = pose, 0.0
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
@@ -128,11 +130,11 @@ class Ways:
         return np.asarray(-torques[layout.dof] / model.actuator_gainprm[layout.control, 0])
 
     def _one_at_rest(self, pose: np.ndarray) -> list[np.ndarray]:
-        """Return the pose with each of its joints in turn at rest."""
+        """Return copies of a pose, each with another joint at rest."""
         return [np.where(np.arange(len(pose)) == joint, self.rest, pose) for joint in range(len(pose))]
 
-    def _parts(self, path: np.ndarray) -> bool:
-        """Return whether what touches at the start of a path only comes apart on it."""
+    def _only_separates(self, path: np.ndarray) -> bool:
+        """Return whether the contacts at the start of a path only open along it."""
         allowed: Touches | None = None
         for pose in path:
             now = touches(self._simulator, pose)
@@ -141,7 +143,7 @@ class Ways:
             allowed = now if allowed is None else {pair: allowed[pair] for pair in now}
         return True
 
-    def _between(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """Return poses [rad; m] along a straight line, both ends included, shape (k, n)."""
+    def _interpolate(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Return poses [rad; m] along a straight line in joint space, both ends included, shape (k, n)."""
         steps = max(1, int(np.ceil((np.abs(end - begin) / self.radians).max() / LOOK)))
         return np.asarray(begin + np.linspace(0, 1, steps + 1)[:, None] * (end - begin))
