@@ -199,7 +199,7 @@ class _Rested:
         offsets = np.arange(-np.pi, np.pi, OFFSET)[1:]
         hinges = [i for i, dof in enumerate(self.speeds) if self.model.jnt_type[self.model.dof_jntid[dof]] == HINGE]
         trials = [(index, float(offset)) for index in hinges for offset in offsets]
-        misfits = [rested.misfit(rested.moved(index, offset)) for index, offset in trials]
+        misfits = [rested.misfit(rested.compute_moved_loads(index, offset)) for index, offset in trials]
         index, offset = trials[int(np.argmin(misfits))]
         if min(misfits) > BETTER * misfit or abs(offset) < SMALLEST:
             return []
