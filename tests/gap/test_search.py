@@ -64,6 +64,17 @@ def test_gravity_compensation_that_the_model_lacks_is_named():
     assert effect.share == pytest.approx(0.7, abs=0.05)
 
 
+def test_a_torque_limit_that_the_plain_fit_lowers_is_named():
+    """A freed limit that nothing stood for explained what was missing, unnamed."""
+    limited = arm().replace('kp="0.5"', 'kp="0.5" forcerange="-0.3 0.3"')
+    found = begun(limited, "joint_offset:joint=j1,offset=0.08", "torque_limit:joint=j1,torque=0.12")
+    plain = fit_plain(found)
+    assert "torque_limit" in {effect.name() for effect in as_effects(found, plain).effects}
+    kept = {effect.name(): effect for effect in choose(found, plain).effects}
+    assert set(kept) == {"joint_offset", "torque_limit"}
+    assert kept["torque_limit"].torque == pytest.approx(0.12, rel=0.03)
+
+
 # Both ends
 
 
