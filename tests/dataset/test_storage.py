@@ -105,7 +105,7 @@ def test_nothing_is_left_when_writing_fails_midway(tmp_path, monkeypatch, error)
     def fail(*_):
         raise error
 
-    monkeypatch.setattr(writing, "card", fail)
+    monkeypatch.setattr(writing, "render_card", fail)
     with pytest.raises(error):
         write(recorded(), tmp_path / "d", SIMULATED)
     assert list(tmp_path.iterdir()) == []
@@ -118,7 +118,7 @@ def test_a_killed_writer_leaves_only_a_hidden_folder(tmp_path):
         "from support.dataset_samples import recorded\n"
         "from nas_data.dataset import write as writing\n"
         "from nas_data.dataset.provenance import Provenance\n"
-        "writing.card = lambda *_: os.kill(os.getpid(), signal.SIGKILL)\n"
+        "writing.render_card = lambda *_: os.kill(os.getpid(), signal.SIGKILL)\n"
         "writing.write(recorded(), Path(sys.argv[1]) / 'd', Provenance(how='simulated'))\n"
     )
     run = subprocess.run([sys.executable, "-c", script, str(tmp_path), str(Path(__file__).parents[1])], check=False)

@@ -12,11 +12,11 @@ from support.linear_samples import LinearSimulator, knows, network, silent
 from support.recording_samples import paired_pendulum, pendulum, recorded_on, wander, without
 from support.simulator_samples import motors
 
+from nas_data import open_loop
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, position_feature, state_feature
 from nas_data.errors import JointMismatch
 from nas_data.metrics import Errors, table
-from nas_data.models import evaluation as evaluation_module
 from nas_data.models.evaluation import Evaluation, evaluate
 from nas_data.pairing import pair
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -112,7 +112,7 @@ def test_episodes_of_unequal_length_do_not_disturb_each_other(monkeypatch):
     dataset = without(paired_pendulum((3, 40, 1, 25, 17)))
     model = network("delta", ("pendulum",))
     together = evaluate(dataset, pendulum(), model)
-    monkeypatch.setattr(evaluation_module, "ROLLOUT_BATCH", 2)
+    monkeypatch.setattr(open_loop, "ROLLOUT_BATCH", 2)
     in_pairs = evaluate(dataset, pendulum(), model)
     for episode in range(dataset.n_episodes):
         alone = evaluate(dataset.select([episode]), pendulum(), model)
@@ -140,12 +140,12 @@ def test_the_source_is_rolled_out_without_much_padding_and_to_the_same_bits(monk
 
 @given(lengths=st.lists(st.integers(1, 100), min_size=1, max_size=200))
 def test_each_episode_is_in_one_batch_of_its_like(lengths):
-    groups = evaluation_module.like_lengths(np.array(lengths))
+    groups = open_loop.like_lengths(np.array(lengths))
     assert sorted(episode for group in groups for episode in group) == list(range(len(lengths)))
     for group in groups:
         of_group = [lengths[episode] for episode in group]
-        assert len(group) <= evaluation_module.ROLLOUT_BATCH
-        assert min(of_group) >= evaluation_module.SHORTEST * max(of_group)
+        assert len(group) <= open_loop.ROLLOUT_BATCH
+        assert min(of_group) >= open_loop.SHORTEST * max(of_group)
 
 
 def test_what_the_dataset_says_of_its_source_does_not_matter():
