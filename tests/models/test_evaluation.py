@@ -17,6 +17,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION, NEXT_STATE, STATE, position_feature, state_feature
 from nas_data.errors import JointMismatch
 from nas_data.metrics import Errors, table
+from nas_data.models import evaluation as evaluation_module
 from nas_data.models.evaluation import Evaluation, evaluate
 from nas_data.pairing import pair
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -131,10 +132,10 @@ def test_the_source_is_rolled_out_without_much_padding_and_to_the_same_bits(monk
     monkeypatch.setattr(
         simulator, "rollout_settled", lambda first, commands: rows.append(commands.shape) or roll(first, commands)
     )
-    together = evaluation_module.open_loop_source(dataset, simulator)
+    together = open_loop.open_loop_source(dataset, simulator)
     assert sum(size * steps for size, steps, _ in rows) == dataset.lengths.sum() + 2  # 40 and 38 are one batch
     for episode, states in enumerate(together):
-        (alone,) = evaluation_module.open_loop_source(dataset.select([episode]), simulator)
+        (alone,) = open_loop.open_loop_source(dataset.select([episode]), simulator)
         np.testing.assert_array_equal(states, alone)
 
 
