@@ -23,10 +23,10 @@ MOST = 4  # effects for each joint of an arm
 def choose(search: Search, plain: Hypothesis, without: Container[str] = ()) -> Hypothesis:
     """Search from both ends and return the hypothesis that is kept.
 
-    What is left of the plain fit when all that is not worth its price is dropped decides where to begin. Where it holds
-    many parts, nearly everything is missing everywhere: adding one thing at a time to the model goes astray, and the
-    search goes on from there alone. Where it brings every joint to the floor with few parts, or with parts of one kind,
-    it is only reviewed.
+    What is left of the plain fit when all that is not worth its price is dropped decides where to begin. Where it
+    holds many parts, nearly everything is missing everywhere: adding one thing at a time to the model goes astray,
+    and the search goes on from there alone, unless the first addition to the model is better already. Where it
+    brings every joint to the floor with few parts, or with parts of one kind, it is only reviewed.
 
     Args:
         search: Search.
@@ -43,16 +43,20 @@ def choose(search: Search, plain: Hypothesis, without: Container[str] = ()) -> H
             return early
         search.return_to(first)
     down = descend(search, plain, without)
-    if len(drop.parts(down)) > MANY * len(search.excited):
-        return climb(search, down, without)
-    if not search.above_floor(down) and is_simple(down):
+    begun = None
+    if is_large := len(drop.parts(down)) > MANY * len(search.excited):
+        search.return_to(first)
+        begun = add.apply(search, search.null)
+        if not begun.score < search.rescore(down).score:
+            return climb(search, search.relinearise(down), without)
+    elif not search.above_floor(down) and is_simple(down):
         return review(search, apply_moves(search, down, ("merge_joints", "one_for_several"), without), without)
     up = early
     if up is None:
         search.return_to(first)
-        up = climb(search, search.null, without, down if is_explained(search, down) else None)
+        up = climb(search, search.null, without, down if is_explained(search, down) else None, begun)
     up = search.rescore(up)
-    if is_explained(search, up) and up.score <= search.rescore(down).score:
+    if (is_large or is_explained(search, up)) and up.score <= search.rescore(down).score:
         return search.relinearise(up) if early else up
     down = climb(search, search.relinearise(down), without)
     up = search.rescore(up)
@@ -61,7 +65,13 @@ def choose(search: Search, plain: Hypothesis, without: Container[str] = ()) -> H
     return min(up, down, key=lambda h: h.score)
 
 
-def climb(search: Search, h: Hypothesis, without: Container[str] = (), rival: Hypothesis | None = None) -> Hypothesis:
+def climb(
+    search: Search,
+    h: Hypothesis,
+    without: Container[str] = (),
+    rival: Hypothesis | None = None,
+    begun: Hypothesis | None = None,
+) -> Hypothesis:
     """Add effects one after the other, with the moves of a round after each; then review what there is.
 
     Args:
@@ -69,9 +79,10 @@ def climb(search: Search, h: Hypothesis, without: Container[str] = (), rival: Hy
         h: Where to begin.
         without: Names of moves that are left out.
         rival: What there is already; the climb ends when a round does not come near it.
+        begun: The first addition, where it is known.
     """
     while len(h.effects) < MOST * len(search.excited) and search.above_floor(h):
-        larger = add.apply(search, h)
+        larger, begun = begun or add.apply(search, h), None
         if larger is h:
             break
         gained = search.null.score.over(h.score)
