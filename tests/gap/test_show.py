@@ -75,6 +75,7 @@ def test_each_verdict_reads_well_and_stands_first(tmp_path, verdict):
 
 def test_values_stand_in_friendly_units_beside_si(tmp_path):
     text = text_of(show(written(tmp_path, {"verdict": "partly_explained", **VERDICTS["partly_explained"]})))
+    assert "Added: backlash in m2 (half width 0.991° (0.0173 rad))" in text
     assert "half width 0.991° (0.0173 rad) 0.928° … 1.05° 97 % (sure) –" in text
     assert "delay 31.4 ms (0.0314 s)" in text
     assert "64 % (a guess, not more) – rotor inertia in m1" in text

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from nas_data.gap.report import REPORT, GapReport
+from nas_data.gap.report_parts import NamedEffect
 from nas_data.gap.showing.figures import models
 from nas_data.gap.showing.film import film_blocks
 from nas_data.gap.showing.page_charts import (
@@ -24,7 +25,7 @@ from nas_data.gap.showing.page_tables import (
     retuned_table,
 )
 from nas_data.gap.showing.page_verdict import error, lead, model, of_slides, rest, score_basis
-from nas_data.gap.showing.page_words import capital, effect_title, friendly, join_items, remarks, spoken
+from nas_data.gap.showing.page_words import beside, capital, effect_title, friendly, join_items, remarks, spoken
 from nas_data.gap.showing.series import Series
 from nas_data.gap.write_model import DIFFERENCE
 from nas_data.reports.page import Block, HtmlPage, ModelDifference, PageSection, Text
@@ -83,15 +84,23 @@ def opening(report: GapReport) -> list[Block]:
 
 
 def change_blocks(report: GapReport, folder: Path) -> list[Block]:
-    """Return what to change in the model: the difference of the files, and the retuned numbers as factors."""
+    """Return what to change in the model: the difference, what is added, and the retuned numbers as factors."""
     file = folder / DIFFERENCE
     text = file.read_text(encoding="utf-8") if file.is_file() else ""
     missing = [effect_title(effect) for effect in report.effects if not effect.in_model_xml]
     blocks: list[Block] = [ModelDifference(text, SIDES)] if text else []
+    if report.effects:
+        blocks.append(Text(f"Added: {join_items([with_values(effect) for effect in report.effects])}."))
     blocks += [Text(NOT_WRITTEN.format(join_items(missing)))] if missing else []
     if report.retuned:
         blocks.append(retuned_table(report))
     return blocks or [Text("Nothing: the model is kept as it was handed over.")]
+
+
+def with_values(effect: NamedEffect) -> str:
+    """Return an effect with its place and the values of its parameters."""
+    values = [f"{spoken(name)} {beside(one.value, one.unit)}" for name, one in effect.parameters.items()]
+    return f"{effect_title(effect)} ({', '.join(values)})"
 
 
 def shrinking(report: GapReport, series: Series) -> list[Block]:
