@@ -31,7 +31,7 @@ class GapFind(TakesModel):
         from nas_data.typed_json import finite
 
         problem = Problem.load(self.dataset, self.actuated(self.model))
-        found = find(problem.dataset, problem.evidence, problem.as_given, problem.train.floor)
+        found = find(problem.dataset, problem.evidence, problem.as_given, problem.train.floor, problem.overlaps)
         text = found.text()
         if self.out is not None:
             self.out.mkdir(parents=True, exist_ok=True)

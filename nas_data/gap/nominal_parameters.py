@@ -86,12 +86,21 @@ class NominalParameter:
             setattr(joint, self.kind, getattr(joint, self.kind) * factor)
 
 
-def own_size(spec: mujoco.MjSpec, joint: str, kind: str) -> float:
-    """Return what the model has of something that effects add to: damping, armature or frictionloss, in SI units."""
+def own_value(spec: mujoco.MjSpec, joint: str, kind: str) -> float:
+    """Return a joint's own damping, armature, frictionloss or torque limit, in SI units; 0 of other kinds."""
     element = spec.joint(joint)
+    if kind == "limit":
+        return torque_limit(spec, joint)
     if kind == "damping":
-        return float(element.damping[0]) + max(damping(spec, joint), 0.0)
+        return float(element.damping[0])
     return float(getattr(element, kind)) if kind in {"armature", "frictionloss"} else 0.0
+
+
+def own_size(spec: mujoco.MjSpec, joint: str, kind: str) -> float:
+    """Return what the model has of something that effects add to; of damping its servo's as well, in SI units."""
+    if kind == "damping":
+        return own_value(spec, joint, kind) + max(damping(spec, joint), 0.0)
+    return own_value(spec, joint, kind)
 
 
 def base_parameters(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[NominalParameter, ...]:

@@ -93,14 +93,10 @@ def find_depths(nominal: Nominal, poses: np.ndarray) -> tuple[dict[Pair, np.ndar
     return depths, names
 
 
-def without_overlaps(nominal: Nominal, dataset: Dataset) -> Nominal:
-    """Return the model without the contacts that a recording contradicts."""
-    pairs = find_overlaps(nominal, dataset)
-    return without_contacts(nominal, pairs) if pairs else nominal
-
-
 def without_contacts(nominal: Nominal, pairs: Collection[Pair]) -> Nominal:
     """Return the model in which some pairs of bodies, by their numbers, pass through each other."""
+    if not pairs:
+        return nominal
 
     def exclude(spec: mujoco.MjSpec) -> None:
         model = spec.compile()

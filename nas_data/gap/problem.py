@@ -13,7 +13,7 @@ from nas_data.gap.finding.torque_off import until_driven_again
 from nas_data.gap.floor import noise_floor, step_errors
 from nas_data.gap.gains import with_relative_gains
 from nas_data.gap.nominal import Nominal
-from nas_data.gap.overlaps import without_overlaps
+from nas_data.gap.overlaps import Overlap, find_overlaps, without_contacts
 from nas_data.gap.search.objective import FitTask
 from nas_data.pairing import check_fits, warn_of_ranges
 
@@ -31,6 +31,7 @@ class Problem:
         train: Model and episodes that are fitted.
         held: Model and episodes that judge.
         as_given: The model as handed over; `train` and `held` leave out the contacts that the recording contradicts.
+        overlaps: Those contacts.
         names: How report and page call dataset and model.
         given: The model as handed over.
         root: Folder of the dataset.
@@ -41,6 +42,7 @@ class Problem:
     train: FitTask
     held: FitTask
     as_given: Nominal
+    overlaps: tuple[Overlap, ...]
     names: tuple[str, str]
     given: str | Path
     root: Path
@@ -79,7 +81,8 @@ class Problem:
             )
         as_given = Nominal.load(model, evidence)
         check_fits(transitions, as_given.simulator())
-        nominal = without_overlaps(as_given, kept)
+        overlaps = find_overlaps(as_given, kept)
+        nominal = without_contacts(as_given, overlaps)
         simulator = nominal.simulator()
         warn_of_ranges(transitions, nominal.robot.spec().compile())
         evidence = evidence.with_objects(kept, simulator)
@@ -90,7 +93,7 @@ class Problem:
         )
         names = (root.parent.name if root.name.startswith("v") else root.name, Path(model).name)
         tasks = FitTask(nominal, train, floor), FitTask(nominal, held, floor)
-        return cls(transitions, evidence, *tasks, as_given, names, model, root)
+        return cls(transitions, evidence, *tasks, as_given, tuple(overlaps.values()), names, model, root)
 
     def with_contacts(self) -> "Problem":
         """Return the same with the model as handed over throughout."""

@@ -75,7 +75,7 @@ def investigate_problem(
     problem = load()
     check_portable(problem.train.nominal.spec, problem.train.nominal.robot.mjcf)
     say("find: where model and recording disagree")
-    found = find(problem.dataset, problem.evidence, problem.as_given, problem.train.floor)
+    found = find(problem.dataset, problem.evidence, problem.as_given, problem.train.floor, problem.overlaps)
     return conclude(problem, found, folder, began, say, learn)
 
 

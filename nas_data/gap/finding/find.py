@@ -1,5 +1,7 @@
 """Find where model and recording disagree: by joint, by regime, beside the noise, after an audit of the recording."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from nas_data.dataset.audits import audit_dataset
@@ -15,10 +17,17 @@ from nas_data.gap.finding.regimes import find_regimes
 from nas_data.gap.finding.torque_off import while_driven
 from nas_data.gap.finding.undecidable import undecidable
 from nas_data.gap.nominal import Nominal
+from nas_data.gap.overlaps import Overlap
 from nas_data.gap.report_parts import GapFindings
 
 
-def find(dataset: Dataset, evidence: EpisodeBatch, nominal: Nominal, floor: np.ndarray) -> GapFindings:
+def find(
+    dataset: Dataset,
+    evidence: EpisodeBatch,
+    nominal: Nominal,
+    floor: np.ndarray,
+    overlaps: Sequence[Overlap] = (),
+) -> GapFindings:
     """Compare a recording with a model.
 
     Args:
@@ -27,6 +36,7 @@ def find(dataset: Dataset, evidence: EpisodeBatch, nominal: Nominal, floor: np.n
             left out there.
         nominal: The model.
         floor: Noise floor of each joint [rad], shape (n,).
+        overlaps: Contacts of the model that the recording contradicts.
 
     Raises:
         DatasetInvalid: the torque is off throughout.
@@ -42,7 +52,7 @@ def find(dataset: Dataset, evidence: EpisodeBatch, nominal: Nominal, floor: np.n
     return GapFindings(
         joints=find_joint_gaps(recorded, nominal, floor, predicted),
         regimes=regimes,
-        audit=audit(Examined(dataset, audit_dataset(dataset), recorded, nominal, floor, predicted, loads)),
+        audit=audit(Examined(dataset, audit_dataset(dataset), recorded, nominal, floor, predicted, loads, overlaps)),
         undecidable=undecidable(recorded, floor, regimes),
     )
 

@@ -5,14 +5,13 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 
-import mujoco
 import numpy as np
 
 from nas_data.effects.base import Effect, Scales, find_effect, make_effect
-from nas_data.effects.edits.servo import stiffness, torque_limit
+from nas_data.effects.edits.servo import stiffness
 from nas_data.effects.joint_offset import JointOffset
 from nas_data.gap.episode_batch import windows
-from nas_data.gap.nominal_parameters import MAX_LOG_CHANGE
+from nas_data.gap.nominal_parameters import MAX_LOG_CHANGE, own_value
 from nas_data.gap.search.fit import Fit, fit, is_loose, joint_of_label, reach_of_joints
 from nas_data.gap.search.hypothesis import PRICE, Description, Hypothesis, reuse_jacobian
 from nas_data.gap.search.objective import FitTask
@@ -27,13 +26,14 @@ FACTORS = (1.0, 0.3, 0.1, 0.03)  # of all gains, from which the fit may begin; o
 CLEARLY = 0.1  # nats an observation (10 % of the errors) by which a start must do better than the model as it is
 NEARLY = 0.3  # nats an observation by which a start may do worse than the best and still be followed
 SMALL = 0.1  # of a joint's natural size, from which what the model lacks begins
-NAMED = {  # effects that say what a freed parameter does: its kind, and whether they add to it
-    "servo_stiffness": ("gain", False),
-    "servo_damping": ("servo_damping", False),
-    "torque_limit": ("limit", False),
-    "viscous_friction": ("damping", True),
-    "rotor_inertia": ("armature", True),
-    "coulomb_friction": ("frictionloss", True),
+FACTOR, ADDED, LOWERED = "factor", "added", "lowered"
+NAMED = {  # effects that say what a freed parameter does: its kind, and what their value is
+    "servo_stiffness": ("gain", FACTOR),
+    "servo_damping": ("servo_damping", FACTOR),
+    "torque_limit": ("limit", LOWERED),
+    "viscous_friction": ("damping", ADDED),
+    "rotor_inertia": ("armature", ADDED),
+    "coulomb_friction": ("frictionloss", ADDED),
 }
 LIMITS = ("torque_limit", "command_delay")  # which an ordinary fit has besides
 
@@ -176,24 +176,17 @@ def as_effects(search: Search, plain: Hypothesis) -> Description:
     floor = dict(zip(search.train.nominal.joints, search.train.floor, strict=True))
     effects = [effect for effect in plain.effects if not is_unseen(effect, floor)]
     present = {(effect.name(), effect.joint) for effect in effects}
-    kinds = {kind: (effect, is_added) for effect, (kind, is_added) in NAMED.items()}
+    kinds = {kind: (effect, way) for effect, (kind, way) in NAMED.items()}
     for name in sorted(freed):
         joint, kind = name.rsplit(".", 1)
-        effect, is_added = kinds.get(kind, ("", False))
-        value = (factors[name] - 1) * own_value(spec, joint, kind) if is_added else factors[name]
-        if kind == "limit":
-            value = torque_limit(spec, joint) * factors[name] if factors[name] < 1 else 0.0
+        effect, way = kinds.get(kind, ("", FACTOR))
+        factor, own = factors[name], own_value(spec, joint, kind)
+        value = {FACTOR: factor, ADDED: (factor - 1) * own, LOWERED: factor * own if factor < 1 else 0.0}[way]
         if effect and value > 0:
             freed.discard(name)
             if (effect, joint) not in present:
                 effects.append(make_clipped_effect(effect, joint, value))
     return replace(plain.description, effects=tuple(effects), freed=frozenset(freed))
-
-
-def own_value(spec: mujoco.MjSpec, joint: str, kind: str) -> float:
-    """Return the model's own damping, armature or frictionloss of a joint, in SI units."""
-    element = spec.joint(joint)
-    return float(element.damping[0] if kind == "damping" else getattr(element, kind))
 
 
 def columns_as_effects(plain: Fit, parameters: FreeParameters) -> dict[int, np.ndarray]:
@@ -204,10 +197,10 @@ def columns_as_effects(plain: Fit, parameters: FreeParameters) -> dict[int, np.n
     columns: dict[Label, np.ndarray] = dict(zip(plain.parameters.labels, plain.jacobian, strict=True))
     known = reuse_jacobian(plain, parameters)
     for index, (effect, joint, *_) in enumerate(parameters.labels[: len(parameters.of_effects)]):
-        kind, is_added = NAMED.get(effect or "", ("", False))
+        kind, way = NAMED.get(effect or "", ("", FACTOR))
         if (column := columns.get((f"{joint}.{kind}",))) is not None:
             factor = plain.factors[f"{joint}.{kind}"]
-            known[index] = column * ((factor - 1) / factor if is_added else 1.0)
+            known[index] = column * ((factor - 1) / factor if way == ADDED else 1.0)
     return known
 
 

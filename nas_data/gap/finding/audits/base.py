@@ -10,6 +10,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.gap.finding.loads import Loads
 from nas_data.gap.finding.recorded import RecordedRows
 from nas_data.gap.nominal import Nominal
+from nas_data.gap.overlaps import Overlap
 from nas_data.gap.report_parts import Check
 
 
@@ -25,6 +26,7 @@ class Examined:
         floor: Noise floor [rad], shape (n,).
         predicted: The model's open-loop positions [rad], shape (E, T, n).
         loads: What the model says of the measured states.
+        overlaps: Contacts of the model that the recording contradicts.
     """
 
     dataset: Dataset
@@ -34,6 +36,7 @@ class Examined:
     floor: np.ndarray
     predicted: np.ndarray
     loads: Loads
+    overlaps: Sequence[Overlap] = ()
 
 
 def summarise_audits(name: str, examined: Examined, checks: Sequence[str], sound: str, advice: str = "") -> Check:

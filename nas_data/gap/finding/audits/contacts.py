@@ -1,7 +1,6 @@
 """Contacts: whether the model touches something where the measured arm did not."""
 
 from nas_data.gap.finding.audits.base import Examined, join_names, percent
-from nas_data.gap.overlaps import find_overlaps
 from nas_data.gap.report_parts import Check
 
 NAME = "contacts"
@@ -10,10 +9,7 @@ SHOWN = 3  # pairs of bodies that are named
 
 def check(examined: Examined) -> Check:
     """Look for bodies of the model that lie in each other in measured poses."""
-    found = sorted(
-        find_overlaps(examined.nominal, examined.dataset).values(),
-        key=lambda overlap: (-overlap.share, -overlap.depth),
-    )
+    found = sorted(examined.overlaps, key=lambda overlap: (-overlap.share, -overlap.depth))
     if not found:
         return Check(NAME, "Nowhere does the measured arm go through what the model touches.")
     each = [f"{one.text} by up to {1000 * one.depth:.0f} mm in {percent(one.share)} of the rows" for one in found]
