@@ -148,7 +148,7 @@ def usual_hold(task: FitTask, final: Final) -> InitialLoad:
         return InitialLoad.WEIGHT
 
     def misfit(hold: InitialLoad) -> float:
-        predicted = task.nominal.predict(task.evidence.begun(hold), effects, factors)
+        predicted = task.rolled.predict(task.evidence.begun(hold), effects, factors)
         return task.misfit(predicted + task.correction)
 
     return min((InitialLoad.WEIGHT, InitialLoad.NOTHING), key=misfit)

@@ -7,12 +7,11 @@ from nas_data.gap.search.hypothesis import Hypothesis
 from nas_data.gap.search.moves import add, drop, line_scan, restart
 from nas_data.gap.search.moves.base import find_move
 from nas_data.gap.search.plain_fit import as_effects, columns_as_effects
-from nas_data.gap.search.search import Search
+from nas_data.gap.search.search import LITTLE, Round, Search
 
 ROUND = ("swap", "merge_joints", "shift_delay", "optional_parameters")  # after each addition
 # when nothing is added any more
 REVIEW = ("share_value", "simplify", "drop", "replace_by_rival", "shift_delay", "drop")
-LITTLE = 0.05  # of all that was gained, which then is too little to go on
 EXPLAINED = 1.5  # noise floors of rest up to which a joint counts as explained
 MANY = 2  # parts of the pruned plain fit for each joint from which nearly everything is missing
 FEW = 3  # parts of the pruned plain fit that are believed where they bring every joint to the floor
@@ -45,9 +44,11 @@ def choose(search: Search, plain: Hypothesis, without: Container[str] = ()) -> H
     down = descend(search, plain, without)
     begun = None
     if is_large := len(drop.parts(down)) > MANY * len(search.excited):
+        there = search.round
         search.return_to(first)
-        begun = add.apply(search, search.null)
-        if not begun.score < search.rescore(down).score:
+        begun = add.add_first(search)
+        if not (begun.score < search.rescore(down).score and is_ahead(search, begun, down, there)):
+            search.return_to(there)
             return climb(search, search.relinearise(down), without)
     elif not search.above_floor(down) and is_simple(down):
         return review(search, apply_moves(search, down, ("merge_joints", "one_for_several"), without), without)
@@ -63,6 +64,12 @@ def choose(search: Search, plain: Hypothesis, without: Container[str] = ()) -> H
     search.report("up from the model", up)
     search.report("down from the plain fit", down)
     return min(up, down, key=lambda h: h.score)
+
+
+def is_ahead(search: Search, h: Hypothesis, other: Hypothesis, round_: Round) -> bool:
+    """Whether one hypothesis is better than another by the objective of a round, to which the search then goes."""
+    search.return_to(round_)
+    return search.rescore(h).score < search.rescore(other).score
 
 
 def climb(

@@ -9,6 +9,7 @@ import numpy as np
 from nas_data.effects.base import Effect
 from nas_data.errors import ModelFileError
 from nas_data.gap.episode_batch import EpisodeBatch
+from nas_data.gap.integrator import whole_step
 from nas_data.gap.nominal import Nominal, fine_timestep, with_timestep
 from nas_data.gap.search.parameters import FreeParameters
 from nas_data.simulators.initial_states import InitialLoad
@@ -17,6 +18,8 @@ BEGINNING = 1.0  # [s] by which the start of an episode is told
 FAMILIAR = 0.8  # mean square of the likeliest start that counts as equal to another's
 COARSE = 0.1  # part of a joint's error that does not matter before the rest is explained
 CORRELATION = 0.15  # [s] over which errors of a rollout are alike: so many rows count as one observation
+MULTIPLES = (4, 2)  # of the model's own physics step, tried in this order for the rollouts of a search
+LONGER = 0.5  # part of each joint's error below which longer steps must stay to be taken
 FURTHEST = 3.0  # standard deviations by which an initial velocity may be moved
 
 OBJECTIVES = count()
@@ -75,7 +78,8 @@ class FitTask:
         nominal: Model.
         evidence: Episodes.
         floor: Noise floor of each joint [rad], shape (n,).
-        correction: What finer physics steps would change in the positions [rad], shape (E, T, n), or 0.
+        correction: What the physics steps of the recording would change in the positions [rad], shape (E, T, n), or 0.
+        coarse: The model with the longer physics steps of its rollouts; None where they are its own.
         fine: Whether the recording obeys finer physics steps than the model's own.
         coarseness: Errors of each joint that do not matter yet, while larger ones are explained [rad], shape (n,).
         reach: Which joints parameters of the model move as long as they are bound, where that is known.
@@ -87,6 +91,7 @@ class FitTask:
     evidence: EpisodeBatch
     floor: np.ndarray
     correction: np.ndarray | float = 0.0
+    coarse: Nominal | None = field(default=None, compare=False)
     coarseness: np.ndarray | float = 0.0
     fine: bool = True
     reach: Reach = field(default_factory=dict, compare=False)
@@ -142,7 +147,7 @@ class FitTask:
         try:
             if not self.nominal.simulator(effects, factors).remembers:
                 return replace(self, evidence=evidence.begun(InitialLoad.WEIGHT))
-            rolled = [self.nominal.predict(early.begun(hold), effects, factors) for hold in InitialLoad]
+            rolled = [self.rolled.predict(early.begun(hold), effects, factors) for hold in InitialLoad]
         except ModelFileError:
             return self
         squares = np.stack([early.mean_squares(predicted) for predicted in rolled]) + self.floor**2
@@ -161,18 +166,18 @@ class FitTask:
             return replace(self, evidence=told)
         part = told.select(moving)
         try:
-            predicted = self.nominal.predict(part, effects, factors)
+            predicted = self.rolled.predict(part, effects, factors)
             slopes = np.zeros((len(part.joints), *predicted.shape))
             for joint in range(len(part.joints)):
                 if (part.doubts[:, joint] > 0).any():
                     shift = np.zeros(part.speeds.shape)
                     shift[:, joint] = np.maximum(part.doubts[:, joint], 1e-6)
-                    other = self.nominal.predict(replace(part, speeds=part.speeds + shift), effects, factors)
+                    other = self.rolled.predict(replace(part, speeds=part.speeds + shift), effects, factors)
                     slopes[joint] = (other - predicted) / shift[:, joint][:, None, None]
             weights = self.weights(predicted, part)
             step = velocity_steps(part.errors(predicted) * weights, slopes * weights, part.doubts)
             moved = replace(part, speeds=part.speeds + step)
-            reached = self.nominal.predict(moved, effects, factors)
+            reached = self.rolled.predict(moved, effects, factors)
         except ModelFileError:
             return replace(self, evidence=told)
         cost = ((part.errors(predicted) * weights) ** 2).sum((1, 2))
@@ -183,19 +188,46 @@ class FitTask:
         return replace(self, evidence=replace(told, speeds=speeds))
 
     def corrected(self, effects: Sequence[Effect], factors: dict[str, float]) -> "FitTask":
-        """Return the task with the correction for finer physics steps, computed at a hypothesis.
+        """Return the task with its rollouts' physics steps, and what the recording's would change at a hypothesis.
 
         A model's own timestep delays it by about half a step, more than the noise shows. Simulating everything in
-        fine steps would cost four times as much; the difference hardly depends on the parameters.
+        fine steps would cost four times as much; the difference hardly depends on the parameters. Where a hypothesis is
+        still far off, longer steps than the model's own tell as much.
         """
         own, small = self.nominal, with_timestep(self.nominal, self.timestep)
-        if not self.fine or own.spec.option.timestep == small.spec.option.timestep:
-            return replace(self, correction=0.0)
+        if own.spec.option.timestep == small.spec.option.timestep:
+            return self.at_own_steps()
         try:
             rough, finer = (each.predict(self.evidence, effects, factors) for each in (own, small))
+            coarse = self.lengthened(rough, finer)
+            if coarse is not None:
+                rough = coarse.predict(self.evidence, effects, factors)
         except ModelFileError:
-            return replace(self, correction=0.0)
-        return replace(self, correction=finer - rough)
+            return self.at_own_steps()
+        return replace(self, correction=finer - rough, coarse=coarse)
+
+    def lengthened(self, rough: np.ndarray, finer: np.ndarray) -> Nominal | None:
+        """Return the model with longer physics steps, where what they change is well below the errors; else None.
+
+        A step of first order changes the positions in proportion to its length.
+        """
+        own, small = float(self.nominal.spec.option.timestep), self.timestep
+        change = np.sqrt(self.evidence.mean_squares(self.evidence.measured + rough - finer).mean(0))
+        left = LONGER * np.sqrt(self.evidence.mean_squares(finer).mean(0))
+        for multiple in MULTIPLES:
+            step = whole_step(self.nominal.period, multiple * own)
+            if step > own and (change * (step - small) < left * (own - small)).all():
+                return with_timestep(self.nominal, step)
+        return None
+
+    def at_own_steps(self) -> "FitTask":
+        """Return the task with rollouts in the model's own physics steps, uncorrected."""
+        return replace(self, correction=0.0, coarse=None)
+
+    @property
+    def rolled(self) -> Nominal:
+        """The model that rollouts are made with."""
+        return self.coarse or self.nominal
 
     def at_timestep(self, fine: bool, effects: Sequence[Effect], factors: dict[str, float]) -> "FitTask":
         """Return the task for finer physics steps than the model's own or for its own; of the same objective."""
@@ -210,7 +242,7 @@ class FitTask:
         """Return positions (E, T, n) for fitted numbers, None where the model diverges."""
         try:
             effects, factors = parameters.effects_at(theta), parameters.factors_at(theta)
-            return self.nominal.predict(self.evidence, effects, factors) + self.correction
+            return self.rolled.predict(self.evidence, effects, factors) + self.correction
         except ModelFileError:
             return None
 

@@ -154,7 +154,7 @@ def changes_of(task: FitTask, state: Fit, group: Sequence[Effect]) -> Iterator[t
         group: Effects of which no two move the same joint.
     """
     try:
-        predicted = task.nominal.predict(task.evidence, (*state.effects, *group), state.factors) + task.correction
+        predicted = task.rolled.predict(task.evidence, (*state.effects, *group), state.factors) + task.correction
     except NasError:
         if len(group) > 1:
             for effect in group:

@@ -27,6 +27,7 @@ ODD = 3.0  # times the usual error of a joint from which an episode is odd, and 
 ODDEST = 2  # odd episodes at most
 AT_FLOOR = 1.15  # noise floors of rest up to which nothing is looked for
 FAR_BEHIND = 60.0  # nats from which a difference decides, though fits are short or estimates of first order
+LITTLE = 0.05  # of all that was gained, which then is too little to go on
 TRIED = 3  # alternatives that are fitted where several promise
 ROUNDS = 3  # over one set of alternatives, at most
 
@@ -152,7 +153,27 @@ class Search:
         return self.judge(h.description, found) if found else h
 
     def relinearise(self, h: Hypothesis) -> Hypothesis:
-        """Begin another round at a hypothesis: a new objective, to which it is fitted.
+        """Begin another round at a hypothesis: a new objective, to which it is fitted, again while that brings much.
+
+        A hypothesis that is not fitted to its end makes a wrong effect beside it look useful: the fit with that effect
+        goes further along the valley in which the other parameters lie. The model's bounded parameters had bent to what
+        was missing; where much changes, they also begin anew.
+        """
+        for _ in range(ROUNDS):
+            better = self.fit_round(h)
+            gained = self.null.score.over(better.score)
+            if self.rescore(h).score.over(better.score) < max(FAR_BEHIND, LITTLE * gained):
+                return better
+            h = min(better, self.fit_anew(better), key=lambda one: one.score)
+        return h
+
+    def fit_anew(self, h: Hypothesis) -> Hypothesis:
+        """Return a hypothesis fitted from its effects and the model's own bounded parameters."""
+        freed = {name: h.fit.factors[name] for name in h.description.freed}
+        return self.fitted(h.description, freed, jacobian_refreshes=1) or h
+
+    def fit_round(self, h: Hypothesis) -> Hypothesis:
+        """Make the objective anew at a hypothesis, and fit it.
 
         Columns of bound parameters are kept until a hypothesis is far better than the one at which they were measured.
         """

@@ -1,7 +1,8 @@
 """Decide between hypotheses that are nearly as good, on all training episodes."""
 
+from nas_data.gap.search.final import measure_columns
 from nas_data.gap.search.fit import Fit, fit
-from nas_data.gap.search.hypothesis import Hypothesis
+from nas_data.gap.search.hypothesis import Hypothesis, reuse_jacobian
 from nas_data.gap.search.moves.replace_by_rival import doubted, fitted_rivals
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.search import Search
@@ -26,16 +27,20 @@ def decide(search: Search, train: FitTask, kept: Hypothesis) -> Hypothesis:
     parameters, theta = kept.fit.parameters, kept.fit.theta
     task = train.relinearise(parameters, theta)
     own = refit(task, kept)
+    if own is None:
+        return kept
     for rival in near:
-        other = refit(train.restart(rival.fit.parameters, rival.fit.theta).at_tolerance_of(task), rival)
-        if own is None or other is None:
-            continue
-        if other.loss + rival.description.cost < own.loss + kept.description.cost:
+        restarted = train.restart(rival.fit.parameters, rival.fit.theta).at_tolerance_of(task)
+        other = refit(restarted, rival, own)
+        if other is not None and other.loss + rival.description.cost < own.loss + kept.description.cost:
             search.report("on all episodes it yields to", rival)
             return rival
     return kept
 
 
-def refit(task: FitTask, h: Hypothesis) -> Fit | None:
-    """Fit a hypothesis to other episodes, from where it is."""
-    return fit(task, h.fit.parameters, h.fit.theta, steps=3, jacobian_refreshes=0)
+def refit(task: FitTask, h: Hypothesis, near: Fit | None = None) -> Fit | None:
+    """Fit a hypothesis to other episodes, from where it is; `near` lends columns of its Jacobian."""
+    parameters, theta = h.fit.parameters, h.fit.theta
+    known = reuse_jacobian(near, parameters)
+    known |= measure_columns(task, parameters, theta, [c for c in range(parameters.size) if c not in known])
+    return fit(task, parameters, theta, known, steps=3, jacobian_refreshes=0)

@@ -34,6 +34,11 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
     return add_best(search, h, fit_worst_joints(search, h)) if better is h else better
 
 
+def add_first(search: Search) -> Hypothesis:
+    """Add the best effect to the model as it is, in as many joints as need it, without looking a step ahead."""
+    return add_best(search, search.null, extensions(search, search.null, search.nominal.fit))
+
+
 def add_best(search: Search, kept: Hypothesis, ranked: Sequence[Hypothesis]) -> Hypothesis:
     """Add the best effect, and with it the best of other joints where each is worth its price."""
     useful = [h for h in ranked if h.score < kept.score]

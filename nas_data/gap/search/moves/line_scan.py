@@ -52,7 +52,7 @@ def scan_parameters(search: Search, h: Hypothesis, anyway: bool = False) -> Hypo
         return h
     parameters, theta = h.fit.parameters, h.fit.theta
     own = np.where(np.arange(parameters.size) < len(parameters.of_effects), theta, 0.0)
-    task = replace(search.sub.select(np.arange(0, len(search.sub.evidence), 2)), correction=0.0)
+    task = search.sub.select(np.arange(0, len(search.sub.evidence), 2)).at_own_steps()
     settled = replace(task, evidence=task.evidence.begun(InitialLoad.WEIGHT))
     before = loss(task, parameters, theta)
     starts = ((task, theta), (settled, own))

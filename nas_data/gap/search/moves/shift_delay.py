@@ -30,7 +30,7 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
     if search.ratio(h).max() <= AT_FLOOR or not list(shifts(h.effects, timestep)):
         return h
     now = search.sub.restart(h.fit.parameters, h.fit.theta)
-    own = replace(now, fine=False).restart(h.fit.parameters, h.fit.theta).at_tolerance_of(now)
+    own = replace(now, fine=False).restart(h.fit.parameters, h.fit.theta).at_own_steps().at_tolerance_of(now)
     found = walk(own, h.fit, timestep)
     reached = fit(now, h.fit.parameters, h.fit.theta, dict(enumerate(h.fit.jacobian)), steps=0)
     if found is None or reached is None or found.loss > reached.loss + -PRICE:
