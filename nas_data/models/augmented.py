@@ -57,9 +57,9 @@ class LearnedStepper:
         """The source's objects, uncorrected, shape (B, m); see `Stepper.objects`."""
         return self.source.objects
 
-    def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
-        """Command the servos of objects; see `Stepper.guide`."""
-        self.source.guide(targets, rows)
+    def command_objects(self, targets: np.ndarray, rows: np.ndarray) -> None:
+        """Command the servos of objects; see `Stepper.command_objects`."""
+        self.source.command_objects(targets, rows)
 
     def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
         """Start simulations anew, the model's memory zeroed; see `Stepper.reset`."""

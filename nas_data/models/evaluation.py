@@ -246,7 +246,7 @@ class StillStepper(Stepper):
         """Nothing, shape (B, 0)."""
         return np.zeros((self.size, 0))
 
-    def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
+    def command_objects(self, targets: np.ndarray, rows: np.ndarray) -> None:
         """Guide nothing: there are no objects."""
 
     def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:

@@ -160,7 +160,7 @@ def accelerations(
         mujoco.mj_resetData(model, data)
         for column, place in enumerate(places):
             data.qpos[place.qposadr], data.qvel[place.dofadr] = angles[row, column], speeds[row, column]
-        data.ctrl[inputs.index] = inputs.of_commands(commands[row])
+        data.ctrl[inputs.index] = inputs.from_commands(commands[row])
         mujoco.mj_forward(model, data)
         found[row] = [data.qacc[place.dofadr].item() for place in places]
     return found

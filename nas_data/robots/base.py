@@ -15,10 +15,10 @@ import mujoco
 from nas_data import registry
 from nas_data.errors import ModelFileError, UnknownName
 from nas_data.mjcf.actuator_lookup import driven_joint
-from nas_data.mjcf.check_angle_units import angle_doubts
+from nas_data.mjcf.check_angle_units import check_angle_units
 from nas_data.mjcf.default_servos import add_position_servos, add_torque_motors, motor_joints
-from nas_data.mjcf.engine_warnings import heard_warnings, pass_on
-from nas_data.mjcf.floating_base import falling_bases, hold_bases
+from nas_data.mjcf.engine_warnings import collect_warnings, print_warnings
+from nas_data.mjcf.floating_base import find_floating_bases, fix_bases
 from nas_data.visible_files import visible
 from nas_data.warn_once import say_once
 
@@ -86,14 +86,14 @@ def read_spec(path: Path) -> mujoco.MjSpec:
     if not path.is_file():
         raise ModelFileError(f"There is no model file {path}; give an MJCF or URDF file, or a robot's name.")
     try:
-        with heard_warnings() as heard:
+        with collect_warnings() as heard:
             spec = _parsed(path)
             spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise ModelFileError(_explained(path, " ".join(str(error).split()).rstrip("."))) from None
     if any(NOT_A_NUMBER in warning for warning in heard):
         raise ModelFileError(f"{path} gives NaN where a number should stand{_line_of_nan(path)}; put a number there.")
-    pass_on(heard)
+    print_warnings(heard)
     return spec
 
 
@@ -147,7 +147,7 @@ def deepest_joint(spec: mujoco.MjSpec, joints: Sequence[str]) -> str:
 
 
 @cache
-def say_held(path: Path, bases: tuple[str, ...]) -> None:
+def note_fixed_bases(path: Path, bases: tuple[str, ...]) -> None:
     """Say once that bases are held which would fall."""
     named = ", ".join(f"'{base}'" for base in bases)
     print(
@@ -233,15 +233,15 @@ def find_robot(name_or_path: str | Path) -> Robot:
     if path.suffix or path.is_file() or path.is_dir():
         spec = read_spec(path)
         own = read_constants(spec, path)
-        for doubt in angle_doubts(path, spec.compile(), bool(spec.compiler.degree)):
+        for doubt in check_angle_units(path, spec.compile(), bool(spec.compiler.degree)):
             say_once(doubt)
         if path.suffix == URDF and (joints := motor_joints(spec)):
             return Robot(name=path.stem, mjcf=path, joints=joints, edit=add_actuators, **own)
         joints = actuated_joints(spec)
         if not joints:
             raise ModelFileError(f"{path} has no actuator that drives a joint; add <position joint=…> actuators.")
-        if bases := falling_bases(spec):
-            say_held(path, bases)
-            return Robot(name=path.stem, mjcf=path, joints=joints, edit=hold_bases, bases=bases, **own)
+        if bases := find_floating_bases(spec):
+            note_fixed_bases(path, bases)
+            return Robot(name=path.stem, mjcf=path, joints=joints, edit=fix_bases, bases=bases, **own)
         return Robot(name=path.stem, mjcf=path, joints=joints, **own)
     raise UnknownName("robot", given, robot_names())

@@ -164,7 +164,7 @@ def test_an_opponent_holds_its_pose_until_it_is_guided(engine):
     for _ in range(60):
         stepper.step(np.zeros((2, 6)))
     np.testing.assert_allclose(stepper.objects[:, :6], 0.2, atol=0.12)  # the servos sag under the arm's weight
-    stepper.guide(np.full((1, 6), -0.2), np.array([1]))
+    stepper.command_objects(np.full((1, 6), -0.2), np.array([1]))
     for _ in range(60):
         stepper.step(np.zeros((2, 6)))
     assert (stepper.objects[0, :6] > 0.05).all() and (stepper.objects[1, [0, 3, 4, 5]] < -0.05).all()

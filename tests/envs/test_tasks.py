@@ -69,7 +69,7 @@ class Scene:
     def reset(self, states: np.ndarray, rows: np.ndarray) -> None:
         self.calls.append(("reset", states, rows))
 
-    def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
+    def command_objects(self, targets: np.ndarray, rows: np.ndarray) -> None:
         self.calls.append(("guide", targets, rows))
 
 

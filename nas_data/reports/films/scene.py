@@ -8,7 +8,7 @@ import numpy as np
 
 from nas_data.errors import ModelFileError
 from nas_data.mjcf.bake_inertia import explicit
-from nas_data.mjcf.engine_warnings import heard_warnings
+from nas_data.mjcf.engine_warnings import collect_warnings
 from nas_data.mjcf.export import find_file, references
 from nas_data.reports.films.motion import Ghost, Motion
 
@@ -110,7 +110,7 @@ def compose(ghosts: Sequence[Ghost]) -> tuple[mujoco.MjModel, np.ndarray]:
     light_up(scene)
     try:
         # warned of are options that differ, such as the integrator; nothing is simulated here
-        with heard_warnings(), warnings.catch_warnings():
+        with collect_warnings(), warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
             for number, part in enumerate(parts):
                 scene.attach(part, prefix=f"{number}/", frame=scene.worldbody.add_frame())
