@@ -20,7 +20,7 @@ from nas_data.dataset.verify import verify
 from nas_data.envs.base import Task, find_task
 from nas_data.errors import JointMismatch
 from nas_data.models.augmented import LearnedStepper
-from nas_data.models.losses import FreeRunning, jacobians
+from nas_data.models.losses import FreeRunning, estimate_jacobians
 from nas_data.models.lstm import DynamicsModel
 from nas_data.models.training import ModelTraining
 from nas_data.pairing import object_warnings, pair, scene_states
@@ -225,7 +225,7 @@ def test_while_phi_runs_freely_objects_are_where_they_were_measured(name, dynami
     states, simulated = scene_states(rows, simulator).astype(float), rows.sim_states.astype(float)
     if simulator.remembers:
         simulated = simulator.predict(states, rows.commands)[:, : simulated.shape[1]]
-    expected = jacobians(simulator, states, rows.commands, simulated)
+    expected = estimate_jacobians(simulator, states, rows.commands, simulated)
     np.testing.assert_allclose(slopes.numpy(), expected, atol=1e-3)
 
 

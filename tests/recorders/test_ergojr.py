@@ -380,7 +380,7 @@ def saved() -> int:
 
 
 def test_a_killed_recorder_loses_nothing_and_leaves_no_torque():
-    with VirtualBus(Options(honest=False)) as bus:
+    with VirtualBus(Options(wire_delay=False)) as bus:
         with recorder(bus.port, 60) as process:
             wait_for(lambda: saved() >= 2)
             os.kill(process.pid, signal.SIGKILL)
@@ -393,7 +393,7 @@ def test_a_killed_recorder_loses_nothing_and_leaves_no_torque():
 
 @pytest.mark.parametrize("end", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_a_recorder_that_is_told_to_stop_makes_the_arm_safe_first(end):
-    with VirtualBus(Options(honest=False)) as bus:
+    with VirtualBus(Options(wire_delay=False)) as bus:
         with recorder(bus.port, 60) as process:
             wait_for(lambda: saved() >= 1)
             process.send_signal(end)
@@ -404,7 +404,7 @@ def test_a_recorder_that_is_told_to_stop_makes_the_arm_safe_first(end):
 
 
 def test_a_recorder_that_hangs_is_ended_and_leaves_no_torque():
-    with VirtualBus(Options(honest=False)) as bus:
+    with VirtualBus(Options(wire_delay=False)) as bus:
         with recorder(bus.port, 60) as process:
             wait_for(lambda: saved() >= 1)
             time.sleep(0.5)  # saving may take longer than moving without a word
