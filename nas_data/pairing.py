@@ -25,7 +25,7 @@ from nas_data.errors import JointMismatch
 from nas_data.joint_units import joint_unit, radians_at
 from nas_data.robots.base import URDF, Robot
 from nas_data.simulators.base import Simulator
-from nas_data.simulators.lock_joints import refuse_standing
+from nas_data.simulators.lock_joints import refuse_ground_contact
 from nas_data.simulators.mujoco import MujocoSimulator
 from nas_data.warn_once import say_once
 
@@ -225,7 +225,7 @@ def check_fits(dataset: Dataset, simulator: Simulator) -> None:
         )
     if isinstance(simulator, MujocoSimulator) and simulator.robot.bases:
         rows = np.unique(np.linspace(0, dataset.n_frames - 1, min(dataset.n_frames, POSTURES)).astype(int))
-        refuse_standing(
+        refuse_ground_contact(
             simulator.model, simulator.layout, dataset.states[rows, : len(dataset.joints)], str(simulator.robot.mjcf)
         )
     if abs(simulator.period * dataset.fps - 1) > 1e-6:

@@ -155,9 +155,9 @@ class AuthorsForward:
         """Where the physics has the pucks; see `Stepper.objects`."""
         return self.source.objects
 
-    def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
+    def command_objects(self, targets: np.ndarray, rows: np.ndarray) -> None:
         """Command the servos of objects; there are none."""
-        self.source.guide(targets, rows)
+        self.source.command_objects(targets, rows)
 
     def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
         """Start simulations anew, ψ's memory zeroed; see `Stepper.reset`."""

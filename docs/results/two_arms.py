@@ -25,7 +25,7 @@ from nas_data.policies.rollouts.two_arm_planner import TwoArmPlanner
 from nas_data.policies.rollouts.two_arms import make_two_arm_planner
 from nas_data.recorders.path_planner import PathPlanner
 from nas_data.robots.ergo_shield import DEFENDER
-from nas_data.simulators.contact import touches
+from nas_data.simulators.contact import find_contacts
 
 LOCKSTEP = ("--on", "ergojr", "--port", "virtual", "--defender-port", "virtual", "--lockstep", "--json")
 Poses = list[np.ndarray]
@@ -62,7 +62,7 @@ def unchecked() -> Iterator[None]:
 
 def depths(planner: PathPlanner, poses: Poses) -> np.ndarray:
     """Return how deep [m] attacker and defender are in one another, zero where they are not, shape (N,)."""
-    found = [touches(planner._simulator, pose, planner._scratch) for pose in poses]
+    found = [find_contacts(planner._simulator, pose, planner._scratch) for pose in poses]
     between = [[-far for pair, far in each.items() if sum(DEFENDER in name for name in pair) == 1] for each in found]
     return np.array([max(each, default=0.0) for each in between])
 

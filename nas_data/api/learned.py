@@ -62,7 +62,7 @@ class LearnedModel:
         Raises:
             CheckpointError: it is missing or damaged.
         """
-        place = checkpoint.find(Path(folder))
+        place = checkpoint.find_checkpoint(Path(folder))
         return cls(checkpoint.load_frozen(place), kept_files(place), folder=place)
 
     def save(self, folder: str | Path) -> Path:

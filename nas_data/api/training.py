@@ -168,7 +168,9 @@ def train(dataset: Dataset, request: TrainingRequest) -> LearnedModel:
             provenance["source"] = recorded or simulator.describe()
         training = ModelTraining(kind, dataset, request.options, simulator, provenance, request.device)
         run = TrainingRun(training, folder, say, kept)
-        notes.append(f"{dataset.n_episodes} episodes, {dataset.n_frames} transitions; held out: {training.split.what}")
+        notes.append(
+            f"{dataset.n_episodes} episodes, {dataset.n_frames} transitions; held out: {training.split.description}"
+        )
         notes.append(f"{training.phase.name}, {training.phase.updates} updates; validation is {training.criterion}")
         for note in notes:  # only now: bad input is one sentence and nothing else
             say(note)
@@ -176,9 +178,9 @@ def train(dataset: Dataset, request: TrainingRequest) -> LearnedModel:
         held_out = None
         if simulator is not None or kind == "forward":
             count = request.count or count_aloud(say)
-            held_out = evaluate_predictors(training.split.held, simulator, network, count)
+            held_out = evaluate_predictors(training.split.validation, simulator, network, count)
     rows = json.loads((folder / HISTORY).read_text(encoding="utf-8"))
-    return LearnedModel(network, kept, training.split.what, held_out, tuple(rows), dataset, folder / CHECKPOINT)
+    return LearnedModel(network, kept, training.split.description, held_out, tuple(rows), dataset, folder / CHECKPOINT)
 
 
 def check_paired(dataset: Dataset) -> None:

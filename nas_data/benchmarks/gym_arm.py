@@ -49,7 +49,7 @@ class GymArm(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, object]]:
         """Hold the commands for one control period."""
-        self.data.ctrl[self.layout.control] = self.layout.inputs.of_commands(action)
+        self.data.ctrl[self.layout.control] = self.layout.inputs.from_commands(action)
         mujoco.mj_step(self.model, self.data, nstep=self.substeps)
         return self._observe(), 0.0, False, False, {}
 

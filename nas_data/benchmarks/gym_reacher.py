@@ -75,13 +75,13 @@ class NaiveReacher(GymReacher):
         """Take the source and a copy of φ."""
         super().__init__(model)
         self.phi = copy.deepcopy(phi)
-        self.memory = self.phi.no_memory(1)
+        self.memory = self.phi.initial_memory(1)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, object] | None = None
     ) -> tuple[np.ndarray, dict[str, object]]:
         """Begin an episode, the network's memory zeroed."""
-        self.memory = self.phi.no_memory(1)
+        self.memory = self.phi.initial_memory(1)
         return super().reset(seed=seed, options=options)
 
     def _move(self) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from nas_data.dataset.dataset import Dataset
-from nas_data.models.optimiser import Descent
+from nas_data.models.optimiser import Optimiser
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.threads import one_thread
 from nas_data.models.training import ModelTraining
@@ -45,7 +45,7 @@ def learn(dataset: Dataset, options: TrainingOptions, enough: Callable[[Point], 
     """
     clock = Stopwatch()
     training = ModelTraining("delta", dataset, options, device="cpu")
-    descent, curve = Descent(training), list[Point]()
+    descent, curve = Optimiser(training), list[Point]()
     for epoch in range(options.epochs):
         first = epoch * training.phase.per_validation
         for number in range(first, first + training.phase.per_validation):

@@ -15,7 +15,7 @@ from nas_data.envs.base import Task, find_task
 from nas_data.errors import ArmError, OptionError
 from nas_data.hardware.virtual_bus.ports import VIRTUAL, port_of
 from nas_data.hardware.xl320.arm import Xl320
-from nas_data.hardware.xl320.calibration import joints_of
+from nas_data.hardware.xl320.calibration import find_joints
 from nas_data.hardware.xl320.configuration import Configuration
 from nas_data.hardware.xl320.ergojr import ergojr_joints
 from nas_data.hardware.xl320.joints import Joints
@@ -150,7 +150,7 @@ class OnArm:
         return Configuration(speed=self.speed)
 
     def _joints(self, port: str, own: str) -> Joints:
-        return ergojr_joints() if port == VIRTUAL else joints_of(ergojr_joints(), "ergojr", own)
+        return ergojr_joints() if port == VIRTUAL else find_joints(ergojr_joints(), "ergojr", own)
 
     def _recorder(self, programme: EvaluationPlan, environment: str, bench: ArmSetup) -> Recorder:
         """Return how rollouts are kept; what its provenance says decides whether a recording may be gone on with."""

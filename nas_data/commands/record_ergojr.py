@@ -96,9 +96,9 @@ class RecordErgojr(RecordArm):
         )
 
     def _joints(self) -> "Joints":
-        from nas_data.hardware.xl320.calibration import joints_of
+        from nas_data.hardware.xl320.calibration import find_joints
         from nas_data.hardware.xl320.ergojr import ergojr_joints
 
         if self.virtual and not self.calibration:
             return ergojr_joints()
-        return joints_of(ergojr_joints(), NAME, self.id, self.calibration)
+        return find_joints(ergojr_joints(), NAME, self.id, self.calibration)

@@ -49,7 +49,7 @@ class RobotErgojr(Command):
         """Look, and do what is asked for."""
         from nas_data.hardware.virtual_bus.ports import VIRTUAL, port_of
         from nas_data.hardware.xl320.arm import Xl320Arm
-        from nas_data.hardware.xl320.calibration import default_path, joints_of
+        from nas_data.hardware.xl320.calibration import default_path, find_joints
         from nas_data.hardware.xl320.ergojr import ergojr_joints
 
         path = self.calibration or (None if self.port == VIRTUAL else default_path(NAME, self.id))
@@ -59,7 +59,7 @@ class RobotErgojr(Command):
                 "The zeros of a virtual arm are not those of yours; say where to keep them: --calibration FILE."
             )
         if path and not self.calibrate:
-            joints = joints_of(joints, NAME, self.id, self.calibration)
+            joints = find_joints(joints, NAME, self.id, self.calibration)
         with port_of(self.port, self.effect, self.fault) as port:
             arm = Xl320Arm(port, joints)
             try:

@@ -1,1 +1,1 @@
-"""Physical effects a model may lack: one file each, named after the effect."""
+"""Physical effects that a model may lack: one file each, named after the effect."""

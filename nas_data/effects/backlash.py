@@ -7,23 +7,23 @@ from typing import ClassVar
 import mujoco
 
 from nas_data.effects.base import Effect, Parameter, Scales
-from nas_data.effects.edits.series import add_series_joint, angle
+from nas_data.effects.edits.series import add_series_joint, to_file_unit
 from nas_data.mjcf.actuator_lookup import WIDEST_PLAY
 
-HARD_STOP = (0.99, 0.999, 0.001, 0.5, 2.0)  # impedance: under the servo's torque the stop gives way by under 1e-4 rad
+HARD_STOP = (0.99, 0.999, 0.001, 0.5, 2.0)  # solimp: the servo's torque deforms the stop by less than 1e-4 rad
 
 
 @dataclass(frozen=True, kw_only=True)
 class Backlash(Effect):
     """The link lags behind the servo by up to `half_width` and changes sides when the load on it reverses.
 
-    A second hinge `<joint>_play` with hard stops; the servo feels its own side, the link's side is measured.
+    The model is a second hinge `<joint>_play` with hard stops. The servo controls its own side; the link is measured.
     """
 
     half_width: float
 
     parameters: ClassVar = (Parameter("half_width", "rad", 0.0, WIDEST_PLAY, 0.0),)
-    late: ClassVar = 1
+    edit_order: ClassVar = 1
     equation: ClassVar = "q = q_servo + p, |p| ≤ half_width"
     source: ClassVar = "MuJoCo documentation, Modeling, Backlash: two hinges on one axis"
     signature: ClassVar = (
@@ -33,16 +33,16 @@ class Backlash(Effect):
 
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
-        """Half a degree to four degrees: small gears and worn ones."""
+        """Half a degree to four degrees, from small to worn gears."""
         return tuple({"half_width": width * scales.radian} for width in (0.008, 0.025, 0.07))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Add the play to the model; play that is there already becomes wider."""
+        """Add the play, or widen existing play."""
         assert self.joint is not None
         play = add_series_joint(spec, self.joint, "play")
         play.limited = mujoco.mjtLimited.mjLIMITED_TRUE
-        width = float(play.range[1]) + angle(spec, self.half_width)
+        width = float(play.range[1]) + to_file_unit(spec, self.half_width)
         play.range = [-width, width]
-        # a stop stiffer than this overshoots between two physics steps
+        # a stiffer stop overshoots between two physics steps
         play.solref_limit = [2 * spec.option.timestep, 1.0]
         play.solimp_limit = HARD_STOP

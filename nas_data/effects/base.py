@@ -1,4 +1,4 @@
-"""What an effect is: a named physical cause of a gap, with bounded parameters, that edits a model."""
+"""Interface of effects: an effect is a named physical cause of a gap, with bounded parameters, that edits a model."""
 
 import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -16,21 +16,21 @@ from nas_data.errors import JointMismatch, NasError, OptionError
 from nas_data.joint_units import unit_at
 from nas_data.mjcf.actuator_lookup import driven_joint
 
-HARDLY = 1e-3  # of its spread by which a detail is put beside its neutral zero to be sought
+DETAIL_START = 1e-3  # initial value of an optional parameter over its spread, just off neutral, so that it is fitted
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of an effect.
+    """A parameter of an effect.
 
     Attributes:
         name: Field of the effect.
-        unit: Its unit at a hinge; empty for a ratio. At a slide it is what `joint_units.unit_at` says.
-        low: Smallest sensible value.
-        high: Largest sensible value.
+        unit: Unit at a hinge; empty for a ratio. `joint_units.unit_at` gives the unit at a slide.
+        low: Lower bound.
+        high: Upper bound.
         neutral: Value at which the effect changes nothing.
-        spread: Standard deviation of what is plausible around the neutral value, in its unit: such a parameter is a
-            detail that may be left out and is then neutral. 0 where all values within the bounds are as plausible.
+        spread: Standard deviation of the prior around the neutral value, in the same unit; it makes the parameter
+            optional. 0 for a uniform prior within the bounds.
     """
 
     name: str
@@ -42,23 +42,23 @@ class Parameter:
 
     @property
     def units(self) -> str:
-        """The unit at a hinge, and at a slide where that is another."""
+        """The unit at a hinge, and the unit at a slide if it differs."""
         other = unit_at(self.unit, slide=True)
         return self.unit if other == self.unit else f"{self.unit} ({other} at a slide)"
 
 
 @dataclass(frozen=True)
 class Scales:
-    """What is big and small at a joint, from which first guesses of an effect's parameters are made.
+    """Orders of magnitude at a joint, from which initial guesses of an effect's parameters are made.
 
     Attributes:
-        stiffness: Position gain of the servo [N·m/rad]; for a torque motor its large torque over one radian.
+        stiffness: Position gain of the servo [N·m/rad]; for a torque motor, its large torque over one radian.
         damping: Damping of joint and servo [N·m·s/rad].
-        inertia: Inertia about the joint in the reference posture, rotor included [kg·m²].
+        inertia: Inertia about the joint in the reference posture, including the rotor [kg·m²].
         mass: Mass that the last joint moves [kg].
         torque: Large torque of the actuator [N·m].
         speed: Large speed of the joint [rad/s].
-        radian: What stands for a radian: 1, or the range of a slide over that of a usual hinge [m].
+        radian: Equivalent of one radian: 1 for a hinge, a share of the range for a slide [m].
     """
 
     stiffness: float
@@ -75,15 +75,19 @@ class Effect:
     """Base of the effects; the file `effects/a_b.py` holds the effect `a_b` as class `AB`.
 
     Attributes:
-        joint: Joint it sits in; None where it belongs to the whole arm.
-        whole_arm: Whether it may go without a joint.
-        per_joint: Whether it may name a joint.
-        in_model: Whether the edited model alone expresses it; otherwise only with its hook.
-        replaces: Base parameter of its joint that it sets itself, so that both are not sought at once; or nothing.
-        strains: Kind of base parameter that strays where this is missing, if none is replaced.
-        stepwise: Its parameters [s] that act in whole physics steps.
-        late: Rank of its edit: one that is fitted to what others change (masses, gains, the joints that there are)
-            comes after theirs.
+        joint: Joint on which it acts; None for the whole arm.
+        whole_arm: Whether it may act on the whole arm.
+        per_joint: Whether it may act on one joint.
+        in_model: Whether the edited model alone expresses it; otherwise its hook is needed, too.
+        replaces: Nominal parameter of its joint that it sets, so that a fit frees only one of both; empty if none.
+        strains: Kind of nominal parameter that a fit without the effect distorts, if `replaces` is empty.
+        stepwise: Names of its parameters [s] that act in whole physics steps.
+        edit_order: Edits run in ascending order. An edit that depends on masses, gains or joints follows the edits
+            that change them.
+        equation: Defining equation.
+        source: Source of the equation or model.
+        signature: Typical sign of the effect in a recording.
+        confused_with: Names of effects with similar signatures.
     """
 
     joint: str | None = None
@@ -92,7 +96,7 @@ class Effect:
     whole_arm: ClassVar[bool] = False
     per_joint: ClassVar[bool] = True
     in_model: ClassVar[bool] = True
-    late: ClassVar[int] = 0
+    edit_order: ClassVar[int] = 0
     replaces: ClassVar[str] = ""
     strains: ClassVar[str] = ""
     stepwise: ClassVar[tuple[str, ...]] = ()
@@ -115,12 +119,12 @@ class Effect:
 
     @classmethod
     def name(cls) -> str:
-        """The effect's name: its class's in small letters, which is its file's."""
+        """Return the effect's name: the class name in snake case, which is the name of its file."""
         return registry.snake_case(cls.__name__)
 
     @classmethod
     def neutral(cls, joint: str | None = None) -> Self:
-        """Return the effect with parameters that change nothing."""
+        """Return the effect with neutral parameters."""
         return cls(joint=joint, **{parameter.name: parameter.neutral for parameter in cls.parameters})
 
     @property
@@ -130,61 +134,61 @@ class Effect:
 
     @property
     def sought(self) -> tuple[Parameter, ...]:
-        """The parameters that a fit may move: details stay neutral where all of them are."""
+        """The parameters that a fit frees: optional ones only if at least one of them is not neutral."""
         details = any(getattr(self, p.name) != p.neutral for p in self.parameters if p.spread)
         return tuple(p for p in self.parameters if details or not p.spread)
 
     def detailed(self) -> "Effect":
-        """Return the effect with its details hardly neutral, so that they are sought; itself where they are."""
+        """Return the effect with its optional parameters just off neutral, so that a fit frees them."""
         if self.sought == self.parameters:
             return self
         own = {p.name: getattr(self, p.name) for p in self.parameters}
         return make_effect(
-            self.name(), self.joint, own | {p.name: HARDLY * p.spread for p in self.parameters if p.spread}
+            self.name(), self.joint, own | {p.name: DETAIL_START * p.spread for p in self.parameters if p.spread}
         )
 
     @property
     def is_twin(self) -> bool:
-        """Whether with these parameters it does what another effect is named for."""
+        """Whether, with these parameters, another effect is named instead because it is equivalent."""
         return False
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Add the effect to a model; never called with neutral parameters."""
+        """Add the effect to a model; only called with parameters that are not neutral."""
         raise NotImplementedError(f"{type(self).__name__} has no edit()")
 
     @classmethod
     def hook(cls, effects: Sequence[Self], model: mujoco.MjModel) -> StepHook | None:
-        """Return what must run before each physics step of a model with effects of this kind; None where nothing."""
+        """Return the hook that runs before each physics step for all effects of this class; None if not needed."""
         return None
 
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
-        """Return first guesses of the parameters, small to large; empty where none is searched for."""
+        """Return initial guesses of the parameters in ascending size; empty if the effect is not searched for."""
         return ()
 
     @classmethod
     def idle(cls, scales: Scales) -> float:
-        """Return the first parameter's value at which the effect ends to do anything at a joint of these sizes."""
+        """Return the value of the first parameter at which the effect vanishes at a joint of these scales."""
         return cls.parameters[0].neutral
 
     @classmethod
     def twins(cls, joint: str | None) -> tuple["Effect", ...]:
-        """Return effects that may do exactly the same and are never searched for beside it, at first guesses."""
+        """Return effects, at initial guesses, that may be equivalent and are not searched for themselves."""
         return ()
 
     def native(self, scales: Scales) -> "Effect | None":
-        """Return the effect nearest to this one that a model alone can express; itself where it can."""
+        """Return the most similar effect that a model alone expresses, possibly this one; None if there is none."""
         return self if self.in_model else None
 
     def written(self, scales: Scales) -> "Effect | None":
-        """Return what does the same in a model file, at a joint of these sizes; None where nothing does."""
+        """Return an equivalent effect that a model file expresses, at a joint of these scales; None if none does."""
         return self if self.in_model else None
 
     def to_json(self, slides: Collection[str] = ()) -> dict[str, object]:
-        """Return the effect as `effects.json` holds it, without details that are neutral.
+        """Return the effect as an entry of `effects.json`, without optional parameters that are neutral.
 
         Args:
-            slides: Joints that are slides, which decides the units.
+            slides: Names of the slides, whose parameters have other units.
         """
         slide = self.joint in slides
         values = {p.name: {"value": getattr(self, p.name), "unit": unit_at(p.unit, slide)} for p in self.sought}
@@ -195,7 +199,7 @@ def find_effect(name: str) -> type[Effect]:
     """Return the class of an effect by its name.
 
     Raises:
-        UnknownName: there is no such effect; lists those there are.
+        UnknownName: there is no such effect; the message lists the known ones.
     """
     return registry.plugin("effects", name, "effect", Effect)
 
@@ -217,7 +221,7 @@ def make_effect(name: str, joint: str | None, values: Mapping[str, object]) -> E
         )
     if joint is None and not kind.whole_arm:
         raise OptionError(f"{name} sits in a joint; say which (joint=NAME).")
-    # a text that reads as a number, or a truth value, is none
+    # text and truth values are not accepted as numbers
     numbers = {k: float(v) for k, v in values.items() if isinstance(v, Real) and not isinstance(v, bool)}
     other = next((key for key in values if key not in numbers), None)
     if other is not None:
@@ -230,7 +234,7 @@ def from_json(entry: Mapping[str, object]) -> Effect:
 
     Raises:
         UnknownName: there is no such effect.
-        OptionError: the entry has another form.
+        OptionError: the entry is malformed.
     """
     if not isinstance(entry, Mapping):
         raise OptionError(f"{entry!r} is no effect; an object with 'effect', 'joint' and 'parameters' is needed.")
@@ -243,10 +247,11 @@ def from_json(entry: Mapping[str, object]) -> Effect:
 
 
 def parse(text: str) -> Effect:
-    """Read an effect as a person types it: `backlash:joint=m3,half_width=0.02`.
+    """Parse an effect from the command line: `backlash:joint=m3,half_width=0.02`.
 
     Raises:
-        OptionError: the text has another form.
+        UnknownName: there is no such effect.
+        OptionError: the text is malformed, or a parameter is out of its range.
     """
     name, _, rest = text.partition(":")
     pairs = [part.partition("=") for part in rest.split(",") if part]
@@ -266,7 +271,7 @@ def read_effects(path: Path) -> tuple[Effect, ...]:
     """Read an `effects.json`: a list of effects, or an object with such a list under `effects`.
 
     Raises:
-        OptionError: the file is missing or has another form.
+        OptionError: the file is missing or malformed.
     """
     if path.is_dir() or not path.exists():
         raise OptionError(f"There is no file {path}; give the effects.json of a gap report.")
@@ -283,12 +288,12 @@ def read_effects(path: Path) -> tuple[Effect, ...]:
 
 
 def add_effects(spec: mujoco.MjSpec, effects: Iterable[Effect]) -> None:
-    """Add effects to a model; neutral ones leave it untouched.
+    """Add effects to a model; neutral effects change nothing.
 
     Raises:
         JointMismatch: an effect names a joint that the model lacks.
     """
-    chosen = sorted(effects, key=lambda effect: effect.late)
+    chosen = sorted(effects, key=lambda effect: effect.edit_order)
     if not all(effect.is_neutral for effect in chosen):
         settle_damping(spec)
     for effect in chosen:
@@ -300,10 +305,10 @@ def add_effects(spec: mujoco.MjSpec, effects: Iterable[Effect]) -> None:
 
 
 def joint_actuator(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsActuator:
-    """Return the actuator that drives a joint; of several the first with position feedback.
+    """Return the actuator that drives a joint; of several, the first with position feedback.
 
     Raises:
-        JointMismatch: no actuator does.
+        JointMismatch: no actuator drives the joint.
     """
     driving = [actuator for actuator in spec.actuators if driven_joint(spec, actuator) == joint]
     if not driving:

@@ -1,4 +1,4 @@
-"""A base that does not stand level."""
+"""A tilted base."""
 
 import math
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ from nas_data.effects.base import Effect, Parameter, Scales
 
 @dataclass(frozen=True, kw_only=True)
 class BaseTilt(Effect):
-    """Gravity leans relative to the base, which was rolled about its x axis and then pitched about the world's y."""
+    """The base is rolled about the x axis, then pitched about the fixed y axis; gravity is tilted relative to it."""
 
     roll: float
     pitch: float
@@ -31,16 +31,16 @@ class BaseTilt(Effect):
 
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
-        """Two degrees about each axis; the error is proportional to them."""
+        """Two degrees about each axis; the error is proportional to the angle."""
         return ({"roll": 0.03, "pitch": 0.0}, {"roll": 0.0, "pitch": 0.03})
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Turn the model's gravity the other way; the base itself stays where it is."""
+        """Rotate gravity by the inverse rotation; the base does not move."""
         spec.option.gravity = rotation(self.roll, self.pitch).T @ spec.option.gravity
 
 
 def rotation(roll: float, pitch: float) -> np.ndarray:
-    """Return the base's rotation matrix: roll about x, then pitch about the fixed y, angles in rad."""
+    """Return the base's rotation matrix, shape (3, 3): roll [rad] about x, then pitch [rad] about the fixed y axis."""
     sin_roll, cos_roll = math.sin(roll), math.cos(roll)
     sin_pitch, cos_pitch = math.sin(pitch), math.cos(pitch)
     about_x = np.array([[1, 0, 0], [0, cos_roll, -sin_roll], [0, sin_roll, cos_roll]])

@@ -10,14 +10,14 @@ import mujoco
 from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.effects.edits.servo import actuators_of
 
-LINEAR = 1  # interpolation between samples, so that a delay need not be a multiple of the timestep
+LINEAR = 1  # linear interpolation between samples, for delays that are no multiple of the timestep
 
 
 @dataclass(frozen=True, kw_only=True)
 class CommandDelay(Effect):
-    """Commands arrive late, at one joint or, where none is named, at all of them.
+    """Commands arrive late, at one joint or at all joints.
 
-    The engine cannot delay by less than one physics timestep: a shorter delay acts like one timestep.
+    MuJoCo delays by at least one physics timestep: a shorter delay acts like one timestep.
     """
 
     delay: float
@@ -36,9 +36,9 @@ class CommandDelay(Effect):
         return tuple({"delay": delay} for delay in (0.01, 0.03, 0.08))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Give the actuators a delay line; a bus's and a joint's delay add up."""
+        """Give the actuators a delay line; delays of the arm and of a joint add up."""
         for actuator in actuators_of(spec, self.joint):
             actuator.delay += self.delay
-            # one sample more than needed: the oldest is always at least as old as the delay
+            # the additional sample makes the oldest one at least as old as the delay
             actuator.nsample = math.ceil(actuator.delay / spec.option.timestep) + 1
             actuator.interp = LINEAR

@@ -1,21 +1,20 @@
-"""Friction that opposes motion with a constant torque, beyond the model's own."""
+"""Friction of constant torque against motion, in addition to the model's."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
-import numpy as np
 
 from nas_data.effects.base import Effect, Parameter, Scales
+from nas_data.effects.edits.holding import stiffen_friction
 
-# impedance at which friction holds: at MuJoCo's default, 0.9, an XL-320 under load creeps by a degree a second
-HOLDING = 0.99
+HOLDING = 0.99  # impedance (solimp) of the friction; at MuJoCo's 0.9 a loaded XL-320 creeps by a degree per second
 
 
 @dataclass(frozen=True, kw_only=True)
 class CoulombFriction(Effect):
-    """A torque of constant size against motion; at rest it holds whatever load is smaller."""
+    """A constant torque against motion; at rest it holds any smaller load."""
 
     torque: float
 
@@ -28,15 +27,11 @@ class CoulombFriction(Effect):
 
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
-        """Friction that stops the servo short by one to ten degrees."""
+        """Friction that stops the servo one to ten degrees short of its goal."""
         return tuple({"torque": angle * scales.radian * scales.stiffness} for angle in (0.02, 0.06, 0.2))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Add the torque to the joint's friction loss, and let it hold rather than creep."""
-        joint = spec.joint(self.joint)
-        joint.frictionloss += self.torque
-        impedance = joint.solimp_friction.copy()
-        impedance[:2] = np.maximum(impedance[:2], HOLDING)
-        joint.solimp_friction = impedance
-        if joint.solref_friction[0] > 0:  # a negative one is a stiffness, which somebody chose on purpose
-            joint.solref_friction = [2 * spec.option.timestep, 1.0]
+        """Add the torque to the joint's frictionloss, and reduce creep."""
+        assert self.joint is not None
+        spec.joint(self.joint).frictionloss += self.torque
+        stiffen_friction(spec, self.joint, HOLDING)

@@ -14,17 +14,17 @@ from nas_data.errors import ModelFileError
 
 @dataclass(frozen=True, kw_only=True)
 class Deadband(Effect):
-    """Within `half_width` of its goal the servo gives no torque, beyond it that of the remaining error.
+    """Within `half_width` of its goal the servo gives no torque; beyond it the error counts from the band's edge.
 
-    Native: the servo, with its delay and slew rate, moves a weightless goal `<joint>_deadband_goal`; passive actuators
-    pull the joint after it as the servo would, with its stiffness, its band, its damping and its torque limit. Within
-    the band a change of the command is felt for one physics step.
+    In the model the servo, with its delay and slew rate, moves a massless joint `<joint>_deadband_goal`. Passive
+    actuators with the servo's stiffness, dead band, damping and torque limit act between that goal and the joint.
+    Within the band, a command change acts for one physics step.
     """
 
     half_width: float
 
     parameters: ClassVar = (Parameter("half_width", "rad", 0.0, 0.2, 0.0),)
-    late: ClassVar = 2
+    edit_order: ClassVar = 2
     equation: ClassVar = "torque = kp · dz(command − q) − kv · dq/dt, dz(e) = sign(e) · max(|e| − half_width, 0)"
     source: ClassVar = "Robotis e-manuals, compliance margin of AX and MX servos"
     signature: ClassVar = (
@@ -38,10 +38,10 @@ class Deadband(Effect):
         return tuple({"half_width": width * scales.radian} for width in (0.008, 0.025, 0.07))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Put a goal between the servo and its joint; a band that is there already becomes wider.
+        """Add a dead band to the joint's servo, or widen an existing one.
 
         Raises:
-            ModelFileError: no position servo drives the joint, or one with an integral gain.
+            ModelFileError: no position servo drives the joint, or the servo has an integral gain.
         """
         assert self.joint is not None
         servo = position_servo(spec, self.joint, self.name())

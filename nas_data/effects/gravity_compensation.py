@@ -1,4 +1,4 @@
-"""A controller that carries a part of the arm's weight."""
+"""Partial gravity compensation by the controller."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from nas_data.effects.base import Effect, Parameter, Scales
 
 @dataclass(frozen=True, kw_only=True)
 class GravityCompensation(Effect):
-    """The controller adds torques that carry a share of the weight of all that the model's joints move."""
+    """The controller adds torques that compensate a share of the gravity of all bodies."""
 
     share: float
 
@@ -25,10 +25,10 @@ class GravityCompensation(Effect):
 
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
-        """Half of the weight; the error is proportional to it."""
+        """Half of gravity; the error is proportional to the share."""
         return ({"share": 0.5},)
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Let the engine compensate this share of what the model does not compensate yet."""
+        """Compensate this share of the gravity that the model does not compensate already."""
         for body in spec.bodies:
             body.gravcomp += self.share * (1.0 - body.gravcomp)

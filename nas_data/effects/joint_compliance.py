@@ -10,17 +10,17 @@ import mujoco
 from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.effects.edits.series import add_series_joint, lacking_inertia
 
-LOSS_TIME = 1e-3  # [s] damping over stiffness: a tenth of critical at 100 rad/s, typical of plastic gears
+LOSS_TIME = 1e-3  # [s] damping over stiffness: damping ratio 0.05 at 100 rad/s, typical of plastic gears
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointCompliance(Effect):
-    """The link is carried by a spring on the servo: a second hinge `<joint>_flex`; the link's side is measured."""
+    """A spring between servo and link: a second hinge `<joint>_flex`; the link is measured."""
 
     stiffness: float
 
     parameters: ClassVar = (Parameter("stiffness", "N·m/rad", 0.05, 1e6, math.inf),)
-    late: ClassVar = 1
+    edit_order: ClassVar = 1
     equation: ClassVar = "q = q_servo + s, torque = stiffness · s + 1 ms · stiffness · ds/dt"
     source: ClassVar = "Flexible-joint model, Spong 1987 (doi:10.1115/1.3143860)"
     signature: ClassVar = (
@@ -31,16 +31,16 @@ class JointCompliance(Effect):
 
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
-        """A spring little stiffer than the servo to one much stiffer."""
+        """Springs from slightly to much stiffer than the servo."""
         return tuple({"stiffness": share * scales.stiffness} for share in (1.5, 5.0, 15.0))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Add the spring to the model; a second one in the same joint is in series with the first."""
+        """Add the spring to the model, in series with an existing one."""
         assert self.joint is not None
         flex = add_series_joint(spec, self.joint, "flex")
         present = float(flex.stiffness[0])
         total = self.stiffness * present / (self.stiffness + present) if present else self.stiffness
         flex.stiffness = [total, 0.0, 0.0]
         flex.damping = [total * LOSS_TIME, 0.0, 0.0]
-        # keeps the spring below what the timestep resolves; nothing where the link itself is slow enough
+        # the timestep must resolve the spring's oscillation; armature is added only if the link is too light for that
         flex.armature = max(flex.armature, lacking_inertia(spec, self.joint, total * spec.option.timestep**2))

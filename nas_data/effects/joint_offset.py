@@ -12,7 +12,7 @@ from nas_data.effects.edits.servo import position_servo, shift_rest
 
 @dataclass(frozen=True, kw_only=True)
 class JointOffset(Effect):
-    """The servo's zero is off: unloaded, it reaches the command plus the offset."""
+    """The servo's zero is wrong: without load it reaches the command plus the offset."""
 
     offset: float
 
@@ -24,10 +24,10 @@ class JointOffset(Effect):
 
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
-        """Two degrees; the error is proportional to it."""
+        """Two degrees; the error is proportional to the offset."""
         return ({"offset": 0.03 * scales.radian},)
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Add the torque that moves the servo's rest by the offset."""
+        """Shift the servo's rest position by the offset."""
         assert self.joint is not None
         shift_rest(spec, self.joint, position_servo(spec, self.joint, self.name()), self.offset)

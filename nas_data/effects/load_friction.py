@@ -9,7 +9,7 @@ import numpy as np
 
 from nas_data.effects.base import Effect, Parameter, Scales, joint_actuator
 from nas_data.effects.coulomb_friction import CoulombFriction
-from nas_data.effects.edits.holding import hold_firmly
+from nas_data.effects.edits.holding import stiffen_friction
 from nas_data.effects.edits.hook import StepForces, StepHook
 from nas_data.effects.edits.press import press_pad
 from nas_data.mjcf.actuator_lookup import leverage, servo_actuators
@@ -17,11 +17,11 @@ from nas_data.mjcf.actuator_lookup import leverage, servo_actuators
 
 @dataclass(frozen=True, kw_only=True)
 class LoadFriction(Effect):
-    """Gears press harder under load: friction in proportion to the torque that the joint's actuator gives.
+    """Friction proportional to the torque of the joint's actuator, because load increases the contact forces of gears.
 
-    A servo that holds a load has its gears pressed from both sides. Switched off, it is pressed by the load alone, and
-    half as hard. In simulation friction is set anew before each physics step, from the torques in the last. A model
-    file has a pad in its place that the servo presses (`PressedFriction`): the same friction while the servo is on.
+    A servo that holds a load presses its gears from both sides. Switched off, only the load presses them, half as much.
+    In simulation a hook sets the friction before each physics step from the torques of the previous step. A model file
+    expresses the same friction, while the servo is on, by a pad that the servo presses (`PressedFriction`).
     """
 
     ratio: float
@@ -35,30 +35,30 @@ class LoadFriction(Effect):
 
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
-        """A tenth and a third of the load, the range of small gears (Rhoban/bam: 0.12 to 0.29)."""
+        """A tenth and a third of the load; small gears have 0.12 to 0.29 (Rhoban/bam)."""
         return tuple({"ratio": ratio} for ratio in (0.1, 0.3))
 
     def native(self, scales: Scales) -> Effect:
-        """Return constant friction of the size that this has under half of a large torque."""
+        """Return constant friction equal to that under half of the large torque."""
         return CoulombFriction(joint=self.joint, torque=0.5 * self.ratio * scales.torque)
 
     def written(self, scales: Scales) -> Effect:
-        """Return the same friction as contacts make it."""
+        """Return the same friction as a contact of a pad."""
         return PressedFriction(joint=self.joint, ratio=self.ratio, torque=scales.torque, speed=scales.speed)
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Let the joint's friction hold rather than creep.
+        """Stiffen the joint's friction constraint, whose torque the hook sets.
 
         Raises:
             JointMismatch: no actuator drives the joint.
         """
         assert self.joint is not None
         joint_actuator(spec, self.joint)
-        hold_firmly(spec, self.joint)
+        stiffen_friction(spec, self.joint)
 
     @classmethod
     def hook(cls, effects: Sequence[Self], model: mujoco.MjModel) -> StepHook:
-        """Return what sets the friction of all joints that have it."""
+        """Return the hook that sets the friction of all joints with this effect."""
         ratios, levers = np.zeros(model.nv), np.zeros((model.nout, model.nv))
         most = np.full(model.nv, np.inf)
         for effect in effects:
@@ -71,8 +71,8 @@ class LoadFriction(Effect):
                 most[dof] = np.abs(model.jnt_actfrcrange[joint]).max()
 
         def bind(step: StepForces) -> Callable[[], np.ndarray]:
-            # called before every physics step: all dofs in place, each table as large as the batch, takes a third of
-            # the time of picking those with friction, and of broadcasting
+            # this runs before every physics step: operating in place on all dofs, with tables as large as the batch,
+            # takes a third of the time of indexing and broadcasting
             load = np.empty(step.bias.shape)
             largest, shares = np.broadcast_to(most, load.shape).copy(), np.broadcast_to(ratios, load.shape).copy()
 
@@ -91,7 +91,7 @@ class LoadFriction(Effect):
 
 @dataclass(frozen=True, kw_only=True)
 class PressedFriction(LoadFriction):
-    """The same for a model file, which must do without anything between two physics steps.
+    """The same friction for a model file, which cannot use a hook.
 
     Attributes:
         torque: Large torque of the servo [N·m].
@@ -102,14 +102,14 @@ class PressedFriction(LoadFriction):
     speed: float
 
     in_model: ClassVar = True
-    late: ClassVar = 3
+    edit_order: ClassVar = 3
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Let the servo press a pad against the link.
+        """Add a pad that the servo presses against the link.
 
         Raises:
             JointMismatch: no actuator drives the joint.
-            ModelFileError: the joint is no hinge alone on its body.
+            ModelFileError: the joint is no hinge, or not the only joint of its body.
         """
         super().edit(spec)
         assert self.joint is not None

@@ -1,4 +1,4 @@
-"""A pushed object that slides better or worse than the model's."""
+"""Sliding friction of objects that differs from the model's."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -6,16 +6,16 @@ from typing import ClassVar
 import mujoco
 
 from nas_data.effects.base import Effect, Parameter
-from nas_data.effects.edits.objects import add_contact, collides, find_objects, partners
+from nas_data.effects.edits.objects import add_contact, collides, find_objects, find_partners
 from nas_data.mjcf.unique_name import free_name
 
 
 @dataclass(frozen=True, kw_only=True)
 class ObjectFriction(Effect):
-    """Sliding friction in every contact of every object in the scene, by one factor.
+    """One factor on the sliding friction of all contacts of objects in the scene.
 
-    In MuJoCo the larger friction of two geoms counts, so that no number of one geom is a contact's friction: the
-    contacts that an object can make are written out as pairs.
+    In MuJoCo the larger friction of two geoms counts, so that a geom's friction does not determine the contact's.
+    Therefore each possible contact of an object becomes an explicit pair.
     """
 
     factor: float
@@ -29,7 +29,7 @@ class ObjectFriction(Effect):
     confused_with: ClassVar = ("object_mass",)
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Write out the objects' contacts with their friction scaled.
+        """Add explicit contact pairs with scaled friction for the objects.
 
         Raises:
             ModelFileError: the model has no object.
@@ -37,11 +37,11 @@ class ObjectFriction(Effect):
         model = spec.compile()
         bodies = find_objects(model, self.name())
         geoms = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] in bodies and collides(model, geom)]
-        for index in {*geoms, *(other for geom in geoms for other in partners(model, geom))}:
+        for index in {*geoms, *(other for geom in geoms for other in find_partners(model, geom))}:
             spec.geoms[index].name = spec.geoms[index].name or free_name(spec.geom, f"geom{index}")
         written = {frozenset((pair.geomname1, pair.geomname2)): pair for pair in spec.pairs}
         for first in geoms:
-            for second in partners(model, first):
+            for second in find_partners(model, first):
                 names = (spec.geoms[first].name, spec.geoms[second].name)
                 if frozenset(names) not in written:
                     written[frozenset(names)] = add_contact(spec, model, first, second)

@@ -1,4 +1,4 @@
-"""A pushed object that is heavier or lighter than the model's."""
+"""Mass of objects that differs from the model's."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -11,7 +11,7 @@ from nas_data.effects.edits.objects import find_objects
 
 @dataclass(frozen=True, kw_only=True)
 class ObjectMass(Effect):
-    """Mass and inertia of every object in the scene, by one factor."""
+    """One factor on mass and inertia of all objects in the scene."""
 
     factor: float
 
@@ -26,7 +26,7 @@ class ObjectMass(Effect):
     confused_with: ClassVar = ("object_friction", "torque_limit")
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Scale what the objects' inertia is given by: numbers of the body, or mass and density of its geoms.
+        """Scale the explicit inertia of the objects' bodies, and mass and density of their geoms.
 
         Raises:
             ModelFileError: the model has no object.

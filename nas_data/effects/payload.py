@@ -1,4 +1,4 @@
-"""A mass that the model does not know of, carried by the last link."""
+"""An unmodelled mass on the last link."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,13 +13,13 @@ from nas_data.mjcf.unique_name import free_name
 from nas_data.robots.base import actuated_joints, deepest_joint
 
 NAME = "payload"
-NEAR = 0.05  # [m] from the last link's centre of mass; what is carried by a hand is rarely further
-RADIUS = 0.005  # [m] of the sphere that stands for the mass; gives it the little inertia a body must have
+NEAR = 0.05  # [m] typical distance of a payload from the last link's centre of mass
+RADIUS = 0.005  # [m] of the sphere, which gives the body the inertia that MuJoCo requires
 
 
 @dataclass(frozen=True, kw_only=True)
 class Payload(Effect):
-    """A small sphere on what the outermost servo moves: `x`, `y`, `z` from its centre of mass, in its own frame."""
+    """A small sphere on the outermost servo's link, at `x`, `y`, `z` from its centre of mass in the link frame."""
 
     mass: float
     x: float = 0.0
@@ -40,20 +40,20 @@ class Payload(Effect):
 
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
-        """Half and twice the last link."""
+        """Half and twice the mass of the last link."""
         return tuple({"mass": share * scales.mass} for share in (0.5, 2.0))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Add the mass to the model, beside payloads that are there already."""
-        link, centre = last_centre(spec)
+        """Add the mass, in addition to existing payloads."""
+        link, centre = find_last_centre(spec)
         body = link.add_body(name=free_name(spec.body, NAME), explicitinertial=True)
         body.pos = centre + np.array([self.x, self.y, self.z])
         body.mass, body.ipos = self.mass, np.zeros(3)
         body.inertia = np.full(3, 0.4 * self.mass * RADIUS**2)
 
 
-def last_centre(spec: mujoco.MjSpec) -> tuple[mujoco.MjsBody, np.ndarray]:
-    """Return the body that the outermost actuated joint moves and where its subtree's centre of mass lies in it [m].
+def find_last_centre(spec: mujoco.MjSpec) -> tuple[mujoco.MjsBody, np.ndarray]:
+    """Return the body of the outermost actuated joint, and the centre of mass of its subtree in its frame [m], (3,).
 
     Raises:
         ModelFileError: the model has no actuated joint.

@@ -1,4 +1,4 @@
-"""Reflected inertia of the drive, beyond the model's own."""
+"""Reflected rotor inertia, in addition to the model's."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from nas_data.effects.base import Effect, Parameter, Scales
 
 @dataclass(frozen=True, kw_only=True)
 class RotorInertia(Effect):
-    """The rotor behind the gear, as inertia at the joint: gear ratio squared times the rotor's own."""
+    """Inertia of the rotor at the joint: squared gear ratio times the rotor's inertia."""
 
     inertia: float
 
@@ -24,7 +24,7 @@ class RotorInertia(Effect):
 
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
-        """Half to five times the inertia that is there."""
+        """Half to five times the model's inertia."""
         return tuple({"inertia": share * scales.inertia} for share in (0.5, 1.5, 5.0))
 
     def edit(self, spec: mujoco.MjSpec) -> None:

@@ -1,4 +1,4 @@
-"""Other velocity feedback in the servo than the model has."""
+"""Velocity feedback of the servo that differs from the model's."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,10 +13,10 @@ from nas_data.errors import ModelFileError
 
 @dataclass(frozen=True, kw_only=True)
 class ServoDamping(Effect):
-    """The servo's D gain is not the model's, whose gains were often chosen together to hold still.
+    """The servo's derivative gain differs from the model's.
 
-    Only less damping than the model's is searched for. More of it is, below saturation, the same as
-    `viscous_friction`, which is then named, with this as its equal.
+    Only less damping than the model's is searched for. More damping is equivalent to `viscous_friction` below
+    saturation; then the latter is named, with this effect as an equal.
     """
 
     factor: float
@@ -32,16 +32,20 @@ class ServoDamping(Effect):
 
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
-        """A half to a fiftieth of the model's."""
+        """Half to a fiftieth of the model's gain."""
         return tuple({"factor": factor} for factor in (0.5, 0.15, 0.02))
 
     @property
     def is_twin(self) -> bool:
-        """More damping is viscous friction."""
+        """Whether damping increases, which is equivalent to viscous friction."""
         return self.factor > 1
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Multiply the velocity gain of the joint's servo; the joint's own damping stays."""
+        """Multiply the velocity gain of the joint's servo; the joint's own damping stays.
+
+        Raises:
+            ModelFileError: no position servo drives the joint, or it has no velocity feedback.
+        """
         assert self.joint is not None
         actuator = position_servo(spec, self.joint, self.name())
         if damping(spec, self.joint) <= 0:

@@ -1,4 +1,4 @@
-"""A position gain other than the model's."""
+"""Position gain of the servo that differs from the model's."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from nas_data.effects.edits.servo import position_servo, scale_stiffness
 
 @dataclass(frozen=True, kw_only=True)
 class ServoStiffness(Effect):
-    """The servo's P register, or a supply voltage, differs from what the model was written for."""
+    """The servo's proportional gain or supply voltage differs from the model's."""
 
     factor: float
 
@@ -25,7 +25,7 @@ class ServoStiffness(Effect):
 
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
-        """A hundredth (of a model's gain that was made up to hold still) to three times the gain."""
+        """A hundredth to three times the gain; gains of some models are far too high."""
         return tuple({"factor": factor} for factor in (0.01, 0.04, 0.15, 0.5, 1.6, 2.8))
 
     def edit(self, spec: mujoco.MjSpec) -> None:

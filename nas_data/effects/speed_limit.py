@@ -1,4 +1,4 @@
-"""The servo's internal goal follows the command at a bounded rate."""
+"""Rate limit of the servo's internal setpoint."""
 
 import math
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ POSITION_INPUT = 1  # the first input of a <pid>, its position setpoint, and no 
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedLimit(Effect):
-    """Big steps become ramps of one slope; what is slower than the limit is untouched."""
+    """Large steps become ramps of one slope; slower commands are unaffected."""
 
     speed: float
 
@@ -28,11 +28,15 @@ class SpeedLimit(Effect):
 
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
-        """Below and a little above the speed that was measured."""
+        """Below and slightly above the measured speed."""
         return tuple({"speed": share * scales.speed} for share in (0.4, 0.8, 1.2))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Turn the position servo into one of the same gains whose setpoint slews; the lower of two limits holds."""
+        """Turn the position servo into a `<pid>` of the same gains with a slew rate; of two limits the lower one holds.
+
+        Raises:
+            ModelFileError: no position servo drives the joint, or its command is filtered.
+        """
         assert self.joint is not None
         servo = position_servo(spec, self.joint, self.name())
         if servo.dyntype == mujoco.mjtDyn.mjDYN_PID:
@@ -46,10 +50,10 @@ class SpeedLimit(Effect):
         bias = servo.biasprm.copy()
         slewmax = self.speed * abs(float(servo.gear[0]))
         servo.set_to_pid(kp=feedback(servo), kv=-float(bias[2]), slewmax=slewmax, ctrlspec=POSITION_INPUT)
-        servo.biasprm = bias  # set_to_pid forgets a constant bias
+        servo.biasprm = bias  # set_to_pid drops a constant bias
 
     def _limit_pid(self, servo: mujoco.MjsActuator) -> None:
-        """Lower the limit of a servo that has one, or give one to a servo with an integral term."""
+        """Set the slew rate of a `<pid>` servo, or lower an existing one."""
         parameters = servo.dynprm.copy()
         present, limit = float(parameters[1]), self.speed * abs(float(servo.gear[0]))
         parameters[1] = min(limit, present) if present > 0 else limit

@@ -1,22 +1,27 @@
-"""Friction that is largest at rest and falls as motion starts."""
+"""Friction that decreases from break-away as speed rises."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
+import numpy as np
 
 from nas_data.effects.base import Effect, Parameter, Scales
-from nas_data.effects.edits.bristles import add_bristles
-from nas_data.effects.edits.holding import hold_firmly
+from nas_data.effects.edits.holding import stiffen_friction
+from nas_data.effects.edits.passive import add_passive
+from nas_data.mjcf.unique_name import free_name
+
+REST = 1e-3  # share of the bristles' friction that remains at speed; MuJoCo divides by it
+STIFF = 2.0  # stiffness · timestep² / inertia: at 1 a load may break them away too early, at 4 they oscillate
 
 
 @dataclass(frozen=True, kw_only=True)
 class StribeckFriction(Effect):
-    """Beyond the model's own friction: `torque` to break away, `kinetic_ratio · torque` at speed.
+    """In addition to the model's friction: `torque` at break-away, `kinetic_ratio · torque` at speed.
 
-    The kinetic part is the joint's friction loss, which holds without creep. What fades with speed is a passive
-    actuator `<joint>_stribeck` with bristles (LuGre); it has no control and comes after the model's own actuators.
+    The kinetic part is the joint's frictionloss, which holds without creep. The part that decreases with speed is LuGre
+    friction (bristles) of a passive actuator `<joint>_stribeck`, which follows the model's own actuators.
     """
 
     torque: float
@@ -28,7 +33,7 @@ class StribeckFriction(Effect):
         Parameter("kinetic_ratio", "", 0.2, 1.0, 1.0),
         Parameter("stribeck_velocity", "rad/s", 0.002, 5.0, 1.0),
     )
-    late: ClassVar = 2
+    edit_order: ClassVar = 2
     replaces: ClassVar = "frictionloss"
     equation: ClassVar = (
         "friction = torque · (kinetic_ratio + (1 − kinetic_ratio) · exp(−(v / stribeck_velocity)²)) · sign(v), "
@@ -42,12 +47,12 @@ class StribeckFriction(Effect):
 
     @property
     def is_neutral(self) -> bool:
-        """Whether there is no torque; its fall with speed then has nothing to act on."""
+        """Whether the torque is zero; the other parameters then have no effect."""
         return self.torque == 0
 
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
-        """Break-away that stops the servo short by two and eight degrees, falling off slowly and fast."""
+        """Break-away that stops the servo two and eight degrees short of its goal, with three Stribeck velocities."""
         return tuple(
             {
                 "torque": angle * scales.radian * scales.stiffness,
@@ -59,9 +64,22 @@ class StribeckFriction(Effect):
         )
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Add the kinetic part to the joint's friction loss and the rest as bristles."""
+        """Add the kinetic part to the joint's frictionloss, and the rest as bristles."""
         assert self.joint is not None
         spec.joint(self.joint).frictionloss += self.torque * self.kinetic_ratio
-        hold_firmly(spec, self.joint)
+        stiffen_friction(spec, self.joint)
         if self.kinetic_ratio < 1:
             add_bristles(spec, self.joint, self.torque * (1 - self.kinetic_ratio), self.stribeck_velocity)
+
+
+def add_bristles(spec: mujoco.MjSpec, joint: str, torque: float, velocity: float) -> None:
+    """Add LuGre friction to a joint: torque · exp(−(v / velocity)²), torque in N·m, velocity in rad/s.
+
+    The bristles are half as stiff as the timestep allows for the joint's inertia, so that their deflection is below
+    the resolution of sensors. They have no damping, which MuJoCo would treat as inertia; the joint's frictionloss damps
+    them. A load that jumps within one step by more than frictionloss + inertia · velocity / timestep breaks them away.
+    """
+    model = spec.compile()
+    inertia = 1 / float(model.dof_invweight0[model.joint(joint).dofadr[0]])  # at the reference posture [kg·m²]
+    lugre = np.array([STIFF * inertia / spec.option.timestep**2, 0.0, REST * torque, torque, velocity])
+    add_passive(spec, free_name(spec.actuator, f"{joint}_stribeck"), mujoco.mjtTrn.mjTRN_JOINT, joint, lugre)

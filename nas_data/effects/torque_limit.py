@@ -1,4 +1,4 @@
-"""A torque at which the servo saturates."""
+"""Saturation torque of the servo."""
 
 import math
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from nas_data.mjcf.actuator_lookup import BAND
 
 @dataclass(frozen=True, kw_only=True)
 class TorqueLimit(Effect):
-    """The servo gives no more than this torque, whatever the model's own limit says."""
+    """The servo's torque saturates here, independent of the model's limit."""
 
     torque: float
 
@@ -26,16 +26,16 @@ class TorqueLimit(Effect):
 
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
-        """A fifth to four fifths of the torque that the model gives."""
+        """A fifth to four fifths of the model's torque."""
         return tuple({"torque": share * scales.torque} for share in (0.2, 0.45, 0.8))
 
     @classmethod
     def idle(cls, scales: Scales) -> float:
-        """The torque that the model gives: a higher limit is none."""
+        """Return the model's torque, above which a limit has no effect."""
         return scales.torque
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Set the force range of the joint's actuator; of the joint where it has one, or its servo a dead band."""
+        """Set the force range of the actuator and, if it has one, of the joint; with a dead band only the joint's."""
         assert self.joint is not None
         actuator, joint = joint_actuator(spec, self.joint), spec.joint(self.joint)
         has_band = spec.actuator(self.joint + BAND) is not None

@@ -1,4 +1,4 @@
-"""Friction proportional to speed, beyond the model's own damping."""
+"""Friction proportional to speed, in addition to the model's damping."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from nas_data.effects.servo_damping import ServoDamping
 
 @dataclass(frozen=True, kw_only=True)
 class ViscousFriction(Effect):
-    """A torque against motion that grows with speed; below saturation it is the same as servo damping."""
+    """A torque against motion that is proportional to speed; below saturation it is equivalent to servo damping."""
 
     coefficient: float
 
@@ -25,12 +25,12 @@ class ViscousFriction(Effect):
 
     @classmethod
     def guesses(cls, scales: Scales) -> tuple[Mapping[str, float], ...]:
-        """Half to four times the damping that is there."""
+        """Half to four times the model's damping."""
         return tuple({"coefficient": share * max(scales.damping, 1e-4)} for share in (0.5, 1.5, 4.0))
 
     @classmethod
     def twins(cls, joint: str | None) -> tuple[Effect, ...]:
-        """More velocity feedback, where the servo has any: the same below saturation."""
+        """Return more velocity feedback of the servo, which is equivalent below saturation."""
         return (ServoDamping(joint=joint, factor=3.0),)
 
     def edit(self, spec: mujoco.MjSpec) -> None:

@@ -94,7 +94,7 @@ class Task:
         """Update goals and scene after a control step; by default nothing changes.
 
         Args:
-            stepper: The simulations; scenes may guide or reset them.
+            stepper: The simulations; scenes may command their objects or reset them.
             goals: Goals and memory of the episodes, shape (B, k).
             elapsed: Control steps since each episode's start, shape (B,).
 

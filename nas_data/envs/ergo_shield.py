@@ -105,7 +105,7 @@ class ErgoShield(Task):
             there = at_rest(next_poses(goals[parted]))
             stepper.reset(np.concatenate([np.zeros_like(there), there], axis=1), parted)
         if len(moved):
-            stepper.guide(next_poses(goals[moved]), moved)
+            stepper.command_objects(next_poses(goals[moved]), moved)
         return goals
 
     def judge(self, stepper: Stepper, goals: np.ndarray, actions: np.ndarray) -> Verdict:

@@ -1,1 +1,1 @@
-"""Excitations: command signals that make a robot show its dynamics, one file each."""
+"""Excitations: command signals that excite the dynamics of a robot, one file each."""

@@ -9,7 +9,7 @@ from nas_data.excitations.base import Excitation, hold
 
 @dataclass(frozen=True, kw_only=True)
 class Babbling(Excitation):
-    """Uniformly random targets that the robot hardly ever reaches.
+    """Uniformly random targets, which change before the robot reaches them.
 
     Attributes:
         every: Control steps between two targets.

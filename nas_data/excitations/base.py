@@ -1,4 +1,4 @@
-"""What an excitation is: a rule by which commands are drawn, for a whole batch of episodes at once."""
+"""Interface of excitations: random command signals for a batch of episodes."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
@@ -14,7 +14,7 @@ class Excitation:
     """Base of the excitations; the file `excitations/a_b.py` holds the excitation `a_b` as class `AB`.
 
     Attributes:
-        share: Part of each joint's range that is used, about the range's middle.
+        share: Share of each joint's range that is used, around its middle.
     """
 
     share: float = 1.0
@@ -29,18 +29,18 @@ class Excitation:
 
     @classmethod
     def name(cls) -> str:
-        """The excitation's name: its class's in small letters, which is its file's."""
+        """Return the excitation's name: the class name in snake case, which is the name of its file."""
         return registry.snake_case(cls.__name__)
 
     def shape(self, rng: np.random.Generator, episodes: int, steps: int, period: float, span: np.ndarray) -> np.ndarray:
-        """Draw the course of the commands within the range.
+        """Draw normalised commands.
 
         Args:
-            rng: Source of randomness; same seed, same bits.
+            rng: Random generator.
             episodes: Number of episodes E.
             steps: Control steps T of each.
             period: Control period [s].
-            span: Used half range of each joint [rad or N·m; of a slide in what stands for a radian], shape (n,).
+            span: Used half range of each joint [rad or N·m; for slides in equivalents of a radian], shape (n,).
 
         Returns:
             Numbers from −1 (lower end) to 1 (upper end), shape (E, T, n).
@@ -60,20 +60,20 @@ class Excitation:
         """Draw commands within limits.
 
         Args:
-            rng: Source of randomness; same seed, same bits.
+            rng: Random generator.
             episodes: Number of episodes E.
             steps: Control steps T of each.
             period: Control period [s].
             low: Lowest command of each joint [rad or N·m], shape (n,).
             high: Highest command of each joint, shape (n,).
-            radians: What stands for a radian at each joint, shape (n,); see `joint_units.radians_at`.
+            radians: Equivalent of a radian at each joint, shape (n,); see `joint_units.radians_at`.
 
         Returns:
             Commands, shape (E, T, n), float64.
         """
         middle, span = (low + high) / 2, (high - low) / 2 * self.share
         shape = self.shape(rng, episodes, steps, period, span / radians)
-        return np.clip(middle + span * shape, low, high)  # the clip only takes rounding errors
+        return np.clip(middle + span * shape, low, high)  # the clip only removes rounding errors
 
     def to_json(self) -> dict[str, object]:
         """Return the excitation and its parameters for provenance."""
@@ -81,11 +81,11 @@ class Excitation:
 
 
 def hold(values: np.ndarray, steps: int, each: int) -> np.ndarray:
-    """Repeat values (E, K, n) for `each` control steps and cut to `steps`: (E, steps, n)."""
+    """Repeat values (E, K, n) for `each` control steps, and cut to shape (E, steps, n)."""
     return np.repeat(values, each, axis=1)[:, :steps]
 
 
-def directions(rng: np.random.Generator, episodes: int, joints: int) -> np.ndarray:
+def draw_signs(rng: np.random.Generator, episodes: int, joints: int) -> np.ndarray:
     """Draw a sign for each episode and joint, shape (E, 1, n)."""
     return rng.choice([-1.0, 1.0], size=(episodes, 1, joints))
 
@@ -94,13 +94,13 @@ def find_excitation(name: str) -> type[Excitation]:
     """Return the class of an excitation by its name.
 
     Raises:
-        UnknownName: there is no such excitation; lists those there are.
+        UnknownName: there is no such excitation; the message lists the known ones.
     """
     return registry.plugin("excitations", name, "excitation", Excitation)
 
 
 def make_excitation(name: str, values: Mapping[str, float]) -> Excitation:
-    """Build an excitation from its name and parameters; what is not given keeps its default.
+    """Build an excitation from its name and parameters; missing parameters have their defaults.
 
     Raises:
         UnknownName: there is no such excitation.
@@ -117,10 +117,11 @@ def make_excitation(name: str, values: Mapping[str, float]) -> Excitation:
 
 
 def parse(text: str) -> Excitation:
-    """Read an excitation as a person types it: `steps`, or `sine:slowest=0.2,fastest=1`.
+    """Parse an excitation from the command line: `steps`, or `sine:slowest=0.2,fastest=1`.
 
     Raises:
-        OptionError: the text has another form.
+        UnknownName: there is no such excitation.
+        OptionError: the text is malformed, or a parameter is unknown or out of its range.
     """
     name, _, rest = text.partition(":")
     pairs = [part.partition("=") for part in rest.split(",") if part]

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nas_data.excitations.base import Excitation, directions
+from nas_data.excitations.base import Excitation, draw_signs
 
 
 @dataclass(frozen=True, kw_only=True)
 class Chirp(Excitation):
-    """Each joint sweeps the same band, in a random direction and with a random amplitude.
+    """Each joint sweeps the same frequency band with random sign and amplitude.
 
     Attributes:
         slowest: Frequency at the start [Hz].
@@ -21,10 +21,10 @@ class Chirp(Excitation):
     share: float = 0.3
 
     def shape(self, rng: np.random.Generator, episodes: int, steps: int, period: float, span: np.ndarray) -> np.ndarray:
-        """Draw amplitudes and directions; see `Excitation.shape`."""
+        """Draw amplitudes and signs; see `Excitation.shape`."""
         time = period * np.arange(steps)
         rate = np.log(self.fastest / self.slowest) / (period * max(steps, 1))
         # integral of slowest · exp(rate · t); its limit for a constant frequency is slowest · t
         turns = self.slowest * (np.expm1(rate * time) / rate if rate else time)
-        amplitude = directions(rng, episodes, len(span)) * rng.uniform(0.5, 1, (episodes, 1, len(span)))
+        amplitude = draw_signs(rng, episodes, len(span)) * rng.uniform(0.5, 1, (episodes, 1, len(span)))
         return np.asarray(amplitude * np.sin(2 * np.pi * turns)[None, :, None])

@@ -1,4 +1,4 @@
-"""A sum of sines with random phases per joint: a whole band of frequencies at once."""
+"""A sum of sines with random phases per joint, which covers a frequency band."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from nas_data.excitations.base import Excitation
 
 @dataclass(frozen=True, kw_only=True)
 class Multisine(Excitation):
-    """Logarithmically spaced sines whose amplitudes fall with frequency, so that each adds the same speed.
+    """Logarithmically spaced sines with amplitudes ∝ 1 / frequency, so that all have the same peak speed.
 
     Attributes:
         slowest: Lowest frequency [Hz].
@@ -23,7 +23,7 @@ class Multisine(Excitation):
     share: float = 0.8
 
     def shape(self, rng: np.random.Generator, episodes: int, steps: int, period: float, span: np.ndarray) -> np.ndarray:
-        """Draw the phases and sum; the largest excursion of each joint and episode is its whole share."""
+        """Draw the phases; the sum is scaled so that each joint uses its whole share in each episode."""
         frequencies = np.geomspace(self.slowest, self.fastest, self.count)
         phases = rng.uniform(0, 2 * np.pi, (episodes, len(span), self.count))
         time = period * np.arange(steps)

@@ -1,4 +1,4 @@
-"""Random targets joined by ramps: commands as smooth as those of a trained policy."""
+"""Random targets connected by ramps, similar to the commands of a trained policy."""
 
 from dataclasses import dataclass
 
@@ -9,17 +9,17 @@ from nas_data.excitations.base import Excitation
 
 @dataclass(frozen=True, kw_only=True)
 class Ramps(Excitation):
-    """Uniformly random targets, the first one at once, each later one approached along a straight line.
+    """Uniformly random targets with linear interpolation between them.
 
     Attributes:
-        every: Control steps from one target to the next.
+        every: Control steps between two targets.
     """
 
     every: int = 25
 
     def shape(self, rng: np.random.Generator, episodes: int, steps: int, period: float, span: np.ndarray) -> np.ndarray:
-        """Draw the targets and what lies between; see `Excitation.shape`."""
+        """Draw the targets and interpolate; see `Excitation.shape`."""
         targets = rng.uniform(-1, 1, (episodes, 1 + -(-steps // self.every), len(span)))
-        done, under_way = np.divmod(np.arange(steps), self.every)
-        part = (under_way / self.every)[None, :, None]
-        return np.asarray((1 - part) * targets[:, done] + part * targets[:, done + 1])
+        index, step = np.divmod(np.arange(steps), self.every)
+        part = (step / self.every)[None, :, None]
+        return np.asarray((1 - part) * targets[:, index] + part * targets[:, index + 1])

@@ -1,20 +1,20 @@
-"""One sine per joint, of a random frequency and amplitude, from the middle of its range."""
+"""One sine per joint with random frequency and amplitude, around the middle of its range."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from nas_data.excitations.base import Excitation, directions
+from nas_data.excitations.base import Excitation, draw_signs
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sine(Excitation):
-    """Each joint swings at its own frequency (logarithmically uniform), so that joints don't move in step.
+    """Each joint has its own frequency (logarithmically uniform), so that joints do not move in phase.
 
     Attributes:
         slowest: Lowest frequency [Hz].
         fastest: Highest frequency [Hz].
-        smallest: Smallest amplitude, as a part of the largest.
+        smallest: Smallest amplitude over the largest.
     """
 
     slowest: float = 0.2
@@ -26,6 +26,6 @@ class Sine(Excitation):
         """Draw the sines; see `Excitation.shape`."""
         each = (episodes, 1, len(span))
         frequency = np.exp(rng.uniform(np.log(self.slowest), np.log(self.fastest), each))
-        amplitude = directions(rng, episodes, len(span)) * rng.uniform(min(self.smallest, 1), 1, each)
+        amplitude = draw_signs(rng, episodes, len(span)) * rng.uniform(min(self.smallest, 1), 1, each)
         time = period * np.arange(steps)[None, :, None]
         return np.asarray(amplitude * np.sin(2 * np.pi * frequency * time))

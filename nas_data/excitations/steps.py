@@ -9,10 +9,10 @@ from nas_data.excitations.base import Excitation, hold
 
 @dataclass(frozen=True, kw_only=True)
 class Steps(Excitation):
-    """Uniformly random targets, all joints changing together.
+    """Uniformly random targets, which change for all joints at the same time.
 
     Attributes:
-        seconds: Time that each target is held [s].
+        seconds: Time for which each target is held [s].
     """
 
     seconds: float = 1.0

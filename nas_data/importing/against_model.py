@@ -17,18 +17,18 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.joint_units import kinds_of, radians_at
 from nas_data.robots.base import find_robot
 
-# At a slide a share of its range stands for a radian; see `radian_at`.
+# For slides the lengths below are multiplied by the equivalent of a radian; see `radian_at`.
 MARGIN = 0.1  # [rad] tolerated difference between the calibration of a real arm and its model
-ASIDE = 0.35  # [rad] tolerated difference between the middles of their ranges: 20°
+CENTRE_MARGIN = 0.35  # [rad] tolerated difference between the middles of their ranges: 20°
 STILL = 0.02  # [rad/s] and [rad per row] below which a servo holds its position
 FEWEST = 30  # such rows needed to compare with gravity
-SPREAD = 0.2  # share of the largest gravity torque (or force, of slides) that must vary, or there is nothing to compare
+SPREAD = 0.2  # least gravity torque of a loaded joint over the largest one; slides: gravity force
 LOADED = 2.0  # least ratio of position errors to the step of a servo
-AGAINST = -0.5  # correlation below which a joint contradicts gravity
+CONTRADICTION = -0.5  # correlation below which a joint contradicts gravity
 MOST, FEW = 2000, 200  # rows for which loads are computed: for signs, and for each tried zero
 OFFSET, SMALLEST = np.pi / 36, 0.2  # [rad] step between tried zeros, and smallest reported change
-UNLIKE = 0.2  # unexplained share of the servos' errors that suggests a wrong zero; friction may cause as much …
-BETTER = 0.25  # … but then no other zero reduces it to this share
+MISFIT = 0.2  # unexplained share of the servos' errors that suggests a wrong zero; friction may cause as much …
+MISFIT_RATIO = 0.25  # … but then no other zero reduces it to this share
 HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 TICK = 2 * np.pi / 4096  # [rad]
 
@@ -64,9 +64,9 @@ def check(dataset: Dataset, model: str | Path, middles: Mapping[str, float] | No
 
 def radian_at(dataset: Dataset, model: mujoco.MjModel, joint: str) -> float:
     """Return the travel that counts as one radian: 1 for a hinge, a share of its range [m] for a slide."""
-    place = model.joint(joint).id
+    index = model.joint(joint).id
     travel = np.ptp(dataset.states[:, dataset.joints.index(joint)])
-    reach = np.ptp(model.jnt_range[place]) if model.jnt_limited[place] else travel
+    reach = np.ptp(model.jnt_range[index]) if model.jnt_limited[index] else travel
     return float(radians_at([joint], dataset.slides, np.array([reach]))[0])
 
 
@@ -106,7 +106,7 @@ def _middle(dataset: Dataset, model: mujoco.MjModel, joint: str, middle: float |
     if middle is None or not model.jnt_limited[model.joint(joint).id]:
         return []
     wanted = float(model.joint(joint).range.mean())
-    if abs(middle - wanted) <= ASIDE * radian_at(dataset, model, joint):
+    if abs(middle - wanted) <= CENTRE_MARGIN * radian_at(dataset, model, joint):
         return []
     what = (
         f"the middle of the calibrated range of {joint}, where LeRobot says zero, is put at {middle:.3g}; that of the "
@@ -121,18 +121,18 @@ def _gravity(dataset: Dataset, model: mujoco.MjModel) -> list[AuditFinding]:
     rows = _resting(dataset, np.array([radian_at(dataset, model, joint) for joint in dataset.joints]))
     if len(rows) < FEWEST:
         return []
-    rested = _Rested.of(dataset, model, rows)
+    resting = _RestingRows.of(dataset, model, rows)
     found = []
-    for index in rested.loaded:
-        joint, likeness = dataset.joints[index], rested.likeness(rested.pull)[index]
-        if likeness <= AGAINST:
+    for index in resting.loaded:
+        joint, correlation = dataset.joints[index], resting.correlation(resting.pull)[index]
+        if correlation <= CONTRADICTION:
             what = (
                 f"{joint} hangs upwards: where it rests, its command lies on the side to which the model's gravity "
-                f"pulls (correlation {likeness:.2f})"
+                f"pulls (correlation {correlation:.2f})"
             )
             remedy = f"check sign and zero of {joint} in the map"
             found.append(AuditFinding("model_gravity", "the dataset", what, remedy))
-    return found or rested.zero(dataset.joints)
+    return found or resting.check_zeros(dataset.joints)
 
 
 def _resting(dataset: Dataset, radians: np.ndarray) -> np.ndarray:
@@ -144,64 +144,64 @@ def _resting(dataset: Dataset, radians: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class _Rested:
+class _RestingRows:
     """N rows in which the servos hold n joints at rest.
 
     Attributes:
         model: Compiled model.
-        places: Index of each joint in `qpos`, shape (n,).
-        speeds: Index of each joint in `qvel`, shape (n,).
+        qpos: Index of each joint in `qpos`, shape (n,).
+        dofs: Index of each joint in `qvel`, shape (n,).
         positions: Measured positions [rad; m], shape (N, n).
         held: Commands minus positions [rad; m], shape (N, n).
         pull: Gravity torque at each joint [N·m; N], shape (N, n).
-        loaded: Joints with enough load in these rows.
+        loaded: Indices of joints with enough load in these rows.
     """
 
     model: mujoco.MjModel
-    places: np.ndarray
-    speeds: np.ndarray
+    qpos: np.ndarray
+    dofs: np.ndarray
     positions: np.ndarray
     held: np.ndarray
     pull: np.ndarray
     loaded: tuple[int, ...]
 
     @classmethod
-    def of(cls, dataset: Dataset, model: mujoco.MjModel, rows: np.ndarray) -> "_Rested":
+    def of(cls, dataset: Dataset, model: mujoco.MjModel, rows: np.ndarray) -> "_RestingRows":
         """Compute the loads in some rows of a dataset."""
         rows = rows[:: max(1, len(rows) // MOST)]
-        places = np.array([model.joint(joint).qposadr[0] for joint in dataset.joints])
-        speeds = np.array([model.joint(joint).dofadr[0] for joint in dataset.joints])
+        qpos = np.array([model.joint(joint).qposadr[0] for joint in dataset.joints])
+        dofs = np.array([model.joint(joint).dofadr[0] for joint in dataset.joints])
         positions = dataset.states[rows, : len(dataset.joints)].astype(float)
-        held, pull = dataset.commands[rows] - positions, gravity(model, places, speeds, positions)
+        held, pull = dataset.commands[rows] - positions, gravity(model, qpos, dofs, positions)
         largest = np.empty(len(dataset.joints))
-        for _, alike in kinds_of(dataset.joints, dataset.slides):
-            largest[alike] = np.abs(pull[:, alike]).max(initial=0.0)
+        for _, members in kinds_of(dataset.joints, dataset.slides):
+            largest[members] = np.abs(pull[:, members]).max(initial=0.0)
         loaded = []
         for index, joint in enumerate(dataset.joints):
-            felt = np.abs(pull[:, index]) > SPREAD * largest[index]
+            loaded_rows = np.abs(pull[:, index]) > SPREAD * largest[index]
             step = TICK * radian_at(dataset, model, joint)
-            if felt.sum() >= FEWEST and np.abs(held[felt, index]).mean() >= LOADED * step:
+            if loaded_rows.sum() >= FEWEST and np.abs(held[loaded_rows, index]).mean() >= LOADED * step:
                 loaded.append(index)
-        return cls(model, places, speeds, positions, held, pull, tuple(loaded))
+        return cls(model, qpos, dofs, positions, held, pull, tuple(loaded))
 
-    def likeness(self, pull: np.ndarray) -> np.ndarray:
+    def correlation(self, pull: np.ndarray) -> np.ndarray:
         """Return the correlation of the servos' errors with loads of shape (N, n), for each joint, shape (n,)."""
         lengths = np.linalg.norm(pull, axis=0) * np.linalg.norm(self.held, axis=0)
         return np.asarray((pull * self.held).sum(axis=0) / np.maximum(lengths, 1e-300))
 
-    def zero(self, joints: Sequence[str]) -> list[AuditFinding]:
+    def check_zeros(self, joints: Sequence[str]) -> list[AuditFinding]:
         """Report a joint whose zero, if changed, would explain position errors that the loads leave unexplained."""
         chosen = slice(None, None, max(1, len(self.positions) // FEW))
-        rested = replace(self, positions=self.positions[chosen], held=self.held[chosen], pull=self.pull[chosen])
-        misfit = rested.misfit(rested.pull) if self.loaded else 0.0
-        if misfit < UNLIKE:
+        resting = replace(self, positions=self.positions[chosen], held=self.held[chosen], pull=self.pull[chosen])
+        misfit = resting.misfit(resting.pull) if self.loaded else 0.0
+        if misfit < MISFIT:
             return []
         offsets = np.arange(-np.pi, np.pi, OFFSET)[1:]
-        hinges = [i for i, dof in enumerate(self.speeds) if self.model.jnt_type[self.model.dof_jntid[dof]] == HINGE]
+        hinges = [i for i, dof in enumerate(self.dofs) if self.model.jnt_type[self.model.dof_jntid[dof]] == HINGE]
         trials = [(index, float(offset)) for index in hinges for offset in offsets]
-        misfits = [rested.misfit(rested.compute_moved_loads(index, offset)) for index, offset in trials]
+        misfits = [resting.misfit(resting.compute_moved_loads(index, offset)) for index, offset in trials]
         index, offset = trials[int(np.argmin(misfits))]
-        if min(misfits) > BETTER * misfit or abs(offset) < SMALLEST:
+        if min(misfits) > MISFIT_RATIO * misfit or abs(offset) < SMALLEST:
             return []
         what = (
             f"the loads that the servos hold are not those of the model in the same postures, but they are where "
@@ -214,25 +214,25 @@ class _Rested:
         """Return the mean share of the loaded joints' error variance that loads of shape (N, n) leave unexplained."""
         loads, errors = pull - pull.mean(axis=0), self.held - self.held.mean(axis=0)
         lengths = np.linalg.norm(loads, axis=0) * np.linalg.norm(errors, axis=0)
-        alike = (loads * errors).sum(axis=0) / np.maximum(lengths, 1e-300)
-        return float((1 - np.maximum(alike[list(self.loaded)], 0) ** 2).mean())
+        correlation = (loads * errors).sum(axis=0) / np.maximum(lengths, 1e-300)
+        return float((1 - np.maximum(correlation[list(self.loaded)], 0) ** 2).mean())
 
     def compute_moved_loads(self, index: int, offset: float) -> np.ndarray:
         """Return the loads after one joint is moved by an offset [rad], shape (N, n)."""
         positions = self.positions.copy()
         positions[:, index] += offset
-        return gravity(self.model, self.places, self.speeds, positions)
+        return gravity(self.model, self.qpos, self.dofs, positions)
 
 
-def gravity(model: mujoco.MjModel, places: np.ndarray, speeds: np.ndarray, positions: np.ndarray) -> np.ndarray:
+def gravity(model: mujoco.MjModel, qpos: np.ndarray, dofs: np.ndarray, positions: np.ndarray) -> np.ndarray:
     """Return the gravity torque at each joint [N·m; N] in postures of shape (N, n), shape (N, n)."""
     data, pull = mujoco.MjData(model), np.empty(positions.shape)
     for number, row in enumerate(positions):
-        data.qpos[places] = row
+        data.qpos[qpos] = row
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_comVel(model, data)
         full = np.empty(model.nv)
         mujoco.mj_rne(model, data, 0, full)
-        pull[number] = full[speeds]
+        pull[number] = full[dofs]
     return pull

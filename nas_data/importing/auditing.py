@@ -2,11 +2,15 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from nas_data.dataset import audits
 from nas_data.dataset.audits.base import AuditFinding, Expected
 from nas_data.dataset.recording import Recording
-from nas_data.importing import degrees
-from nas_data.importing.map import Map
+from nas_data.importing.map import LogQuantity, Map
+
+SMALLEST_LIKELY = 3.5  # [°] a whole log within this many degrees of zero is in radians
+AT_REST = 0.02  # [°] in a log that spans less, nothing moves
 
 
 def audit(recording: Recording, mapping: Map) -> list[AuditFinding]:
@@ -15,15 +19,15 @@ def audit(recording: Recording, mapping: Map) -> list[AuditFinding]:
     Returns:
         Findings; errors that the map allows are warnings.
     """
-    expected = expected_of(mapping)
+    expected = make_expected(mapping)
     found = audits.run(audits.FIRST, recording, expected)
     if not any(finding.error for finding in found):
-        found += [*degrees.check(recording, mapping), *audits.run(audits.others(), recording, expected)]
+        found += [*check_degrees(recording, mapping), *audits.run(audits.others(), recording, expected)]
     allowed = mapping.thresholds.allow
     return [replace(finding, error=finding.error and finding.check not in allowed) for finding in found]
 
 
-def expected_of(mapping: Map) -> Expected:
+def make_expected(mapping: Map) -> Expected:
     """Return the expectations of a map for the audits."""
     return Expected(
         rate=mapping.rate,
@@ -36,3 +40,29 @@ def expected_of(mapping: Map) -> Expected:
         derived=mapping.derive_velocity,
         promise="the map says",
     )
+
+
+def check_degrees(recording: Recording, mapping: Map) -> list[AuditFinding]:
+    """Return errors for quantities in degrees whose numbers are so small that they are likely radians."""
+    quantities = [(mapping.position, recording.positions)]
+    if mapping.commands_positions:
+        quantities.append((mapping.command, recording.commands))
+    found = []
+    for quantity, values in quantities:
+        degrees = _logged_degrees(quantity, values)
+        if not degrees.size or np.ptp(degrees, axis=0).max() < AT_REST or np.abs(degrees).max() > SMALLEST_LIKELY:
+            continue
+        what = (
+            f"the {quantity.name} stays within {np.abs(degrees).max():.3g} as logged, in all joints: as degrees the "
+            "robot hardly moved"
+        )
+        radians = "--unit rad" if mapping.layout.format == "lerobot" else f"unit = 'rad' in [read.{quantity.name}]"
+        remedy = f"if these are radians, say {radians}, if they are degrees, add allow = ['unit_slip'] to [audit]"
+        found.append(AuditFinding("unit_slip", recording.label, what, remedy, error=True))
+    return found
+
+
+def _logged_degrees(quantity: LogQuantity, values: np.ndarray) -> np.ndarray:
+    """Return the values that the map reads as degrees, shape (N, k)."""
+    in_degrees = [unit == "deg" for unit in quantity.conversion.units]
+    return quantity.conversion.raw(values)[:, in_degrees]

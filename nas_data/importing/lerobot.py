@@ -62,13 +62,13 @@ def is_dataset(path: Path) -> bool:
     return is_folder_log(path, "lerobot")
 
 
-def complete_map(mapping: Map, paths: Sequence[Path], said: ImportOptions) -> tuple[Map, tuple[str, ...]]:
+def complete_map(mapping: Map, paths: Sequence[Path], options: ImportOptions) -> tuple[Map, tuple[str, ...]]:
     """Complete a map of LeRobot datasets with their rate and units.
 
     Args:
         mapping: A map of the format `lerobot`.
         paths: The datasets.
-        said: Options of the user.
+        options: Options of the user.
 
     Returns:
         The completed map, and notes on the decisions.
@@ -81,7 +81,7 @@ def complete_map(mapping: Map, paths: Sequence[Path], said: ImportOptions) -> tu
             raise LogError(f"There is no log {path}; give recorded files or folders.")
         if not is_dataset(path):
             raise LogError(f"{path} is no {folder_kind('lerobot')[2:]}; give the folder of one.")
-        _refuse_ours(resolve(path))
+        _refuse_own(resolve(path))
     rates = {path: float(str(layout.read_info(resolve(path))["fps"])) for path in paths}
     first, *_ = rates
     other = next((path for path in paths if abs(rates[path] / rates[first] - 1) > SAME_RATE), None)
@@ -89,15 +89,15 @@ def complete_map(mapping: Map, paths: Sequence[Path], said: ImportOptions) -> tu
         raise OptionError(
             f"{other} runs at {rates[other]:g} Hz, {first} at {rates[first]:g} Hz; import them one at a time."
         )
-    mapping = replace(mapping, rate=said.rate or mapping.rate or rates[first])
-    if said.uniform:
+    mapping = replace(mapping, rate=options.rate or mapping.rate or rates[first])
+    if options.uniform:
         mapping = replace(mapping, clock=TimeColumn("", "s"))
     motors = []
-    if said.calibration is not None:
-        motors = motors_of(mapping, read_calibration(said.calibration), said.calibration)
+    if options.calibration is not None:
+        motors = motors_of(mapping, read_calibration(options.calibration), options.calibration)
     if "deg" not in mapping.position.conversion.units:
         return with_raw_unit(mapping, "deg", motors), ()
-    unit, why = said.unit, "as was said"
+    unit, why = options.unit, "as was said"
     if unit is None:
         raw = [mapping.position.conversion.raw(part.positions) for path in paths for part in read_log(path, mapping)]
         unit, why = choose_unit(mapping, np.concatenate(raw), motors)
@@ -155,34 +155,34 @@ def _range_of(path: Path, joint: str, model: str | None) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def import_dataset(path: Path, said: ImportOptions) -> tuple[Dataset, Provenance, tuple[AuditFinding, ...]]:
+def import_dataset(path: Path, options: ImportOptions) -> tuple[Dataset, Provenance, tuple[AuditFinding, ...]]:
     """Read a dataset in SI units as transitions; episodes are divided at gaps in its clock.
 
     Args:
         path: Its folder.
-        said: Options on rate and clock.
+        options: Options on rate and clock.
 
     Raises:
         OptionError: it was recorded or imported by nas already.
         DatasetInvalid, JointMismatch: it cannot be used.
     """
     root = resolve(path)
-    _refuse_ours(root)
+    _refuse_own(root)
     original = read(root)
     recorded = original
-    if said.uniform:
+    if options.uniform:
         recorded = _without_clock(recorded)
     elif TIME not in recorded.features:
         recorded = with_clock(recorded, read_stamps(root))
-    if said.rate is not None:
-        recorded = replace(recorded, fps=said.rate, carried=None if _has_video(recorded) else recorded.carried)
+    if options.rate is not None:
+        recorded = replace(recorded, fps=options.rate, carried=None if _has_video(recorded) else recorded.carried)
     gaps = find_gaps(recorded)
     divided = cut_at(recorded, [frame for frame, _ in gaps])
     try:
         dataset, derived = as_transitions(divided)
     except DatasetInvalid as error:
         raise DatasetInvalid(str(error).replace(REMEDY, import_command(path, recorded))) from None
-    findings = (*_divisions(recorded, gaps), *audit_dataset(dataset))
+    findings = (*_report_gaps(recorded, gaps), *audit_dataset(dataset))
     refuse(path, findings, recorded)
     provenance = Provenance(
         how="imported",
@@ -196,7 +196,7 @@ def import_dataset(path: Path, said: ImportOptions) -> tuple[Dataset, Provenance
     return dataset, provenance, findings
 
 
-def _refuse_ours(root: Path) -> None:
+def _refuse_own(root: Path) -> None:
     """Refuse datasets that nas recorded or imported.
 
     Raises:
@@ -217,7 +217,7 @@ def _without_clock(dataset: Dataset) -> Dataset:
     return replace(dataset, features=kept, columns={key: dataset.columns[key] for key in kept})
 
 
-def _divisions(dataset: Dataset, gaps: Sequence[tuple[int, float]]) -> list[AuditFinding]:
+def _report_gaps(dataset: Dataset, gaps: Sequence[tuple[int, float]]) -> list[AuditFinding]:
     """Return findings on the gaps at which episodes are divided."""
     found = []
     for frame, gap in gaps:

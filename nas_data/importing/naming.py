@@ -15,7 +15,7 @@ from nas_data.importing.table import Column, LogTable
 SHOWN = 8  # most names listed in a message
 
 
-def arrange(table: LogTable, mapping: Map, must: bool) -> LogTable:
+def arrange(table: LogTable, mapping: Map, required: bool) -> LogTable:
     """Compare a table's joint names with the map, or reorder its vectors if each row has names.
 
     Rows that name none of the map's joints come from another publisher and are left out.
@@ -23,13 +23,13 @@ def arrange(table: LogTable, mapping: Map, must: bool) -> LogTable:
     Args:
         table: One file, or one topic.
         mapping: Map with the joints and the column of their names.
-        must: Whether the table must have that column.
+        required: Whether the table must have that column.
 
     Raises:
         MapError: the table's names differ from the map's, or have another order.
         LogError: a row names only some of the joints.
     """
-    if not mapping.joint_names or (not must and mapping.joint_names not in table.columns):
+    if not mapping.joint_names or (not required and mapping.joint_names not in table.columns):
         return table
     held = table.constants.get(mapping.joint_names)
     rows = _lists(table.column(mapping.joint_names) if held is None else held)
@@ -45,11 +45,11 @@ def _lists(column: object) -> tuple[str, ...] | list[tuple[str, ...]]:
     listed: list[object] = plain.tolist() if isinstance(plain, np.ndarray) else list(cast(Iterable[object], plain))
     if any(isinstance(value, list | tuple) for value in listed):
         rows = [cast(Sequence[object], value) or () for value in listed]
-        return [tuple(text(name) for name in row) for row in rows]
-    return tuple(text(name) for name in listed)
+        return [tuple(to_text(name) for name in row) for row in rows]
+    return tuple(to_text(name) for name in listed)
 
 
-def text(name: object) -> str:
+def to_text(name: object) -> str:
     """Return a name as text; h5py and NumPy give bytes."""
     return name.decode(errors="replace") if isinstance(name, bytes) else str(name)
 

@@ -7,20 +7,20 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.dataset.audits.timing import find_holes
 from nas_data.dataset.features import EFFORT, POSITION, VELOCITY
 from nas_data.dataset.recording import Recording
 from nas_data.dataset.rows import rows_text
 from nas_data.errors import LogError, MapError
 from nas_data.importing.conversion import TIME_UNITS, decode
 from nas_data.importing.formats import folder_kind, read_table, read_tables
-from nas_data.importing.gaps import divide
 from nas_data.importing.joining import common_rows, match_rows
 from nas_data.importing.map import LogColumns, LogQuantity, Map
 from nas_data.importing.naming import arrange
 from nas_data.importing.table import LogTable
 
-ENOUGH = 3  # rows; two transitions
-SUFFIXES = {"position": POSITION, "velocity": VELOCITY, "effort": EFFORT}  # of the names of components, by kind
+ENOUGH = 3  # least number of rows, for two transitions
+SUFFIXES = {"position": POSITION, "velocity": VELOCITY, "effort": EFFORT}  # suffixes of component names
 
 
 def read_log(log: Path, mapping: Map) -> list[Recording]:
@@ -74,11 +74,38 @@ def read_log(log: Path, mapping: Map) -> list[Recording]:
         replace(part, constants={name: _constant(tables, name, mapping, part.rows) for name in mapping.constants})
         for part in episodes
     ]
-    recordings = [part for episode in episodes for part in divide(episode, mapping.rate)]
+    recordings = [part for episode in episodes for part in divide_at_gaps(episode, mapping.rate)]
     for recording in recordings:
         if len(recording) < ENOUGH:
             raise _too_short(recording)
     return recordings
+
+
+def divide_at_gaps(recording: Recording, rate: float) -> list[Recording]:
+    """Divide a recording where rows are missing: a transition across a gap would be a jump.
+
+    Args:
+        recording: Episode as recorded.
+        rate: The map's rate [Hz]; the median step counts if rows come more slowly.
+
+    Returns:
+        Parts between the gaps, as episodes numbered from 1; the recording itself if there is no gap.
+    """
+    steps = np.diff(recording.time)
+    # Time that goes back or stands still also looks like a gap; the timing audit refuses it.
+    if not (steps >= 0).all() or not steps.any():
+        return [recording]
+    period = max(1 / rate, float(np.median(steps[steps > 0])))
+    holes = np.flatnonzero(find_holes(steps, period)) + 1
+    if not holes.size:
+        return [recording]
+    edges = [0, *holes.tolist(), len(recording)]
+    name = f"{recording.episode}." if recording.episode else ""
+    gaps = [0.0, *steps[holes - 1].tolist()]
+    return [
+        replace(recording.take(slice(start, stop)), episode=f"{name}{number}", gap=gap)
+        for number, (gap, (start, stop)) in enumerate(zip(gaps, pairwise(edges), strict=True), start=1)
+    ]
 
 
 def _too_short(recording: Recording) -> LogError:
@@ -97,12 +124,12 @@ def _read_tables(log: Path, mapping: Map) -> dict[str, LogTable]:
             raise LogError(f"{log} is a folder, but the map reads single {mapping.layout.format} files.")
         tables = read_tables(log, mapping.layout)
         named = {key for key, table in tables.items() if mapping.joint_names in table.columns}
-        return {key: arrange(table, mapping, must=not named) for key, table in tables.items()}
+        return {key: arrange(table, mapping, required=not named) for key, table in tables.items()}
     if not log.is_dir():
         raise LogError(f"{log} is no folder, but the map reads {', '.join(files.values())} out of one.")
     read = {key: read_table(log / name, mapping.layout) for key, name in files.items()}
     where = mapping.position.source.table
-    return {key: arrange(table, mapping, must=key == where) for key, table in read.items()}
+    return {key: arrange(table, mapping, required=key == where) for key, table in read.items()}
 
 
 def _read_times(tables: dict[str, LogTable], mapping: Map) -> dict[str, np.ndarray]:

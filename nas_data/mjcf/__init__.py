@@ -1,1 +1,1 @@
-"""Read and change model files for MuJoCo: actuators, inertias, meshes, names, floating bases."""
+"""Analysis and editing of MuJoCo models: actuators, inertias, meshes, names, floating bases."""

@@ -1,42 +1,40 @@
-"""Which joint an actuator drives: directly, or by a fixed tendon that stands for the joint."""
+"""Lookup of the joint that an actuator drives, directly or by a fixed tendon that an effect added."""
 
 import mujoco
 import numpy as np
 
-HELD = "_held"  # the constraint `<joint>_held`; without it the joint is as its author made it
-WIDEST_PLAY = 0.2  # [rad] half width up to which a hinge with stops is a joint's play
-# Parts of a servo with a dead band are known by these names, which are such that nobody's model has them by chance.
-DRIVE = "_deadband_drive"  # a fixed tendon `<joint>_deadband_drive` stands for its joint: the goal its servo follows
-GOAL = "_deadband_goal"  # a weightless joint in the world, which is where the servo's goal is
-# passive actuators: what such a servo then gives the joint
+HELD = "_held"  # the constraint `<joint>_held` locks a joint that its author left free
+WIDEST_PLAY = 0.2  # [rad] largest half range of a hinge that counts as free play
+# Names of the elements that model a servo with a dead band; a model is unlikely to have them by chance.
+DRIVE = "_deadband_drive"  # fixed tendon `<joint>_deadband_drive`, the servo's transmission: mainly the goal joint
+GOAL = "_deadband_goal"  # massless joint in the world whose position is the servo's goal
+# passive actuators that apply the servo's torque to the joint
 GAIN, BAND, DAMPING = "_deadband_gain", "_deadband", "_deadband_damping"
 PARTS = (GAIN, BAND, DAMPING)
-PRESSED = "_pressed_drive"  # a fixed tendon `<joint>_pressed_drive`: the joint and a pad that its servo presses
-PAD = "_pressed_pad"  # that pad's joint, in the body that holds the servo's
-STANDING = (DRIVE, PRESSED)  # ends of the names of fixed tendons that stand for a joint
-REST_SHIFT = (
-    "_rest_shift"  # a number `<joint>_rest_shift` of the model: what of its servo's constant force an effect added
-)
-ON_JOINT = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)  # alike for hinges and slides
+PRESSED = "_pressed_drive"  # fixed tendon `<joint>_pressed_drive`: the joint and a pad that its servo presses
+PAD = "_pressed_pad"  # joint of that pad, in the parent body
+TRANSMISSIONS = (DRIVE, PRESSED)  # suffixes of fixed tendons that replace a joint as a servo's transmission
+REST_SHIFT = "_rest_shift"  # numeric `<joint>_rest_shift`: part of the servo's constant force that an effect added
+ON_JOINT = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)  # equivalent for hinges and slides
 DIRECT, TENDON = tuple(map(int, ON_JOINT)), int(mujoco.mjtTrn.mjTRN_TENDON)
 
 
 def driven_joint(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> str | None:
-    """Return the name of the joint that an actuator with a control drives; None for passive and other actuators."""
+    """Return the name of the joint that an actuator drives; None for actuators without control or joint."""
     if actuator.ctrlspec == int(mujoco.mjtCtrlInput.mjINPUT_NONE):
         return None
     if actuator.trntype in ON_JOINT:
         return str(actuator.target)
     if actuator.trntype != mujoco.mjtTrn.mjTRN_TENDON:
         return None
-    joints = [actuator.target.removesuffix(end) for end in STANDING if actuator.target.endswith(end)]
+    joints = [actuator.target.removesuffix(end) for end in TRANSMISSIONS if actuator.target.endswith(end)]
     return next((joint for joint in joints if spec.joint(joint) is not None), None)
 
 
 def driving_actuators(model: mujoco.MjModel, joint: int) -> np.ndarray:
-    """Return the indices of the actuators with a control that drive a joint of a compiled model, its servo first."""
+    """Return the indices of the actuators with control that drive a joint of a compiled model, servos first."""
     name = model.joint(joint).name
-    tendons = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, name + end) for end in STANDING]
+    tendons = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, name + end) for end in TRANSMISSIONS]
     target = model.actuator_trnid[:, 0]
     by_joint: list[int] = np.flatnonzero(target == joint).tolist()
     by_tendon: list[int] = []
@@ -45,12 +43,12 @@ def driving_actuators(model: mujoco.MjModel, joint: int) -> np.ndarray:
     kind, inputs = model.actuator_trntype, model.actuator_ctrlnum
     found = {actuator for actuator in by_joint if int(kind[actuator]) in DIRECT and inputs[actuator] > 0}
     found |= {actuator for actuator in by_tendon if kind[actuator] == TENDON and inputs[actuator] > 0}
-    feedback = model.actuator_biasprm  # a servo feeds positions back
+    feedback = model.actuator_biasprm  # a servo has position feedback
     return np.array(sorted(found, key=lambda actuator: (feedback[actuator, 1] == 0, actuator)), dtype=int)
 
 
 def servo_actuators(model: mujoco.MjModel, joint: int) -> list[int]:
-    """Return the indices of all actuators that are one joint's servo: the first that drives it, then its parts."""
+    """Return the indices of the actuators that make up a joint's servo: the first that drives it, then its parts."""
     driving = driving_actuators(model, joint)[:1].tolist()
     name = model.joint(joint).name
     parts = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name + part) for part in PARTS]
@@ -58,7 +56,7 @@ def servo_actuators(model: mujoco.MjModel, joint: int) -> list[int]:
 
 
 def leverage(model: mujoco.MjModel, actuator: int, joint: int) -> float:
-    """Return the torque about a joint per unit of an actuator's force, which acts on it or on a fixed tendon."""
+    """Return the torque about a joint per unit of an actuator's force on that joint or on a fixed tendon."""
     gear = float(model.actuator_gear[actuator, 0])
     target = int(model.actuator_trnid[actuator, 0])
     if mujoco.mjtTrn(model.actuator_trntype[actuator]) in ON_JOINT:
@@ -68,7 +66,7 @@ def leverage(model: mujoco.MjModel, actuator: int, joint: int) -> float:
 
 
 def goal_joints(model: mujoco.MjModel) -> list[int]:
-    """Return the indices of the joints that are a servo's goal, which is no part of the robot."""
+    """Return the indices of the goal joints of servos with a dead band; they are no part of the robot."""
     names = [model.joint(index).name for index in range(model.njnt)]
     tendons = {model.tendon(index).name for index in range(model.ntendon)}
     return [
@@ -77,6 +75,6 @@ def goal_joints(model: mujoco.MjModel) -> list[int]:
 
 
 def pad_joints(model: mujoco.MjModel) -> list[int]:
-    """Return the indices of the joints of pads that servos press, which are no part of the robot."""
+    """Return the indices of the joints of pads that servos press; they are no part of the robot."""
     names = [model.joint(index).name for index in range(model.njnt)]
     return [index for index, name in enumerate(names) if name.endswith(PAD) and name.removesuffix(PAD) in names]

@@ -1,17 +1,18 @@
-"""Masses and inertias written out, so that a model no longer depends on the shapes that they were computed from."""
+"""Explicit masses and inertias, so that a model does not depend on the geoms from which they were computed."""
 
 import mujoco
 import numpy as np
 
 from nas_data.mjcf.unique_name import free_name
 
-NEVER = -1.0  # as a total mass: masses stay as they are
+NEVER = -1.0  # value of `settotalmass` that disables it
 
 
 def explicit(spec: mujoco.MjSpec) -> mujoco.MjSpec:
-    """Return the model with every moving body's mass and inertia written out, whatever they were computed from.
+    """Return the model with explicit mass and inertia for every moving body.
 
-    What the compiler would do to them on the way is done: it would do it again to what is added later.
+    Compiler options that change masses (`settotalmass`, `boundmass` and the like) are applied and then disabled.
+    Otherwise they would also change bodies that are added later.
     """
     result = spec.copy()
     for number, body in enumerate(result.bodies):

@@ -1,4 +1,4 @@
-"""Whether a model's angles may be in another unit than the one in which they are read."""
+"""Check whether a model's angles are in another unit than the one in which they are read."""
 
 import math
 import re
@@ -6,16 +6,16 @@ from pathlib import Path
 
 import mujoco
 
-TURN = 2 * math.pi  # [rad, and °] joints of arms go further than 2π degrees and less far than two turns
+TURN = 2 * math.pi  # [rad or °] arm joints have a range of more than 2π degrees and less than two turns
 STATED = re.compile(rb"<compiler[^>]*\bangle\s*=")
 
 
-def angle_doubts(path: Path, model: mujoco.MjModel, degree: bool) -> list[str]:
-    """Say of a model file whose hinges can hardly turn, or turn without end, that its angles may be misread.
+def check_angle_units(path: Path, model: mujoco.MjModel, degree: bool) -> list[str]:
+    """Return warnings if the ranges of a model's hinges suggest another angle unit.
 
     Args:
-        path: The file.
-        model: What was compiled of it.
+        path: Model file.
+        model: Its compiled model.
         degree: Whether its angles were read as degrees.
     """
     hinges = (model.jnt_type == int(mujoco.mjtJoint.mjJNT_HINGE)) & (model.jnt_limited != 0)

@@ -1,17 +1,17 @@
-"""Actuators for a model that has none: a URDF names joints and limits, but not what moves them."""
+"""Default actuators for a URDF, which defines joints and limits but no actuators."""
 
 import mujoco
 import numpy as np
 
-BANDWIDTH = 50.0  # [rad/s] about 8 Hz: a step is done within 0.1 s, droop under gravity stays at a few degrees
+BANDWIDTH = 50.0  # [rad/s] about 8 Hz: a step settles within 0.1 s, and gravity causes a few degrees of droop
 DAMPING_RATIO = 1.0  # no overshoot
 
 
 def add_position_servos(spec: mujoco.MjSpec) -> None:
-    """Give every hinge and slide with a motor a critically damped position servo, named after its joint.
+    """Add a critically damped position servo, named after its joint, to every joint that is no follower.
 
-    Its stiffness is the joint's inertia in the reference posture times the bandwidth squared. The effort limit of
-    the URDF's joint limits it, its range limits the command.
+    The stiffness is the joint's inertia in the reference posture times the squared bandwidth. The effort limit of the
+    URDF's joint limits the torque, and its range limits the command.
     """
     model = spec.copy().compile()
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -26,7 +26,7 @@ def add_position_servos(spec: mujoco.MjSpec) -> None:
 
 
 def add_torque_motors(spec: mujoco.MjSpec) -> None:
-    """Give every hinge and slide with a motor one that takes torques [N·m] or forces [N], named after its joint.
+    """Add a torque [N·m] or force [N] motor, named after its joint, to every joint that is no follower.
 
     The effort limit of the URDF's joint limits the command.
     """
@@ -40,9 +40,9 @@ def add_torque_motors(spec: mujoco.MjSpec) -> None:
 
 
 def motor_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
-    """Return the names of the hinges and slides that a URDF gives a motor: those that do not mimic another.
+    """Return the names of the hinges and slides of a URDF that do not mimic another joint.
 
-    MuJoCo makes of `<mimic>` an equality constraint whose first joint follows the second.
+    MuJoCo imports `<mimic>` as an equality constraint whose first joint follows the second.
     """
     followers = {each.name1 for each in spec.equalities if each.type == mujoco.mjtEq.mjEQ_JOINT and each.name2}
     moving = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)

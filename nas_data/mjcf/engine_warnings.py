@@ -1,4 +1,4 @@
-"""MuJoCo's warnings, heard by us: by itself it prints them and writes MUJOCO_LOG.TXT into the user's folder."""
+"""Capture of MuJoCo's warnings, which MuJoCo would otherwise print and write to MUJOCO_LOG.TXT."""
 
 import sys
 import threading
@@ -8,71 +8,71 @@ from dataclasses import dataclass, field
 
 import mujoco
 
-UNSTABLE = "unstable"  # the word in every warning after which MuJoCo resets a simulation
+UNSTABLE = "unstable"  # word in the warnings after which MuJoCo resets a simulation
 
 
 @dataclass
-class Ears:
-    """Everyone who listens: the engine knows one listener, however many threads simulate.
+class WarningDispatcher:
+    """Dispatches warnings to blocks of code: MuJoCo has one handler for all threads.
 
     Attributes:
-        lists: What each block has heard so far, and the thread that it runs in.
-        before: Who had asked the engine before the first block began.
-        lock: Held while blocks come and go.
+        blocks: Thread and collected warnings of each active block.
+        previous: Handler before the first block began.
+        lock: Held while blocks begin and end.
     """
 
-    lists: list[tuple[int, list[str]]] = field(default_factory=list)
-    before: Callable[[str], None] | None = None
+    blocks: list[tuple[int, list[str]]] = field(default_factory=list)
+    previous: Callable[[str], None] | None = None
     lock: threading.Lock = field(default_factory=threading.Lock)
 
-    def hear(self, warning: str) -> None:
-        """Give a warning to the block of the thread that caused it; to all where that is the engine's own thread."""
-        listening = list(self.lists)
-        own = [heard for thread, heard in listening if thread == threading.get_ident()]
-        for heard in own[-1:] or [heard for _, heard in listening]:
-            heard.append(warning)
+    def handle(self, warning: str) -> None:
+        """Add a warning to the innermost block of the calling thread; to all blocks in a worker thread of MuJoCo."""
+        blocks = list(self.blocks)
+        own = [collected for thread, collected in blocks if thread == threading.get_ident()]
+        for collected in own[-1:] or [collected for _, collected in blocks]:
+            collected.append(warning)
 
-    def enter(self, heard: list[str]) -> None:
-        """Start a block."""
+    def enter(self, collected: list[str]) -> None:
+        """Begin a block; the first one replaces MuJoCo's handler."""
         with self.lock:
-            if not self.lists:
-                self.before = mujoco.get_mju_user_warning()
-                mujoco.set_mju_user_warning(self.hear)
-            self.lists.append((threading.get_ident(), heard))
+            if not self.blocks:
+                self.previous = mujoco.get_mju_user_warning()
+                mujoco.set_mju_user_warning(self.handle)
+            self.blocks.append((threading.get_ident(), collected))
 
-    def leave(self, heard: list[str]) -> None:
-        """End a block; after the last, who had asked before hears again."""
+    def leave(self, collected: list[str]) -> None:
+        """End a block; the last one restores MuJoCo's handler."""
         with self.lock:
-            self.lists = [entry for entry in self.lists if entry[1] is not heard]
-            if not self.lists:
-                mujoco.set_mju_user_warning(self.before)
+            self.blocks = [block for block in self.blocks if block[1] is not collected]
+            if not self.blocks:
+                mujoco.set_mju_user_warning(self.previous)
 
 
-ears = Ears()
+dispatcher = WarningDispatcher()
 
 
 @contextmanager
-def heard_warnings() -> Iterator[list[str]]:
-    """Collect what MuJoCo warns of inside the block; who had asked to hear it before hears it again afterwards."""
-    heard: list[str] = []
-    ears.enter(heard)
+def collect_warnings() -> Iterator[list[str]]:
+    """Collect MuJoCo's warnings inside the block."""
+    collected: list[str] = []
+    dispatcher.enter(collected)
     try:
-        yield heard
+        yield collected
     finally:
-        ears.leave(heard)
+        dispatcher.leave(collected)
 
 
 @contextmanager
-def heard_instability() -> Iterator[list[str]]:
-    """Collect warnings of unstable simulations; others, which do not spoil the result, go to stderr."""
+def collect_instability() -> Iterator[list[str]]:
+    """Collect warnings of unstable simulations inside the block; print the others on stderr."""
     unstable: list[str] = []
-    with heard_warnings() as heard:
+    with collect_warnings() as warnings:
         yield unstable
-    unstable += [warning for warning in heard if UNSTABLE in warning]
-    pass_on(heard)
+    unstable += [warning for warning in warnings if UNSTABLE in warning]
+    print_warnings(warnings)
 
 
-def pass_on(heard: Iterable[str]) -> None:
-    """Say warnings on stderr, each once, but those of unstable simulations."""
-    for warning in sorted({warning for warning in heard if UNSTABLE not in warning}):
+def print_warnings(warnings: Iterable[str]) -> None:
+    """Print each different warning once on stderr, except those of unstable simulations."""
+    for warning in sorted({warning for warning in warnings if UNSTABLE not in warning}):
         print(f"MuJoCo: {warning}", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""A model file that plain MuJoCo loads wherever its folder is moved, with the files that it needs beside it."""
+"""Export of a model as an MJCF file with its assets in the same folder, so that the folder can be moved."""
 
 import re
 import tempfile
@@ -18,27 +18,27 @@ from nas_data.mjcf.strip_meshes import colliding_shapes, exact_xml, meshless, ne
 ASSETS = "assets"
 OTHER_MODELS = re.compile(r"<(?:model|include)\b[^>]*\bfile\s*=\s*[\"']([^\"']+)[\"']")
 QUOTES = {"'": "&apos;", '"': "&quot;"}
-CLOSE = 1e-4  # relative difference of what is read back: meshes lie in single precision
+CLOSE = 1e-4  # relative tolerance of the model read back: meshes have single precision
 
 Asset: TypeAlias = mujoco.MjsMesh | mujoco.MjsHField | mujoco.MjsTexture | mujoco.MjsSkin
 
 
 @dataclass(frozen=True)
 class Reference:
-    """A file that a model names.
+    """A model's reference to a file.
 
     Attributes:
-        asset: Element that names it.
-        file: As it is named.
-        side: Which side of a cube it is; None where it is the asset's only file.
+        asset: Element with the reference.
+        file: Path as written in the model.
+        side: Side of a cube texture; None if it is the asset's only file.
     """
 
     asset: Asset
     file: str
     side: int | None = None
 
-    def name(self, path: str) -> None:
-        """Name another file in its place."""
+    def redirect(self, path: str) -> None:
+        """Refer to another file."""
         if self.side is None:
             self.asset.file = path
         else:
@@ -46,30 +46,30 @@ class Reference:
 
 
 def check_portable(spec: mujoco.MjSpec, original: Path) -> None:
-    """Refuse a model that could not be written with effects in it, before they are sought.
+    """Check that a model can be exported.
 
     Raises:
-        ModelFileError: says why.
+        ModelFileError: it cannot; the message says why.
     """
     with tempfile.TemporaryDirectory() as folder:
         write_portable(spec.copy(), original, Path(folder) / "model.xml")
 
 
 def write_portable(spec: mujoco.MjSpec, original: Path, path: Path) -> None:
-    """Write a model as MJCF; files that it needs are copied to `assets` beside it.
+    """Write a model as MJCF, and copy its assets to `assets` in the same folder.
 
-    Files that cannot be found again (those of a model that another one attaches) are left out with the shapes in them
-    where these touch nothing: masses are written out, so that it moves the same.
+    Assets of attached models may not be found. If so, all meshes are left out, provided that they do not collide.
+    Inertias are explicit, so that the dynamics stay the same.
 
     Args:
         spec: Model with explicit inertias.
-        original: File that it was read from.
-        path: Where to.
+        original: File from which it was read.
+        path: File to write.
 
     Raises:
-        ModelFileError: MuJoCo cannot write it or read it again, or it needs files that cannot be found.
+        ModelFileError: MuJoCo cannot write the model or read it back, or colliding assets are not found.
     """
-    model = spec.compile()  # before any copy, which forgets what a sensor was last told to measure
+    model = spec.compile()  # first: a copy of the spec loses changes of a sensor's object
     if not needs_files(spec):
         write(spec, original, path)
     elif not (copy_files(spec.copy(), original, path) and reads_back(path, model)):
@@ -82,45 +82,45 @@ def write_portable(spec: mujoco.MjSpec, original: Path, path: Path) -> None:
     try:
         mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, mujoco.FatalError) as error:
-        raise unwritable(original, error) from None
+        raise export_error(original, error) from None
 
 
 def write(spec: mujoco.MjSpec, original: Path, path: Path) -> None:
-    """Write a model that needs no other files."""
+    """Write a model without assets."""
     spec.meshdir = spec.texturedir = ""
     try:
         spec.compile()
         path.write_bytes(exact_xml(spec))
     except (ValueError, mujoco.FatalError) as error:
-        raise unwritable(original, error) from None
+        raise export_error(original, error) from None
 
 
-def unwritable(original: Path, error: Exception) -> ModelFileError:
-    """Return the error of a model that does not survive being written."""
+def export_error(original: Path, error: Exception) -> ModelFileError:
+    """Return the error for a model that MuJoCo cannot write or read back."""
     reason = " ".join(str(error).split()).rstrip(".")
     return ModelFileError(f"MuJoCo cannot read {original} again once it wrote it: {reason}; simplify the model.")
 
 
 def copy_files(spec: mujoco.MjSpec, original: Path, path: Path) -> bool:
-    """Write a model after copying the files that it names; return whether all of them were found."""
-    found = [(reference, find_file(spec, reference, original)) for reference in references(spec)]
+    """Write a model and copy its assets; return False, and write nothing, if an asset is not found."""
+    found = [(reference, find_file(spec, reference, original)) for reference in find_references(spec)]
     if any(file is None for _, file in found):
         return False
     folder = path.resolve().parent / ASSETS
     folder.mkdir(exist_ok=True)
-    # the engine reads them once more as it writes, so that until then they are named from the root
+    # MuJoCo reads the assets again when it writes the model, so that their paths must be absolute until then
     spec.meshdir, spec.texturedir, spec.strippath = "", "", False
     for reference, file in found:
         assert file is not None
-        reference.name(str(copy_beside(file, folder)))
+        reference.redirect(str(copy_asset(file, folder)))
     spec.compile()
     text = exact_xml(spec).decode().replace(f'="{escape(str(folder), QUOTES)}/', f'="{ASSETS}/')
     path.write_text(text, encoding="utf-8")
     return True
 
 
-def references(spec: mujoco.MjSpec) -> Iterator[Reference]:
-    """Yield all files that a model names."""
+def find_references(spec: mujoco.MjSpec) -> Iterator[Reference]:
+    """Yield all references of a model to files."""
     for asset in (*spec.meshes, *spec.hfields, *spec.skins, *spec.textures):
         if asset.file:
             yield Reference(asset, asset.file)
@@ -129,28 +129,28 @@ def references(spec: mujoco.MjSpec) -> Iterator[Reference]:
 
 
 def find_file(spec: mujoco.MjSpec, reference: Reference, original: Path) -> Path | None:
-    """Return where a file is that a model names, or one that it attaches; None where that is not known."""
+    """Return the path of a referenced file of a model, or of a model that it attaches; None if it is not found."""
     compiler = reference.asset.compiler
     textures = isinstance(reference.asset, mujoco.MjsTexture)
-    place = Path((compiler.texturedir if textures else compiler.meshdir) or "")
-    own = [original.absolute().parent, original.resolve().parent]  # these differ where the model is a link
+    subfolder = Path((compiler.texturedir if textures else compiler.meshdir) or "")
+    own = [original.absolute().parent, original.resolve().parent]  # these differ if the model is a symbolic link
     folders = own if compiler is spec.compiler else [*model_folders(original), *own]
-    named = (folder / place / file for folder in folders for file in (reference.file, Path(reference.file).name))
+    named = (folder / subfolder / file for folder in folders for file in (reference.file, Path(reference.file).name))
     return next((file for file in named if file.is_file()), None)
 
 
 def model_folders(model: Path) -> list[Path]:
-    """Return the folders of the files that a model file includes or attaches, and those that they do."""
+    """Return the folders of the files that a model file includes or attaches, directly or indirectly."""
     files = [model.resolve()]
-    for file in files:  # which grow
+    for file in files:  # the list grows in the loop
         text = file.read_text(encoding="utf-8", errors="replace") if file.is_file() else ""
         others = [(file.parent / other).resolve() for other in OTHER_MODELS.findall(text)]
         files += [other for other in others if other not in files]
     return [file.parent for file in files[1:]]
 
 
-def copy_beside(file: Path, folder: Path) -> Path:
-    """Copy a file into a folder, beside another one of its name; return where it is then."""
+def copy_asset(file: Path, folder: Path) -> Path:
+    """Copy a file into a folder, with a number in its name if another file has that name; return its new path."""
     content = file.read_bytes()
     free = (folder / f"{file.stem}{number or ''}{file.suffix}" for number in count())
     target = next(path for path in free if not path.exists() or path.read_bytes() == content)
@@ -160,7 +160,7 @@ def copy_beside(file: Path, folder: Path) -> Path:
 
 
 def reads_back(path: Path, model: mujoco.MjModel) -> bool:
-    """Whether a file gives the same masses and shapes as a compiled model."""
+    """Whether a model file has the same masses and assets as a compiled model."""
     try:
         read = mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, mujoco.FatalError):

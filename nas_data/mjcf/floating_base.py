@@ -1,38 +1,38 @@
-"""A robot's base that is free to fall: no joint tells where it is, so that it is held where the model has it."""
+"""Fixation of a floating base: its pose is not measured, so that it is fixed where the model has it."""
 
 import mujoco
 import numpy as np
 
 from nas_data.mjcf.actuator_lookup import driven_joint
 
-HELD_BY_MODEL = 6  # directions that constraints must rule out, or a free joint falls
-LEVER = 1e-9  # singular value from which a constraint rules out a direction
+FREE_DOFS = 6  # degrees of freedom of a free joint
+LEVER = 1e-9  # smallest singular value of a constrained direction
 
 
-def falling_bases(spec: mujoco.MjSpec) -> tuple[str, ...]:
-    """Return the bodies with a free joint that carry a driven joint and that no constraint holds, by name."""
+def find_floating_bases(spec: mujoco.MjSpec) -> tuple[str, ...]:
+    """Return the names of bodies with a free joint that carry a driven joint and that no constraint fixes."""
     driven = {driven_joint(spec, actuator) for actuator in spec.actuators} - {None}
     bases = [joint.parent for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
     carrying = [base for base in bases if any(joint.name in driven for joint in base.find_all("joint"))]
     if not carrying:
         return ()
     model = spec.copy().compile()
-    return tuple(base.name for base in carrying if not is_held(model, base.id))
+    return tuple(base.name for base in carrying if not is_fixed(model, base.id))
 
 
-def is_held(model: mujoco.MjModel, body: int) -> bool:
-    """Whether equality constraints rule out every motion of a body with a free joint."""
+def is_fixed(model: mujoco.MjModel, body: int) -> bool:
+    """Whether equality constraints fix a body with a free joint."""
     model.opt.jacobian = int(mujoco.mjtJacobian.mjJAC_DENSE)
     data = mujoco.MjData(model)
     mujoco.mj_fwdPosition(model, data)
     rows = data.efc_J.reshape(-1, model.nv)[data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)]
     first = int(model.body_dofadr[body])
-    return bool(np.linalg.matrix_rank(rows[:, first : first + HELD_BY_MODEL], tol=LEVER) == HELD_BY_MODEL)
+    return bool(np.linalg.matrix_rank(rows[:, first : first + FREE_DOFS], tol=LEVER) == FREE_DOFS)
 
 
-def hold_bases(spec: mujoco.MjSpec) -> None:
-    """Fasten to the world what would fall: its free joint goes, and with it the joint's share of the keyframes."""
-    for base in falling_bases(spec):
+def fix_bases(spec: mujoco.MjSpec) -> None:
+    """Fix floating bases to the world: remove their free joints, also from the keyframes."""
+    for base in find_floating_bases(spec):
         model = spec.copy().compile()
         joint = next(j for j in spec.body(base).joints if j.type == mujoco.mjtJoint.mjJNT_FREE)
         compiled = model.joint(int(model.body_jntadr[model.body(base).id]))

@@ -1,14 +1,14 @@
-"""A name for an element that is added to somebody's model, whatever names it has already."""
+"""Unique names for elements that are added to a model."""
 
 from collections.abc import Callable
 
 
 def free_name(find: Callable[[str], object | None], name: str) -> str:
-    """Return a name, with a number behind it where an element has it already.
+    """Return a name, with a number appended if an element has it already.
 
     Args:
-        find: Returns the element of a name, None where there is none; for example `spec.body`.
-        name: The name to begin with.
+        find: Returns the element of a name, or None; for example `spec.body`.
+        name: Wanted name.
     """
     count, free = 1, name
     while find(free) is not None:

@@ -1,4 +1,4 @@
-"""Closed loops with a learned model: the source corrected by φ, and ψ alone."""
+"""Closed loops with learned models: the source corrected by φ, and ψ alone."""
 
 import numpy as np
 
@@ -10,17 +10,17 @@ from nas_data.simulators.base import Stepper
 
 
 class LearnedStepper:
-    """A batch of simulations whose next joint state a learned model decides; implements `Stepper`.
+    """A batch of simulations whose next joint states a learned model determines; implements `Stepper`.
 
-    φ: the source takes one step from the corrected state, φ corrects the result, and the source is set to it, so
-    that bodies, sites and contacts agree with the corrected state (algorithm 2 of the paper). ψ: the source is
-    not stepped, only set, and serves for the places of bodies and sites. Where the model leaves all bounds the states
-    are NaN until the next reset, and the source is left where it was: it could not be simulated there.
+    With φ the source takes one step from the corrected state, φ corrects the result, and the source is set to it
+    (algorithm 2 of the paper). Thus bodies, sites and contacts agree with the corrected state. A φ that corrects
+    torques changes the commands of the source instead, and does not change its states. With ψ the source is not
+    stepped; it is set to the predicted state and provides the poses of bodies and sites.
 
-    φ that corrects torques instead drives the source with the corrected ones, and leaves its states to it.
+    If the model diverges, the states are NaN until the next reset, and the source keeps its last state.
 
-    Only the joints are corrected or predicted. Objects (a puck, an opponent) are the source's throughout: they are
-    moved by its contacts with the arm as it would move by itself, and with ψ it is stepped for them alone.
+    Only joints are corrected or predicted. The source simulates objects (a puck, an opponent) and their contacts with
+    the arm; with ψ it is stepped for that purpose only.
     """
 
     def __init__(self, source: Stepper, model: DynamicsModel) -> None:
@@ -28,7 +28,7 @@ class LearnedStepper:
 
         Args:
             source: Batch of B simulations with the model's joints.
-            model: φ or ψ as it is now; what it learns later has no effect.
+            model: φ or ψ; later training of it has no effect.
 
         Raises:
             JointMismatch: the model was trained for other joints.
@@ -43,9 +43,9 @@ class LearnedStepper:
         self.joints = source.joints
         self.size = source.size
         self._states = source.states
-        self._steps = model.kind == "delta" or source.objects.shape[1] > 0
+        self._steps_source = model.kind == "delta" or source.objects.shape[1] > 0
         self._network = freeze(model, self.size)
-        self._lost = np.zeros(self.size, bool)
+        self._diverged = np.zeros(self.size, bool)
 
     @property
     def states(self) -> np.ndarray:
@@ -57,46 +57,46 @@ class LearnedStepper:
         """The source's objects, uncorrected, shape (B, m); see `Stepper.objects`."""
         return self.source.objects
 
-    def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
-        """Command the servos of objects; see `Stepper.guide`."""
-        self.source.guide(targets, rows)
+    def command_objects(self, targets: np.ndarray, rows: np.ndarray) -> None:
+        """Command the servos of objects; see `Stepper.command_objects`."""
+        self.source.command_objects(targets, rows)
 
     def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
-        """Start simulations anew, the model's memory zeroed; see `Stepper.reset`."""
+        """Reset simulations and the model's memory; see `Stepper.reset`."""
         self.source.reset(states, rows)
         chosen = slice(None) if rows is None else rows
-        self._network.forget(chosen)
-        self._lost[chosen] = False
+        self._network.reset_memory(chosen)
+        self._diverged[chosen] = False
         self._states = self.source.states
 
     def step(self, commands: np.ndarray) -> np.ndarray:
         """Hold the commands for one control period; see `Stepper.step`."""
         if self.model.corrects == "command":
-            return self._step_driven(commands)
-        stepped = self.source.step(commands) if self._steps else self._states
+            return self._step_with_torques(commands)
+        stepped = self.source.step(commands) if self._steps_source else self._states
         base = stepped if self.model.kind == "delta" else self._states
-        # added in float64: a model that changes nothing leaves the source as it is, to the last bit
+        # the sum is float64, so that a zero correction leaves the source's state unchanged to the last bit
         self._states = base + self._network.changes(self._states, commands, base)
-        self._lost |= out_of_bounds(self._states)
-        if self._lost.any():
-            self.source.set_states(np.where(self._lost[:, None], self.source.states, self._states))
-            self._states[self._lost] = np.nan
+        self._diverged |= out_of_bounds(self._states)
+        if self._diverged.any():
+            self.source.set_states(np.where(self._diverged[:, None], self.source.states, self._states))
+            self._states[self._diverged] = np.nan
         else:
             self.source.set_states(self._states)
         return self._states
 
-    def _step_driven(self, commands: np.ndarray) -> np.ndarray:
-        """Let the source make the next state of corrected torques."""
+    def _step_with_torques(self, commands: np.ndarray) -> np.ndarray:
+        """Step the source with corrected torques (B, n)."""
         self._states = self.source.step(commands + self._network.changes(self._states, commands, self._states))
         return self._states
 
     def set_states(self, states: np.ndarray) -> None:
-        """Set the joints' state (B, 2n) without clearing memories."""
+        """Set the joints' states (B, 2n); unmeasured state stays."""
         self.source.set_states(states)
         self._states = np.array(states, dtype=np.float64)
 
     def site_positions(self, name: str) -> np.ndarray:
-        """Return where a site is in the world [m] for the corrected state, shape (B, 3)."""
+        """Return the world position of a site [m] for the corrected state, shape (B, 3)."""
         return self.source.site_positions(name)
 
 
@@ -110,7 +110,7 @@ class AugmentedStepper(LearnedStepper):
 
 
 class ForwardStepper(LearnedStepper):
-    """ψ alone, with a source for the places of bodies and sites."""
+    """ψ alone, with a source for the poses of bodies and sites."""
 
     def __init__(self, source: Stepper, model: DynamicsModel) -> None:
         """Wrap a source with ψ; see `LearnedStepper`."""
@@ -119,7 +119,7 @@ class ForwardStepper(LearnedStepper):
 
 
 def require_kind(model: DynamicsModel, kind: str) -> None:
-    """Refuse φ where ψ is due and the other way round.
+    """Check the kind of a model.
 
     Raises:
         CheckpointError: the model is of the other kind.

@@ -1,4 +1,4 @@
-"""Checkpoints: a folder with `config.json` and `model.safetensors`, loaded frozen and without pickle."""
+"""Checkpoints: folders with `config.json` and `model.safetensors`, read without pickle."""
 
 import inspect
 import json
@@ -16,16 +16,16 @@ from nas_data.models.lstm import DynamicsModel
 
 CONFIG = "config.json"
 WEIGHTS = "model.safetensors"
-SHOWN = 60  # characters of a wrong value in an error
+SHOWN = 60  # most characters of a wrong value in an error
 
 
 def save(model: DynamicsModel, folder: Path, attachments: Mapping[str, bytes] | None = None) -> Path:
-    """Write a checkpoint; the folder appears whole or not at all.
+    """Write a checkpoint by renaming a complete folder, so that it is never partial.
 
     Args:
         model: Trained model.
-        folder: New folder; an older checkpoint in it is replaced.
-        attachments: Further files by name: the source that φ corrects.
+        folder: Folder of the checkpoint; an existing one is replaced.
+        attachments: Contents of further files by name, such as the source that φ corrects.
     """
     staging = folder.with_name(f".{folder.name}.partial")
     shutil.rmtree(staging, ignore_errors=True)
@@ -38,10 +38,10 @@ def save(model: DynamicsModel, folder: Path, attachments: Mapping[str, bytes] | 
 
 
 def load_frozen(folder: Path | str) -> DynamicsModel:
-    """Load a checkpoint for use: evaluation mode, no gradients.
+    """Load a checkpoint in evaluation mode and without gradients.
 
     Raises:
-        CheckpointError: missing, half-written, or not one of ours.
+        CheckpointError: the checkpoint is missing, incomplete or invalid.
     """
     folder = Path(folder)
     if not folder.exists():
@@ -63,10 +63,10 @@ def load_frozen(folder: Path | str) -> DynamicsModel:
 
 
 def read_config(path: Path) -> DynamicsModel:
-    """Build the untrained model that a configuration describes.
+    """Build the untrained model of a configuration file.
 
     Raises:
-        ValueError: it is no JSON object, lacks options of a model, has others, or one of another form.
+        ValueError: it is no JSON object, or an option is missing, unknown or of the wrong type.
     """
     config = json.loads(path.read_text(encoding="utf-8"))
     if not isinstance(config, dict):
@@ -77,13 +77,13 @@ def read_config(path: Path) -> DynamicsModel:
         wrong = f"lacks {' and '.join(lacking)}" if lacking else f"has {', '.join(sorted(set(config) - set(known)))}"
         raise ValueError(f"{CONFIG} {wrong}")
     for name, value in config.items():
-        if name in FORMS and not FORMS[name][1](value):
-            raise ValueError(f"{name} in {CONFIG} is {json.dumps(value)[:SHOWN]}, not {FORMS[name][0]}")
+        if name in OPTION_TYPES and not OPTION_TYPES[name][1](value):
+            raise ValueError(f"{name} in {CONFIG} is {json.dumps(value)[:SHOWN]}, not {OPTION_TYPES[name][0]}")
     return DynamicsModel(**config)
 
 
 def is_names(value: object) -> bool:
-    """Whether a value is a list of texts."""
+    """Whether a value is a list of strings."""
     return isinstance(value, list) and all(isinstance(name, str) for name in value)
 
 
@@ -103,17 +103,17 @@ def is_flag(value: object) -> bool:
 
 
 def is_angles(value: object) -> bool:
-    """Whether a value is nothing, or an object of numbers."""
+    """Whether a value is None or an object of numbers."""
     return value is None or (isinstance(value, dict) and all(type(angle) in (int, float) for angle in value.values()))
 
 
 def is_object(value: object) -> bool:
-    """Whether a value is nothing, or an object."""
+    """Whether a value is None or an object."""
     return value is None or isinstance(value, dict)
 
 
-# What each option of a model must be; the model itself checks which kinds there are.
-FORMS: Mapping[str, tuple[str, Callable[[object], bool]]] = {
+# Type of each option, as named in errors, and its check; the model itself checks `kind` and `corrects`.
+OPTION_TYPES: Mapping[str, tuple[str, Callable[[object], bool]]] = {
     "joints": ("a list of names", is_names),
     "cyclic": ("a list of names", is_names),
     "hidden": ("a whole number above 0", is_count),
@@ -128,10 +128,10 @@ FORMS: Mapping[str, tuple[str, Callable[[object], bool]]] = {
 
 
 def check_shapes(model: DynamicsModel, weights: Mapping[str, torch.Tensor]) -> None:
-    """Refuse weights of another model than the configuration's.
+    """Check that weights have the names and shapes of a model.
 
     Raises:
-        ValueError: names the first weight that does not fit.
+        ValueError: names the first weight that differs.
     """
     wanted = model.state_dict()
     for name in sorted(set(wanted) | set(weights)):
@@ -151,23 +151,23 @@ def load_weights(path: Path) -> dict[str, torch.Tensor]:
     from safetensors.torch import load_file
 
     weights = load_file(path)
-    spoilt = [name for name, values in weights.items() if not torch.isfinite(values).all()]
-    if spoilt:
-        raise ValueError(f"{spoilt[0]} is not finite")
+    invalid = [name for name, values in weights.items() if not torch.isfinite(values).all()]
+    if invalid:
+        raise ValueError(f"{invalid[0]} is not finite")
     return weights
 
 
-def find(folder: Path) -> Path:
-    """Return the checkpoint's folder, given it or the training's folder around it."""
+def find_checkpoint(folder: Path) -> Path:
+    """Return the folder of a checkpoint, given it or the folder of its training."""
     inside = folder / "checkpoint"
     return inside if (inside / CONFIG).is_file() else folder
 
 
 def check_fits(model: DynamicsModel, dataset: Dataset, folder: Path) -> None:
-    """Refuse a checkpoint for another robot, rate or kind of command.
+    """Check that a checkpoint has the joints, control rate and command quantity of a dataset.
 
     Raises:
-        JointMismatch: says which, with both values.
+        JointMismatch: one of them differs.
     """
     if model.joints != dataset.joints:
         raise JointMismatch(

@@ -1,22 +1,22 @@
-"""Where a rollout of a learned model is lost, and what a source says of states that may be beyond it."""
+"""Divergence of learned models, and predictions of a source from states that it may not be able to simulate."""
 
 import numpy as np
 
 from nas_data.errors import ModelFileError, SimulationDiverged
 from nas_data.simulators.base import Simulator
 
-BOUND = 1e6  # [rad or rad/s] far beyond any joint; float32 tells angles there no finer than 0.06 rad
+BOUND = 1e6  # [rad or rad/s] a larger state means divergence; float32 resolves such angles to 0.06 rad only
 
 
 def out_of_bounds(states: np.ndarray) -> np.ndarray:
-    """Return which states (…, 2n) are not finite or left all bounds, shape (…)."""
+    """Return whether states (…, 2n) are not finite or exceed `BOUND`, shape (…)."""
     return ~(np.abs(states) < BOUND).all(axis=-1)
 
 
 def predict_bounded(simulator: Simulator, states: np.ndarray, commands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Predict transitions of which some may start where the source cannot be simulated.
+    """Predict transitions, of which the source may be unable to simulate some.
 
-    A simulator refuses a batch as a whole; halving it finds the rows that it refuses.
+    A simulator refuses a batch as a whole. Repeated halving finds the rows that it refuses.
 
     Args:
         simulator: Source.
@@ -24,8 +24,7 @@ def predict_bounded(simulator: Simulator, states: np.ndarray, commands: np.ndarr
         commands: Shape (N, n).
 
     Returns:
-        Next states, as wide as the states given, those of refused rows being the states before; and which rows were
-        refused, shape (N,).
+        Next states, shape as `states`, where refused rows keep their state; and whether rows were refused, shape (N,).
     """
     try:
         return simulator.predict(states, commands), np.zeros(len(states), bool)

@@ -1,4 +1,4 @@
-"""Episodes as tensors: what both training phases read."""
+"""Episodes as tensors, for training."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
@@ -19,9 +19,9 @@ class Episode:
     Attributes:
         states: Measured, shape (T, 2n).
         commands: Shape (T, n).
-        predicted: Simulated next states, shape (T, 2n); the states themselves where the dataset is not paired.
+        predicted: Simulated next states, shape (T, 2n); the states themselves if the dataset is not paired.
         targets: Measured next states, shape (T, 2n).
-        objects: Measured states of the source's objects before each command, shape (T, m); (T, 0) where there are none.
+        objects: Measured states of the source's objects before each command, shape (T, m); (T, 0) without objects.
     """
 
     states: Tensor
@@ -38,7 +38,7 @@ class Episode:
         return len(self.states)
 
     def window(self, start: int, length: int) -> "Episode":
-        """Return some consecutive transitions."""
+        """Return `length` consecutive transitions from `start` on."""
         rows = slice(start, start + length)
         return Episode(*(getattr(self, name)[rows] for name in FIELDS))
 
@@ -53,8 +53,8 @@ def read_episodes(
 
     Args:
         dataset: Transitions.
-        indices: Which episodes; all where None.
-        simulator: Source whose objects are wanted; none where None.
+        indices: Indices of the episodes; all if None.
+        simulator: Source whose object states are read; no objects if None.
     """
     predicted = dataset.sim_states if dataset.paired else dataset.states
     columns = [dataset.states, dataset.commands, predicted, dataset.next_states]
@@ -67,12 +67,12 @@ def read_episodes(
 
 
 def join(episodes: Sequence[Episode]) -> Episode:
-    """Return the transitions of several episodes in one; for statistics, not for memory."""
+    """Concatenate the transitions of several episodes, for statistics."""
     return Episode(*(torch.cat([getattr(episode, name) for episode in episodes]) for name in FIELDS))
 
 
 def pad(episodes: Sequence[Episode]) -> tuple[Episode, Tensor]:
-    """Return episodes as one batch (B, T, …), padded by their last frame, and the mask (B, T) of true frames."""
+    """Return episodes as one batch (B, T, …), padded with their last frame, and the mask of recorded frames (B, T)."""
     longest = max(len(episode) for episode in episodes)
 
     def stretch(values: Tensor) -> Tensor:
@@ -84,7 +84,7 @@ def pad(episodes: Sequence[Episode]) -> tuple[Episode, Tensor]:
 
 
 def cut_episodes(episodes: Sequence[Episode], longest: int) -> list[Episode]:
-    """Cut episodes into pieces of at most `longest` frames; 0 keeps them whole."""
+    """Cut episodes into segments of at most `longest` frames; 0 keeps them whole."""
     if not longest:
         return list(episodes)
     pieces: list[Episode] = []

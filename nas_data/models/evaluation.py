@@ -1,4 +1,4 @@
-"""One-step and open-loop errors of a learned model, beside hold, source and command."""
+"""One-step and open-loop errors of a learned model and of the baselines hold, source and command."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,9 +21,9 @@ from nas_data.simulators.base import Simulator, Stepper
 
 MODEL = {"delta": "source + φ", "forward": "ψ"}
 PLAIN = "plain fit"
-NOBODY: Mapping[str, Simulator] = {}
+NO_SIMULATORS: Mapping[str, Simulator] = {}
 EPISODES_SHOWN = 50
-DIVERGED_SHOWN = 5  # episodes named in the sentence; JSON names all
+DIVERGED_SHOWN = 5  # most diverged episodes listed in the text; the JSON lists all
 
 
 @dataclass(frozen=True, repr=False)
@@ -31,11 +31,11 @@ class Evaluation:
     """Errors of every predictor on the same episodes.
 
     Attributes:
-        one_step: From the measured state, by predictor.
-        open_loop: From the first measured state of the episode on, by predictor.
-        rollouts: Open-loop states of each episode, shape (T, 2n), by predictor; for pictures.
-        diverged: Which episodes a predictor left all bounds in, and when [s after the start], by predictor.
-        notes: What else there is to know of a predictor, a sentence each.
+        one_step: One-step errors from measured states, by predictor.
+        open_loop: Open-loop errors from the first measured state of each episode, by predictor.
+        rollouts: Open-loop states of each episode, shape (T, 2n), by predictor.
+        diverged: Time of divergence [s after the start] by episode, by predictor.
+        notes: Further sentences on predictors.
     """
 
     one_step: dict[str, Errors]
@@ -45,7 +45,7 @@ class Evaluation:
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        """Return the open-loop error of each predictor, in a line."""
+        """Return the open-loop error of each predictor in one line."""
         errors = ", ".join(f"{name} {one.overall:.3g}" for name, one in self.open_loop.items())
         first = next(iter(self.open_loop.values()))
         return f"Evaluation({len(first.lengths)} episodes, open loop [{first.unit.si}]: {errors})"
@@ -55,27 +55,29 @@ class Evaluation:
         return self.text()
 
     def text(self) -> str:
-        """Return both tables, and below them what diverged."""
+        """Return both tables, followed by divergences and notes."""
         steps = table(self.one_step, "One step: RMSE of the next position")
         loop = table(self.open_loop, "Open loop: RMSE of positions, started once per episode")
-        said = [divergence(name, times, len(self.rollouts[name])) for name, times in self.diverged.items()]
-        return "\n".join([f"{steps}\n\n{loop}", *said, *self.notes])
+        divergences = [
+            describe_divergence(name, times, len(self.rollouts[name])) for name, times in self.diverged.items()
+        ]
+        return "\n".join([f"{steps}\n\n{loop}", *divergences, *self.notes])
 
     def episodes_text(self) -> str:
-        """Return the open-loop errors of each episode, over the joints of the first kind, a column per predictor."""
+        """Return a table of the open-loop errors by episode and predictor, for the first kind of joints."""
         names = list(self.open_loop)
         unit, *others = (unit for unit, _ in self.open_loop[names[0]].kinds)
         rows = zip(*(unit.factor * np.array(self.open_loop[name].per_episode) for name in names), strict=True)
-        what = f" of the {unit.kind}" if others else ""
+        kind = f" of the {unit.kind}" if others else ""
         lines = [
-            f"Open loop, each episode{what} [{unit.shown}]",
+            f"Open loop, each episode{kind} [{unit.shown}]",
             "  episode" + "".join(f"{name:>13}" for name in names),
         ]
-        lines += [f"  {i:7d}" + "".join(cell(value) for value in row) for i, row in enumerate(rows)]
+        lines += [f"  {i:7d}" + "".join(format_error(value) for value in row) for i, row in enumerate(rows)]
         return "\n".join(lines[: 2 + EPISODES_SHOWN] + (["  …"] if len(lines) > 2 + EPISODES_SHOWN else []))
 
     def to_json(self) -> dict[str, object]:
-        """Return the errors [rad; slides m]."""
+        """Return the errors [rad; m for slides] for the JSON report."""
         one = next(iter(self.open_loop.values()))
         return {
             "unit": one.unit.si,
@@ -89,19 +91,19 @@ class Evaluation:
         }
 
 
-def divergence(name: str, times: Mapping[int, float], episodes: int) -> str:
-    """Say in a sentence in which episodes a learned model diverges, and when."""
-    places = [f"episode {episode} after {seconds:.2f} s" for episode, seconds in times.items()]
-    more = [f"and {len(places) - DIVERGED_SHOWN} more"] if len(places) > DIVERGED_SHOWN else []
-    who = "φ, not the source," if name == MODEL["delta"] else name
+def describe_divergence(name: str, times: Mapping[int, float], episodes: int) -> str:
+    """Return a sentence on the episodes in which a learned model diverges, and when."""
+    entries = [f"episode {episode} after {seconds:.2f} s" for episode, seconds in times.items()]
+    more = [f"and {len(entries) - DIVERGED_SHOWN} more"] if len(entries) > DIVERGED_SHOWN else []
+    subject = "φ, not the source," if name == MODEL["delta"] else name
     return (
-        f"{name} diverges in {len(times)} of {episodes} episodes ({', '.join([*places[:DIVERGED_SHOWN], *more])}): "
-        f"{who} leaves all bounds; train it longer or on more data."
+        f"{name} diverges in {len(times)} of {episodes} episodes ({', '.join([*entries[:DIVERGED_SHOWN], *more])}): "
+        f"{subject} leaves all bounds; train it longer or on more data."
     )
 
 
-def cell(value: float) -> str:
-    """Return an error for the table of episodes."""
+def format_error(value: float) -> str:
+    """Return an error as a cell of the table of episodes."""
     return f"{value:13.3f}" if np.isfinite(value) else f"{'diverged':>13}"
 
 
@@ -111,16 +113,16 @@ def evaluate(
     simulator: Simulator | None,
     model: DynamicsModel | None,
     progress: Callable[[int, int], None] = lambda done, total: None,
-    others: Mapping[str, Simulator] = NOBODY,
+    others: Mapping[str, Simulator] = NO_SIMULATORS,
 ) -> Evaluation:
-    """Compare predictors with what was measured.
+    """Compare predictors with measurements.
 
     Args:
-        dataset: Transitions; need not be paired.
+        dataset: Transitions, paired or not.
         simulator: Source; may be None for ψ and the trivial baselines.
         model: Frozen φ (needs the simulator) or ψ; None for the baselines alone.
-        progress: Called with control steps done and to do.
-        others: Further sources by what they are called.
+        progress: Called with the numbers of completed and of all control steps.
+        others: Further sources by name.
 
     Raises:
         JointMismatch: dataset, simulator and model do not fit together.
@@ -128,34 +130,34 @@ def evaluate(
     measured = [dataset.next_states[rows] for rows in dataset.episodes()]
     if simulator is not None:
         dataset = pair(dataset, simulator)
-    one_step, rollouts = baselines(dataset, simulator)
+    one_step, rollouts = predict_baselines(dataset, simulator)
     for name, other in others.items():
         predicted = pair(dataset, other).sim_states
         one_step[name] = [predicted[rows] for rows in dataset.episodes()]
         rollouts[name] = open_loop_source(dataset, other)
     if model is not None:
         name = MODEL[model.kind]
-        one_step = {name: one_step_model(dataset, model, simulator)} | one_step
+        one_step = {name: predict_one_step(dataset, model, simulator)} | one_step
         rollouts = {name: open_loop_model(dataset, simulator, model, progress)} | rollouts
     joints = dataset.joints
     return Evaluation(
         {name: Errors.of(joints, predicted, measured, dataset.slides) for name, predicted in one_step.items()},
         {name: Errors.of(joints, predicted, measured, dataset.slides) for name, predicted in rollouts.items()},
         rollouts,
-        {name: times for name, predicted in rollouts.items() if (times := divergences(predicted, dataset.fps))},
+        {name: times for name, predicted in rollouts.items() if (times := find_divergences(predicted, dataset.fps))},
     )
 
 
-def divergences(rollouts: Sequence[np.ndarray], rate: float) -> dict[int, float]:
-    """Return by episode when [s] its rollout of shape (T, 2n) is first not finite, at a control rate [Hz]."""
+def find_divergences(rollouts: Sequence[np.ndarray], rate: float) -> dict[int, float]:
+    """Return, by episode, the time [s] at which a rollout (T, 2n) is first not finite; the control rate is in Hz."""
     finite = [np.isfinite(states).all(axis=1) for states in rollouts]
     return {episode: float(np.argmin(row) + 1) / rate for episode, row in enumerate(finite) if not row.all()}
 
 
-def baselines(
+def predict_baselines(
     dataset: Dataset, simulator: Simulator | None
 ) -> tuple[dict[str, list[np.ndarray]], dict[str, list[np.ndarray]]]:
-    """Return one-step and open-loop predictions of source, hold and command, a list of episodes each."""
+    """Return one-step and open-loop predictions of source, hold and command: lists of (T, 2n) or (T, n) by name."""
     rows = list(dataset.episodes())
     one_step: dict[str, list[np.ndarray]] = {}
     rollouts: dict[str, list[np.ndarray]] = {}
@@ -169,20 +171,20 @@ def baselines(
     return one_step, rollouts
 
 
-def one_step_model(dataset: Dataset, model: DynamicsModel, simulator: Simulator | None) -> list[np.ndarray]:
-    """Predict each next state from the measured one, the memory running through the episode; a list of (T, 2n)."""
-    changes = changes_along(dataset, model)
+def predict_one_step(dataset: Dataset, model: DynamicsModel, simulator: Simulator | None) -> list[np.ndarray]:
+    """Predict each next state from the measured one, with the memory of the episode; a list of (T, 2n)."""
+    changes = compute_changes(dataset, model)
     if model.corrects == "command":
         assert simulator is not None
-        driven = dataset.with_column(ACTION, dataset.features[ACTION], dataset.commands + np.concatenate(changes))
-        dataset = pair(driven, simulator)
+        corrected = dataset.with_column(ACTION, dataset.features[ACTION], dataset.commands + np.concatenate(changes))
+        dataset = pair(corrected, simulator)
         return [dataset.sim_states[rows] for rows in dataset.episodes()]
     base = dataset.sim_states if model.kind == "delta" else dataset.states
     return [base[rows] + change for rows, change in zip(dataset.episodes(), changes, strict=True)]
 
 
-def changes_along(dataset: Dataset, model: DynamicsModel) -> list[np.ndarray]:
-    """Return what a model adds at each measured transition; a list of (T, 2n), or (T, n) where it corrects commands."""
+def compute_changes(dataset: Dataset, model: DynamicsModel) -> list[np.ndarray]:
+    """Return the model's correction at each measured transition; a list of (T, 2n), or (T, n) for commands."""
     result: list[np.ndarray] = []
     for batch in batches(dataset.lengths, ordered=False):
         episodes = read_episodes(dataset, batch)
@@ -200,7 +202,7 @@ def open_loop_model(
     model: DynamicsModel,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[np.ndarray]:
-    """Roll the model out over every episode on its own states; a list of (T, 2n).
+    """Roll the model out in open loop over every episode; a list of (T, 2n).
 
     Raises:
         JointMismatch: φ without a simulator, or joints that differ.
@@ -212,7 +214,7 @@ def open_loop_model(
     initial = initial_states(dataset, simulator)
     result: list[np.ndarray] = [np.empty(0)] * dataset.n_episodes
     for batch in plan:
-        source = simulator.stepper(len(batch)) if simulator is not None else StillStepper(dataset.joints, len(batch))
+        source = simulator.stepper(len(batch)) if simulator is not None else StaticStepper(dataset.joints, len(batch))
         stepper = LearnedStepper(source, model)
         stepper.reset(initial[batch])
         commands = padded_commands(dataset, batch)
@@ -227,11 +229,11 @@ def open_loop_model(
     return result
 
 
-class StillStepper(Stepper):
-    """Joints that only stay where they are set: all that ψ needs of a source."""
+class StaticStepper(Stepper):
+    """Joints without dynamics, which stay where they are set: sufficient as a source for ψ."""
 
     def __init__(self, joints: tuple[str, ...], size: int) -> None:
-        """Create B simulations at zero."""
+        """Create `size` simulations at zero."""
         self.joints = joints
         self.size = size
         self._states: np.ndarray = np.zeros((size, 2 * len(joints)))
@@ -243,18 +245,18 @@ class StillStepper(Stepper):
 
     @property
     def objects(self) -> np.ndarray:
-        """Nothing, shape (B, 0)."""
+        """No objects, shape (B, 0)."""
         return np.zeros((self.size, 0))
 
-    def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
-        """Guide nothing: there are no objects."""
+    def command_objects(self, targets: np.ndarray, rows: np.ndarray) -> None:
+        """Do nothing: there are no objects."""
 
     def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
         """Set the states of some simulations."""
         self._states[slice(None) if rows is None else rows] = states
 
     def step(self, commands: np.ndarray) -> np.ndarray:
-        """Stay."""
+        """Return the unchanged states."""
         return self._states
 
     def set_states(self, states: np.ndarray) -> None:
@@ -262,7 +264,7 @@ class StillStepper(Stepper):
         self._states = np.array(states, dtype=float)
 
     def site_positions(self, name: str) -> np.ndarray:
-        """There are no bodies here.
+        """Refuse: there are no bodies.
 
         Raises:
             LookupError: always.

@@ -1,17 +1,17 @@
-"""By how much a source's next state changes with the state before and with the command: finite differences."""
+"""Jacobians of a source's next state with respect to state and command, by finite differences."""
 
 import numpy as np
 
 from nas_data.joint_units import radians_at
 from nas_data.simulators.base import Simulator
 
-# At a slide these steps are times what stands for a radian there, see `joint_units.radians_at`.
+# For slides the steps are multiplied by the equivalent of a radian, see `joint_units.radians_at`.
 POSITION_STEP = 0.03  # [rad] large enough to average over friction and saturation
 VELOCITY_STEP = 0.3  # [rad/s]
 COMMAND_STEP = 0.3  # [N·m; N]
 
 
-def jacobians(
+def estimate_jacobians(
     simulator: Simulator, states: np.ndarray, commands: np.ndarray, predicted: np.ndarray, of_commands: bool = False
 ) -> np.ndarray:
     """Estimate the Jacobian of one control step for each transition by one-sided differences.
@@ -21,11 +21,10 @@ def jacobians(
         states: Positions [rad; m] then velocities [rad/s; m/s], shape (N, 2n), or with the objects' (N, 2n + m).
         commands: Shape (N, n).
         predicted: Source's next states, shape (N, 2n).
-        of_commands: Whether commands count as further states.
+        of_commands: Whether to append the derivatives with respect to commands.
 
     Returns:
-        Entry (k, i, j) is the change of next state i per change of state j, shape (N, 2n, 2n), or (N, 2n, 3n) with
-        the commands.
+        Derivatives of next states with respect to states, shape (N, 2n, 2n), or to states and commands, (N, 2n, 3n).
     """
     width = predicted.shape[1]
     travel = np.ptp(states[:, : width // 2], axis=0)
@@ -38,14 +37,18 @@ def jacobians(
         slopes[:, :, column] = (simulator.predict(moved, commands)[:, :width] - predicted) / step
     if not of_commands:
         return slopes
-    return np.concatenate([slopes, command_slopes(simulator, states, commands, predicted)], axis=2)
+    return np.concatenate([slopes, estimate_command_jacobians(simulator, states, commands, predicted)], axis=2)
 
 
-def command_slopes(simulator: Simulator, states: np.ndarray, commands: np.ndarray, predicted: np.ndarray) -> np.ndarray:
-    """Return the changes of next states per change of each torque, shape (N, 2n, n); see `jacobians`."""
+def estimate_command_jacobians(
+    simulator: Simulator, states: np.ndarray, commands: np.ndarray, predicted: np.ndarray
+) -> np.ndarray:
+    """Return the derivatives of next states with respect to torques, shape (N, 2n, n); see `estimate_jacobians`."""
     slopes = np.empty((*predicted.shape, commands.shape[1]))
     for column in range(commands.shape[1]):
-        step = np.where(commands[:, column] > 0, -COMMAND_STEP, COMMAND_STEP)  # away from a motor's limits
+        step = np.where(
+            commands[:, column] > 0, -COMMAND_STEP, COMMAND_STEP
+        )  # towards zero, away from the torque limits
         moved = commands.copy()
         moved[:, column] += step
         after = simulator.predict(states, moved)[:, : predicted.shape[1]]

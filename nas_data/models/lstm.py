@@ -1,4 +1,4 @@
-"""The learned models: φ corrects a simulator, ψ replaces it; both are one LSTM that reads state and command."""
+"""The learned models: φ corrects a simulator, ψ replaces it; both are LSTMs."""
 
 from collections.abc import Mapping, Sequence
 from typing import Literal, NamedTuple, get_args
@@ -21,7 +21,7 @@ class Scale(NamedTuple):
     std: Tensor
 
     def normalise(self, value: Tensor) -> Tensor:
-        """Return the value in units of the spread."""
+        """Return (value − mean) / std."""
         return (value - self.mean) / self.std
 
     def restore(self, value: Tensor) -> Tensor:
@@ -35,15 +35,15 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
     φ (kind `delta`): (state, command, simulated next state) → measured next − simulated next.
     ψ (kind `forward`): (state, command) → measured next − current.
 
-    Two additions over the paper, both switched off in its preset. `relative` feeds differences (command − position,
-    simulated next − state), which spread over degrees where absolute angles spread over radians: the same
-    information in better condition. `shortcut` adds a linear map from inputs to outputs, so that the LSTM learns
-    only what is not linear; it lets a correction cancel a wrong simulator exactly.
+    Two options are not in the paper; the paper's preset disables them. `relative` feeds differences (command −
+    position, simulated next − state). They vary by degrees, while absolute angles vary by radians, so that the problem
+    is better conditioned. `shortcut` adds a linear map from inputs to outputs, so that the LSTM only learns the
+    nonlinear part; a linear error of the simulator can be cancelled exactly.
 
-    φ may also correct commands where these are torques (`corrects`): it says by which torque the target's joints are
-    driven beside the commanded one, of which the source then makes the next state; measured next − simulated next is
-    what that changes. It reads state and command alone, and may be bound to the source's symmetry: then it does not see
-    the angles of cyclic joints, and what it says of a mirror image is the mirror image of what it says.
+    If commands are torques, φ can correct them instead of states (`corrects`): it adds a torque to the command, and the
+    source computes the next state. It then reads state and command only. It can be equivariant under the source's
+    symmetry: it does not read the angles of cyclic joints, and its output for a mirror image is the mirror image of its
+    output.
 
     States are joint positions [rad] then velocities [rad/s], shape (…, 2n); commands (…, n).
     """
@@ -69,18 +69,18 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
             kind: `delta` for φ, `forward` for ψ.
             joints: Names of the n joints.
             hidden: Units of each LSTM layer; 128, 256 or 100 in the paper.
-            layers: LSTM layers; 3 in the paper.
+            layers: Number of LSTM layers; 3 in the paper.
             relative: Feed differences instead of absolute commands and predictions.
             shortcut: Add a linear map from inputs to outputs.
-            commands_effort: Commands are torques or velocities; then they are fed as they are.
+            commands_effort: Whether commands are torques or velocities, which are fed unchanged.
             fps: Control rate [Hz] of the data.
             provenance: Dataset (name, content hash), source and training options.
-            corrects: What φ corrects: the simulated next state, or the command.
-            cyclic: Joints whose angle makes no difference; for commands only.
-            mirror: Angles [rad] about which joints turn in the mirror image, which moves alike; for commands only.
+            corrects: Whether φ corrects the simulated next state (`state`) or the command (`command`).
+            cyclic: Joints whose angle does not affect the dynamics; only with `command`.
+            mirror: Angle [rad] about which each joint is mirrored in the mirror image; only with `command`.
 
         Raises:
-            ValueError: there is no such kind, or it cannot correct that.
+            ValueError: the kind is unknown, or the options do not fit together.
         """
         super().__init__()
         if kind not in get_args(Kind):
@@ -98,7 +98,7 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
         self.fps = fps
         self.provenance = dict(provenance or {})
         self.corrects: Corrected = corrects
-        self.symmetry = Symmetry.named(joints, cyclic, mirror or {}) if cyclic or mirror else None
+        self.symmetry = Symmetry.from_names(joints, cyclic, mirror or {}) if cyclic or mirror else None
         n = len(self.joints)
         width = 5 * n if kind == "delta" and corrects == "state" else 3 * n
         width = self.symmetry.width if self.symmetry else width
@@ -124,10 +124,10 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
         return Scale(self.get_buffer("output_mean"), self.get_buffer("output_std"))
 
     def raw_inputs(self, states: Tensor, commands: Tensor, predicted: Tensor) -> Tensor:
-        """Return what the network reads before normalisation.
+        """Return the inputs of the network before normalisation.
 
-        Its shape is (…, 5n) for φ of states, (…, 3n) for ψ and φ of commands, (…, `Symmetry.width`) for one that is
-        bound to a symmetry.
+        The shape is (…, 5n) for φ that corrects states, (…, 3n) for ψ and φ that corrects commands, and
+        (…, `Symmetry.width`) with a symmetry.
         """
         if self.symmetry:
             return self.symmetry.read(states, commands)
@@ -140,25 +140,25 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
         parts = [states, commands] + ([predicted] if self.kind == "delta" else [])
         return torch.cat(parts, dim=-1)
 
-    def with_images(self, inputs: Tensor, outputs: Tensor) -> tuple[Tensor, Tensor]:
-        """Return raw inputs (N, width) and outputs (N, …), and below them those of mirror images if there are any."""
+    def add_mirror_images(self, inputs: Tensor, outputs: Tensor) -> tuple[Tensor, Tensor]:
+        """Return raw inputs (N, width) and outputs (N, …), followed by their mirror images if there is a symmetry."""
         if self.symmetry is None:
             return inputs, outputs
-        read, put = inputs.new_tensor(self.symmetry.input_signs()), outputs.new_tensor(self.symmetry.signs)
-        return torch.cat([inputs, read * inputs]), torch.cat([outputs, put * outputs])
+        input_signs, signs = inputs.new_tensor(self.symmetry.input_signs()), outputs.new_tensor(self.symmetry.signs)
+        return torch.cat([inputs, input_signs * inputs]), torch.cat([outputs, signs * outputs])
 
     def forward(self, inputs: Tensor, memory: Memory | None = None) -> tuple[Tensor, Memory]:
         """Return normalised outputs (B, T, 2n or n) and the memory after them, for normalised inputs (B, T, width)."""
         if self.symmetry is None:
-            return self._read(inputs, memory)
-        # what a mirror image turns has the mean 0, so that its sign may be turned after normalisation
+            return self._run(inputs, memory)
+        # mirrored inputs have mean 0, so that their sign can be changed after normalisation
         both = torch.cat([inputs, inputs * inputs.new_tensor(self.symmetry.input_signs())])
-        outputs, memory = self._read(both, memory and (stack_sides(memory[0]), stack_sides(memory[1])))
-        here, there = outputs.chunk(2)
-        mean = (here + there * there.new_tensor(self.symmetry.signs)) / 2
-        return mean, (side_by_side(memory[0]), side_by_side(memory[1]))
+        outputs, memory = self._run(both, memory and (stack_sides(memory[0]), stack_sides(memory[1])))
+        original, mirrored = outputs.chunk(2)
+        mean = (original + mirrored * mirrored.new_tensor(self.symmetry.signs)) / 2
+        return mean, (unstack_sides(memory[0]), unstack_sides(memory[1]))
 
-    def _read(self, inputs: Tensor, memory: Memory | None) -> tuple[Tensor, Memory]:
+    def _run(self, inputs: Tensor, memory: Memory | None) -> tuple[Tensor, Memory]:
         hidden, memory = self.lstm(torch.relu(self.inner(inputs)), memory)
         outputs = self.outer(hidden)
         if self.shortcut is not None:
@@ -168,9 +168,10 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
     def changes(
         self, states: Tensor, commands: Tensor, predicted: Tensor, memory: Memory | None = None
     ) -> tuple[Tensor, Memory]:
-        """Return what is added, in physical units.
+        """Return the output in physical units, and the next memory.
 
-        φ adds to the simulated next state, shape (B, T, 2n), or to the command (B, T, n); ψ to the state (B, T, 2n).
+        φ's output is added to the simulated next state (B, T, 2n) or to the command (B, T, n). ψ's output is added to
+        the state (B, T, 2n).
         """
         outputs, memory = self(self.inputs.normalise(self.raw_inputs(states, commands, predicted)), memory)
         changes = self.outputs.restore(outputs)
@@ -182,18 +183,18 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
     def next_states(
         self, states: Tensor, commands: Tensor, predicted: Tensor, memory: Memory | None = None
     ) -> tuple[Tensor, Memory]:
-        """Return corrected next states (B, T, 2n) for states, commands and simulated next states (B, T, …).
+        """Return predicted next states (B, T, 2n), and the next memory, of a model that does not correct commands.
 
-        ψ ignores `predicted`; pass the states. What corrects commands knows no next state: the source makes it.
+        ψ ignores `predicted`; pass the states.
         """
         assert self.corrects == "state"
         change, memory = self.changes(states, commands, predicted, memory)
         return (predicted if self.kind == "delta" else states) + change, memory
 
-    def no_memory(self, size: int) -> Memory:
-        """Return the memory at an episode's start for a batch: zeros, each of shape (layers, B, hidden).
+    def initial_memory(self, size: int) -> Memory:
+        """Return the memory of B rows at an episode's start: zeros, each of shape (layers, B, hidden).
 
-        What knows a mirror image remembers both sides, each of shape (layers, B, 2 hidden).
+        With a mirror symmetry the shape is (layers, B, 2 hidden), for both sides.
         """
         weight, sides = self.inner.weight, 2 if self.symmetry else 1
         zeros = weight.new_zeros(self.lstm.num_layers, size, sides * self.lstm.hidden_size)
@@ -201,10 +202,10 @@ class DynamicsModel(nn.Module, PyTorchModelHubMixin, library_name="nas_data", ta
 
 
 def stack_sides(memory: Tensor) -> Tensor:
-    """Return two sides' memory (layers, B, 2 hidden) as that of a batch of twice the size (layers, 2B, hidden)."""
+    """Return the memory of both sides (layers, B, 2 hidden) as that of a double batch (layers, 2B, hidden)."""
     return torch.cat(memory.chunk(2, dim=2), dim=1)
 
 
-def side_by_side(memory: Tensor) -> Tensor:
+def unstack_sides(memory: Tensor) -> Tensor:
     """Undo `stack_sides`."""
     return torch.cat(memory.chunk(2, dim=1), dim=2)

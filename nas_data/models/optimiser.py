@@ -1,4 +1,4 @@
-"""One update of a training: the learning rate of the hour, a loss, its gradient, a step."""
+"""The optimiser of a training: learning rate, gradient clipping and averaged weights."""
 
 from collections.abc import Callable
 from typing import cast
@@ -13,47 +13,45 @@ from nas_data.models.training import ModelTraining
 Tensors = tuple[Tensor, ...] | list[Tensor]
 
 
-class Descent:
+class Optimiser:
     """The optimiser of a training.
 
     Attributes:
-        optimiser: AdamW; without weight decay it is Adam.
-        average: Running mean of the weights; None where none is asked for.
+        adamw: AdamW; without weight decay it equals Adam.
+        average: Running mean of the weights; None if the options ask for none.
     """
 
     def __init__(self, training: ModelTraining) -> None:
-        """Begin with no step taken."""
+        """Create the optimiser before its first step."""
         self.training = training
-        self.optimiser = torch.optim.AdamW(
-            training.model.parameters(), lr=1e-3, weight_decay=training.options.weight_decay
-        )
+        self.adamw = torch.optim.AdamW(training.model.parameters(), lr=1e-3, weight_decay=training.options.weight_decay)
         decay = training.options.average
         self.average = AveragedModel(training.model, multi_avg_fn=running_mean(decay)) if decay else None
 
     @property
     def model(self) -> DynamicsModel:
-        """The model that is judged and kept: with the mean of its weights, once a step was taken."""
+        """The model to validate and store; after the first step, with averaged weights if the options ask for them."""
         if self.average is None or not self.average.n_averaged:
             return self.training.model
         return cast("DynamicsModel", self.average.module)
 
     def update(self, number: int) -> float:
-        """Take the step of an update and return the loss before it; a step that is not finite is left out."""
-        for group in self.optimiser.param_groups:
+        """Make one update and return the loss before it; an update with a gradient that is not finite is skipped."""
+        for group in self.adamw.param_groups:
             group["lr"] = self._rate(number)
         loss = self.training.phase.loss(number)
-        self.optimiser.zero_grad()
+        self.adamw.zero_grad()
         loss.backward()
         limit = self.training.options.clip or float("inf")
         norm = torch.nn.utils.clip_grad_norm_(self.training.model.parameters(), limit)
         if torch.isfinite(norm):
-            self.optimiser.step()
+            self.adamw.step()
         if self.average is not None:
             self.average.update_parameters(self.training.model)
         return float(loss.detach())
 
     def _rate(self, number: int) -> float:
-        """Return the learning rate: constant, or half a cosine after a short rise."""
+        """Return the learning rate: constant, or a cosine decay after a linear warm-up of 20 updates."""
         phase = self.training.phase
         if not self.training.options.cosine:
             return phase.rate
@@ -63,7 +61,7 @@ class Descent:
 
 
 def running_mean(decay: float) -> Callable[[Tensors, Tensors, Tensor | int], None]:
-    """Return what moves averaged weights towards the latest ones: an exponential mean, a plain one at first."""
+    """Return the update function of averaged weights: an exponential mean, with less decay in the first updates."""
 
     @torch.no_grad()
     def move(averaged: Tensors, latest: Tensors, count: Tensor | int) -> None:

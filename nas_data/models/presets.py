@@ -1,4 +1,4 @@
-"""Training options, and the presets that fill them."""
+"""Training options and their presets."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -10,38 +10,38 @@ Corrected = Literal["state", "command"]
 
 @dataclass(frozen=True)
 class TrainingOptions:
-    """Everything that decides a training beside the data.
+    """All options of a training.
 
     Attributes:
-        preset: Preset that these options started from.
+        preset: Preset on which these options are based.
         hidden: Units of each LSTM layer.
-        layers: LSTM layers.
+        layers: Number of LSTM layers.
         relative: Feed differences instead of absolute commands and predictions.
         shortcut: Linear map from inputs to outputs, fitted in closed form before training.
-        epochs: Passes over the training episodes with teacher forcing (inputs are measured states); that is how
-            models are trained where `updates` is 0 or φ's source is not at hand.
+        epochs: Passes over the training episodes with teacher forcing (inputs are measured states). Teacher forcing is
+            used if `updates` is 0 or φ's source is not available.
         batch: Segments per teacher-forced update.
         segment: Longest segment [frames]; longer episodes are cut; 0 keeps whole episodes.
         rate: Learning rate of teacher forcing.
         updates: Updates in free running (inputs are the model's own states, through the source), which replaces
-            teacher forcing: with it first, open-loop errors on new motions came out larger.
+            teacher forcing: teacher forcing before it increases open-loop errors on new motions.
         frames: Frames per free-running update.
         horizon: Longest free-running window [frames]; windows start at 20 and grow to it.
-        discount: Factor on the gradient that passes back through each free-running step's states; 1 for none. Along
-            a long window what passes through many steps grows until it drowns the rest.
+        discount: Factor on the gradient through the states of each free-running step; 1 for none. In long windows
+            gradients through many steps would grow and dominate.
         free_rate: Learning rate of free running.
-        cosine: Learning rate falls along half a cosine; else it stays.
+        cosine: Whether the learning rate follows a cosine decay; otherwise it is constant.
         clip: Largest norm of a gradient; 0 for none.
         weight_decay: AdamW's decoupled weight decay.
-        average: Decay of a running mean of the weights, which is then judged and kept in their place (Polyak and
-            Juditsky, 1992); 0 for none.
-        bf16: Teacher forcing in bfloat16 where the processor has it.
-        validation: Share held out for early stopping: of the episodes, or of each where they are few.
-        patience: Validations without improvement that are borne of a training that has hardly got better than its
-            start; one more ends it. Others go on: where windows grow and the rate falls, the best often comes last.
+        average: Decay of a running mean of the weights, which is validated and stored instead of the weights (Polyak
+            and Juditsky, 1992); 0 for none.
+        bf16: Whether teacher forcing uses bfloat16, if the CPU supports it.
+        validation: Share held out for early stopping: of the episodes, or of each episode if there are few.
+        patience: Most validations without improvement of a training that has hardly improved on its start; one more
+            ends it. Other trainings run to the end: with growing windows and decaying rate, the best is often last.
         seed: Seed of weights, order and windows.
-        corrects: What φ corrects, `state` or `command`; see `DynamicsModel`.
-        symmetric: Bind φ of commands to the symmetry that the source's model declares.
+        corrects: Whether φ corrects `state` or `command`; see `DynamicsModel`.
+        symmetric: Whether φ that corrects commands is equivariant under the symmetry of the source's model.
     """
 
     preset: str = "fast"
@@ -99,10 +99,10 @@ FEW = TrainingOptions(
 
 PRESETS = {
     "fast": TrainingOptions(),
-    # For recordings of a few minutes, which a larger network learns by heart; in windows longer than these the training
-    # diverges on some of them. Chosen on four hundreds of Pusher's trajectories (docs/log/experiments.md).
+    # For recordings of a few minutes, which a larger network overfits. With longer windows some trainings diverge.
+    # Chosen on four sets of 100 Pusher trajectories (docs/log/experiments.md).
     "few": FEW,
-    # For as little of a torque-driven arm whose model says how it is symmetric
+    # For short recordings of a torque-driven arm whose model declares a symmetry.
     "symmetric": replace(FEW, preset="symmetric", weight_decay=3.0, corrects="command", symmetric=True),
     # Appendix A.1: Adam, 250 epochs, batch size 1, learning rate 0.01; teacher forcing on whole trajectories.
     "paper": TrainingOptions(

@@ -1,4 +1,4 @@
-"""Running a training: updates, early stopping, checkpoints, TensorBoard, and going on after an interruption."""
+"""Training loop: early stopping, checkpoints, TensorBoard, and continuation after an interruption."""
 
 import json
 import math
@@ -13,7 +13,7 @@ from torch.utils.tensorboard import SummaryWriter
 from nas_data.errors import OutputExists
 from nas_data.models import checkpoint
 from nas_data.models.lstm import DynamicsModel
-from nas_data.models.optimiser import Descent
+from nas_data.models.optimiser import Optimiser
 from nas_data.models.threads import one_thread
 from nas_data.models.training import ModelTraining
 
@@ -21,19 +21,19 @@ CHECKPOINT = "checkpoint"
 HISTORY = "history.json"
 STATE = "training_state.pt"
 PARTIAL = f".{STATE}"
-LEARNED = 0.1  # of the first validation error: who brought it down by more is worth going on with
+LEAST_IMPROVEMENT = 0.1  # a training that reduced the first validation error by a larger share is not stopped early
 
 
 @dataclass
 class TrainingProgress:
-    """Where a training stands.
+    """State of a training.
 
     Attributes:
-        update: Next update.
-        best: Best validation error so far.
-        stale: Validations since then.
-        seconds: Time spent.
-        history: One row a validation: update, loss, validation error, seconds.
+        update: Number of the next update.
+        best: Best validation error.
+        stale: Validations since the best one.
+        seconds: Time spent [s].
+        history: One row per validation: update, loss, validation error, seconds.
     """
 
     update: int = 0
@@ -44,7 +44,7 @@ class TrainingProgress:
 
 
 class TrainingRun:
-    """A training in a folder, which can be interrupted and continued; the result is bit for bit the same."""
+    """A training in a folder; an interrupted and continued training has a bit-identical result."""
 
     def __init__(
         self,
@@ -56,26 +56,26 @@ class TrainingRun:
         """Open the folder.
 
         Args:
-            training: What to train.
-            folder: Where the checkpoint, history and TensorBoard files go.
-            report: Receives a line per validation.
-            attachments: Files kept in the checkpoint: the source.
+            training: Model, data and options.
+            folder: Folder for checkpoint, history and TensorBoard files.
+            report: Called with one line per validation.
+            attachments: Contents of further files of the checkpoint by name, such as the source.
 
         Raises:
-            OutputExists: the folder holds a finished training, or one of other options.
+            OutputExists: the folder holds a finished training, or one with other options.
         """
         self.training = training
         self.folder = folder
         self.report = report
         self.attachments = attachments
         self.progress = TrainingProgress()
-        self.descent = Descent(training)
+        self.optimiser = Optimiser(training)
         self._restore()
 
     def run(self) -> DynamicsModel:
-        """Train to the end and return the frozen model of the best validation."""
+        """Train, and return the frozen model with the best validation error."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        self._store()  # from now on the folder can be told from a stranger's, and training goes on in it
+        self._store()  # the state file marks the folder as that of a training that can be continued
         self.writer = SummaryWriter(str(self.folder / "tensorboard"))
         self._clock = time.monotonic() - self.progress.seconds
         with one_thread():
@@ -90,25 +90,26 @@ class TrainingRun:
     def _train(self) -> None:
         phase, progress = self.training.phase, self.progress
         losses: list[float] = []
-        while progress.update < phase.updates and not self._is_in_vain():
-            losses.append(self.descent.update(progress.update))
+        while progress.update < phase.updates and not self._is_stalled():
+            losses.append(self.optimiser.update(progress.update))
             progress.update += 1
             if progress.update % phase.per_validation == 0 or progress.update == phase.updates:
                 self._validate(sum(losses) / len(losses))
                 losses.clear()
 
-    def _is_in_vain(self) -> bool:
-        """Return whether the training has hardly got better than its start, and not of late."""
+    def _is_stalled(self) -> bool:
+        """Return whether the training has hardly improved on its start and has not improved recently."""
         progress = self.progress
-        hardly = not progress.best < (1 - LEARNED) * progress.history[0]["validation"]  # nor where both diverge
-        return hardly and progress.stale > self.training.options.patience
+        # the negated comparison is also true if both errors are infinite
+        no_gain = not progress.best < (1 - LEAST_IMPROVEMENT) * progress.history[0]["validation"]
+        return no_gain and progress.stale > self.training.options.patience
 
     def _validate(self, loss: float) -> None:
-        """Measure the validation error, keep the best model, store where the training stands."""
-        model, progress = self.descent.model, self.progress
+        """Compute the validation error, save the best model, and store the state of the training."""
+        model, progress = self.optimiser.model, self.progress
         error = self.training.validation_error(model)
         if not progress.history and not math.isfinite(error):
-            error = self._soften()
+            error = self._shrink_shortcut()
         progress.stale += 1
         progress.seconds = time.monotonic() - self._clock
         if error < progress.best or not progress.history:
@@ -120,16 +121,16 @@ class TrainingRun:
         self.writer.add_scalar("validation", error, step)
         self.writer.add_scalar("loss", loss, step)
         mark = " *" if progress.stale == 0 else ""
-        shown = f"{loss:9.5f}" if progress.update else "        –"  # nothing was learned yet
+        shown = f"{loss:9.5f}" if progress.update else "        –"  # no loss before the first update
         self.report(
             f"{self.training.phase.name} {progress.update:5d}/{self.training.phase.updates}  loss {shown}  "
             f"validation {error:9.5f}{mark}  {progress.seconds:6.1f} s"
         )
         self._store()
 
-    def _soften(self) -> float:
-        """Make the start bounded where it diverges, say so, and return the validation error from there."""
-        share, error = self.training.soften()
+    def _shrink_shortcut(self) -> float:
+        """Reduce a linear shortcut that diverges, report it, and return the new validation error."""
+        share, error = self.training.shrink_shortcut()
         if share < 1:
             self.report(
                 f"the linear shortcut diverges in closed loop on these data: training starts from {share:.1%} of it"
@@ -144,8 +145,8 @@ class TrainingRun:
             "identity": self._identity(),
             "progress": asdict(self.progress),
             "model": self.training.model.state_dict(),
-            "optimiser": self.descent.optimiser.state_dict(),
-            "average": self.descent.average.state_dict() if self.descent.average else None,
+            "optimiser": self.optimiser.adamw.state_dict(),
+            "average": self.optimiser.average.state_dict() if self.optimiser.average else None,
         }
         partial = self.folder / PARTIAL
         torch.save(content, partial)
@@ -154,7 +155,7 @@ class TrainingRun:
     def _restore(self) -> None:
         path = self.folder / STATE
         if not path.is_file():
-            self._check_free()
+            self._check_empty()
             return
         content = torch.load(path, weights_only=True, map_location=self.training.device)
         if content["identity"] != self._identity():
@@ -162,34 +163,40 @@ class TrainingRun:
                 f"{self.folder} holds an unfinished training of other options, data or source; remove it."
             )
         self.training.model.load_state_dict(content["model"])
-        self.descent.optimiser.load_state_dict(content["optimiser"])
-        if self.descent.average is not None:
-            self.descent.average.load_state_dict(content["average"])
+        self.optimiser.adamw.load_state_dict(content["optimiser"])
+        if self.optimiser.average is not None:
+            self.optimiser.average.load_state_dict(content["average"])
         self.progress = TrainingProgress(**content["progress"])
         self.report(f"going on at update {self.progress.update} of {self.folder}")
 
-    def _check_free(self) -> None:
-        """Refuse a folder that holds something; what a first state that could not be written left does not count."""
+    def _check_empty(self) -> None:
+        """Check that the folder is empty, except for a partially written state.
+
+        Raises:
+            OutputExists: it is not.
+        """
         if self.folder.is_dir() and all(entry.name == PARTIAL for entry in self.folder.iterdir()):
             return
         if (self.folder / HISTORY).is_file() and (self.folder / CHECKPOINT / checkpoint.CONFIG).is_file():
-            raise OutputExists(self._finished())
+            raise OutputExists(self._finished_message())
         if self.folder.exists():
             raise OutputExists(f"{self.folder} exists and holds something else; choose another --out or remove it.")
 
-    def _finished(self) -> str:
-        """Say that the training was done before, or that the folder holds the result of another."""
-        place = self.folder / CHECKPOINT
-        model = checkpoint.load_frozen(place)
+    def _finished_message(self) -> str:
+        """Return the error for a folder with a finished training: this one or another one."""
+        stored = self.folder / CHECKPOINT
+        model = checkpoint.load_frozen(stored)
         if identity(model, model.provenance.get("training")) == self._identity():
-            return f"{self.folder} holds this training, finished: its checkpoint is {place}; to train again, remove it."
+            return (
+                f"{self.folder} holds this training, finished: its checkpoint is {stored}; to train again, remove it."
+            )
         return (
-            f"{self.folder} holds a finished training of other options, data or source (checkpoint {place}); "
+            f"{self.folder} holds a finished training of other options, data or source (checkpoint {stored}); "
             "choose another --out or remove it."
         )
 
 
 def identity(model: DynamicsModel, options: object) -> str:
-    """Return what must be equal for a training to go on: options, kind, data and source."""
+    """Return options, kind, data and source as text; a training continues only if they are equal."""
     data = {key: model.provenance.get(key) for key in ("dataset", "source")}
     return json.dumps({"options": options, "kind": model.kind, **data}, sort_keys=True, default=str)

@@ -1,4 +1,4 @@
-"""What a source that remembers (play, a setpoint under way) predicts along motions while its memory is kept."""
+"""Predictions of a source with unmeasured state (play, a delayed setpoint) that is kept along recorded motions."""
 
 from collections.abc import Sequence
 
@@ -15,10 +15,10 @@ from nas_data.simulators.base import Simulator, Stepper
 BATCH = 64  # episodes stepped together
 
 
-def with_memory(dataset: Dataset, simulator: Simulator) -> Dataset:
-    """Return a dataset with the predictions of a source that is set to each measured state, not reset to it.
+def predict_with_memory(dataset: Dataset, simulator: Simulator) -> Dataset:
+    """Return a dataset with predictions of a source that is set, but not reset, to each measured state.
 
-    That is what φ meets in a closed loop: the source's measured joints are corrected, its hidden ones are its own.
+    In a closed loop φ is in the same situation: measured joints are corrected, unmeasured state is the source's own.
     """
     predicted = np.empty_like(dataset.states)
     episodes = list(dataset.episodes())
@@ -29,41 +29,41 @@ def with_memory(dataset: Dataset, simulator: Simulator) -> Dataset:
         stepper.reset(scene_states(dataset, simulator, starts).astype(float))
         for step in range(lengths.max()):
             rows = starts + np.minimum(step, lengths - 1)
-            after = follow(stepper, dataset.states[rows], dataset.commands[rows])
+            after = step_from(stepper, dataset.states[rows], dataset.commands[rows])
             predicted[rows[step < lengths]] = after[step < lengths]
     return dataset.with_column(SIM_STATE, state_feature(dataset.joints, dataset.slides), predicted)
 
 
-def start_windows(simulator: Simulator, episodes: Sequence[Episode], starts: np.ndarray, longest: int) -> Stepper:
-    """Return simulations that stand where windows start, having followed what was measured before.
+def start_at_windows(simulator: Simulator, episodes: Sequence[Episode], starts: np.ndarray, longest: int) -> Stepper:
+    """Return simulations at the starts of windows, after they followed the measured states before.
 
     Args:
         simulator: Source.
         episodes: Episode of each of W windows.
-        starts: Their first frames, shape (W,).
-        longest: Frames to follow before a window at most.
+        starts: First frame of each window, shape (W,).
+        longest: Most frames to follow before a window.
     """
     stepper = simulator.stepper(len(episodes))
     runs = np.minimum(starts, longest)
     scenes = [torch.cat([episode.states, episode.objects], dim=1) for episode in episodes]
-    first = gather(scenes, starts - runs)
+    first = gather_frames(scenes, starts - runs)
     stepper.reset(first)
     for step in range(runs.max() - 1, -1, -1):
-        waiting = np.flatnonzero(runs <= step)  # theirs have not begun
+        waiting = np.flatnonzero(runs <= step)  # windows whose frames have not begun
         frames = starts - np.minimum(runs, step + 1)
         states, commands = ([getattr(episode, name) for episode in episodes] for name in ("states", "commands"))
-        follow(stepper, gather(states, frames), gather(commands, frames))
+        step_from(stepper, gather_frames(states, frames), gather_frames(commands, frames))
         if len(waiting):
             stepper.reset(first[waiting], waiting)
     return stepper
 
 
-def follow(stepper: Stepper, states: np.ndarray, commands: np.ndarray) -> np.ndarray:
-    """Take one step from measured states (B, 2n), hidden memories kept; return the states after it."""
+def step_from(stepper: Stepper, states: np.ndarray, commands: np.ndarray) -> np.ndarray:
+    """Step once from measured states (B, 2n), with unmeasured state kept; return the next states (B, 2n)."""
     stepper.set_states(states.astype(float))
     return stepper.step(commands.astype(float))
 
 
-def gather(columns: Sequence[Tensor], frames: np.ndarray) -> np.ndarray:
+def gather_frames(columns: Sequence[Tensor], frames: np.ndarray) -> np.ndarray:
     """Return one frame of each column, shape (W, …), float64."""
     return np.stack([column[frame].double().numpy() for column, frame in zip(columns, frames, strict=True)])

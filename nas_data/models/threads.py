@@ -1,4 +1,4 @@
-"""How many threads torch may use: networks this small lose more than they win on two."""
+"""Restriction of torch to one thread, which is faster for small networks."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,7 +8,7 @@ import torch
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Run torch on one thread; as a context or as a decorator."""
+    """Run torch on one thread, as a context manager or a decorator."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:

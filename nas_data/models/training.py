@@ -1,4 +1,4 @@
-"""What a training of φ or ψ consists of: split, model with its statistics, how it is trained, validation error."""
+"""Setup of a training of φ or ψ: data split, model, loss and validation error."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -13,17 +13,17 @@ from nas_data.joint_units import SHARE, JointUnit, kinds_of, mean_of_kind
 from nas_data.metrics import Errors
 from nas_data.models.episodes import cut_episodes, join, pad, read_episodes
 from nas_data.models.evaluation import open_loop_model
-from nas_data.models.fitting import CONSTANT, prepare, soften
+from nas_data.models.fitting import CONSTANT, prepare, shrink_shortcut
 from nas_data.models.losses import FreeRunning, Phase, TeacherForcing, one_step_loss
 from nas_data.models.lstm import DynamicsModel, Kind
 from nas_data.models.presets import TrainingOptions
-from nas_data.models.split import hold_out, rows_of
-from nas_data.models.stateful_source import with_memory
-from nas_data.models.symmetry import symmetry_of
+from nas_data.models.split import select_frames, split_validation
+from nas_data.models.stateful_source import predict_with_memory
+from nas_data.models.symmetry import find_symmetry
 from nas_data.simulators.base import Simulator
 
-SEGMENT = 1000  # frames of a validation rollout: long enough for errors to compound, short enough to run often
-SEGMENTS = 32  # validation rollouts at most
+SEGMENT = 1000  # most frames of a validation rollout: enough for errors to accumulate, few enough to run often
+SEGMENTS = 32  # most validation rollouts
 
 
 class ModelTraining:
@@ -31,8 +31,8 @@ class ModelTraining:
 
     Attributes:
         model: The network, with normalisation from the training episodes.
-        phase: How it is trained: free running where a source is at hand (ψ needs none), else teacher forcing.
-        split: What trains and what is held out for early stopping.
+        phase: Free running if a source is available (ψ needs none), else teacher forcing.
+        split: Training data, and validation data for early stopping.
     """
 
     def __init__(
@@ -44,22 +44,22 @@ class ModelTraining:
         provenance: Mapping[str, object] | None = None,
         device: str | None = None,
     ) -> None:
-        """Split the episodes, build the model and its normalisation.
+        """Split the episodes, and build and initialise the model.
 
         Args:
             kind: `delta` for φ, `forward` for ψ.
             dataset: Transitions; paired for φ.
             options: See `TrainingOptions`.
-            simulator: Source, for free running and validation of φ; None trains it by teacher forcing alone.
-            provenance: Dataset and source, stored in the checkpoint.
-            device: torch device; a GPU where there is one when None.
+            simulator: Source, for free running and validation of φ; without it φ is trained by teacher forcing.
+            provenance: Dataset and source, which are stored in the checkpoint.
+            device: torch device; a GPU, if available, if None.
 
         Raises:
             DatasetInvalid: φ without `next.observation.sim_state`.
             JointMismatch: simulator and dataset have different joints.
-            ModelFileError: the source's model is not as symmetric as it says.
-            OptionError: torch cannot use the device, or the options ask for corrected torques or a symmetry where
-                there are none.
+            ModelFileError: the source's model does not have its declared symmetry.
+            OptionError: torch cannot use the device, or the options ask for torque correction or a symmetry without
+                torques or a symmetry.
         """
         if kind == "delta" and not dataset.paired:
             raise DatasetInvalid("A delta model needs the source's predictions: run `nas pair` on the dataset first.")
@@ -71,8 +71,8 @@ class ModelTraining:
         self.simulator = simulator
         self.device = find_device(device)
         if kind == "delta" and simulator is not None and simulator.remembers:
-            dataset = with_memory(dataset, simulator)
-        self.split = hold_out(dataset, options.validation, options.seed)
+            dataset = predict_with_memory(dataset, simulator)
+        self.split = split_validation(dataset, options.validation, options.seed)
         self.free = options.updates > 0 and (kind == "forward" or simulator is not None)
         self.model = self._build(kind, dataset, provenance or {})
         episodes = read_episodes(self.split.train, simulator=simulator)
@@ -83,7 +83,7 @@ class ModelTraining:
             if self.free
             else TeacherForcing(self.model, episodes, options, self.device)
         )
-        self.rollouts = validation_rollouts(self.split.held)
+        self.rollouts = validation_rollouts(self.split.validation)
         self.scales = error_scales(self.split.train)
 
     def _build(self, kind: Kind, dataset: Dataset, provenance: Mapping[str, object]) -> DynamicsModel:
@@ -101,29 +101,29 @@ class ModelTraining:
             provenance={
                 **provenance,
                 "training": asdict(options),
-                "validation": self.split.what,
+                "validation": self.split.description,
                 "validation_unit": self.unit.si if self.unit else None,
             },
             corrects=options.corrects,
-            **(symmetry_of(self.simulator) if options.symmetric and self.simulator else {}),
+            **(find_symmetry(self.simulator) if options.symmetric and self.simulator else {}),
         )
 
     @property
     def unit(self) -> JointUnit | None:
-        """Unit of what early stopping looks at, None where it is normalised errors of one step."""
+        """Unit of the validation error; None for normalised one-step errors."""
         kinds = kinds_of(self.split.train.joints, self.split.train.slides)
         return None if not self.free else kinds[0][0] if len(kinds) == 1 else SHARE
 
     @property
     def criterion(self) -> str:
-        """What early stopping looks at, with its unit."""
+        """Description of the validation error, with its unit."""
         if self.unit is None:
             return "one-step normalised MSE"
         unit = "over the spread of hinges, and of slides" if self.unit is SHARE else f"[{self.unit.si}]"
         return f"open-loop position RMSE {unit}"
 
     def validation_error(self, model: DynamicsModel | None = None) -> float:
-        """Return the error of the model, or of another state of it, on the held-out episodes."""
+        """Return the error on the validation data of the model, or of the same model with other weights."""
         model = model or self.model
         model.eval()
         with torch.no_grad():
@@ -131,11 +131,11 @@ class ModelTraining:
         model.train()
         return error
 
-    def soften(self) -> tuple[float, float]:
-        """Take back as much of the shortcut as diverges; see `fitting.soften`."""
+    def shrink_shortcut(self) -> tuple[float, float]:
+        """Reduce a diverging shortcut; see `fitting.shrink_shortcut`."""
         if self.model.shortcut is None:
             return 1.0, self.validation_error()
-        return soften(self.model, self.validation_error)
+        return shrink_shortcut(self.model, self.validation_error)
 
     def _open_loop_error(self, model: DynamicsModel) -> float:
         model.to("cpu")
@@ -146,15 +146,15 @@ class ModelTraining:
         return error if np.isfinite(error) else float("inf")
 
     def _one_step_error(self, model: DynamicsModel) -> float:
-        batch, mask = pad(cut_episodes(read_episodes(self.split.held), self.options.segment))
+        batch, mask = pad(cut_episodes(read_episodes(self.split.validation), self.options.segment))
         return float(one_step_loss(model, batch, mask, self.device))
 
 
 def check_torques(kind: Kind, dataset: Dataset, options: TrainingOptions, simulator: Simulator | None) -> None:
-    """Refuse to train what corrects commands where that cannot be.
+    """Check the requirements of a training that corrects torques.
 
     Raises:
-        OptionError: it is ψ, commands are no torques, the source is missing, or updates are 0.
+        OptionError: the kind is ψ, commands are no torques, the source is missing, or updates are 0.
     """
     if kind != "delta" or set(dataset.kinds) != {EFFORT}:
         reason = "ψ corrects nothing" if kind != "delta" else "this robot does not take torques"
@@ -166,10 +166,10 @@ def check_torques(kind: Kind, dataset: Dataset, options: TrainingOptions, simula
 
 
 def find_device(name: str | None) -> torch.device:
-    """Return a torch device by its name; a GPU where there is one when None.
+    """Return a torch device by its name; for None a GPU if available, else the CPU.
 
     Raises:
-        OptionError: torch does not know it, or this machine lacks it.
+        OptionError: torch does not know the device, or this machine does not have it.
     """
     if name is None:
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
@@ -183,7 +183,7 @@ def find_device(name: str | None) -> torch.device:
 
 
 def error_scales(train: Dataset) -> np.ndarray:
-    """Return what errors of joints are divided by where they are averaged, shape (n,): 1 where all are of one kind."""
+    """Return the divisors of joint errors in averages, shape (n,): 1 if all joints are of one kind."""
     joints, slides = train.joints, train.slides
     if len(kinds_of(joints, slides)) == 1:
         return np.ones(len(joints))
@@ -191,11 +191,11 @@ def error_scales(train: Dataset) -> np.ndarray:
 
 
 def validation_rollouts(held: Dataset) -> Dataset:
-    """Cut what is held out into rollouts of bounded length, each started at a measured state."""
+    """Cut validation data into rollouts of bounded length, each of which starts at a measured state."""
     starts = [
         (start, min(start + SEGMENT, rows.stop))
         for rows in held.episodes()
         for start in range(rows.start, rows.stop, SEGMENT)
     ]
     order = np.linspace(0, len(starts) - 1, min(SEGMENTS, len(starts))).round().astype(int)
-    return rows_of(held, [starts[index] for index in order])
+    return select_frames(held, [starts[index] for index in order])

@@ -14,7 +14,7 @@ from nas_data.recorders.path_planner import PathPlanner
 from nas_data.recorders.readings import Readings
 from nas_data.recorders.session import PlaybackProtocol, RecordingSession, Target
 from nas_data.robots.base import Robot
-from nas_data.simulators.contact import contact_counts
+from nas_data.simulators.contact import count_contacts
 from nas_data.simulators.mujoco import MujocoSimulator
 
 RETURN = 2.0  # [s] simulated after each episode: the return to the first pose must be collision-free, too
@@ -136,8 +136,8 @@ def free_of_contact(
     initial = np.concatenate([poses, np.zeros_like(poses)], axis=1)
     path = simulator.rollout(initial, np.concatenate([commands, back], axis=1))[..., :n]
     seen = path[:, :: max(1, round(LOOK / simulator.period))]
-    counts = contact_counts(simulator, seen.reshape(-1, n)).reshape(len(poses), -1)
-    free = np.asarray((counts == 0).all(axis=1) & (contact_counts(simulator, poses) == 0))
+    counts = count_contacts(simulator, seen.reshape(-1, n)).reshape(len(poses), -1)
+    free = np.asarray((counts == 0).all(axis=1) & (count_contacts(simulator, poses) == 0))
     for episode in np.flatnonzero(free):
         last, first = path[episode, steps - 1], poses[episode]
         free[episode] = planner.exists(last, planner.rest) and planner.exists(planner.rest, first)

@@ -9,7 +9,7 @@ import numpy as np
 from nas_data.errors import PathBlocked
 from nas_data.joint_units import radians_at
 from nas_data.robots.base import Robot
-from nas_data.simulators.contact import Touches, contact_counts, touches
+from nas_data.simulators.contact import ContactDistances, count_contacts, find_contacts
 from nas_data.simulators.limits import command_limits
 from nas_data.simulators.mujoco import MujocoSimulator
 
@@ -77,7 +77,7 @@ class PathPlanner:
         if self.touches(corners[-1]):
             return False
         path = np.concatenate([self._interpolate(a, b) for a, b in pairwise(corners)])
-        touching = contact_counts(self._simulator, path) > 0
+        touching = count_contacts(self._simulator, path) > 0
         parted = int(np.argmin(touching))
         return not touching[parted:].any() and self._only_separates(path[:parted])
 
@@ -87,21 +87,21 @@ class PathPlanner:
 
     def obstacle(self, begin: np.ndarray, end: np.ndarray) -> str:
         """Return the first new contact on the straight path, as the names of both bodies."""
-        known = touches(self._simulator, begin).keys()
+        known = find_contacts(self._simulator, begin).keys()
         for pose in self._interpolate(begin, end):
-            new = touches(self._simulator, pose).keys() - known
+            new = find_contacts(self._simulator, pose).keys() - known
             if new:
                 return " with ".join(reversed(min(new)))
         return "what it touches now even more"
 
     def touches(self, pose: np.ndarray) -> bool:
         """Return whether a pose [rad; m], shape (n,), is in contact."""
-        return bool(touches(self._simulator, pose, self._scratch))
+        return bool(find_contacts(self._simulator, pose, self._scratch))
 
     def enters_contact(self, begin: np.ndarray, end: np.ndarray) -> bool:
         """Return whether moving between poses [rad; m], shape (n,), makes a new contact or deepens one."""
-        soon = touches(self._simulator, end, self._scratch)
-        now = touches(self._simulator, begin, self._scratch) if soon else {}
+        soon = find_contacts(self._simulator, end, self._scratch)
+        now = find_contacts(self._simulator, begin, self._scratch) if soon else {}
         return any(distance < now.get(pair, np.inf) for pair, distance in soon.items())
 
     def leaves_contact(self, begin: np.ndarray, end: np.ndarray) -> bool:
@@ -109,8 +109,8 @@ class PathPlanner:
 
         The smallest clearance must grow. No pair of bodies may come closer by more than 1 mm.
         """
-        now = touches(self._simulator, begin, self._scratch)
-        soon = touches(self._simulator, end, self._scratch) if now else {}
+        now = find_contacts(self._simulator, begin, self._scratch)
+        soon = find_contacts(self._simulator, end, self._scratch) if now else {}
         parts = all(distance > now.get(pair, np.inf) - CLOSER for pair, distance in soon.items())
         return bool(now) and parts and min(soon.values(), default=np.inf) > min(now.values())
 
@@ -135,9 +135,9 @@ class PathPlanner:
 
     def _only_separates(self, path: np.ndarray) -> bool:
         """Return whether the contacts at the start of a path only open along it."""
-        allowed: Touches | None = None
+        allowed: ContactDistances | None = None
         for pose in path:
-            now = touches(self._simulator, pose)
+            now = find_contacts(self._simulator, pose)
             if allowed is not None and any(now[pair] < allowed.get(pair, np.inf) - CLOSER for pair in now):
                 return False
             allowed = now if allowed is None else {pair: allowed[pair] for pair in now}

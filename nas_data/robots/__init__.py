@@ -1,1 +1,1 @@
-"""Robots: one file each, MJCF written by us with cited constants."""
+"""Robots: one file each, with MJCF models of this project and cited constants."""

@@ -1,4 +1,4 @@
-"""What a robot is: an MJCF with named joints, and the constants that recording and control need."""
+"""Interface of robots: an MJCF with named joints, and constants for recording and control."""
 
 import codecs
 import hashlib
@@ -15,20 +15,20 @@ import mujoco
 from nas_data import registry
 from nas_data.errors import ModelFileError, UnknownName
 from nas_data.mjcf.actuator_lookup import driven_joint
-from nas_data.mjcf.check_angle_units import angle_doubts
+from nas_data.mjcf.check_angle_units import check_angle_units
 from nas_data.mjcf.default_servos import add_position_servos, add_torque_motors, motor_joints
-from nas_data.mjcf.engine_warnings import heard_warnings, pass_on
-from nas_data.mjcf.floating_base import falling_bases, hold_bases
+from nas_data.mjcf.engine_warnings import collect_warnings, print_warnings
+from nas_data.mjcf.floating_base import find_floating_bases, fix_bases
 from nas_data.visible_files import visible
 from nas_data.warn_once import say_once
 
 FOLDER = Path(__file__).parent
-MISSING = re.compile(r"Error opening file '([^']+)'")  # how MuJoCo speaks of meshes, textures and included files
+MISSING = re.compile(r"Error opening file '([^']+)'")  # MuJoCo's error for meshes, textures and included files
 URDF = ".urdf"
-KNOWN = (".xml", URDF)  # endings by which MuJoCo knows a model
-TORQUES = ":torque"  # after a URDF's name: its joints have motors, which take torques
-PREFIX = "nas_"  # of a model's own constants, in its <custom>
-NOT_A_NUMBER = "'NaN'"  # in MuJoCo's warning, after which it reads the number as not given
+KNOWN = (".xml", URDF)  # file suffixes that MuJoCo reads
+TORQUES = ":torque"  # suffix of a URDF's path for torque motors instead of position servos
+PREFIX = "nas_"  # prefix of the constants of this package in <custom>
+NOT_A_NUMBER = "'NaN'"  # part of MuJoCo's warning about NaN, which it reads as a missing number
 
 
 @dataclass(frozen=True)
@@ -37,16 +37,16 @@ class Robot:
 
     Attributes:
         name: Its name; LeRobot's `robot_type`.
-        mjcf: File with the model; its SHA-256 identifies the source in provenance.
+        mjcf: Model file; its SHA-256 identifies the source in provenance.
         joints: Commanded joints in the order of state and action.
         rate: Usual control rate [Hz].
-        rest: Rest positions [rad], one a joint; empty for zero.
+        rest: Rest position of each joint [rad]; empty for zero.
         position_quantum: Resolution of the position reading [rad]; 0 for none.
         velocity_quantum: Resolution of the velocity reading [rad/s]; 0 for none.
         tip: Name of the site at the end effector, or None.
-        edit: Completes the model (a tool, a table); applied after the file is read.
-        bases: Bodies that would fall and are fastened to the world by `edit`.
-        adapted: Whether the model holds already what a recording does not tell (see `simulators/held.py`).
+        edit: Edit that completes the model (a tool, a table) after the file is read.
+        bases: Floating bases that `edit` fixes to the world.
+        adapted: Whether `simulators/lock_joints.py` has already locked the joints that a recording does not determine.
     """
 
     name: str
@@ -70,7 +70,7 @@ class Robot:
 
     @property
     def sha256(self) -> str:
-        """SHA-256 of the model: of the file as it is, or of the completed model where `edit` changes it."""
+        """SHA-256 of the model file, or of the completed model if `edit` changes it."""
         content = self.mjcf.read_bytes() if self.edit is None else self.spec().to_xml().encode()
         return hashlib.sha256(content).hexdigest()
 
@@ -79,26 +79,26 @@ def read_spec(path: Path) -> mujoco.MjSpec:
     """Read an MJCF or URDF file.
 
     Raises:
-        ModelFileError: there is no such file, one that it names is missing, or MuJoCo cannot use it as a model.
+        ModelFileError: the file or a file that it refers to is missing, or MuJoCo cannot read it.
     """
     if path.is_dir():
-        raise ModelFileError(f"{path} is a folder; give a model file{_models_in(path)}.")
+        raise ModelFileError(f"{path} is a folder; give a model file{_suggest_models(path)}.")
     if not path.is_file():
         raise ModelFileError(f"There is no model file {path}; give an MJCF or URDF file, or a robot's name.")
     try:
-        with heard_warnings() as heard:
-            spec = _parsed(path)
+        with collect_warnings() as warnings:
+            spec = _parse(path)
             spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        raise ModelFileError(_explained(path, " ".join(str(error).split()).rstrip("."))) from None
-    if any(NOT_A_NUMBER in warning for warning in heard):
-        raise ModelFileError(f"{path} gives NaN where a number should stand{_line_of_nan(path)}; put a number there.")
-    pass_on(heard)
+        raise ModelFileError(_explain_error(path, " ".join(str(error).split()).rstrip("."))) from None
+    if any(NOT_A_NUMBER in warning for warning in warnings):
+        raise ModelFileError(f"{path} gives NaN where a number should stand{_locate_nan(path)}; put a number there.")
+    print_warnings(warnings)
     return spec
 
 
-def _parsed(path: Path) -> mujoco.MjSpec:
-    """Read a model by what it holds: the engine goes by a file's ending, and knows `.xml` and `.urdf` only."""
+def _parse(path: Path) -> mujoco.MjSpec:
+    """Read a model by its content, because MuJoCo only reads files with suffix `.xml` or `.urdf`."""
     content = path.read_bytes()
     if path.suffix in KNOWN or not content.removeprefix(codecs.BOM_UTF8).lstrip().startswith(b"<"):
         return mujoco.MjSpec.from_file(str(path))
@@ -106,14 +106,14 @@ def _parsed(path: Path) -> mujoco.MjSpec:
     return mujoco.MjSpec.from_file(str(known), include={known.name: content})
 
 
-def _models_in(folder: Path) -> str:
-    """Name a few model files of a folder, where there are some."""
+def _suggest_models(folder: Path) -> str:
+    """Return a phrase with a model file of a folder; empty if there is none."""
     files = [file.name for file in visible(folder) if file.suffix in (*KNOWN, ".mjcf")]
     return f" in it, such as {folder / files[0]}" if files else ""
 
 
-def _explained(path: Path, reason: str) -> str:
-    """Say why a model cannot be used, and what to do about it."""
+def _explain_error(path: Path, reason: str) -> str:
+    """Return the error message for a model that MuJoCo cannot read."""
     missing = MISSING.search(reason)
     if missing:
         wanted = path.parent / missing[1]
@@ -121,8 +121,8 @@ def _explained(path: Path, reason: str) -> str:
     return f"{path} cannot be used as a robot model: {reason}; give an MJCF or URDF file."
 
 
-def _line_of_nan(path: Path) -> str:
-    """Say in which line of a file the first NaN stands, where it is not in a file that this one includes."""
+def _locate_nan(path: Path) -> str:
+    """Return a phrase with the line of the first NaN in a file; empty if it is in an included file."""
     lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     found = [number for number, line in enumerate(lines, 1) if re.search(r"[\s\"']nan[\s\"']", line, re.IGNORECASE)]
     return f" (line {found[0]})" if found else ""
@@ -135,23 +135,23 @@ def actuated_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
 
 
 def deepest_joint(spec: mujoco.MjSpec, joints: Sequence[str]) -> str:
-    """Return the joint with the most bodies between it and the world; of several the last one listed."""
+    """Return the joint with the most bodies between it and the world; of several, the last in `joints`."""
 
     def depth(joint: str) -> int:
-        body, above = spec.joint(joint).parent, 0
+        body, count = spec.joint(joint).parent, 0
         while body.parent is not None:
-            body, above = body.parent, above + 1
-        return above
+            body, count = body.parent, count + 1
+        return count
 
     return max(reversed(joints), key=depth)
 
 
 @cache
-def say_held(path: Path, bases: tuple[str, ...]) -> None:
-    """Say once that bases are held which would fall."""
-    named = ", ".join(f"'{base}'" for base in bases)
+def note_fixed_bases(path: Path, bases: tuple[str, ...]) -> None:
+    """Print a note, once per model, that floating bases are fixed."""
+    names = ", ".join(f"'{base}'" for base in bases)
     print(
-        f"nas: note: the base {named} of {path} is free to fall, and no joint tells where it is: it is held where the "
+        f"nas: note: the base {names} of {path} is free to fall, and no joint tells where it is: it is held where the "
         "model has it, as if the robot hung there.",
         file=sys.stderr,
     )
@@ -163,12 +163,12 @@ def slide_joints(spec: mujoco.MjSpec) -> tuple[str, ...]:
 
 
 def robot_names() -> tuple[str, ...]:
-    """Return the robots that come with the program: files of constants, and models that hold their own."""
+    """Return the names of the included robots: Python files, and models with their own constants."""
     return tuple(sorted({*registry.names("robots"), *(path.stem for path in visible(FOLDER, "*.xml"))}))
 
 
 class RobotConstants(TypedDict, total=False):
-    """What a model may say of its robot beside physics; see `Robot`."""
+    """Constants of a robot that its model can define; see `Robot`."""
 
     rate: float
     position_quantum: float
@@ -178,17 +178,17 @@ class RobotConstants(TypedDict, total=False):
 
 
 def read_constants(spec: mujoco.MjSpec, path: Path) -> RobotConstants:
-    """Return the constants of a robot that its model holds in `<custom>`.
+    """Return the constants of a robot that its model defines in `<custom>`.
 
-    These are `<numeric name="nas_rate" data="50"/>`, the control rate [Hz], likewise `nas_position_quantum` [rad],
+    They are `<numeric name="nas_rate" data="50"/>`, the control rate [Hz], likewise `nas_position_quantum` [rad],
     `nas_velocity_quantum` [rad/s] and `nas_rest` [rad], and `<text name="nas_tip" data="SITE"/>`.
 
     Args:
         spec: The model.
-        path: Its file, for errors.
+        path: Model file, for errors.
 
     Raises:
-        ModelFileError: a number is none of these or cannot be, or there is no such site.
+        ModelFileError: a constant is unknown or invalid, or the site does not exist.
     """
     own: RobotConstants = {}
     for number in spec.numerics:
@@ -213,13 +213,13 @@ def read_constants(spec: mujoco.MjSpec, path: Path) -> RobotConstants:
 
 
 def find_robot(name_or_path: str | Path) -> Robot:
-    """Return a robot of ours by name, or any user's model by its file.
+    """Return an included robot by its name, or the robot of a model file.
 
-    A URDF, which names no actuators, is given position servos; `arm.urdf:torque` is one with motors instead.
+    A URDF has no actuators and gets position servos; `arm.urdf:torque` gets torque motors instead.
 
     Raises:
-        UnknownName: neither a robot's name nor a path.
-        ModelFileError: the file cannot be used as a model, or names its actuators itself.
+        UnknownName: the argument is neither a robot's name nor a path.
+        ModelFileError: the file is no valid model, or `:torque` is given for a model with actuators.
     """
     given = str(name_or_path).removesuffix(TORQUES)
     path, named = Path(given), given in robot_names()
@@ -233,15 +233,15 @@ def find_robot(name_or_path: str | Path) -> Robot:
     if path.suffix or path.is_file() or path.is_dir():
         spec = read_spec(path)
         own = read_constants(spec, path)
-        for doubt in angle_doubts(path, spec.compile(), bool(spec.compiler.degree)):
+        for doubt in check_angle_units(path, spec.compile(), bool(spec.compiler.degree)):
             say_once(doubt)
         if path.suffix == URDF and (joints := motor_joints(spec)):
             return Robot(name=path.stem, mjcf=path, joints=joints, edit=add_actuators, **own)
         joints = actuated_joints(spec)
         if not joints:
             raise ModelFileError(f"{path} has no actuator that drives a joint; add <position joint=…> actuators.")
-        if bases := falling_bases(spec):
-            say_held(path, bases)
-            return Robot(name=path.stem, mjcf=path, joints=joints, edit=hold_bases, bases=bases, **own)
+        if bases := find_floating_bases(spec):
+            note_fixed_bases(path, bases)
+            return Robot(name=path.stem, mjcf=path, joints=joints, edit=fix_bases, bases=bases, **own)
         return Robot(name=path.stem, mjcf=path, joints=joints, **own)
     raise UnknownName("robot", given, robot_names())

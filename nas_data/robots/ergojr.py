@@ -6,7 +6,7 @@ from nas_data.robots.base import FOLDER, Robot
 
 JOINTS = ("m1", "m2", "m3", "m4", "m5", "m6")
 RATE = 100.0  # [Hz] control rate of the paper's recordings
-POSITION_QUANTUM = math.radians(300 / 1023)  # [rad] 0..1023 over 300°, XL-320 e-manual
+POSITION_QUANTUM = math.radians(300 / 1023)  # [rad] 0 … 1023 over 300°, XL-320 e-manual
 VELOCITY_QUANTUM = 0.111 * 2 * math.pi / 60  # [rad/s] 0.111 rpm per unit (0.666°/s), XL-320 e-manual
 
 ROBOT = Robot(

@@ -8,11 +8,11 @@ from nas_data.robots.ergojr import ROBOT as ERGOJR
 
 HOLDER_DISTANCE = 0.030  # [m] from the axis of m6 to the holder, the authors' ErgoJr chain
 HOLDER_MASS = 0.004  # [kg] the authors' ErgoJr
-HOLDER_RADIUS, HOLDER_LENGTH = 0.007, 0.024  # [m] a sleeve round a pen
+HOLDER_RADIUS, HOLDER_LENGTH = 0.007, 0.024  # [m] a sleeve around a pen
 
 
 def add_penholder(spec: mujoco.MjSpec) -> None:
-    """Put the pen holder on the last link; the site `tip` moves to its middle, which the paper's reward measures."""
+    """Add the pen holder to the last link, and move the site `tip` to its middle, as in the paper's reward."""
     holder = spec.body("link6").add_body(name="penholder", pos=[0, HOLDER_DISTANCE, 0])
     holder.add_geom(
         name="penholder",

@@ -5,7 +5,7 @@ import math
 from nas_data.robots.base import FOLDER, Robot
 
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
-QUANTUM = 2 * math.pi / 4096  # [rad] a count of the STS3215's encoder, and [rad/s] a unit of its speed
+QUANTUM = 2 * math.pi / 4096  # [rad] count of the STS3215's encoder, and [rad/s] unit of its speed register
 
 ROBOT = Robot(
     name="so101_follower",

@@ -1,4 +1,4 @@
-"""What a simulator is: something that predicts one control step, rolls out episodes and steps in a closed loop."""
+"""Interfaces of simulators: one-step predictions, open-loop rollouts and closed loops."""
 
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
@@ -11,7 +11,7 @@ from nas_data.dataset.features import Feature
 class Stepper(Protocol):
     """A batch of B independent simulations stepped together in a closed loop.
 
-    Implemented by plain simulators, by the augmented one (source + φ) and by the learned one (ψ).
+    Physics engines, the augmented source (source + φ) and the learned model ψ implement it.
     """
 
     joints: tuple[str, ...]
@@ -23,45 +23,45 @@ class Stepper(Protocol):
 
     @property
     def objects(self) -> np.ndarray:
-        """Positions then velocities of what moves beside the joints (see `Objects`), shape (B, m), float64."""
+        """Positions then velocities of the objects in the scene (see `Objects`), shape (B, m), float64."""
 
     def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
-        """Start (some of the) simulations anew at rest or in motion, with every hidden memory cleared.
+        """Reset simulations to states, and clear all unmeasured state.
 
         Args:
-            states: Positions [rad] then velocities [rad/s], and the objects' states where they are not to be in the
-                model's reference posture, shape (rows, 2n or 2n + m).
-            rows: Which simulations, shape (rows,); all where None.
+            states: Positions [rad], velocities [rad/s] and, optionally, object states, shape (rows, 2n or 2n + m).
+                Without object states, objects start in the model's reference posture.
+            rows: Indices of the simulations, shape (rows,); all if None.
         """
 
-    def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
-        """Command the servos of objects (an opponent's) until the next reset or guidance.
+    def command_objects(self, targets: np.ndarray, rows: np.ndarray) -> None:
+        """Command the servos of objects, such as an opponent; commands hold until the next call or reset.
 
         Args:
             targets: Positions [rad], in the order of `Objects.servos`, shape (rows, k).
-            rows: Which simulations, shape (rows,).
+            rows: Indices of the simulations, shape (rows,).
         """
 
     def step(self, commands: np.ndarray) -> np.ndarray:
         """Hold the commands (B, n) for one control period and return the new states (B, 2n)."""
 
     def set_states(self, states: np.ndarray) -> None:
-        """Set the joints' state (B, 2n), not the objects', without clearing memories (delays, play, activations)."""
+        """Set the joints' states (B, 2n); objects and unmeasured state (delays, play, activations) stay."""
 
     def site_positions(self, name: str) -> np.ndarray:
-        """Return where a site is in the world [m], shape (B, 3), in agreement with `states`."""
+        """Return the world position of a site [m], shape (B, 3), consistent with `states`."""
 
 
 @runtime_checkable
-class Redrawn(Protocol):
-    """A batch of simulations whose models are drawn anew with every episode."""
+class RandomizedStepper(Protocol):
+    """A batch of simulations with domain randomization: each episode has its own model."""
 
     def redraw(self, rngs: Sequence[np.random.Generator], rows: np.ndarray | None = None) -> None:
-        """Draw the models of episodes that are about to begin; `Stepper.reset` follows.
+        """Draw the models of new episodes; the caller then calls `Stepper.reset`.
 
         Args:
-            rngs: One generator a simulation that starts; what it gives to others stays the same.
-            rows: Which simulations, shape (rows,); all where None.
+            rngs: One generator per simulation in `rows`.
+            rows: Indices of the simulations, shape (rows,); all if None.
         """
 
 
@@ -70,11 +70,11 @@ class Simulator(Protocol):
 
     Attributes:
         joints: Measured and commanded joints.
-        slides: Those of them that are slides: in metres and newtons, where others are in radians and newton metres.
+        slides: Slides among them, in metres and newtons instead of radians and newton metres.
         period: Control period [s].
-        kinds: What each joint is commanded: `.pos` [rad; m], `.vel` [rad/s; m/s] or `.effort` [N·m; N].
-        remembers: Whether it has a state that is not measured (play, a command under way), which a reset forgets.
-        object_feature: Names and units of the states of objects in the scene, m components; none in most.
+        kinds: Command quantity of each joint: `.pos` [rad; m], `.vel` [rad/s; m/s] or `.effort` [N·m; N].
+        remembers: Whether it has unmeasured state, such as play or a delayed command, which a reset clears.
+        object_feature: Names and units of the m components of the object states; empty without objects.
     """
 
     joints: tuple[str, ...]
@@ -85,36 +85,37 @@ class Simulator(Protocol):
     object_feature: Feature
 
     def predict(self, states: np.ndarray, commands: np.ndarray, continues: np.ndarray | None = None) -> np.ndarray:
-        """Simulate transitions: each row reset to its state, warm start zeroed, command held one period.
+        """Simulate transitions: each row is reset to its state, warm start zeroed, and its command held for one period.
 
         Args:
             states: Positions [rad] then velocities [rad/s], shape (N, 2n), or with the objects' states (N, 2n + m).
                 Without them objects start in the model's reference posture.
-            commands: What each joint is asked for, shape (N, n).
-            continues: Whether a row follows the one before it in a recording, shape (N,); nowhere where None. Then it
-                starts with what the simulation of that one tells of what is not measured, where that matters: how far
-                constraints gave way, and where a servo's setpoint is whose speed is commanded.
+            commands: Commands in the quantities of `kinds`, shape (N, n).
+            continues: Whether a row follows the previous one in a recording, shape (N,); none does if None. Such a row
+                takes over two unmeasured quantities from the simulation of the previous row: the deviation from
+                constraints, and the setpoint of a servo that is commanded a velocity.
 
         Returns:
-            Next states, as wide as the states given, float64.
+            Next states, shape as `states`, float64.
         """
 
     def rollout(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
         """Simulate whole episodes in open loop.
 
         Args:
-            initial: First states, shape (B, 2n), or with the objects' states (B, 2n + m). Their servos hold still.
-            commands: Shape (B, T, n).
+            initial: First states, shape (B, 2n), or with the objects' states (B, 2n + m). Servos of objects hold their
+                initial position.
+            commands: Commands in the quantities of `kinds`, shape (B, T, n).
 
         Returns:
             States after each command, shape (B, T, 2n), or (B, T, 2n + m), float64.
         """
 
     def rollout_settled(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
-        """Do as `rollout`, from an arm whose servos have long held its weight: play and springs lie as they then do."""
+        """Do as `rollout`, with play and springs initially settled under the arm's weight."""
 
     def stepper(self, size: int) -> Stepper:
         """Return a batch of simulations for closed loops."""
 
     def describe(self) -> dict[str, object]:
-        """Return what provenance records: model's name and SHA-256, engine and version, effects with parameters."""
+        """Return the description for provenance: model, SHA-256, engine and version, effects with parameters."""

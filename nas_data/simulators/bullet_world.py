@@ -16,9 +16,9 @@ import numpy as np
 from nas_data.errors import MissingPackage, ModelFileError
 from nas_data.simulators.urdf import ROTOR, joint_name, link_name, to_urdf
 
-SOFT = 0.5  # [-] least impedance of a constraint below which it pulls rather than holds; MuJoCo's default is 0.9
-RIGID = 1e9  # [N·m] no gear slips
-UNBOUNDED = 1e5  # [rad/s] PyBullet's own bound, 100 rad/s, is within reach of what a constraint has to undo
+SOFT = 0.5  # a constraint with a smaller impedance (solimp dmin) counts as soft; MuJoCo's default is 0.9
+RIGID = 1e9  # [N·m] largest torque of a gear, so that none slips
+UNBOUNDED = 1e5  # [rad/s] speed limit; PyBullet's default of 100 rad/s can be reached before a projection
 
 
 def import_pybullet() -> ModuleType:
@@ -37,7 +37,7 @@ def import_pybullet() -> ModuleType:
 
 @contextlib.contextmanager
 def silence() -> Iterator[None]:
-    """Keep what PyBullet prints from C away from the program's output, which may be JSON."""
+    """Discard what PyBullet prints from C: the program's output may be JSON."""
     sys.stdout.flush()
     sys.stderr.flush()
     library = ctypes.CDLL(None)
@@ -56,25 +56,25 @@ def silence() -> Iterator[None]:
 
 
 class BulletWorld:
-    """A world of its own (a PyBullet client) with one robot, gravity and the model's planes.
+    """A PyBullet client with one robot, gravity and the model's planes.
 
-    A joint's reflected inertia is a flywheel geared to the joint; torques and Coulomb friction act on the flywheel
-    where there is one. The direct (Dantzig) solver makes gears and friction exact: the default, iterative one leaves
-    errors of degrees in a light arm behind heavy rotors. Friction is a velocity motor of target zero whose force is
-    the friction.
+    A joint's reflected inertia is a flywheel geared to the joint. Torques and Coulomb friction act on the flywheel, if
+    there is one. The direct (Dantzig) solver makes gears and friction exact. The default, iterative solver leaves
+    errors of degrees in a light arm behind heavy rotors. Friction is a velocity motor with target zero, limited to
+    the friction torque.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
         """Load the model.
 
         Args:
-            model: Compiled model of hinges and slides; its timestep and gravity are used.
+            model: Compiled model of hinges and slides, with timestep and gravity.
 
         Raises:
             MissingPackage: PyBullet is not installed.
-            ModelFileError: the model has something that PyBullet cannot simulate.
+            ModelFileError: PyBullet cannot simulate the model.
         """
-        refuse_foreign(model)
+        refuse_unsupported(model)
         self.bullet = import_pybullet()
         self.friction = np.zeros(model.nv)
         with silence():
@@ -85,7 +85,7 @@ class BulletWorld:
             self._load(model)
 
     def set(self, qpos: np.ndarray, qvel: np.ndarray) -> None:
-        """Put the robot into a state: joint positions (nq,) and speeds (nv,) as MuJoCo has them."""
+        """Set MuJoCo's joint positions (nq,) and velocities (nv,)."""
         reset = self.bullet.resetJointState
         for joint, position, speed in zip(self.joints, (qpos - self.zero).tolist(), qvel.tolist(), strict=True):
             reset(self.robot, joint, position, speed, physicsClientId=self.client)
@@ -95,12 +95,12 @@ class BulletWorld:
             reset(self.robot, rotor, position, speed, physicsClientId=self.client)
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return joint positions (nq,) and speeds (nv,) as MuJoCo has them."""
+        """Return MuJoCo's joint positions (nq,) and velocities (nv,)."""
         states = self.bullet.getJointStates(self.robot, self.joints, physicsClientId=self.client)
         return np.array([state[0] for state in states]) + self.zero, np.array([state[1] for state in states])
 
     def step(self, torques: np.ndarray) -> None:
-        """Apply joint torques (nv,) for one physics timestep."""
+        """Apply joint torques [N·m; N], shape (nv,), for one physics timestep."""
         self.bullet.setJointMotorControlArray(
             self.robot,
             self.driven,
@@ -111,7 +111,7 @@ class BulletWorld:
         self.bullet.stepSimulation(physicsClientId=self.client)
 
     def set_friction(self, torques: np.ndarray) -> None:
-        """Let each joint resist motion with a torque of its own [N·m], shape (nv,)."""
+        """Set the Coulomb friction of each joint [N·m; N], shape (nv,)."""
         for dof in np.flatnonzero(torques != self.friction):
             self.bullet.setJointMotorControl2(
                 self.robot,
@@ -131,11 +131,11 @@ class BulletWorld:
             constraintSolverType=bullet.CONSTRAINT_SOLVER_LCP_DANTZIG,
             warmStartingFactor=0.0,
             deterministicOverlappingPairs=1,
-            useSplitImpulse=0,  # else joints that passed a limit by over 0.04 rad stay there
+            useSplitImpulse=0,  # with it, joints more than 0.04 rad beyond a limit do not return
             physicsClientId=client,
         )
         export = to_urdf(model)
-        self.robot = self._read(export.text)
+        self.robot = self._load_urdf(export.text)
         indices = self._joint_indices()
         names = [joint_name(model, joint) for joint in export.joints]
         self.joints = [indices[name] for name in names]
@@ -146,14 +146,14 @@ class BulletWorld:
         for joint, rotor in zip(export.rotors, self.rotors, strict=True):
             self.driven[joint] = rotor
         for joint, rotor in zip(export.rotors, self.rotors, strict=True):
-            self._gear(self.joints[joint], rotor)
-        self._free_links()
+            self._add_gear(self.joints[joint], rotor)
+        self._remove_defaults()
         self.set_friction(model.dof_frictionloss)
         self._add_planes(model)
         self._filter_collisions(model, indices)
 
-    def _read(self, urdf: str) -> int:
-        """Load a URDF text; PyBullet reads files only."""
+    def _load_urdf(self, urdf: str) -> int:
+        """Load a URDF text by a temporary file, because PyBullet reads files only."""
         bullet = self.bullet
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "model.urdf"
@@ -174,8 +174,8 @@ class BulletWorld:
         infos = [self.bullet.getJointInfo(self.robot, index, physicsClientId=self.client) for index in range(count)]
         return {info[1].decode(): info[0] for info in infos} | {f"link:{info[12].decode()}": info[0] for info in infos}
 
-    def _gear(self, joint: int, rotor: int) -> None:
-        """Let a flywheel turn with its joint."""
+    def _add_gear(self, joint: int, rotor: int) -> None:
+        """Couple a flywheel to its joint, one to one."""
         bullet, client = self.bullet, self.client
         gear = bullet.createConstraint(
             self.robot,
@@ -190,8 +190,8 @@ class BulletWorld:
         )
         bullet.changeConstraint(gear, gearRatio=-1, maxForce=RIGID, physicsClientId=client)
 
-    def _free_links(self) -> None:
-        """Take away the air drag and the default motor that PyBullet gives to every link and joint."""
+    def _remove_defaults(self) -> None:
+        """Remove the air drag and the default motor that PyBullet adds to every link and joint."""
         bullet, client = self.bullet, self.client
         for index in range(-1, bullet.getNumJoints(self.robot, physicsClientId=client)):
             bullet.changeDynamics(
@@ -228,37 +228,37 @@ class BulletWorld:
             self.planes.append((geom, plane))
 
     def _filter_collisions(self, model: mujoco.MjModel, indices: dict[str, int]) -> None:
-        """Let those links collide that do so in MuJoCo."""
+        """Enable exactly the collisions that MuJoCo enables."""
         links = {body: -1 if body == 0 else indices[f"link:{link_name(model, body)}"] for body in range(model.nbody)}
         for first in range(model.nbody):
             for second in range(first + 1, model.nbody):
-                self._collide(self.robot, links[first], links[second], may_collide(model, first, second))
+                self._set_collision(self.robot, links[first], links[second], may_collide(model, first, second))
         for geom, plane in self.planes:
             for body in range(model.nbody):
-                touches = (
+                enabled = (
                     body > 0
                     and any(bits_match(model, geom, other) for other in geoms_of(model, body))
                     and model.body_weldid[body] != 0
                 )
-                self._collide(plane, -1, links[body], touches)
+                self._set_collision(plane, -1, links[body], enabled)
 
-    def _collide(self, other: int, other_link: int, link: int, enabled: bool) -> None:
+    def _set_collision(self, other: int, other_link: int, link: int, enabled: bool) -> None:
         self.bullet.setCollisionFilterPair(
             other, self.robot, other_link, link, int(enabled), physicsClientId=self.client
         )
 
 
 def disconnect(bullet: ModuleType, client: int) -> None:
-    """Close a world; at interpreter's exit PyBullet may have done so already."""
+    """Close a world; ignore that PyBullet may have closed it already at the interpreter's exit."""
     with contextlib.suppress(bullet.error):
         bullet.disconnect(physicsClientId=client)
 
 
-def refuse_foreign(model: mujoco.MjModel) -> None:
-    """Refuse what the export to PyBullet would silently drop.
+def refuse_unsupported(model: mujoco.MjModel) -> None:
+    """Refuse a model with elements that the export to PyBullet would drop.
 
     Raises:
-        ModelFileError: names what it is.
+        ModelFileError: names the elements.
     """
     soft = model.eq_active0.astype(bool) & (model.eq_solimp[:, 0] < SOFT)
     foreign = {
@@ -277,7 +277,7 @@ def geoms_of(model: mujoco.MjModel, body: int) -> range:
 
 
 def bits_match(model: mujoco.MjModel, first: int, second: int) -> bool:
-    """Whether two geoms may touch by their contact types and affinities."""
+    """Whether contact types and affinities of two geoms match."""
     return bool(
         (model.geom_contype[first] & model.geom_conaffinity[second])
         | (model.geom_contype[second] & model.geom_conaffinity[first])
@@ -285,7 +285,7 @@ def bits_match(model: mujoco.MjModel, first: int, second: int) -> bool:
 
 
 def may_collide(model: mujoco.MjModel, first: int, second: int) -> bool:
-    """Whether two bodies collide in MuJoCo: matching geoms, neither neighbours nor excluded."""
+    """Whether two bodies can collide in MuJoCo: they have matching geoms and are neither neighbours nor excluded."""
     welds = [int(model.body_weldid[body]) for body in (first, second)]
     parents = [int(model.body_weldid[model.body_parentid[weld]]) for weld in welds]
     neighbours = welds[0] == welds[1] or (welds[0] == parents[1] != 0) or (welds[1] == parents[0] != 0)

@@ -1,4 +1,4 @@
-"""A robot with effects, compiled at a control period: what every engine starts from."""
+"""A robot with effects, compiled for a control period; every engine starts from it."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -13,20 +13,20 @@ from nas_data.errors import JointMismatch, ModelFileError, NasError
 from nas_data.robots.base import Robot
 from nas_data.simulators.hooks import find_hooks
 from nas_data.simulators.layout import Layout
-from nas_data.simulators.lock_joints import hold_others, lacks_joints, refuse_standing
+from nas_data.simulators.lock_joints import has_unmeasured_joints, hold_others, refuse_ground_contact
 
 
 @dataclass(frozen=True)
-class Compiled:
-    """A compiled model and where its joints are.
+class CompiledRobot:
+    """A compiled model and the indices of its joints.
 
     Attributes:
-        robot: Robot it was made from.
+        robot: Robot without the effects.
         effects: Effects that were added.
         model: Compiled model.
         layout: Its measured joints.
         substeps: Physics steps per control period.
-        hooks: What acts between the physics steps.
+        hooks: Functions that run between physics steps.
     """
 
     robot: Robot
@@ -37,20 +37,21 @@ class Compiled:
     hooks: tuple[StepHook, ...]
 
     @classmethod
-    def of(cls, robot: Robot, period: float, joints: Sequence[str] | None, effects: Iterable[Effect]) -> "Compiled":
+    def of(
+        cls, robot: Robot, period: float, joints: Sequence[str] | None, effects: Iterable[Effect]
+    ) -> "CompiledRobot":
         """Compile a robot with effects.
 
-        The physics timestep is the model's own, shortened where needed so that a whole number of steps makes one
-        control period.
+        The model's physics timestep is shortened, if necessary, to a whole fraction of the control period.
 
         Args:
             robot: Model, joints and constants.
             period: Control period [s].
-            joints: Joints to measure and command, by name; the robot's where None.
+            joints: Joints to measure and command, by name; the robot's if None.
             effects: Effects to add to the model.
 
         Raises:
-            JointMismatch: a joint is not in the model or nothing drives it.
+            JointMismatch: a joint is not in the model, or no actuator drives it.
             ModelFileError: the model with its effects does not compile.
         """
         effects = tuple(effects)
@@ -58,7 +59,7 @@ class Compiled:
         substeps = max(1, math.ceil(period / spec.option.timestep - 1e-6))
         spec.option.timestep = period / substeps
         joints = joints or robot.joints
-        if not robot.adapted and lacks_joints(spec, joints):
+        if not robot.adapted and has_unmeasured_joints(spec, joints):
             hold_others(spec, joints, str(robot.mjcf), commanded=True)
         try:
             add_effects(spec, effects)
@@ -69,12 +70,12 @@ class Compiled:
             raise ModelFileError(f"{robot.mjcf} does not compile with its effects: {error}") from None
         layout = Layout.of(model, joints, str(robot.mjcf))
         if robot.bases:
-            refuse_standing(model, layout, np.zeros((1, len(joints))), str(robot.mjcf))
+            refuse_ground_contact(model, layout, np.zeros((1, len(joints))), str(robot.mjcf))
         return cls(robot, effects, model, layout, substeps, find_hooks(effects, model))
 
     @property
     def remembers(self) -> bool:
-        """Whether a start has more than what is measured: a play, a spring, a command under way."""
+        """Whether the state has unmeasured parts: play, a spring, an actuator state or a delayed command."""
         hidden = self.model.nq > len(self.layout.joints) + len(self.layout.objects.qpos) or self.model.na > 0
         return bool(hidden or (self.model.actuator_history[:, 0] > 0).any())
 
@@ -85,10 +86,10 @@ class Compiled:
         return tuple(joint for joint in self.layout.joints if int(self.model.joint(joint).type[0]) == slide)
 
     def check(self, states: np.ndarray, commands: np.ndarray) -> None:
-        """Refuse states and commands of another number of joints; states may go on with those of the objects.
+        """Check the widths of states (…, 2n or 2n + m) and commands (…, n).
 
         Raises:
-            JointMismatch: with both numbers.
+            JointMismatch: a width differs.
         """
         joints = self.layout.joints
         n, m = len(joints), self.layout.objects.width
@@ -100,7 +101,7 @@ class Compiled:
             )
 
     def describe(self, engine: str, version: str) -> dict[str, object]:
-        """Return what provenance records."""
+        """Return the description of the source for provenance."""
         return {
             "name": self.robot.name,
             "sha256": self.robot.sha256,

@@ -1,16 +1,16 @@
-"""Which poses of a model touch something: itself, the floor, an object."""
+"""Contacts of a model in given poses: with itself, the floor or objects."""
 
 import mujoco
 import numpy as np
 
 from nas_data.simulators.mujoco import MujocoSimulator
 
-Touches = dict[tuple[str, str], float]
-"""Distance [m] of each pair of bodies that touch, negative where they overlap."""
+ContactDistances = dict[tuple[str, str], float]
+"""Distance [m] of each pair of bodies in contact; negative if they overlap."""
 
 
-def contact_counts(simulator: MujocoSimulator, positions: np.ndarray) -> np.ndarray:
-    """Return how many contacts the model has in poses [rad], shape (N, n): shape (N,)."""
+def count_contacts(simulator: MujocoSimulator, positions: np.ndarray) -> np.ndarray:
+    """Return the number of contacts, shape (N,), in poses [rad], shape (N, n)."""
     data = mujoco.MjData(simulator.model)
     counts = np.empty(len(positions), int)
     for row, pose in enumerate(positions):
@@ -19,15 +19,15 @@ def contact_counts(simulator: MujocoSimulator, positions: np.ndarray) -> np.ndar
     return counts
 
 
-def touches(simulator: MujocoSimulator, pose: np.ndarray, data: mujoco.MjData | None = None) -> Touches:
-    """Return what touches what in a pose [rad], shape (n,).
+def find_contacts(simulator: MujocoSimulator, pose: np.ndarray, data: mujoco.MjData | None = None) -> ContactDistances:
+    """Return the pairs of bodies in contact.
 
     Args:
-        simulator: The model.
-        pose: Where its joints are.
-        data: Room to compute in, which takes longer to make than to fill; made where not given.
+        simulator: Simulator with the model.
+        pose: Joint positions [rad], shape (n,).
+        data: Scratch data, to save the time of its creation; created if None.
     """
-    data, found = mujoco.MjData(simulator.model) if data is None else data, Touches()
+    data, found = mujoco.MjData(simulator.model) if data is None else data, ContactDistances()
     _collide(simulator, data, pose)
     for contact in data.contact:
         pair = (_body(simulator, contact.geom1), _body(simulator, contact.geom2))
@@ -36,7 +36,7 @@ def touches(simulator: MujocoSimulator, pose: np.ndarray, data: mujoco.MjData | 
 
 
 def _collide(simulator: MujocoSimulator, data: mujoco.MjData, pose: np.ndarray) -> None:
-    """Find the contacts of a pose [rad], shape (n,)."""
+    """Compute the contacts of a pose [rad], shape (n,), in `data`."""
     data.qpos[simulator.layout.qpos] = pose
     mujoco.mj_kinematics(simulator.model, data)
     mujoco.mj_comPos(simulator.model, data)
@@ -44,6 +44,6 @@ def _collide(simulator: MujocoSimulator, data: mujoco.MjData, pose: np.ndarray) 
 
 
 def _body(simulator: MujocoSimulator, geom: int) -> str:
-    """Return the name of the body that a geom belongs to; the geom's own for what stands in the world."""
+    """Return the name of a geom's body; the geom's own name if that is the world."""
     body = int(simulator.model.geom_bodyid[geom])
     return str(simulator.model.body(body).name if body else simulator.model.geom(geom).name)

@@ -1,4 +1,4 @@
-"""Which engine runs a model: MuJoCo unless PyBullet is asked for."""
+"""Construction of a simulator by the name of its physics engine."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -25,10 +25,10 @@ def load_simulator(
     Args:
         model: A robot, its name or a model file.
         period: Control period [s].
-        joints: Joints to measure and command; those that actuators drive where None.
+        joints: Joints to measure and command; those that actuators drive if None.
         effects: Effects to add to the model.
         engine: One of `ENGINES`.
-        threads: Threads for batched work; all cores where None. PyBullet uses one.
+        threads: Threads for batched work; all cores if None. PyBullet uses one.
 
     Raises:
         UnknownName: there is no such engine.

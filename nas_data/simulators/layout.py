@@ -1,4 +1,4 @@
-"""Where the measured joints live in a compiled MuJoCo model, and the state of the model at rest in any posture."""
+"""Indices and linear maps of the measured joints in a compiled MuJoCo model."""
 
 import contextlib
 from collections.abc import Sequence
@@ -9,14 +9,12 @@ import numpy as np
 
 from nas_data.dataset.features import POSITION
 from nas_data.errors import JointMismatch, ModelFileError
-from nas_data.simulators.controls import Controls, UntoldControl, find_command, length_control
-from nas_data.simulators.followers import Followers, Slack
+from nas_data.simulators.controls import Controls, UnknownControl, find_command, length_control
+from nas_data.simulators.followers import Followers
 from nas_data.simulators.objects import Objects
 
-SLEW_RATES = {mujoco.mjtDyn.mjDYN_PID: 1, mujoco.mjtDyn.mjDYN_DCMOTOR: 7}  # where in `dynprm` the limit stands
 FULLPHYSICS = int(mujoco.mjtState.mjSTATE_FULLPHYSICS)
 INTEGRATION = int(mujoco.mjtState.mjSTATE_INTEGRATION)
-BEFORE_MEMORY = mujoco.mjtState.mjSTATE_TIME | mujoco.mjtState.mjSTATE_QPOS | mujoco.mjtState.mjSTATE_QVEL
 
 
 @dataclass(frozen=True)
@@ -27,13 +25,13 @@ class Layout:
         joints: Names of the measured joints.
         qpos: Index of each joint in `qpos`, shape (n,).
         dof: Index of each joint in `qvel`, shape (n,).
-        inputs: What each joint is commanded, and its control for that.
-        position_map: Measured positions = position_map @ qpos, shape (n, nq); more than one entry a row where
-            play or compliance adds to the servo's angle.
+        inputs: Quantity that each joint is commanded, and the conversion to its control.
+        position_map: Measured positions = position_map @ qpos, shape (n, nq). A row has more than one entry if play
+            or compliance adds to the servo's angle.
         velocity_map: Measured velocities = velocity_map @ qvel, shape (n, nv).
         reference: Controls that hold the model at its reference posture, shape (nu,).
-        followers: Joints that constraints make follow the measured ones; None where there are none.
-        objects: What moves beside the measured joints.
+        followers: Joints that constraints tie to the measured ones; None if there are none.
+        objects: Joints of objects in the scene.
     """
 
     joints: tuple[str, ...]
@@ -53,17 +51,17 @@ class Layout:
         Args:
             model: Compiled model.
             joints: Measured joints.
-            name: What to call the model in an error.
+            name: Name of the model in errors.
 
         Raises:
-            JointMismatch: the model lacks a joint, or nothing drives it.
-            ModelFileError: it cannot be told what an actuator is asked for.
+            JointMismatch: the model lacks a joint, or no actuator drives it.
+            ModelFileError: the command quantity of an actuator is unknown.
         """
         indices = np.array([joint_index(model, joint, name) for joint in joints], dtype=int)
         inputs = Controls.of(model, indices, name)
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
-        positions, velocities = readout(model, joints, indices)
+        positions, velocities = measurement_maps(model, joints, indices)
         dof = model.jnt_dofadr[indices].astype(int)
         followers = Followers.of(model, np.union1d(dof, np.flatnonzero(velocities.any(axis=0))))
         driven = indices if followers is None else np.concatenate([indices, followers.joints])
@@ -86,7 +84,7 @@ class Layout:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """What each joint is commanded: `.pos`, `.vel` or `.effort`."""
+        """Command quantity of each joint: `.pos`, `.vel` or `.effort`."""
         return self.inputs.kinds
 
     def measure(self, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
@@ -94,24 +92,28 @@ class Layout:
         return np.concatenate([qpos @ self.position_map.T, qvel @ self.velocity_map.T], axis=-1)
 
     def controls(self, commands: np.ndarray, first: np.ndarray | None = None) -> np.ndarray:
-        """Return controls (…, nu) for commands (…, n); actuators of other joints hold still.
+        """Return controls (…, nu) for commands (…, n); other actuators hold their reference position.
 
         Args:
-            commands: What each joint is asked for (see `kinds`).
-            first: States in which simulations start, shape (…, 2n or 2n + m); those of objects are held where they
-                are given, at their reference elsewhere.
+            commands: Commands in the quantities of `kinds`, shape (…, n).
+            first: Initial states, shape (…, 2n or 2n + m). If they include objects, servos of objects hold the
+                given positions.
         """
         controls = np.empty((*commands.shape[:-1], len(self.reference)))
         controls[...] = self.reference
-        controls[..., self.control] = self.inputs.of_commands(commands)
+        controls[..., self.control] = self.inputs.from_commands(commands)
         if first is not None and first.shape[-1] > 2 * len(self.joints) and len(self.objects.control):
             held = first[..., 2 * len(self.joints) + self.objects.servos]
-            controls[..., self.objects.control] = self.objects.inputs.of_commands(held)
+            controls[..., self.objects.control] = self.objects.inputs.from_commands(held)
         return controls
 
 
 def joint_index(model: mujoco.MjModel, joint: str, name: str) -> int:
-    """Return the index of a hinge or slide joint by its name."""
+    """Return the index of a hinge or slide joint by its name.
+
+    Raises:
+        JointMismatch: the model has no such joint, or it is a ball or free joint.
+    """
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint)
     if index < 0:
         names = ", ".join(model.joint(i).name for i in range(model.njnt))
@@ -126,11 +128,13 @@ def actuator_index(model: mujoco.MjModel, joint: int, name: str) -> int:
     return find_command(model, joint, name)[0]
 
 
-def readout(model: mujoco.MjModel, joints: Sequence[str], indices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the maps from qpos and qvel to what is measured, shapes (n, nq) and (n, nv).
+def measurement_maps(
+    model: mujoco.MjModel, joints: Sequence[str], indices: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the maps from qpos and qvel to the measured state, shapes (n, nq) and (n, nv).
 
-    A sensor named `<joint>.pos` says what is measured: a joint's position or a fixed tendon's length (servo angle
-    plus play). Without one, the joint itself is.
+    A sensor `<joint>.pos` defines the measurement: the position of a joint, or the length of a fixed tendon (servo
+    angle plus play). Without a sensor the joint itself is measured.
     """
     positions = np.zeros((len(joints), model.nq))
     velocities = np.zeros((len(joints), model.nv))
@@ -142,7 +146,11 @@ def readout(model: mujoco.MjModel, joints: Sequence[str], indices: np.ndarray) -
 
 
 def measured_joints(model: mujoco.MjModel, joint: str, index: int) -> list[tuple[int, float]]:
-    """Return the joints, with their shares, whose sum is measured under a joint's name."""
+    """Return the joints and weights whose weighted sum is measured under a joint's name.
+
+    Raises:
+        ModelFileError: the sensor `<joint>.pos` is of another type.
+    """
     sensor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, joint + POSITION)
     if sensor < 0:
         return [(index, 1.0)]
@@ -157,179 +165,17 @@ def measured_joints(model: mujoco.MjModel, joint: str, index: int) -> list[tuple
 
 
 def reference_controls(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-    """Return controls (nu,) at which position actuators rest at the model's reference posture; others are zero.
+    """Return controls (nu,) that hold position actuators at the reference posture; the others are zero.
 
     Args:
         model: Compiled model.
-        data: At the reference posture, forward kinematics done.
+        data: Data at the reference posture after forward kinematics.
     """
     controls = np.zeros(model.nu)
     for actuator in np.flatnonzero(model.actuator_ctrlnum).tolist():
-        with contextlib.suppress(UntoldControl):
+        with contextlib.suppress(UnknownControl):
             control = length_control(model, actuator)
             if control.kind == POSITION:
                 length = float(data.actuator_length[model.actuator_outadr[actuator]])
                 controls[model.actuator_ctrladr[actuator]] = control.scale * length + control.zero
     return controls
-
-
-def as_slice(indices: np.ndarray) -> np.ndarray | slice:
-    """Return indices that follow each other as a slice, which numpy reads and writes several times faster."""
-    first = int(indices[0])
-    consecutive = np.array_equal(indices, np.arange(first, first + len(indices)))
-    return slice(first, first + len(indices)) if consecutive else indices
-
-
-@dataclass(frozen=True)
-class Kept:
-    """What of B simulations no joint's measurement tells, and the rows before do.
-
-    Attributes:
-        setpoints: Of servos whose control is the speed of their setpoint, shape (B, servos).
-        slack: Of the followers; None where there are none.
-    """
-
-    setpoints: np.ndarray
-    slack: Slack | None
-
-    def of_rows(self, rows: np.ndarray) -> "Kept":
-        """Return that of some rows."""
-        return Kept(self.setpoints[rows], None if self.slack is None else self.slack.of_rows(rows))
-
-
-class RestStates:
-    """The full state of a model that has been at rest in a posture: setpoints, delays and all.
-
-    Everything in it is linear in the measured positions, so it is built once by the engine and then scaled.
-    """
-
-    def __init__(self, model: mujoco.MjModel, layout: Layout, spec: int) -> None:
-        """Prepare the states.
-
-        Args:
-            model: Compiled model.
-            layout: Its measured joints.
-            spec: Which part of the state (an `mjtState`); warm start and applied forces are zero.
-        """
-        self.layout = layout
-        self.base = rest_state(model, layout, np.zeros(len(layout.joints)), spec)
-        unit = np.eye(len(layout.joints))
-        self.slopes = np.stack([rest_state(model, layout, row, spec) - self.base for row in unit])
-        self.velocity = slice_of_velocity(model, spec)
-        self.position = self.velocity.start - model.nq
-        self.reference = model.qpos0[layout.objects.qpos]
-        held = range(len(layout.objects.servos))
-        self.held = [rest_state(model, layout, np.zeros(len(unit)), spec, place) - self.base for place in held]
-        first = mujoco.mj_stateSize(model, int(BEFORE_MEMORY))
-        self.setpoints = first + integrators(model, layout)
-
-    @property
-    def kept(self) -> bool:
-        """Whether consecutive rows have something in common that is not measured (see `Kept`)."""
-        return self.layout.followers is not None or bool(len(self.setpoints))
-
-    def keep(self, full: np.ndarray) -> "Kept":
-        """Return what full states (B, size) hand on to the rows that follow."""
-        slack = None
-        if self.layout.followers is not None:
-            slack = self.layout.followers.slack(*self.motion(full))
-        return Kept(full[:, self.setpoints], slack)
-
-    def motion(self, full: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the parts of full states (B, size) that are `qpos` and `qvel`, as views."""
-        return full[:, self.position : self.velocity.start], full[:, self.velocity]
-
-    def __call__(self, states: np.ndarray, kept: "Kept | None" = None) -> np.ndarray:
-        """Return full states (B, size) for positions [rad] then velocities [rad/s], and objects (B, 2n or 2n + m).
-
-        Args:
-            states: Shape (B, 2n or 2n + m).
-            kept: What the rows before hand on; at rest where None.
-        """
-        n = len(self.layout.joints)
-        full = self.base + states[:, :n] @ self.slopes
-        full[:, self.velocity.start + self.layout.dof] = states[:, n : 2 * n]
-        if states.shape[1] > 2 * n:
-            self.place(full, states[:, 2 * n :])
-        followers = self.layout.followers
-        if kept is not None:
-            full[:, self.setpoints] = kept.setpoints
-        if followers is not None and kept is not None and kept.slack is not None:
-            followers.place_with(kept.slack, *self.motion(full))
-        elif followers is not None:
-            followers.place(*self.motion(full), far=True)
-        return full
-
-    def place(self, full: np.ndarray, states: np.ndarray) -> None:
-        """Put objects (B, m) into full states (B, size), those with servos held where they are."""
-        objects = self.layout.objects
-        count = len(objects.qpos)
-        for place, held in zip(objects.servos, self.held, strict=True):
-            full += (states[:, place] - self.reference[place])[:, None] * held
-        full[:, self.position + objects.qpos] = states[:, :count]
-        full[:, self.velocity.start + objects.dof] = states[:, count:]
-
-
-def slice_of_velocity(model: mujoco.MjModel, spec: int) -> slice:
-    """Return where `qvel` lies in a state vector that also holds time and `qpos`."""
-    before = spec & int(mujoco.mjtState.mjSTATE_TIME | mujoco.mjtState.mjSTATE_QPOS)
-    start = mujoco.mj_stateSize(model, before)
-    return slice(start, start + model.nv)
-
-
-def rest_state(
-    model: mujoco.MjModel, layout: Layout, positions: np.ndarray, spec: int, moved: int | None = None
-) -> np.ndarray:
-    """Return the state of a model that has long been commanded to the measured positions [rad], shape (size,).
-
-    Args:
-        model: Compiled model.
-        layout: Its measured joints.
-        positions: Shape (n,).
-        spec: Which part of the state.
-        moved: Which of the objects' servos has long been commanded one unit further than its reference; none if None.
-    """
-    data = mujoco.MjData(model)
-    data.qpos[layout.qpos] = positions
-    data.ctrl[:] = layout.controls(np.where(layout.inputs.positional, positions, 0.0))
-    if moved is not None:
-        data.ctrl[layout.objects.control[moved]] += layout.objects.inputs.scale[moved]
-    for actuator in range(len(model.actuator_trntype)):
-        settle_actuator(model, data, actuator)
-    state = np.empty(mujoco.mj_stateSize(model, spec))
-    mujoco.mj_getState(model, data, state, spec)
-    return state
-
-
-def has_memory(model: mujoco.MjModel, actuator: int) -> bool:
-    """Whether an actuator remembers controls: a delay line, a setpoint that slews, a filter, an integrator."""
-    return bool(model.actuator_history[actuator, 0] or model.actuator_actnum[actuator])
-
-
-def settle_actuator(model: mujoco.MjModel, data: mujoco.MjData, actuator: int) -> None:
-    """Fill an actuator's memories (delay line, setpoint that slews, filter) as a long held control leaves them."""
-    inputs = model.actuator_ctrlnum[actuator]
-    if not inputs:
-        return
-    first = model.actuator_ctrladr[actuator]
-    control = data.ctrl[first : first + inputs].copy()
-    samples = int(model.actuator_history[actuator, 0])
-    if samples:
-        mujoco.mj_initCtrlHistory(model, data, actuator, None, np.tile(control, (samples, 1)))
-    kind = mujoco.mjtDyn(model.actuator_dyntype[actuator])
-    slews = kind in SLEW_RATES and model.actuator_dynprm[actuator, SLEW_RATES[kind]] > 0
-    filters = kind in (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
-    if slews or filters:
-        data.act[model.actuator_actadr[actuator]] = control[0]
-    elif kind == mujoco.mjtDyn.mjDYN_INTEGRATOR and model.actuator_biasprm[actuator, 1] < 0:
-        mujoco.mj_fwdPosition(model, data)  # which knows the actuator's length: at rest the setpoint is there
-        length = data.actuator_length[model.actuator_outadr[actuator]]
-        feedback = -model.actuator_biasprm[actuator, 1] / model.actuator_gainprm[actuator, 0]
-        data.act[model.actuator_actadr[actuator]] = feedback * length
-
-
-def integrators(model: mujoco.MjModel, layout: Layout) -> np.ndarray:
-    """Return the indices in `act` of the setpoints whose speed is what joints are commanded."""
-    driving = np.isin(model.actuator_ctrladr, layout.control) & (model.actuator_ctrlnum > 0)
-    moving = model.actuator_dyntype == int(mujoco.mjtDyn.mjDYN_INTEGRATOR)
-    return np.asarray(model.actuator_actadr[driving & moving], dtype=int)

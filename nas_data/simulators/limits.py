@@ -1,4 +1,4 @@
-"""Within what limits a model's joints may be commanded."""
+"""Limits of the commands of a model's joints."""
 
 from collections.abc import Collection, Sequence
 
@@ -9,33 +9,33 @@ from nas_data.dataset.features import EFFORT, POSITION
 from nas_data.errors import OptionError
 from nas_data.joint_units import radians_at
 from nas_data.simulators.base import Simulator
-from nas_data.simulators.controls import control_range, find_command
+from nas_data.simulators.controls import command_range, find_command
 from nas_data.simulators.layout import joint_index
 
-UNLIMITED = np.pi / 2  # [rad] how far a signal turns a joint for which the model has no limits
+UNLIMITED = np.pi / 2  # [rad] limit of a command signal for a hinge without limits in the model
 
 
 def command_limits(model: mujoco.MjModel, joints: Sequence[str], name: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the lowest and highest command of each joint.
 
-    A position is limited by the actuator's control range and the joint's range, anything else by the former alone.
+    The actuator's control range limits all commands; the joint's range limits positions, too.
 
     Args:
         model: Compiled model.
         joints: Commanded joints.
-        name: What to call the model in an error.
+        name: Name of the model in errors.
 
     Returns:
-        Lower and upper limits, in the units of the commands, shape (n,) each; infinite where the model has none.
+        Lower and upper limits in the units of the commands, shape (n,) each; infinite without a limit.
 
     Raises:
-        JointMismatch: the model lacks a joint, or nothing drives it.
+        JointMismatch: the model lacks a joint, or no actuator drives it.
     """
     low, high = np.full(len(joints), -np.inf), np.full(len(joints), np.inf)
     for row, joint in enumerate(joints):
         index = joint_index(model, joint, name)
         actuator, control = find_command(model, index, name)
-        ranges = [control_range(model, actuator, control)]
+        ranges = [command_range(model, actuator, control)]
         if model.jnt_limited[index] and control.kind == POSITION:
             ranges.append(tuple(model.jnt_range[index]))
         for lower, upper in ranges:
@@ -44,32 +44,32 @@ def command_limits(model: mujoco.MjModel, joints: Sequence[str], name: str) -> t
 
 
 def command_radians(simulator: Simulator, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return what stands for a radian in the commands of each joint, shape (n,): of a commanded slide its range over π.
+    """Return the equivalent of a radian in each joint's command, shape (n,): range / π for a slide's position, else 1.
 
     Args:
-        simulator: The arm.
-        low: Lowest commands, shape (n,), finite.
-        high: Highest commands, shape (n,).
+        simulator: Simulator of the arm.
+        low: Lowest commands, finite, shape (n,).
+        high: Highest commands, finite, shape (n,).
     """
     kinds = zip(simulator.joints, simulator.kinds, strict=True)
-    placed = [joint for joint, kind in kinds if kind == POSITION and joint in simulator.slides]
-    return radians_at(simulator.joints, placed, high - low)
+    slides = [joint for joint, kind in kinds if kind == POSITION and joint in simulator.slides]
+    return radians_at(simulator.joints, slides, high - low)
 
 
 def excitable_limits(
     low: np.ndarray, high: np.ndarray, joints: Sequence[str], kinds: Sequence[str], slides: Collection[str] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return finite limits for a command signal; a joint that turns without end gets a quarter turn each way.
+    """Return finite limits for a command signal; a hinge without limits gets a quarter turn in each direction.
 
     Args:
-        low: Lowest commands, shape (n,), possibly infinite.
-        high: Highest commands, shape (n,).
-        joints: Their names.
-        kinds: What is commanded; of torques and speeds nothing can be assumed.
-        slides: Joints that are slides, of whose range nothing can be assumed either.
+        low: Lowest commands, possibly infinite, shape (n,).
+        high: Highest commands, possibly infinite, shape (n,).
+        joints: Names of the joints.
+        kinds: Command quantity of each joint.
+        slides: Names of the joints that are slides.
 
     Raises:
-        OptionError: a torque, a speed or a slide has no limits.
+        OptionError: a torque, a velocity or a slide's position has no limits.
     """
     for joint, kind, span in zip(joints, kinds, high - low, strict=True):
         if not np.isfinite(span) and kind != POSITION:

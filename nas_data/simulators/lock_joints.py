@@ -1,4 +1,4 @@
-"""What of a model a recording does not tell: joints that it lacks are held, and a base that would fall is."""
+"""Constraints that lock the joints of a model whose motion a recording does not determine."""
 
 import copy
 from collections.abc import Iterator, Sequence
@@ -10,64 +10,66 @@ from nas_data.dataset.features import POSITION
 from nas_data.errors import ModelFileError
 from nas_data.mjcf.actuator_lookup import HELD, WIDEST_PLAY, goal_joints, pad_joints
 from nas_data.mjcf.unique_name import free_name
-from nas_data.simulators.controls import UntoldControl, length_control, length_feedback
+from nas_data.simulators.controls import UnknownControl, length_control, length_feedback
 from nas_data.simulators.layout import Layout
 
-RIGID = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # impedance, the engine's largest
-STILL = 1e-6  # [rad] or [m] off its reference to which a servo without a command may go
-GENERIC = 0.05  # [rad] or [m] off the reference, where no lever happens to be zero
-INDEPENDENT = 1e-6  # singular value from which directions count as different
+RIGID = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp with MuJoCo's largest impedance
+STILL = 1e-6  # [rad] or [m] largest deviation from the reference of a servo with control zero
+GENERIC = 0.05  # [rad] or [m] distance from the reference posture, where moment arms may vanish by chance
+INDEPENDENT = 1e-6  # smallest singular value of independent directions
 
 
 def hold_others(
     spec: mujoco.MjSpec, joints: Sequence[str], name: str = "the model", commanded: bool = False
 ) -> tuple[str, ...]:
-    """Hold the joints that neither the recording nor anything in the model moves or holds; return their names.
+    """Lock the joints that neither the recording nor the model determines; return their names.
 
-    Left as they are: objects, position servos that keep the reference, joints with springs or with play, and
-    those that a constraint makes follow others (a gripper's second finger, a linkage). Held is what these and the
-    measured joints together leave undetermined.
+    Not locked are objects, position servos that hold the reference, joints with springs or play, and followers of
+    other joints (a gripper's second finger, a linkage). Joints that all these leave undetermined are locked.
 
     Args:
-        spec: Model; it is given a constraint for each joint that is held.
+        spec: Model; an equality constraint is added for each locked joint.
         joints: Measured joints.
-        name: What to call the model in an error.
-        commanded: Whether servos are commanded their reference; else, as in a file, all controls are zero.
+        name: Name of the model in errors.
+        commanded: Whether servos are commanded their reference; if not, all controls are zero.
     """
     model = spec.copy().compile()
     layout = Layout.of(model, joints, name)
-    still, driven = steady(model, layout), actuated_joints(model)
-    loose = sorted(set(movable(model)) - still, key=lambda joint: (joint not in driven, joint))
+    exempt, driven = exempt_joints(model, layout), find_actuated(model)
+    loose = sorted(set(scalar_joints(model)) - exempt, key=lambda joint: (joint not in driven, joint))
     dofs = model.jnt_dofadr[loose]
-    known = [row[dofs] for row in (*followers(model), *servos(model, commanded), *tendon_springs(model))]
+    constraints = (*equality_rows(model), *servo_moments(model, commanded), *tendon_spring_moments(model))
+    known = [row[dofs] for row in constraints]
     names = []
     for joint, row in zip(loose, np.eye(len(loose)), strict=True):
         if rank([*known, row]) > rank(known):
             known.append(row)
-            names.append(hold(spec, spec.joints[joint]))
+            names.append(lock(spec, spec.joints[joint]))
     return tuple(names)
 
 
-def lacks_joints(spec: mujoco.MjSpec, joints: Sequence[str]) -> bool:
+def has_unmeasured_joints(spec: mujoco.MjSpec, joints: Sequence[str]) -> bool:
     """Whether a model has hinges or slides that are not measured."""
     moving = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
     return any(joint.type in moving and joint.name not in joints for joint in spec.joints)
 
 
-def refuse_standing(model: mujoco.MjModel, layout: Layout, positions: np.ndarray, name: str) -> None:
-    """Refuse a robot whose base is held although what its measured joints move stands on something.
+def refuse_ground_contact(model: mujoco.MjModel, layout: Layout, positions: np.ndarray, name: str) -> None:
+    """Refuse a robot with a fixed base if a link that its measured joints move stands on the ground.
 
     Args:
-        model: Compiled model, its base fastened to the world.
+        model: Compiled model with its base fixed to the world.
         layout: Its measured joints.
-        positions: Of the joints, shape (N, n).
-        name: What to call the model in the error.
+        positions: Joint positions [rad; m], shape (N, n).
+        name: Name of the model in errors.
 
     Raises:
-        ModelFileError: names what touches what.
+        ModelFileError: names the body that touches the ground.
     """
     data = mujoco.MjData(model)
-    moved = [any(model.dof_bodyid[dof] in above(model, body) for dof in layout.dof) for body in range(model.nbody)]
+    moved = [
+        any(model.dof_bodyid[dof] in find_ancestors(model, body) for dof in layout.dof) for body in range(model.nbody)
+    ]
     for row in positions:
         data.qpos[layout.qpos] = row
         mujoco.mj_fwdPosition(model, data)
@@ -82,16 +84,16 @@ def refuse_standing(model: mujoco.MjModel, layout: Layout, positions: np.ndarray
                 )
 
 
-def above(model: mujoco.MjModel, body: int) -> set[int]:
-    """Return a body and those that carry it."""
+def find_ancestors(model: mujoco.MjModel, body: int) -> set[int]:
+    """Return a body and its ancestors in the kinematic tree."""
     found = {body}
     while body:
         found.add(body := int(model.body_parentid[body]))
     return found
 
 
-def hold(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> str:
-    """Add a constraint that keeps a joint at its reference; return the joint's name, which it may lack."""
+def lock(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> str:
+    """Add a constraint that keeps a joint at its reference; return its name, which is generated if it has none."""
     joint.name = joint.name or free_name(spec.joint, "joint")
     equality = spec.add_equality(name=free_name(spec.equality, joint.name + HELD))
     equality.type, equality.objtype = mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtObj.mjOBJ_JOINT
@@ -101,46 +103,50 @@ def hold(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> str:
 
 
 def rank(rows: list[np.ndarray]) -> int:
-    """Return how many independent directions rows have, each taken as one of length 1."""
+    """Return the rank of rows (nv,) after each is normalised to length 1."""
     lengths = [float(np.linalg.norm(row)) for row in rows]
     units = [row / length for row, length in zip(rows, lengths, strict=True) if length > INDEPENDENT]
     return int(np.linalg.matrix_rank(np.array(units), tol=INDEPENDENT)) if units else 0
 
 
-def movable(model: mujoco.MjModel) -> list[int]:
-    """Return the hinges and slides, which a constraint can hold."""
+def scalar_joints(model: mujoco.MjModel) -> list[int]:
+    """Return the hinges and slides; only these can be locked by a joint constraint."""
     kinds = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
     return [joint for joint in range(model.njnt) if int(model.jnt_type[joint]) in kinds]
 
 
-def steady(model: mujoco.MjModel, layout: Layout) -> set[int]:
-    """Return the joints that are measured, an object's, a servo's part, on a spring, in a play, or neither of both."""
+def exempt_joints(model: mujoco.MjModel, layout: Layout) -> set[int]:
+    """Return the joints that need no lock.
+
+    These are measured joints, objects, auxiliary joints of servos, joints with a spring or play, and ball and free
+    joints.
+    """
     addresses = [*np.flatnonzero(layout.position_map.any(axis=0)), *layout.qpos, *layout.objects.qpos]
     found = {joint for joint in range(model.njnt) if model.jnt_qposadr[joint] in addresses}
     found |= set(goal_joints(model)) | set(pad_joints(model))
-    found |= set(range(model.njnt)) - set(movable(model))
+    found |= set(range(model.njnt)) - set(scalar_joints(model))
     found |= {joint for joint in range(model.njnt) if np.any(model.jnt_stiffness[joint] > 0)}
-    return found | {joint for joint in set(movable(model)) - actuated_joints(model) if is_play(model, joint)}
+    return found | {joint for joint in set(scalar_joints(model)) - find_actuated(model) if is_play(model, joint)}
 
 
 def is_play(model: mujoco.MjModel, joint: int) -> bool:
-    """Whether a joint is a hinge that can hardly turn."""
+    """Whether a joint is a hinge whose range is as narrow as free play."""
     hinge = int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_HINGE)
     turned = np.abs(model.jnt_range[joint] - model.qpos0[model.jnt_qposadr[joint]]).max()
     return bool(hinge and model.jnt_limited[joint] and turned <= WIDEST_PLAY)
 
 
-def actuated_joints(model: mujoco.MjModel) -> set[int]:
+def find_actuated(model: mujoco.MjModel) -> set[int]:
     """Return the joints on which an actuator acts."""
-    acting = np.array([row for _, row in moments(model)]).reshape(-1, model.nv)
+    acting = np.array([row for _, row in actuator_moments(model)]).reshape(-1, model.nv)
     return {int(model.dof_jntid[dof]) for dof in np.flatnonzero(acting.any(axis=0))}
 
 
-def servos(model: mujoco.MjModel, commanded: bool) -> Iterator[np.ndarray]:
-    """Yield the moments (nv,) of the position servos; of those that a zero command keeps at the reference, if not."""
+def servo_moments(model: mujoco.MjModel, commanded: bool) -> Iterator[np.ndarray]:
+    """Yield the moments (nv,) of position servos: of all if commanded, else of those that control zero holds still."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    for actuator, row in moments(model):
+    for actuator, row in actuator_moments(model):
         feedback = length_feedback(model, actuator)
         force = float(data.actuator_force[model.actuator_outadr[actuator]])
         if holds_position(model, actuator) and (commanded or abs(force) <= STILL * feedback):
@@ -151,12 +157,12 @@ def holds_position(model: mujoco.MjModel, actuator: int) -> bool:
     """Whether an actuator is a position servo."""
     try:
         return bool(model.actuator_ctrlnum[actuator]) and length_control(model, actuator).kind == POSITION
-    except UntoldControl:
+    except UnknownControl:
         return False
 
 
-def moments(model: mujoco.MjModel) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield each actuator and its moment about the degrees of freedom, shape (nv,), away from singular postures."""
+def actuator_moments(model: mujoco.MjModel) -> Iterator[tuple[int, np.ndarray]]:
+    """Yield each actuator and its moment arms, shape (nv,), in a posture that is not singular."""
     data = generic_posture(model)
     for actuator in range(model.nactuator):
         output, row = int(model.actuator_outadr[actuator]), np.zeros(model.nv)
@@ -165,15 +171,15 @@ def moments(model: mujoco.MjModel) -> Iterator[tuple[int, np.ndarray]]:
         yield actuator, row
 
 
-def followers(model: mujoco.MjModel) -> list[np.ndarray]:
-    """Return the directions (nv,) that active equality constraints rule out."""
+def equality_rows(model: mujoco.MjModel) -> list[np.ndarray]:
+    """Return the Jacobian rows (nv,) of active equality constraints."""
     data = generic_posture(model)
     rows = data.efc_J.reshape(-1, model.nv)[data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)]
     return [row.copy() for row in rows if row.any()]
 
 
-def tendon_springs(model: mujoco.MjModel) -> Iterator[np.ndarray]:
-    """Yield how each tendon that is a spring turns the joints, shape (nv,)."""
+def tendon_spring_moments(model: mujoco.MjModel) -> Iterator[np.ndarray]:
+    """Yield the moment arms (nv,) of each tendon with stiffness."""
     data = generic_posture(model)
     for tendon in range(model.ntendon):
         part = slice(model.ten_J_rowadr[tendon], model.ten_J_rowadr[tendon] + model.ten_J_rownnz[tendon])
@@ -184,11 +190,11 @@ def tendon_springs(model: mujoco.MjModel) -> Iterator[np.ndarray]:
 
 
 def generic_posture(model: mujoco.MjModel) -> mujoco.MjData:
-    """Return the model a little off its reference, with dense Jacobians."""
+    """Return data near the reference posture, computed with dense Jacobians."""
     dense = copy.copy(model)
     dense.opt.jacobian = int(mujoco.mjtJacobian.mjJAC_DENSE)
     data = mujoco.MjData(dense)
-    places = model.jnt_qposadr[movable(model)]
-    data.qpos[places] += GENERIC * np.random.default_rng(0).normal(size=len(places))
+    addresses = model.jnt_qposadr[scalar_joints(model)]
+    data.qpos[addresses] += GENERIC * np.random.default_rng(0).normal(size=len(addresses))
     mujoco.mj_forward(dense, data)
     return data

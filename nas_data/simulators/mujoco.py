@@ -1,28 +1,31 @@
-"""MuJoCo as a simulator: batched one-step predictions, open-loop rollouts and closed loops of one model."""
+"""MuJoCo as a simulator: batched one-step predictions and open-loop rollouts of one model."""
 
 import copy
 import os
+import threading
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from pathlib import Path
 
 import mujoco
-import mujoco.batch
 import mujoco.rollout
 import numpy as np
 
 from nas_data.effects.base import Effect
 from nas_data.errors import ModelFileError
-from nas_data.mjcf.engine_warnings import heard_instability
+from nas_data.mjcf.engine_warnings import collect_instability
 from nas_data.robots.base import Robot, find_robot
-from nas_data.simulators.compiled import Compiled
-from nas_data.simulators.hooks import HookedBatch, Switching, roll_hooked
+from nas_data.simulators.compiled import CompiledRobot
+from nas_data.simulators.hooks import ServoShutdown, roll_out_with_hooks
 from nas_data.simulators.initial_states import InitialLoad, SettledStates
-from nas_data.simulators.layout import FULLPHYSICS, INTEGRATION, RestStates, as_slice
-from nas_data.simulators.pool import rollout_pool
+from nas_data.simulators.layout import FULLPHYSICS, INTEGRATION
+from nas_data.simulators.mujoco_stepper import MujocoStepper
+from nas_data.simulators.rest_states import RestStates
 
-SERVOS = 30  # actuator group, the engine's last, of what is without power where the torque is off
-CHUNK_STATES = 250_000  # numbers of simulated state held at once, 2 MB: with its inputs it stays in the cache
+SERVO_GROUP = 30  # MuJoCo's last actuator group; the servos are moved to it to switch them off together
+CHUNK_STATES = 250_000  # state values simulated at once, 2 MB: they fit the cache together with their inputs
+
+_pools = threading.local()
 
 
 class MujocoSimulator:
@@ -33,7 +36,7 @@ class MujocoSimulator:
         period: Control period [s].
         substeps: Physics steps per control period.
         model: Compiled model.
-        layout: Where the joints are in it.
+        layout: Indices of the joints in the model.
     """
 
     engine = "mujoco"
@@ -46,16 +49,16 @@ class MujocoSimulator:
         effects: Iterable[Effect] = (),
         threads: int | None = None,
     ) -> None:
-        """Compile the model; see `Compiled.of` for the other arguments and the errors.
+        """Compile the model; errors as of `CompiledRobot.of`.
 
         Args:
             robot: Model, joints and constants.
             period: Control period [s].
             joints: Joints to measure and command.
             effects: Effects to add to the model.
-            threads: Threads for batched work; all cores where None.
+            threads: Threads for batched work; all cores if None.
         """
-        self.compiled = Compiled.of(robot, period, joints, effects)
+        self.compiled = CompiledRobot.of(robot, period, joints, effects)
         self.robot, self.effects, self.period = robot, self.compiled.effects, period
         self.model, self.layout = self.compiled.model, self.compiled.layout
         self.substeps, self.hooks = self.compiled.substeps, self.compiled.hooks
@@ -64,27 +67,27 @@ class MujocoSimulator:
         self.remembers = self.compiled.remembers
         self.object_feature = self.layout.objects.feature
         self.threads = len(os.sched_getaffinity(0)) if threads is None else threads
-        self._part = INTEGRATION if self.hooks else FULLPHYSICS
+        self._state_spec = INTEGRATION if self.hooks else FULLPHYSICS
         pooled = self.threads if self.threads > 1 else 0
-        self._pool = rollout_pool(pooled)
+        self._pool = find_pool(pooled)
         self._data = [mujoco.MjData(self.model) for _ in range(max(1, pooled))]
 
     @cached_property
     def rest(self) -> RestStates:
-        """Full states at rest in any posture, nothing loaded."""
-        return RestStates(self.model, self.layout, self._part)
+        """Full states at rest in any posture, without load."""
+        return RestStates(self.model, self.layout, self._state_spec)
 
     @cached_property
     def settled(self) -> SettledStates:
         """Full states at rest in any posture, settled under the arm's weight."""
-        return SettledStates(self.model, self.layout, self._part, self.period, self._data[0])
+        return SettledStates(self.model, self.layout, self._state_spec, self.period, self._data[0])
 
     @cached_property
     def unpowered(self) -> mujoco.MjModel:
-        """The same model with its servos switched off: neither feedback nor back-EMF; friction stays as it is."""
+        """The same model with its servos switched off: no feedback and no back-EMF, but the same friction."""
         model = copy.copy(self.model)
-        model.actuator_group[model.actuator_ctrlnum > 0] = SERVOS
-        model.opt.disableactuator |= 1 << SERVOS
+        model.actuator_group[model.actuator_ctrlnum > 0] = SERVO_GROUP
+        model.opt.disableactuator |= 1 << SERVO_GROUP
         return model
 
     @classmethod
@@ -102,33 +105,33 @@ class MujocoSimulator:
     def predict(self, states: np.ndarray, commands: np.ndarray, continues: np.ndarray | None = None) -> np.ndarray:
         """Simulate transitions; see `Simulator.predict`."""
         self.compiled.check(states, commands)
-        if continues is not None and self.rest.kept:
-            return self._in_turn(np.asarray(states, float), np.asarray(commands, float), continues)
+        if continues is not None and self.rest.carries_state:
+            return self._predict_in_order(np.asarray(states, float), np.asarray(commands, float), continues)
         per_row = self.substeps * len(self.rest.base)
         chunk = max(1, CHUNK_STATES // per_row)
         result = np.empty((len(states), states.shape[1]))
         for start in range(0, len(states), chunk):
             rows = slice(start, start + chunk)
-            started = np.asarray(states[rows], float)
-            result[rows] = self._roll(started, self.rest(started), np.asarray(commands[rows], float)[:, None])[:, 0]
+            first = np.asarray(states[rows], float)
+            result[rows] = self._roll_out(first, self.rest(first), np.asarray(commands[rows], float)[:, None])[:, 0]
         return result
 
-    def _in_turn(self, states: np.ndarray, commands: np.ndarray, continues: np.ndarray) -> np.ndarray:
-        """Simulate transitions of which each hands on to the next what is not measured; see `predict`."""
+    def _predict_in_order(self, states: np.ndarray, commands: np.ndarray, continues: np.ndarray) -> np.ndarray:
+        """Simulate transitions row by row; each passes its unmeasured state on to the next; see `Simulator.predict`."""
         result = np.empty((len(states), states.shape[1]))
         first = np.flatnonzero(~continues | (np.arange(len(states)) == 0))
         lengths = np.diff(np.append(first, len(states)))
-        kept = None
+        carried = None
         for step in range(int(lengths.max(initial=0))):
             rows = first[lengths > step] + step
-            if kept is not None:
-                kept = kept.of_rows((lengths > step)[lengths > step - 1])
-            full = self.rest(states[rows], kept)
-            with heard_instability() as unstable:
-                ends = self._ends(full, self.layout.controls(commands[rows][:, None], states[rows][:, None]))
+            if carried is not None:
+                carried = carried.select((lengths > step)[lengths > step - 1])
+            full = self.rest(states[rows], carried)
+            with collect_instability() as unstable:
+                ends = self._simulate(full, self.layout.controls(commands[rows][:, None], states[rows][:, None]))
             self._check_time(ends, unstable)
-            result[rows] = self._measured(ends, states.shape[1])[:, 0]
-            kept = self.rest.keep(ends[:, 0])
+            result[rows] = self._measure(ends, states.shape[1])[:, 0]
+            carried = self.rest.carry(ends[:, 0])
         return result
 
     def rollout(
@@ -144,100 +147,112 @@ class MujocoSimulator:
         Args:
             initial: First states, shape (B, 2n), or with the objects' states (B, 2n + m).
             commands: Shape (B, T, n).
-            holds: What held each joint in the first pose (a `InitialLoad`), shape (B, n); nothing where None.
-            driven: Rows after which the servos are switched off, shape (B,); never where None.
-            earlier: Commands of the control periods before the start, shape (B, L, n), for delays; NaN or None where
-                they are not known: the first command where the arm begins in motion, else what holds it.
+            holds: Initial load of each joint (an `InitialLoad`), shape (B, n); no load if None.
+            driven: Control steps after which the servos are switched off, shape (B,); never if None.
+            earlier: Commands of the L control periods before the start, for delays, shape (B, L, n). Where they are
+                unknown (NaN or None), an arm in motion is given its first command, an arm at rest the command that
+                holds it.
         """
         self.compiled.check(initial, commands)
         if not commands.shape[1]:
             return np.empty((len(initial), 0, initial.shape[1]))
-        kept = 1 if self.hooks else self.substeps  # of the physics steps of a row
-        per_row = commands.shape[1] * kept * mujoco.mj_stateSize(self.model, self._part)
+        stored = 1 if self.hooks else self.substeps  # states stored per control step
+        per_row = commands.shape[1] * stored * mujoco.mj_stateSize(self.model, self._state_spec)
         chunk = self.threads * max(1, CHUNK_STATES // max(1, per_row * self.threads))
         states = np.asarray(initial, float)
         if holds is None:
             first = self.rest(states)
         else:
-            first = self.settled(states, holds, known_commands(states, np.asarray(commands, float), earlier))
+            first = self.settled(states, holds, infer_past_commands(states, np.asarray(commands, float), earlier))
         chunks = [slice(start, start + chunk) for start in range(0, len(initial), chunk)]
         parts = [
-            self._roll(states[rows], first[rows], np.asarray(commands[rows]), None if driven is None else driven[rows])
+            self._roll_out(
+                states[rows], first[rows], np.asarray(commands[rows]), None if driven is None else driven[rows]
+            )
             for rows in chunks
         ]
         return np.concatenate(parts) if parts else np.empty((0, commands.shape[1], initial.shape[1]))
 
     def rollout_settled(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
-        """Simulate whole episodes from an arm that held its weight; see `Simulator.rollout_settled`."""
+        """Simulate whole episodes of an arm that starts settled under its weight; see `Simulator.rollout_settled`."""
         return self.rollout(initial, commands, np.full(commands.shape[::2], InitialLoad.WEIGHT))
 
-    def stepper(self, size: int) -> "MujocoStepper":
-        """Return a batch of simulations for closed loops, on one thread (more pays off only beyond 64)."""
+    def stepper(self, size: int) -> MujocoStepper:
+        """Return a batch of simulations for closed loops, on one thread (more threads pay off only beyond 64)."""
         return MujocoStepper(self, size)
 
     def describe(self) -> dict[str, object]:
-        """Return the source for provenance."""
+        """Return the description of the source for provenance."""
         return self.compiled.describe(self.engine, mujoco.__version__)
 
-    def _roll(
+    def _roll_out(
         self, states: np.ndarray, first: np.ndarray, commands: np.ndarray, driven: np.ndarray | None = None
     ) -> np.ndarray:
-        """Roll out under commands (B, T, n), driven for (B,) rows.
+        """Roll out one chunk.
 
         Args:
-            states: What is measured of the first states, shape (B, 2n or 2n + m).
-            first: The whole of them, shape (B, size).
-            commands: What each joint is asked for.
+            states: First measured states, shape (B, 2n or 2n + m).
+            first: First full states, shape (B, size).
+            commands: Shape (B, T, n).
             driven: As in `rollout`.
 
         Returns:
-            States, shape (B, T, 2n or 2n + m).
+            Measured states, shape (B, T, 2n or 2n + m).
         """
-        with heard_instability() as unstable:
+        with collect_instability() as unstable:
             controls = self.layout.controls(commands, states[:, None])
-            ends = self._ends(first, controls) if driven is None else self._released(first, controls, driven)
+            if driven is None:
+                ends = self._simulate(first, controls)
+            else:
+                ends = self._simulate_shutdown(first, controls, driven)
         self._check_time(ends, unstable)
-        return self._measured(ends, states.shape[1])
+        return self._measure(ends, states.shape[1])
 
-    def _measured(self, ends: np.ndarray, width: int) -> np.ndarray:
-        """Return what is measured of full states (B, T, …), shape (B, T, width): 2n, or 2n + m with the objects."""
+    def _measure(self, ends: np.ndarray, width: int) -> np.ndarray:
+        """Return the measured part of full states (B, T, …), shape (B, T, width), for a width of 2n or 2n + m."""
         nq, nv = self.model.nq, self.model.nv
-        reached = ends[..., 1 : 1 + nq], ends[..., 1 + nq : 1 + nq + nv]
-        measured = self.layout.measure(*reached).reshape(*ends.shape[:2], 2 * len(self.joints))
+        motion = ends[..., 1 : 1 + nq], ends[..., 1 + nq : 1 + nq + nv]
+        measured = self.layout.measure(*motion).reshape(*ends.shape[:2], 2 * len(self.joints))
         if width == measured.shape[2]:
             return measured
-        return np.concatenate([measured, self.layout.objects.measure(*reached)], axis=-1)
+        return np.concatenate([measured, self.layout.objects.measure(*motion)], axis=-1)
 
-    def _ends(self, states: np.ndarray, controls: np.ndarray) -> np.ndarray:
-        """Return time, qpos, qvel (and more) after each control step, shape (B, T, …), for controls (B, T, nu)."""
+    def _simulate(self, states: np.ndarray, controls: np.ndarray) -> np.ndarray:
+        """Return time, qpos, qvel and more after each control step, shape (B, T, …), for controls (B, T, nu)."""
         if self.hooks:
-            return roll_hooked(self.model, self.hooks, states, controls, self.substeps, self.threads)
-        return self._plain_ends(self.model, states, controls)
+            return roll_out_with_hooks(self.model, self.hooks, states, controls, self.substeps, self.threads)
+        return self._simulate_natively(self.model, states, controls)
 
-    def _plain_ends(self, model: mujoco.MjModel, states: np.ndarray, controls: np.ndarray) -> np.ndarray:
-        """Return full states after each control step, shape (B, T, size), of a model without hooks."""
+    def _simulate_natively(self, model: mujoco.MjModel, states: np.ndarray, controls: np.ndarray) -> np.ndarray:
+        """Return full states after each control step, shape (B, T, size); hooks do not run."""
         controls = np.repeat(controls, self.substeps, axis=1)
         full, _ = self._pool.rollout(model, self._data, states, controls, nstep=controls.shape[1])
         return np.asarray(full[:, self.substeps - 1 :: self.substeps])
 
-    def _released(self, states: np.ndarray, controls: np.ndarray, driven: np.ndarray) -> np.ndarray:
-        """Return what `_ends` does where the servos are switched off after some rows, shape (B,)."""
+    def _simulate_shutdown(self, states: np.ndarray, controls: np.ndarray, driven: np.ndarray) -> np.ndarray:
+        """Do as `_simulate`, but switch the servos off after `driven` control steps, shape (B,)."""
         if self.hooks:
-            rolled = (states, controls, self.substeps, self.threads)
-            return roll_hooked(self.unpowered, self.hooks, *rolled, Switching(self.model.opt.disableactuator, driven))
+            shutdown = ServoShutdown(self.model.opt.disableactuator, driven)
+            return roll_out_with_hooks(
+                self.unpowered, self.hooks, states, controls, self.substeps, self.threads, shutdown
+            )
         ends = np.empty((*controls.shape[:2], states.shape[1]))
         for count in np.unique(np.clip(driven, 0, controls.shape[1])):
             chosen = np.clip(driven, 0, controls.shape[1]) == count
             last = states[chosen]
             if count:
-                ends[chosen, :count] = self._plain_ends(self.model, last, controls[chosen, :count])
+                ends[chosen, :count] = self._simulate_natively(self.model, last, controls[chosen, :count])
                 last = ends[chosen, count - 1]
             if count < controls.shape[1]:
-                ends[chosen, count:] = self._plain_ends(self.unpowered, last, controls[chosen, count:])
+                ends[chosen, count:] = self._simulate_natively(self.unpowered, last, controls[chosen, count:])
         return ends
 
     def _check_time(self, ends: np.ndarray, unstable: list[str]) -> None:
-        """Refuse rollouts that the engine gave up: their clock stands still, or was reset in the very first step."""
+        """Refuse diverged rollouts, whose simulated time is wrong: MuJoCo stopped or reset them.
+
+        Raises:
+            ModelFileError: names the first diverged simulation and its time.
+        """
         expected = self.period * (1 + np.arange(ends.shape[1]))
         stopped = np.abs(ends[..., 0] - expected) > 0.1 * self.model.opt.timestep * (1 + np.arange(ends.shape[1]))
         stopped |= ~np.isfinite(ends).all(axis=-1)
@@ -254,12 +269,23 @@ class MujocoSimulator:
         )
 
 
-def known_commands(states: np.ndarray, commands: np.ndarray, earlier: np.ndarray | None) -> np.ndarray:
-    """Return the commands before the start, shape (B, L, n): those given, else the first where an arm is in motion.
+def find_pool(threads: int) -> mujoco.rollout.Rollout:
+    """Return the pool of worker threads of the calling thread; without workers, for 0, that thread itself simulates.
+
+    Pools are reused, because a fit creates thousands of simulators.
+    """
+    pools: dict[int, mujoco.rollout.Rollout] = _pools.__dict__.setdefault("pools", {})
+    if threads not in pools:
+        pools[threads] = mujoco.rollout.Rollout(nthread=threads)
+    return pools[threads]
+
+
+def infer_past_commands(states: np.ndarray, commands: np.ndarray, earlier: np.ndarray | None) -> np.ndarray:
+    """Return the commands before the start, shape (B, L, n), as `MujocoSimulator.rollout` describes.
 
     Args:
         states: First states, shape (B, 2n or 2n + m).
-        commands: From the start on, shape (B, T, n).
+        commands: Commands from the start on, shape (B, T, n).
         earlier: As in `MujocoSimulator.rollout`.
     """
     n = commands.shape[2]
@@ -268,105 +294,3 @@ def known_commands(states: np.ndarray, commands: np.ndarray, earlier: np.ndarray
     if earlier is None or not earlier.shape[1]:
         return likely
     return np.where(np.isfinite(earlier).all(axis=(1, 2), keepdims=True), earlier, likely)
-
-
-class MujocoStepper:
-    """A batch of simulations of one model in a closed loop; implements `Stepper`.
-
-    Attributes:
-        batch: The engine's batch, in which simulations may be given parameters of their own.
-    """
-
-    def __init__(self, simulator: MujocoSimulator, size: int) -> None:
-        """Create the batch, every simulation at rest at zero."""
-        self.simulator = simulator
-        self.layout = simulator.layout
-        self.joints = simulator.joints
-        self.size = size
-        # persistent: what is computed for the sites of a state is not computed again by the step that follows
-        self.batch = mujoco.batch.Batch(simulator.model, nsim=size, nthread=1, persistent=True)
-        self._rest = RestStates(simulator.model, self.layout, INTEGRATION)
-        self._qpos = self.batch.bind("qpos")
-        self._qvel = self.batch.bind("qvel")
-        self._ctrl = self.batch.bind("ctrl")
-        self._time = self.batch.bind("time")
-        self._inputs, self._converts = self.layout.inputs, not self.layout.inputs.plain
-        self._lost = np.zeros(size, bool)
-        self._sites = self.batch.bind("site_xpos") if simulator.model.nsite else None
-        self._moved = True
-        self._measured: np.ndarray | None = None
-        self._servos = tuple(as_slice(places) for places in (self.layout.qpos, self.layout.dof, self.layout.control))
-        self._hooked = HookedBatch(self.batch, simulator.hooks) if simulator.hooks else None
-        self.reset(np.zeros((size, 2 * len(self.joints))))
-
-    @property
-    def states(self) -> np.ndarray:
-        """Measured positions [rad] then velocities [rad/s], shape (B, 2n); NaN where a simulation diverged."""
-        if self._measured is None:
-            self._measured = self.layout.measure(self._qpos, self._qvel)
-            self._measured[self._lost] = np.nan
-        return self._measured.copy()
-
-    @property
-    def objects(self) -> np.ndarray:
-        """What moves beside the joints, shape (B, m); see `Stepper.objects`."""
-        return self.layout.objects.measure(self._qpos, self._qvel)
-
-    def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:
-        """Start simulations anew; see `Stepper.reset`."""
-        chosen = slice(None) if rows is None else rows
-        self.batch.state[chosen] = self._rest(np.asarray(states, float))
-        self._lost[chosen] = False
-        self._moved, self._measured = True, None
-        if self._hooked:
-            self._hooked.refresh(rows)
-
-    def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
-        """Command the servos of objects; see `Stepper.guide`."""
-        objects = self.layout.objects
-        self._ctrl[np.ix_(rows, objects.control)] = objects.inputs.of_commands(targets)
-
-    def step(self, commands: np.ndarray) -> np.ndarray:
-        """Hold the commands for one control period; see `Stepper.step`."""
-        _, _, control = self._servos
-        self._ctrl[:, control] = self._inputs.of_commands(commands) if self._converts else commands
-        due = self._time + self.simulator.period
-        with heard_instability():
-            if self._hooked:
-                self._hooked.step(self.simulator.substeps)
-            else:
-                self.batch.step(nstep=self.simulator.substeps)
-        # the engine goes on from its reference posture, with its clock at zero, after a simulation diverged
-        self._lost |= ~(np.abs(self._time - due) < self.simulator.model.opt.timestep / 2).reshape(self.size)
-        self._moved, self._measured = True, None
-        return self.states
-
-    def set_states(self, states: np.ndarray) -> None:
-        """Move the servos so that the measured state becomes `states`; play and other hidden joints keep theirs.
-
-        Joints that follow others follow, with the slack that their constraints have.
-        """
-        change = states - self.states
-        n = len(self.joints)
-        qpos, dof, _ = self._servos
-        followers = self.layout.followers
-        slack = None if followers is None else followers.slack(self._qpos, self._qvel)
-        self._qpos[:, qpos] += change[:, :n]
-        self._qvel[:, dof] += change[:, n:]
-        if followers is not None and slack is not None:
-            followers.place_with(slack, self._qpos, self._qvel)
-        self._moved, self._measured = True, None
-
-    def site_positions(self, name: str) -> np.ndarray:
-        """Return where a site is in the world [m], shape (B, 3).
-
-        Raises:
-            ModelFileError: the model has no such site.
-        """
-        site = mujoco.mj_name2id(self.simulator.model, mujoco.mjtObj.mjOBJ_SITE, name)
-        if site < 0 or self._sites is None:
-            raise ModelFileError(f"{self.simulator.robot.mjcf} has no site '{name}'; add <site name='{name}'/>.")
-        if self._moved:
-            self.batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL.value)
-            self._moved = False
-        return self._sites[:, site].copy()

@@ -1,4 +1,4 @@
-"""Pictures of a compiled model, drawn without a window by MuJoCo's offscreen renderer."""
+"""Offscreen rendering of a compiled model."""
 
 import importlib
 import os
@@ -12,27 +12,27 @@ from numpy.typing import NDArray
 
 from nas_data.errors import MissingPackage
 
-SIZE = (480, 640)  # [px] height and width of a picture
-GEOMS = 5_000  # that a scene has room for; MuJoCo leaves further ones out
+SIZE = (480, 640)  # [px] height and width of an image
+GEOMS = 5_000  # capacity of a scene; MuJoCo drops further geoms
 BACKENDS = {"linux": ("egl", "osmesa", "glfw"), "darwin": ("cgl", "glfw")}
-UNUSABLE = (ImportError, AttributeError, OSError, RuntimeError, mujoco.FatalError)  # what a missing library raises
+UNUSABLE = (ImportError, AttributeError, OSError, RuntimeError, mujoco.FatalError)  # raised if a library is missing
 
 
-class Context(Protocol):
-    """An OpenGL context, as MuJoCo's backends define one."""
+class OpenGlContext(Protocol):
+    """Interface of the OpenGL contexts of MuJoCo's backends."""
 
     def __init__(self, max_width: int, max_height: int) -> None:
-        """Create it for pictures up to a size [px]."""
+        """Create a context for images up to a size [px]."""
 
     def make_current(self) -> None:
-        """Draw here from now on."""
+        """Make this the current context."""
 
     def free(self) -> None:
-        """Give it back."""
+        """Free the context."""
 
 
-class Pictures:
-    """Pictures of a model in the posture of its data."""
+class OffscreenRenderer:
+    """Renders a model in the posture of its data."""
 
     def __init__(
         self,
@@ -45,12 +45,12 @@ class Pictures:
 
         Args:
             model: Compiled model.
-            data: Its posture, as it is whenever a picture is drawn.
-            size: Height and width of a picture [px].
-            camera: Where it is seen from; as the model says where None.
+            data: Data with the posture; it is read at each image.
+            size: Height and width of the images [px].
+            camera: Camera; the model's default free camera if None.
 
         Raises:
-            MissingPackage: this machine has no library that draws without a window; names one.
+            MissingPackage: this machine has no library for offscreen rendering; names a package.
         """
         self._model, self._data, self._size = model, data, size
         height, width = size
@@ -66,33 +66,33 @@ class Pictures:
         self._camera = camera
 
     def draw(self) -> NDArray[np.uint8]:
-        """Return a picture, shape (height, width, 3), uint8."""
+        """Return an image, shape (height, width, 3), uint8."""
         self._context.make_current()
         height, width = self._size
-        picture, area = np.empty((height, width, 3), np.uint8), mujoco.MjrRect(0, 0, width, height)
+        image, area = np.empty((height, width, 3), np.uint8), mujoco.MjrRect(0, 0, width, height)
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(self._model, self._data, self._options, None, self._camera, everything, self._scene)
         mujoco.mjr_render(area, self._scene, self._renderer)
-        mujoco.mjr_readPixels(picture, None, area, self._renderer)
-        return picture[::-1].copy()  # OpenGL counts rows from below
+        mujoco.mjr_readPixels(image, None, area, self._renderer)
+        return image[::-1].copy()  # OpenGL numbers rows from the bottom
 
     def close(self) -> None:
-        """Give the renderer back."""
+        """Free the renderer."""
         self._context.make_current()
         self._renderer.free()
         self._context.free()
 
 
-def open_context(width: int, height: int) -> Context:
-    """Open what draws pictures of a size [px]: by `MUJOCO_GL` where that is set, else what the machine has.
+def open_context(width: int, height: int) -> OpenGlContext:
+    """Open a context for images of a size [px], with the backend in `MUJOCO_GL` or the first one that works.
 
     Raises:
-        MissingPackage: nothing works; names a package.
+        MissingPackage: no backend works; names a package.
     """
     wanted = os.environ.get("MUJOCO_GL", "").lower()
     for name in (wanted,) if wanted in ("egl", "osmesa", "glfw", "cgl") else BACKENDS.get(sys.platform, ("glfw",)):
         try:
-            create: Callable[[int, int], Context] = importlib.import_module(f"mujoco.{name}").GLContext
+            create: Callable[[int, int], OpenGlContext] = importlib.import_module(f"mujoco.{name}").GLContext
             context = create(width, height)
             context.make_current()
         except UNUSABLE:

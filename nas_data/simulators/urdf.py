@@ -1,4 +1,4 @@
-"""A compiled MuJoCo model written as URDF, for engines that read nothing else."""
+"""Export of a compiled MuJoCo model as URDF."""
 
 from dataclasses import dataclass
 from xml.etree import ElementTree as Xml
@@ -8,21 +8,21 @@ import numpy as np
 
 from nas_data.errors import ModelFileError
 
-ROTOR = "_rotor"  # suffix of the link that carries a joint's reflected inertia
-LEAST_MASS = 1e-6  # [kg] of links that have none, which physics engines refuse
-LEAST_ROTOR = 1e-6  # [kg m²] with which torques between joints in series have something to act on
-LEAST_INERTIA = 1e-9  # [kg m²] of such links, far below any armature
+ROTOR = "_rotor"  # suffix of the link with a joint's reflected inertia
+LEAST_MASS = 1e-6  # [kg] mass of links without mass, which physics engines refuse
+LEAST_ROTOR = 1e-6  # [kg m²] least reflected inertia of joints in series, on which torques act
+LEAST_INERTIA = 1e-9  # [kg m²] inertia of links without mass, far below any armature
 
 
 @dataclass(frozen=True)
-class Export:
-    """A URDF and what it cannot hold.
+class UrdfExport:
+    """A URDF, and the gears that URDF cannot express.
 
     Attributes:
         text: The URDF.
         joints: Indices of the model's joints in the URDF, which keeps their names.
-        rotors: Indices of those with reflected inertia. For each, the URDF has a flywheel `<joint>_rotor` on the base:
-            an engine must gear it to its joint one to one.
+        rotors: Indices of joints with reflected inertia. For each, the URDF has a flywheel `<joint>_rotor` on the
+            base; the engine must gear it to the joint one to one.
     """
 
     text: str
@@ -30,12 +30,12 @@ class Export:
     rotors: tuple[int, ...]
 
 
-def to_urdf(model: mujoco.MjModel) -> Export:
-    """Write the moving bodies of a model as URDF.
+def to_urdf(model: mujoco.MjModel) -> UrdfExport:
+    """Export the bodies of a model as URDF.
 
-    Hinges and slides keep names, axes and limits; a body with several joints becomes a chain of links. A joint's
-    reflected inertia becomes a flywheel on the base, because inertia added to a link would also be felt by every
-    joint before it. Boxes, spheres, cylinders and capsules that collide are kept; meshes and planes are not.
+    Hinges and slides keep names, axes and limits. A body with several joints becomes a chain of links. A joint's
+    reflected inertia becomes a flywheel on the base: inertia added to a link would also act on all joints before it.
+    Colliding boxes, spheres, cylinders and capsules are kept; meshes and planes are dropped.
 
     Raises:
         ModelFileError: the model has a ball or free joint.
@@ -51,11 +51,11 @@ def to_urdf(model: mujoco.MjModel) -> Export:
             add_rotor(robot, model, joint)
             rotors.append(joint)
     Xml.indent(robot)
-    return Export(Xml.tostring(robot, encoding="unicode"), tuple(range(model.njnt)), tuple(rotors))
+    return UrdfExport(Xml.tostring(robot, encoding="unicode"), tuple(range(model.njnt)), tuple(rotors))
 
 
 def add_body(robot: Xml.Element, model: mujoco.MjModel, body: int, parent_anchor: np.ndarray) -> np.ndarray:
-    """Add a body's joints and links; return where its link's origin lies in the body's frame [m], shape (3,)."""
+    """Add a body's joints and links; return its link's origin in the body frame [m], shape (3,)."""
     parent = link_name(model, int(model.body_parentid[body]))
     first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
     position, rotation = model.body_pos[body] - parent_anchor, model.body_quat[body]
@@ -71,14 +71,14 @@ def add_body(robot: Xml.Element, model: mujoco.MjModel, body: int, parent_anchor
         anchor = model.jnt_pos[joint].copy()
         parent, position, rotation = child, np.zeros(3), np.array([1.0, 0, 0, 0])
     if not count:
-        add_fixed(robot, parent, link_name(model, body), position, rotation)
+        add_weld(robot, parent, link_name(model, body), position, rotation)
     link = add_link(robot, link_name(model, body), model, body, anchor)
     add_geoms(link, model, body, anchor)
     return anchor
 
 
 def joint_name(model: mujoco.MjModel, joint: int) -> str:
-    """Return a joint's name, which no other joint has where the model gives it none."""
+    """Return a joint's name; a unique one if the model gives none."""
     return model.joint(joint).name or f"joint_{joint}"
 
 
@@ -90,7 +90,15 @@ def link_name(model: mujoco.MjModel, body: int) -> str:
 def add_link(
     robot: Xml.Element, name: str, model: mujoco.MjModel | None = None, body: int = 0, anchor: np.ndarray | None = None
 ) -> Xml.Element:
-    """Add a link with a body's inertia, its origin at `anchor` in the body's frame; no body, next to none."""
+    """Add a link with a body's inertia; without a body the inertia is minimal.
+
+    Args:
+        robot: Element to which the link is added.
+        name: Name of the link.
+        model: Compiled model; None for a link without a body.
+        body: Index of the body.
+        anchor: Origin of the link in the body frame [m], shape (3,); zero if None.
+    """
     link = Xml.SubElement(robot, "link", name=name)
     if model is None or model.body_mass[body] <= 0:
         add_inertia(link, LEAST_MASS, np.full(3, LEAST_INERTIA), np.zeros(3), np.array([1.0, 0, 0, 0]))
@@ -101,7 +109,7 @@ def add_link(
 
 
 def add_inertia(link: Xml.Element, mass: float, inertia: np.ndarray, centre: np.ndarray, rotation: np.ndarray) -> None:
-    """Add mass [kg], principal inertia [kg m²], centre of mass [m] and the principal axes' quaternion."""
+    """Add mass [kg], principal inertia [kg m²], centre of mass [m] and the quaternion of the principal axes."""
     inertial = Xml.SubElement(link, "inertial")
     inertial.append(origin(centre, rotation))
     Xml.SubElement(inertial, "mass", value=number(mass))
@@ -118,7 +126,7 @@ def add_joint(
     position: np.ndarray,
     rotation: np.ndarray,
 ) -> None:
-    """Add one hinge or slide, zero at the model's reference posture."""
+    """Add one hinge or slide, whose zero is the model's reference posture."""
     name = joint_name(model, joint)
     kinds = {int(mujoco.mjtJoint.mjJNT_HINGE): "revolute", int(mujoco.mjtJoint.mjJNT_SLIDE): "prismatic"}
     if int(model.jnt_type[joint]) not in kinds:
@@ -136,7 +144,7 @@ def add_joint(
     Xml.SubElement(element, "limit", lower=number(low), upper=number(high), effort="1e6", velocity="1e6")
 
 
-def add_fixed(robot: Xml.Element, parent: str, child: str, position: np.ndarray, rotation: np.ndarray) -> None:
+def add_weld(robot: Xml.Element, parent: str, child: str, position: np.ndarray, rotation: np.ndarray) -> None:
     """Weld a link to another."""
     element = Xml.SubElement(robot, "joint", name=f"{child}_weld", type="fixed")
     element.append(origin(position, rotation))
@@ -145,13 +153,13 @@ def add_fixed(robot: Xml.Element, parent: str, child: str, position: np.ndarray,
 
 
 def rotor_inertia(model: mujoco.MjModel, joint: int) -> float:
-    """Return a joint's reflected inertia [kg m²]; joints in series, with next to nothing between, have a little."""
+    """Return a joint's reflected inertia [kg m²]; joints in series have at least `LEAST_ROTOR`."""
     series = model.body_jntnum[model.jnt_bodyid[joint]] > 1
     return max(float(model.dof_armature[model.jnt_dofadr[joint]]), LEAST_ROTOR if series else 0.0)
 
 
 def add_rotor(robot: Xml.Element, model: mujoco.MjModel, joint: int) -> None:
-    """Add the flywheel of a joint's reflected inertia, on the base, where no other joint turns it."""
+    """Add a joint's reflected inertia as a flywheel on the base, where no other joint turns it."""
     name = joint_name(model, joint) + ROTOR
     inertia = rotor_inertia(model, joint)
     link = Xml.SubElement(robot, "link", name=name)
@@ -163,7 +171,7 @@ def add_rotor(robot: Xml.Element, model: mujoco.MjModel, joint: int) -> None:
 
 
 def add_geoms(link: Xml.Element, model: mujoco.MjModel, body: int, anchor: np.ndarray) -> None:
-    """Add a body's colliding primitives, which are also what is seen."""
+    """Add a body's colliding primitives as collision and visual shapes."""
     for geom in range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body]):
         shape = primitive(model, geom)
         collides = model.geom_contype[geom] or model.geom_conaffinity[geom]
@@ -176,7 +184,7 @@ def add_geoms(link: Xml.Element, model: mujoco.MjModel, body: int, anchor: np.nd
 
 
 def primitive(model: mujoco.MjModel, geom: int) -> Xml.Element | None:
-    """Return a geom's shape in URDF's terms (full lengths); None for what has no such form."""
+    """Return a geom as a URDF shape, which has full lengths; None for other shapes than primitives."""
     size = model.geom_size[geom]
     kind = mujoco.mjtGeom(model.geom_type[geom])
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
@@ -191,26 +199,26 @@ def primitive(model: mujoco.MjModel, geom: int) -> Xml.Element | None:
 
 
 def origin(position: np.ndarray, rotation: np.ndarray) -> Xml.Element:
-    """Return an origin from a position [m] and a quaternion (w, x, y, z)."""
+    """Return an `<origin>` from a position [m] and a quaternion (w, x, y, z)."""
     return Xml.Element("origin", xyz=numbers(position), rpy=numbers(roll_pitch_yaw(rotation)))
 
 
 def roll_pitch_yaw(rotation: np.ndarray) -> np.ndarray:
-    """Return URDF's angles [rad], fixed axes x, y, z, of a quaternion (w, x, y, z), shape (3,)."""
+    """Return roll, pitch and yaw about fixed axes [rad], shape (3,), of a quaternion (w, x, y, z)."""
     flat = np.empty(9)
     mujoco.mju_quat2Mat(flat, rotation)
     r = flat.reshape(3, 3)
     level = np.hypot(r[0, 0], r[1, 0])
-    if level < 1e-9:  # gimbal lock: only roll ± yaw is determined
+    if level < 1e-9:  # gimbal lock: only the sum or difference of roll and yaw is determined
         return np.array([np.arctan2(-r[1, 2], r[1, 1]), np.arctan2(-r[2, 0], level), 0.0])
     return np.array([np.arctan2(r[2, 1], r[2, 2]), np.arctan2(-r[2, 0], level), np.arctan2(r[1, 0], r[0, 0])])
 
 
 def number(value: float) -> str:
-    """Return a number that reads back as the same double."""
+    """Return a number as text that reads back as the same double."""
     return repr(float(value))
 
 
 def numbers(values: np.ndarray) -> str:
-    """Return numbers with spaces between."""
+    """Return numbers as text, separated by spaces."""
     return " ".join(number(value) for value in values)

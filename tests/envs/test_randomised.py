@@ -17,7 +17,7 @@ from nas_data.errors import OptionError
 from nas_data.policies.learner import Hyperparameters, PolicyTraining
 from nas_data.policies.policy import load_policy
 from nas_data.policies.ppo import train
-from nas_data.simulators.base import Redrawn
+from nas_data.simulators.base import RandomizedStepper
 from nas_data.simulators.mujoco import MujocoSimulator
 
 TASKS = registry.names("envs")
@@ -137,8 +137,8 @@ def test_only_the_plain_physics_is_randomised():
 
 
 def test_only_a_randomised_batch_is_drawn_anew():
-    assert isinstance(randomised("pusher", 1), Redrawn)
-    assert not isinstance(DynamicsSpec("pusher").stepper(1), Redrawn)
+    assert isinstance(randomised("pusher", 1), RandomizedStepper)
+    assert not isinstance(DynamicsSpec("pusher").stepper(1), RandomizedStepper)
 
 
 def test_a_finished_episode_is_followed_by_one_on_another_model():

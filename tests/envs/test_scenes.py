@@ -20,7 +20,7 @@ from nas_data.dataset.verify import verify
 from nas_data.envs.base import Task, find_task
 from nas_data.errors import JointMismatch
 from nas_data.models.augmented import LearnedStepper
-from nas_data.models.losses import FreeRunning, jacobians
+from nas_data.models.losses import FreeRunning, estimate_jacobians
 from nas_data.models.lstm import DynamicsModel
 from nas_data.models.training import ModelTraining
 from nas_data.pairing import object_warnings, pair, scene_states
@@ -164,7 +164,7 @@ def test_an_opponent_holds_its_pose_until_it_is_guided(engine):
     for _ in range(60):
         stepper.step(np.zeros((2, 6)))
     np.testing.assert_allclose(stepper.objects[:, :6], 0.2, atol=0.12)  # the servos sag under the arm's weight
-    stepper.guide(np.full((1, 6), -0.2), np.array([1]))
+    stepper.command_objects(np.full((1, 6), -0.2), np.array([1]))
     for _ in range(60):
         stepper.step(np.zeros((2, 6)))
     assert (stepper.objects[0, :6] > 0.05).all() and (stepper.objects[1, [0, 3, 4, 5]] < -0.05).all()
@@ -225,7 +225,7 @@ def test_while_phi_runs_freely_objects_are_where_they_were_measured(name, dynami
     states, simulated = scene_states(rows, simulator).astype(float), rows.sim_states.astype(float)
     if simulator.remembers:
         simulated = simulator.predict(states, rows.commands)[:, : simulated.shape[1]]
-    expected = jacobians(simulator, states, rows.commands, simulated)
+    expected = estimate_jacobians(simulator, states, rows.commands, simulated)
     np.testing.assert_allclose(slopes.numpy(), expected, atol=1e-3)
 
 

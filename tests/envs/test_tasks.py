@@ -69,8 +69,8 @@ class Scene:
     def reset(self, states: np.ndarray, rows: np.ndarray) -> None:
         self.calls.append(("reset", states, rows))
 
-    def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
-        self.calls.append(("guide", targets, rows))
+    def command_objects(self, targets: np.ndarray, rows: np.ndarray) -> None:
+        self.calls.append(("command_objects", targets, rows))
 
 
 # Every task
@@ -360,7 +360,7 @@ def test_the_defender_takes_another_pose_every_two_and_a_half_seconds():
     goals = task.start(np.random.default_rng(0)).goal[None]
     for step in range(1, 1001):
         goals = task.follow(far, goals, np.array([step]))
-    assert [call[0] for call in far.calls] == ["guide"] * 4
+    assert [call[0] for call in far.calls] == ["command_objects"] * 4
     np.testing.assert_array_equal(far.calls[1][1][0], goals[0, 5:-32].reshape(-1, 6)[2])
 
 

@@ -17,7 +17,7 @@ from nas_data.gap.residual_correlates import goes_with
 from nas_data.gap.search.scales import scales
 from nas_data.gap.write_model import write_model
 from nas_data.joint_units import radians_at
-from nas_data.models.jacobians import POSITION_STEP, jacobians
+from nas_data.models.jacobians import POSITION_STEP, estimate_jacobians
 from nas_data.simulators.controls import find_command
 from nas_data.simulators.limits import excitable_limits
 
@@ -109,7 +109,7 @@ def test_slopes_are_taken_over_a_part_of_a_slides_travel():
     rng = np.random.default_rng(0)
     states = np.c_[rng.uniform(-1, 1, 9), rng.uniform(-REACH / 2, REACH / 2, 9), np.zeros((9, 2))]
     predicted, commands = states @ simulator.a.T, np.zeros((9, 2))
-    slopes = jacobians(simulator, states, commands, predicted)
+    slopes = estimate_jacobians(simulator, states, commands, predicted)
     np.testing.assert_allclose(slopes, np.broadcast_to(simulator.a, slopes.shape), atol=1e-8)
     steps = [float((moved - states)[0, column]) for column, moved in enumerate(asked[-4:])]
     assert steps[0] == pytest.approx(POSITION_STEP) and steps[1] < REACH / 20 and steps[3] < 0.1 * steps[2]

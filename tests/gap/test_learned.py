@@ -15,7 +15,7 @@ from nas_data.gap.problem import Problem
 from nas_data.gap.summary import summary
 from nas_data.gap.workflow import train_on_top
 from nas_data.gap.write_model import write_model
-from nas_data.models.checkpoint import find, load_frozen
+from nas_data.models.checkpoint import find_checkpoint, load_frozen
 from nas_data.models.presets import preset
 from nas_data.simulators.mujoco import MujocoSimulator
 
@@ -51,7 +51,7 @@ def test_the_shares_are_parts_of_the_gap(taught: tuple[Path, Mapping[str, float]
 
 def test_the_checkpoint_knows_the_model_with_the_names(taught: tuple[Path, Mapping[str, float]]):
     folder, _ = taught
-    model = load_frozen(find(folder / "phi"))
+    model = load_frozen(find_checkpoint(folder / "phi"))
     assert model.kind == "delta"
     assert model.provenance["source"] == MujocoSimulator.load(folder / "model.xml", 0.01).describe()
 
@@ -69,4 +69,4 @@ def test_the_command_learns_on_top_of_what_it_names(tmp_path: Path):
     dataset = recorded(arm, tmp_path / "data", "--effect", HIDDEN)
     assert main(["gap", str(dataset), "--model", str(arm), "--out", str(out), "--learn", "10"]) == 0
     check_parts(json.loads((out / "report.json").read_text())["shares"])
-    assert find(out / "phi").is_dir()
+    assert find_checkpoint(out / "phi").is_dir()

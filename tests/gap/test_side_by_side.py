@@ -11,7 +11,7 @@ from nas_data.effects.base import parse
 from nas_data.gap import side_by_side as module
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.side_by_side import shares_cores, side_by_side
-from nas_data.mjcf.engine_warnings import heard_warnings
+from nas_data.mjcf.engine_warnings import collect_warnings
 
 
 @pytest.fixture(autouse=True)
@@ -57,7 +57,7 @@ def test_each_thread_hears_its_own_warnings_and_who_asked_before_hears_again():
     def listen(name: str, speed: float) -> None:
         data = mujoco.MjData(model)
         data.qvel[:] = speed
-        with heard_warnings() as warnings:
+        with collect_warnings() as warnings:
             begun.wait()
             mujoco.mj_step(model, data)
             done.wait()

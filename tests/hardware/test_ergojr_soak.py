@@ -55,7 +55,7 @@ LARGEST_STEP = 0.1  # [rad] of an arm in a period; its speed limit is 1.745 rad/
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 def test_thousands_of_disturbed_packets_yield_no_wrong_value_and_no_hang():
-    options = Options(faults=DISTURBED, honest=False, lockstep=True)
+    options = Options(faults=DISTURBED, wire_delay=False, lockstep=True)
     with VirtualBus(options) as bus:
         arm = Xl320Arm(bus.port, JOINTS)
         still, longest, sentences = None, 0.0, 0
@@ -101,7 +101,7 @@ def record(number: int) -> int:
 @contextlib.contextmanager
 def bus_of(monkeypatch: pytest.MonkeyPatch, *faults: str) -> Iterator[VirtualBus]:
     """Yield the arm that `--port virtual` is from now on; it is still there when the recorder is gone."""
-    with VirtualBus(Options(faults=faults, honest=False, lockstep=True)) as bus:
+    with VirtualBus(Options(faults=faults, wire_delay=False, lockstep=True)) as bus:
         monkeypatch.setattr(ports, "port_of", lambda *_: contextlib.nullcontext(bus.port))
         yield bus
 
@@ -174,7 +174,7 @@ def test_a_hundred_kills_lose_nothing_that_was_called_saved(tmp_path, monkeypatc
     command = [sys.executable, "-m", "nas_data", "record", "ergojr", "--name", "rec", "--seconds", "0.2"]
     command += ["--excitation", "steps:share=0.1,seconds=0.1", "--episodes", "600"]
     promised, kept = 0, None
-    with VirtualBus(Options(honest=False)) as bus:
+    with VirtualBus(Options(wire_delay=False)) as bus:
         for _ in range(KILLS):
             process = subprocess.Popen([*command, "--port", bus.port], stdout=subprocess.DEVNULL)
             until = time.monotonic() + 120

@@ -9,7 +9,12 @@ from nas_data.hardware.virtual_bus.arm import MountedServo, VirtualArm
 from nas_data.hardware.virtual_bus.chain import ServoChain
 from nas_data.hardware.virtual_bus.feetech_packet import FeetechPacket, FeetechReader, decode, status
 from nas_data.hardware.virtual_bus.kinds.base import Reason, find_kind
-from nas_data.hardware.virtual_bus.kinds.sts3215 import ACCELERATION_UNIT, TICK, decode_sign_magnitude, magnitude
+from nas_data.hardware.virtual_bus.kinds.sts3215 import (
+    ACCELERATION_UNIT,
+    TICK,
+    decode_sign_magnitude,
+    encode_sign_magnitude,
+)
 from nas_data.hardware.virtual_bus.packet import Packet
 from nas_data.hardware.virtual_bus.servo import VirtualServo
 from nas_data.hardware.virtual_bus.wire import transmit
@@ -45,12 +50,12 @@ def test_a_bit_that_flips_is_noticed(parameters, data):
     whole = bytearray(FeetechPacket(3, 2, parameters).encode())
     place = data.draw(st.integers(4, len(whole) - 1))
     whole[place] ^= 1 << data.draw(st.integers(0, 7))
-    assert not decode(bytes(whole)).sound
+    assert not decode(bytes(whole)).is_valid
 
 
 @given(st.integers(-2047, 2047))
 def test_sign_and_magnitude_come_back(value):
-    assert decode_sign_magnitude(magnitude(value, 11), 11) == value
+    assert decode_sign_magnitude(encode_sign_magnitude(value, 11), 11) == value
 
 
 @pytest.fixture

@@ -93,7 +93,7 @@ def test_a_flipped_bit_is_noticed(identity, parameters, data):
     whole = bytearray(Packet(identity, Instruction.WRITE, parameters).encode())
     place = data.draw(st.integers(7, len(whole) - 1))
     whole[place] ^= 1 << data.draw(st.integers(0, 7))
-    assert not any(packet.sound for packet in Protocol2Reader().feed(bytes(whole)))
+    assert not any(packet.is_valid for packet in Protocol2Reader().feed(bytes(whole)))
 
 
 class Line:
@@ -127,7 +127,7 @@ def ask(chain: ServoChain, identity: int, instruction: int, parameters: str = ""
 def answer(chain: ServoChain, identity: int, instruction: int, parameters: str = "") -> tuple[int, bytes]:
     (content,) = ask(chain, identity, instruction, parameters)
     packet = decode(content)
-    assert packet.sound
+    assert packet.is_valid
     assert packet.id == identity
     return packet.parameters[0], packet.parameters[1:]
 
@@ -254,9 +254,9 @@ def test_two_servos_of_one_identity_disturb_each_other(chain):
     replies = chain.respond(Packet(1, Instruction.READ, bytes([37, 0, 2, 0])))
     ((_, heard),) = transmit(replies, 1_000_000)
     assert heard == collide(replies[0].content, replies[1].content)
-    assert not any(packet.sound for packet in Protocol2Reader().feed(heard))
+    assert not any(packet.is_valid for packet in Protocol2Reader().feed(heard))
     chain.servos[1].put("return_delay", 0)
     replies = chain.respond(Packet(1, Instruction.READ, bytes([37, 0, 2, 0])))
-    assert [packet.sound for _, heard in transmit(replies, 1_000_000) for packet in Protocol2Reader().feed(heard)] == [
-        True
-    ] * 2
+    assert [
+        packet.is_valid for _, heard in transmit(replies, 1_000_000) for packet in Protocol2Reader().feed(heard)
+    ] == [True] * 2

@@ -22,7 +22,7 @@ from nas_data.hardware.xl320.calibration import default_path, read_calibration, 
 from nas_data.hardware.xl320.configuration import Configuration
 from nas_data.hardware.xl320.control_table import REGISTERS
 from nas_data.hardware.xl320.ergojr import ergojr_joints
-from nas_data.hardware.xl320.units import CENTRE, SPEED_UNIT, TICK, decode_sign_magnitude, sign_magnitude
+from nas_data.hardware.xl320.units import CENTRE, SPEED_UNIT, TICK, decode_sign_magnitude, encode_sign_magnitude
 
 JOINTS = ergojr_joints()
 BOUND = 3.0  # [s] within which every refusal has come, on a machine that does other things
@@ -34,7 +34,7 @@ FAST = Configuration(speed=0.0)
 
 @given(st.integers(-1023, 1023))
 def test_sign_magnitude_goes_there_and_back(value):
-    assert decode_sign_magnitude(np.array(sign_magnitude(value))) == value
+    assert decode_sign_magnitude(np.array(encode_sign_magnitude(value))) == value
 
 
 def test_units_are_the_manuals():
@@ -174,7 +174,7 @@ def test_an_honest_line_takes_its_time_and_less_of_it_once_the_arm_is_set_up(mon
     be_patient(monkeypatch)
     wire = 6 * 17 * 10e-6  # [s] of six replies
     factory = wire + 6 * 500e-6  # [s] with the pause that a servo makes before its reply
-    with VirtualBus(Options(honest=True)) as bus, Xl320Arm(bus.port, JOINTS) as arm:
+    with VirtualBus(Options(wire_delay=True)) as bus, Xl320Arm(bus.port, JOINTS) as arm:
 
         def reading() -> float:
             began = time.monotonic()

@@ -165,7 +165,7 @@ def test_what_is_no_checkpoint_is_refused_in_one_sentence(tmp_path, how):
 def test_a_checkpoint_is_found_in_the_trainings_folder(tmp_path):
     (tmp_path / "run").mkdir()
     folder = checkpoint.save(network(), tmp_path / "run" / "checkpoint")
-    assert checkpoint.find(tmp_path / "run") == checkpoint.find(folder) == folder
+    assert checkpoint.find_checkpoint(tmp_path / "run") == checkpoint.find_checkpoint(folder) == folder
 
 
 def test_a_checkpoint_of_another_robot_rate_or_command_is_refused(tmp_path):

@@ -101,7 +101,7 @@ def test_one_step_lets_the_memory_run_and_open_loop_its_own_state():
     dataset = paired_pendulum((12, 7))
     result = evaluate(dataset, pendulum(), model)
     for episode, rows in enumerate(dataset.episodes()):
-        memory, squares = model.no_memory(1), []
+        memory, squares = model.initial_memory(1), []
         for row in range(rows.start, rows.stop):
             inputs = (dataset.states, dataset.commands, dataset.sim_states)
             after, memory = model.next_states(*(torch.from_numpy(column[row])[None, None] for column in inputs), memory)
@@ -329,7 +329,7 @@ def test_torch_has_one_thread_while_models_are_evaluated(monkeypatch):
     import torch
 
     seen = []
-    monkeypatch.setattr(evaluation_module, "divergences", lambda *_: seen.append(torch.get_num_threads()) or {})
+    monkeypatch.setattr(evaluation_module, "find_divergences", lambda *_: seen.append(torch.get_num_threads()) or {})
     before = torch.get_num_threads()
     torch.set_num_threads(2)
     try:

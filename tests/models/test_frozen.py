@@ -71,7 +71,7 @@ def test_what_is_forgotten_is_forgotten_for_those_rows_only(way, before):
     steps = episode(model, 3)
     touched, going_on, fresh = (WAYS[way](model, 3) for _ in range(3))
     play(touched, steps[:before])
-    touched.forget(np.array([1]))
+    touched.reset_memory(np.array([1]))
     after, expected = play(touched, steps[before:]), play(going_on, steps)[before:]
     np.testing.assert_allclose(after[:, [0, 2]], expected[:, [0, 2]], **CLOSE)
     np.testing.assert_allclose(after[:, 1], play(fresh, steps[before:])[:, 1], **CLOSE)

@@ -36,7 +36,7 @@ def test_running_an_episode_in_one_call_equals_stepping_it(kind, n, batch, steps
     states, commands, predicted = draw(model, batch, steps)
     together, last = model.next_states(states, commands, predicted)
     assert together.shape == (batch, steps, 2 * n)
-    memory, one_by_one = model.no_memory(batch), []
+    memory, one_by_one = model.initial_memory(batch), []
     for step in range(steps):
         now = slice(step, step + 1)
         after, memory = model.next_states(states[:, now], commands[:, now], predicted[:, now], memory)

@@ -11,7 +11,7 @@ from support.training_samples import TINY
 from nas_data.effects.backlash import Backlash
 from nas_data.effects.speed_limit import SpeedLimit
 from nas_data.models.episodes import read_episodes
-from nas_data.models.stateful_source import follow, start_windows, with_memory
+from nas_data.models.stateful_source import predict_with_memory, start_at_windows, step_from
 from nas_data.models.training import ModelTraining
 from nas_data.pairing import pair
 
@@ -28,20 +28,20 @@ def swings():
 def test_the_true_source_predicts_what_was_measured_once_its_memory_is_kept(swings):
     source = pendulum(PLAY, SLOW)
     assert source.remembers and not pendulum().remembers
-    forgetful, kept = pair(swings, source), with_memory(swings, source)
+    forgetful, kept = pair(swings, source), predict_with_memory(swings, source)
     assert np.abs(forgetful.sim_states - swings.next_states).max() > 0.01
     np.testing.assert_allclose(kept.sim_states[:, 0], swings.next_states[:, 0], atol=1e-4)
 
 
 def test_windows_begin_where_the_source_stands_after_what_was_measured_before(swings):
     source = pendulum(PLAY, SLOW)
-    episodes, starts = read_episodes(with_memory(swings, source)), np.array([50, 0, 7])
-    stepper = start_windows(source, episodes, starts, longest=50)
+    episodes, starts = read_episodes(predict_with_memory(swings, source)), np.array([50, 0, 7])
+    stepper = start_at_windows(source, episodes, starts, longest=50)
     columns = [
         np.stack([getattr(episode, name)[start].numpy() for episode, start in zip(episodes, starts, strict=True)])
         for name in ("states", "commands", "predicted")
     ]
-    np.testing.assert_allclose(follow(stepper, *columns[:2]), columns[2], atol=1e-5)
+    np.testing.assert_allclose(step_from(stepper, *columns[:2]), columns[2], atol=1e-5)
 
 
 def test_nothing_is_left_to_learn_where_the_source_is_the_target(swings):

@@ -24,7 +24,7 @@ from nas_data.models.evaluation import evaluate
 from nas_data.models.losses import TeacherForcing
 from nas_data.models.presets import TrainingOptions, preset
 from nas_data.models.run import TrainingRun
-from nas_data.models.split import MANY, hold_out
+from nas_data.models.split import MANY, split_validation
 from nas_data.models.training import ModelTraining, find_device, validation_rollouts
 from nas_data.pairing import check_source, pair
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -95,10 +95,10 @@ def test_what_is_held_out_shapes_no_statistic_and_no_first_weight(count, kind):
     options = replace(TINY, validation=0.2)
     before = ModelTraining(kind, dataset, options, device="cpu")
     if count >= MANY:
-        held = [int(number) for number in re.findall(r"\d+", before.split.what)]
+        held = [int(number) for number in re.findall(r"\d+", before.split.description)]
         rows = np.concatenate([np.arange(dataset.n_frames)[dataset.episode(index)] for index in held])
     else:
-        assert "20%" in before.split.what
+        assert "20%" in before.split.description
         rows = np.concatenate([np.arange(start + 32, start + 40) for start in dataset.starts])
     assert len(rows) == pytest.approx(0.2 * dataset.n_frames, rel=0.1)
     columns = {key: column.copy() for key, column in dataset.columns.items()}
@@ -122,17 +122,17 @@ def test_a_split_loses_no_frame_and_shares_none(lengths, share, seed):
     features = {SIM_STATE: state_feature(("pendulum",))}
     numbered = np.arange(2 * total, dtype=np.float32).reshape(total, 2)
     dataset = Dataset(features, {SIM_STATE: numbered}, np.array(lengths), 50.0)
-    parts = hold_out(dataset, share, seed)
-    train_rows, held_rows = (set(part.sim_states[:, 0].tolist()) for part in (parts.train, parts.held))
+    parts = split_validation(dataset, share, seed)
+    train_rows, held_rows = (set(part.sim_states[:, 0].tolist()) for part in (parts.train, parts.validation))
     assert train_rows | held_rows == set(numbered[:, 0].tolist())
     assert not train_rows & held_rows
     assert len(train_rows) + len(held_rows) == total
-    assert parts.train.n_episodes and parts.held.n_episodes
-    for part in (parts.train, parts.held):  # no episode jumps
+    assert parts.train.n_episodes and parts.validation.n_episodes
+    for part in (parts.train, parts.validation):  # no episode jumps
         for rows in part.episodes():
             assert (np.diff(part.sim_states[rows, 0]) == 2).all()
-    again = hold_out(dataset, share, seed)
-    assert (again.what, again.held.n_frames) == (parts.what, parts.held.n_frames)
+    again = split_validation(dataset, share, seed)
+    assert (again.description, again.validation.n_frames) == (parts.description, parts.validation.n_frames)
 
 
 def test_long_validation_episodes_are_cut_and_few_are_kept_whole():
@@ -244,7 +244,7 @@ def test_the_preset_for_few_data_learns_in_short_windows(swings, tmp_path):
     options = preset("few", hidden=8, updates=12)
     assert (options.preset, options.layers, options.horizon) == ("few", 1, 30)
     training = ModelTraining("forward", swings, replace(options, frames=200))
-    assert max(place.length for place in training.phase._draw(11)) == 30  # the longest of a training come last
+    assert max(place.length for place in training.phase._draw_windows(11)) == 30  # the longest of a training come last
 
 
 def test_options_out_of_range_are_refused():

@@ -12,7 +12,7 @@ from nas_data.errors import OutputExists
 from nas_data.models.checkpoint import load_frozen
 from nas_data.models.divergence import predict_bounded
 from nas_data.models.losses import FreeRunning, TeacherForcing
-from nas_data.models.optimiser import Descent
+from nas_data.models.optimiser import Optimiser
 from nas_data.models.run import TrainingRun
 from nas_data.models.training import ModelTraining
 
@@ -120,7 +120,7 @@ def test_the_mean_of_the_weights_is_judged_and_kept(tmp_path, swings):
     kept, last = (train(swings, tmp_path / name, options=o) for name, o in (("mean", options), ("last", TINY)))
     assert not same(kept, last)
     training = ModelTraining("delta", swings, options, device="cpu")
-    descent, means, judged = Descent(training), [], [training.validation_error()]
+    descent, means, judged = Optimiser(training), [], [training.validation_error()]
     for update in range(training.phase.updates):
         descent.update(update)
         weights = [weight.detach().clone() for weight in training.model.parameters()]

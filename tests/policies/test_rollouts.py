@@ -43,7 +43,7 @@ from nas_data.recorders.path_planner import PathPlanner
 from nas_data.recorders.schedule import SteppedClock
 from nas_data.recorders.watchdog import Watchdog
 from nas_data.robots.base import find_robot
-from nas_data.simulators.contact import contact_counts
+from nas_data.simulators.contact import count_contacts
 from nas_data.simulators.mujoco import MujocoSimulator
 
 JOINTS = ergojr_joints()
@@ -135,7 +135,7 @@ def test_an_arm_is_not_led_into_the_floor(capsys, monkeypatch):
         reached = read(Path(answer["dataset"])).next_states[:, :6].astype(float)
         assert reached[:, 1].max() > 0.3
         simulator = MujocoSimulator(find_robot("ergojr"), 0.01, threads=1)
-        return answer["held_back"], int((contact_counts(simulator, reached) > 0).sum())
+        return answer["held_back"], int((count_contacts(simulator, reached) > 0).sum())
 
     check_care(touching, monkeypatch, touches=10)
 

@@ -39,7 +39,7 @@ from nas_data.recorders.path_planner import PathPlanner
 from nas_data.recorders.session import PlaybackProtocol
 from nas_data.recorders.watchdog import DIED, HUNG, LineReader, Watchdog, rescue, watch
 from nas_data.robots.base import find_robot
-from nas_data.simulators.contact import contact_counts
+from nas_data.simulators.contact import count_contacts
 from nas_data.simulators.mujoco import MujocoSimulator
 
 JOINTS = ergojr_joints()
@@ -145,7 +145,7 @@ def test_planned_episodes_touch_nothing():
     plan = draw_plan(ROBOT, protocol, 100.0, 1.745)
     assert plan.commands.shape == (12, 200, 6)
     assert plan.replaced > 0
-    assert contact_counts(MujocoSimulator(ROBOT, 0.01, threads=1), plan.commands[:, 99]).tolist() == [0] * 12
+    assert count_contacts(MujocoSimulator(ROBOT, 0.01, threads=1), plan.commands[:, 99]).tolist() == [0] * 12
     for again in (MotionPlan.from_bytes(plan.to_bytes()), draw_plan(ROBOT, protocol, 100.0, 1.745)):
         assert (again.key, again.task, again.replaced) == (plan.key, plan.task, plan.replaced)
         assert np.array_equal(again.commands, plan.commands)
@@ -156,7 +156,7 @@ def test_planned_episodes_touch_nothing():
 def test_an_episode_that_reaches_the_floor_is_not_free():
     simulator = MujocoSimulator(ROBOT, 0.01, threads=1)
     down = np.tile([0, 1.5, 0.8, 0, 0, 0], (150, 1))
-    assert contact_counts(simulator, down[:1])[0] > 0
+    assert count_contacts(simulator, down[:1])[0] > 0
     assert free_of_contact(simulator, np.stack([down, 0 * down]), np.zeros((2, 6)), PathPlanner(ROBOT)).tolist() == [
         False,
         True,
@@ -380,7 +380,7 @@ def saved() -> int:
 
 
 def test_a_killed_recorder_loses_nothing_and_leaves_no_torque():
-    with VirtualBus(Options(honest=False)) as bus:
+    with VirtualBus(Options(wire_delay=False)) as bus:
         with recorder(bus.port, 60) as process:
             wait_for(lambda: saved() >= 2)
             os.kill(process.pid, signal.SIGKILL)
@@ -393,7 +393,7 @@ def test_a_killed_recorder_loses_nothing_and_leaves_no_torque():
 
 @pytest.mark.parametrize("end", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_a_recorder_that_is_told_to_stop_makes_the_arm_safe_first(end):
-    with VirtualBus(Options(honest=False)) as bus:
+    with VirtualBus(Options(wire_delay=False)) as bus:
         with recorder(bus.port, 60) as process:
             wait_for(lambda: saved() >= 1)
             process.send_signal(end)
@@ -404,7 +404,7 @@ def test_a_recorder_that_is_told_to_stop_makes_the_arm_safe_first(end):
 
 
 def test_a_recorder_that_hangs_is_ended_and_leaves_no_torque():
-    with VirtualBus(Options(honest=False)) as bus:
+    with VirtualBus(Options(wire_delay=False)) as bus:
         with recorder(bus.port, 60) as process:
             wait_for(lambda: saved() >= 1)
             time.sleep(0.5)  # saving may take longer than moving without a word

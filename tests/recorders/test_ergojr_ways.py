@@ -9,7 +9,7 @@ from nas_data.errors import PathBlocked
 from nas_data.hardware.virtual_bus.arm import LYING
 from nas_data.recorders.path_planner import PathPlanner
 from nas_data.robots.base import find_robot
-from nas_data.simulators.contact import contact_counts, touches
+from nas_data.simulators.contact import count_contacts, find_contacts
 from nas_data.simulators.mujoco import MujocoSimulator
 
 ROBOT = find_robot("ergojr")
@@ -29,10 +29,10 @@ def test_the_way_between_free_poses_is_free(planner):
     for begin, end in pairwise(poses):
         corners = np.stack([begin, *planner.find(begin, end)])
         path = np.concatenate([np.linspace(a, b, 400) for a, b in pairwise(corners)])
-        assert contact_counts(SIMULATOR, path).max() == 0
+        assert count_contacts(SIMULATOR, path).max() == 0
         assert np.array_equal(corners[-1], end)
         assert planner.exists(begin, end)
-        direct = contact_counts(SIMULATOR, np.linspace(begin, end, 400)).max() == 0
+        direct = count_contacts(SIMULATOR, np.linspace(begin, end, 400)).max() == 0
         straight += direct
         detours += len(corners) > 2
         assert len(corners) == 2 or not direct
@@ -45,7 +45,7 @@ def test_the_arm_gets_up_from_where_a_hand_left_it(planner):
 
 
 def test_what_touches_at_the_start_may_part_but_not_come_closer(planner):
-    touching = touches(SIMULATOR, IN_THE_FLOOR)
+    touching = find_contacts(SIMULATOR, IN_THE_FLOOR)
     assert all("floor" in pair for pair in touching)
     assert min(touching.values()) < 0
     assert planner.find(IN_THE_FLOOR, np.zeros(6))[-1].tolist() == [0.0] * 6

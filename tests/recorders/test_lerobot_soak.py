@@ -76,7 +76,7 @@ def test_fifty_episodes_at_50_hz_come_late_in_less_than_a_row_in_a_thousand(caps
 def test_a_hundred_kills_lose_nothing_that_was_called_saved(folder):
     options = ["--episodes", str(MORE_THAN_SAVED), "--name", "rec"]
     promised, kept = 0, None
-    with VirtualBus(replace(arm_of(folder), honest=False, lockstep=True)) as bus:
+    with VirtualBus(replace(arm_of(folder), wire_delay=False, lockstep=True)) as bus:
         rng, known = np.random.default_rng(0), driver(folder, bus.port)
         for _ in range(KILLS):
             recorder = multiprocessing.get_context("fork").Process(target=record, args=(folder, bus.port, *options))
@@ -119,7 +119,7 @@ def check_stop(folder: Path, bus: VirtualBus, fault: str, said: list[str]) -> No
 
 
 def test_two_thousand_faults_of_all_kinds_cost_no_recording_and_no_wrong_value(folder, capfd):
-    rng, arm = np.random.default_rng(0), replace(arm_of(folder), honest=False, lockstep=True)
+    rng, arm = np.random.default_rng(0), replace(arm_of(folder), wire_delay=False, lockstep=True)
     faults, number = 0, 0
     while faults < FAULTS:
         options = ("--episodes", "20", "--name", f"rec{number}")

@@ -20,7 +20,7 @@ from nas_data.reports.films.film import Film, frames_between
 from nas_data.reports.films.motion import follow, names_of
 from nas_data.reports.films.scene import COLOURS, Scene
 from nas_data.simulators.mujoco import MujocoSimulator
-from nas_data.simulators.offscreen import Pictures
+from nas_data.simulators.offscreen import OffscreenRenderer
 
 # two links in a vertical plane, the second turned by a finger that follows it, with a mesh, a floor and a light
 ARM = """
@@ -58,7 +58,7 @@ def screen():
     """Skip what draws where the machine cannot."""
     model = mujoco.MjModel.from_xml_string("<mujoco/>")
     try:
-        Pictures(model, mujoco.MjData(model), (16, 16)).close()
+        OffscreenRenderer(model, mujoco.MjData(model), (16, 16)).close()
     except MissingPackage as error:
         pytest.skip(str(error))
 

@@ -94,7 +94,7 @@ def arm_film(tmp_path):
 def test_the_gap_page_carries_a_short_film(tmp_path):
     model = mujoco.MjModel.from_xml_string("<mujoco/>")
     try:
-        offscreen.Pictures(model, mujoco.MjData(model), (16, 16)).close()
+        offscreen.OffscreenRenderer(model, mujoco.MjData(model), (16, 16)).close()
     except MissingPackage as error:
         pytest.skip(str(error))
     page = page_of_folder(arm_film(tmp_path))

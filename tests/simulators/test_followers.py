@@ -7,7 +7,7 @@ from support.truth_samples import FOLDER, PERIOD, record_truth, without_bases
 
 from nas_data.errors import ModelFileError
 from nas_data.pairing import initial_states, pair
-from nas_data.robots.base import find_robot, say_held
+from nas_data.robots.base import find_robot, note_fixed_bases
 from nas_data.simulators.mujoco import MujocoSimulator
 
 MODELS = sorted(FOLDER.glob("*.*"))
@@ -106,11 +106,11 @@ def test_a_mimicking_joint_is_neither_given_a_servo_nor_commanded():
 def test_models_without_followers_have_none_to_solve_for():
     for path in MODELS:
         simulator = simulator_of(path)
-        assert simulator.rest.kept == (path.name in {*FOLLOWING, "hung_by_weld.xml"})
+        assert simulator.rest.carries_state == (path.name in {*FOLLOWING, "hung_by_weld.xml"})
 
 
 def test_a_base_that_would_fall_is_held_and_said_to_be(capsys):
-    say_held.cache_clear()
+    note_fixed_bases.cache_clear()
     robot = find_robot(FOLDER / "legged.xml")
     find_robot(FOLDER / "legged.xml")
     assert capsys.readouterr().err.count("the base 'trunk'") == 1

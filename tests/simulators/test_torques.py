@@ -20,11 +20,11 @@ from nas_data.models.evaluation import evaluate, one_step_model, open_loop_model
 from nas_data.models.frozen.freeze import freeze
 from nas_data.models.frozen.onnx_torques import OnnxTorques
 from nas_data.models.frozen.torch_network import TorchNetwork
-from nas_data.models.jacobians import command_slopes
+from nas_data.models.jacobians import estimate_command_jacobians
 from nas_data.models.lstm import DynamicsModel
 from nas_data.models.presets import preset
 from nas_data.models.run import TrainingRun
-from nas_data.models.symmetry import Symmetry, asymmetry, symmetry_of
+from nas_data.models.symmetry import Symmetry, find_symmetry, measure_asymmetry
 from nas_data.models.training import ModelTraining
 from nas_data.pairing import pair
 from nas_data.robots.base import Robot
@@ -40,15 +40,15 @@ SYMMETRIC = {"cyclic": ("m1",), "mirror": {"m1": 0.0, "m3": 0.4}}
 
 def test_what_pushers_model_says_of_its_symmetry_holds_and_nothing_else_does():
     source = find_task("Pusher").simulator("source")
-    found = symmetry_of(source)
+    found = find_symmetry(source)
     assert found == {"cyclic": ("j1",), "mirror": {"j1": 0.0, "j2": 0.785, "j3": 1.57}}
-    assert asymmetry(source.model, source.joints, Symmetry.named(source.joints, **found)) < 1e-9
+    assert measure_asymmetry(source.model, source.joints, Symmetry.from_names(source.joints, **found)) < 1e-9
     for wrong in (
         {"cyclic": ("j1", "j2"), "mirror": {}},
         {"cyclic": (), "mirror": found["mirror"] | {"j3": 1.5}},
         {"cyclic": (), "mirror": {"j1": 0.0}},
     ):
-        assert asymmetry(source.model, source.joints, Symmetry.named(source.joints, **wrong)) > 0.01
+        assert measure_asymmetry(source.model, source.joints, Symmetry.from_names(source.joints, **wrong)) > 0.01
 
 
 def with_texts(tmp_path, text: str, new: str) -> MujocoSimulator:
@@ -71,7 +71,7 @@ def with_texts(tmp_path, text: str, new: str) -> MujocoSimulator:
 )
 def test_a_symmetry_that_does_not_hold_or_is_not_said_is_refused(tmp_path, text, new, error, said):
     with pytest.raises(error, match=said):
-        symmetry_of(with_texts(tmp_path, text, new))
+        find_symmetry(with_texts(tmp_path, text, new))
 
 
 @settings(max_examples=25, deadline=None)
@@ -103,7 +103,7 @@ def test_running_an_episode_in_one_call_equals_stepping_it(options):
     model = torque_network(JOINTS, layers=2, **options)
     states, commands, predicted = draw(model, 4, 9)
     together, _ = model.changes(states, commands, predicted)
-    memory, one_by_one = model.no_memory(4), []
+    memory, one_by_one = model.initial_memory(4), []
     for step in range(9):
         now = slice(step, step + 1)
         change, memory = model.changes(states[:, now], commands[:, now], predicted[:, now], memory)
@@ -197,7 +197,7 @@ def test_onnx_runtime_says_what_torch_says_and_forgets_the_rows_that_it_shall(op
     for number, step in enumerate(steps):
         if number == 10:
             for way in ways:
-                way.forget(np.array([1]))
+                way.reset_memory(np.array([1]))
         last, other = (way.changes(*step) for way in ways)
         np.testing.assert_allclose(last, other, rtol=0, atol=1e-5)
     fresh = freeze(model, 1)
@@ -252,7 +252,7 @@ def test_gradients_run_through_the_whole_rollout_and_the_source():
 def test_slopes_by_command_are_those_of_a_linear_arm():
     source, _, _ = two_arms()
     states, commands = np.random.default_rng(0).normal(size=(2, 5, 4)), np.random.default_rng(1).normal(size=(5, 2))
-    slopes = command_slopes(source, states[0], commands, source.predict(states[0], commands))
+    slopes = estimate_command_jacobians(source, states[0], commands, source.predict(states[0], commands))
     np.testing.assert_allclose(slopes, np.broadcast_to(source.b, slopes.shape), atol=1e-9)
 
 

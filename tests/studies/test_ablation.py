@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from nas_data import registry
 from nas_data.dataset.dataset import Dataset
 from nas_data.errors import OptionError
-from nas_data.models.split import rows_of
+from nas_data.models.split import select_frames
 from nas_data.reports.ablation_figure import AblationCurve, error_over_amount
 from nas_data.reports.style import to_png
 from nas_data.studies.ablation.amount import Amount, parse
@@ -105,7 +105,7 @@ def test_more_than_the_training_episodes_hold_is_refused():
 
 def test_the_columns_of_a_subset_are_those_of_its_frames(swings):
     runs = draw(swings, range(swings.n_episodes), Amount(0.1, "minutes"), 3)
-    subset = rows_of(swings, runs)
+    subset = select_frames(swings, runs)
     np.testing.assert_array_equal(subset.states, swings.states[sorted(frames(runs))])
 
 

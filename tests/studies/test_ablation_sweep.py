@@ -23,7 +23,7 @@ from nas_data.dataset.versions import new_version
 from nas_data.effects.base import parse
 from nas_data.errors import DatasetInvalid, OutputExists, WorkerLost
 from nas_data.gap.write_model import write_effects
-from nas_data.models.split import hold_out, rows_of
+from nas_data.models.split import select_frames, split_validation
 from nas_data.runs.environment_info import commit
 from nas_data.studies.ablation import trial as trials
 from nas_data.studies.ablation.amount import Amount
@@ -107,11 +107,11 @@ def test_normalisation_and_weights_know_nothing_of_what_is_not_in_the_subset(pla
     learned = []
     for name, data in (("as recorded", dataset), ("spoilt", spoilt)):
         (folder := tmp_path / name).mkdir()
-        subset = rows_of(data, draw(data, divide(data.n_episodes, 0.2, 0)[0], amount, 0))
+        subset = select_frames(data, draw(data, divide(data.n_episodes, 0.2, 0)[0], amount, 0))
         lesson = Lesson(subset, place.paired, SweepData(place.paired).source(), None, TINY, folder)
         learned.append(find_kind(kind).learn(lesson).model)
     assert same(*learned)
-    own = hold_out(rows_of(dataset, runs), TINY.validation, 0).train
+    own = split_validation(select_frames(dataset, runs), TINY.validation, 0).train
     np.testing.assert_allclose(learned[0].input_mean[:2], own.states.mean(0), atol=1e-6)
     assert held and not np.allclose(learned[0].input_mean[:2], dataset.states.mean(0), atol=1e-3)
 

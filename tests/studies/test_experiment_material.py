@@ -38,7 +38,7 @@ def again(material):
     [
         ("nas_data.envs.pusher", "START_ANGLE = 0.1", "START_ANGLE = 0.2", "Record and pair"),
         ("nas_data.recorders.recipe", "seed: int = 0", "seed: int = 1", "Record and pair"),
-        ("nas_data.models.optimiser", "class Descent", "later = 1\nclass Descent", "Learn φ"),
+        ("nas_data.models.optimiser", "class Optimiser", "later = 1\nclass Optimiser", "Learn φ"),
     ],
 )
 def test_what_other_code_made_is_refused_and_left_alone(material, edited, module, old, new, stage):

@@ -30,7 +30,7 @@ class FirstOrderArm:
     def objects(self) -> np.ndarray:
         return np.zeros((self.size, 0))
 
-    def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
+    def command_objects(self, targets: np.ndarray, rows: np.ndarray) -> None:
         raise AssertionError("there are no objects")
 
     def reset(self, states: np.ndarray, rows: np.ndarray | None = None) -> None:

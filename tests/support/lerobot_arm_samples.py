@@ -33,7 +33,7 @@ def arm_of(folder: Path, kind: str = "so101_follower") -> Options:
 @contextmanager
 def virtual(folder: Path, *faults: str, kind: str = "so101_follower", **changes: object) -> Iterator[VirtualBus]:
     """Yield a virtual arm in its own process; its calibration lies in the folder."""
-    chosen = {"faults": faults, "honest": False, "lockstep": True, **changes}
+    chosen = {"faults": faults, "wire_delay": False, "lockstep": True, **changes}
     with VirtualBus(replace(arm_of(folder, kind), **chosen)) as bus:
         yield bus
 

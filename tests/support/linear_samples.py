@@ -8,7 +8,7 @@ import torch
 from torch import nn
 
 from nas_data.dataset.features import EFFORT, POSITION, Feature
-from nas_data.models.evaluation import StillStepper
+from nas_data.models.evaluation import StaticStepper
 from nas_data.models.lstm import DynamicsModel
 
 
@@ -40,7 +40,7 @@ def draw(model: DynamicsModel, batch: int, steps: int, seed=0) -> list[torch.Ten
     return [torch.randn(batch, steps, width, generator=generator) for width in (2 * n, n, 2 * n)]
 
 
-class LinearStepper(StillStepper):
+class LinearStepper(StaticStepper):
     """A batch of linear arms."""
 
     def __init__(self, simulator: "LinearSimulator", size: int) -> None:

@@ -222,7 +222,7 @@ def converts(way: Way) -> bool:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "arm.xml"
         path.write_text(way.text)
-        return not load_simulator(path, PERIOD, ("a", "b"), threads=1).layout.inputs.plain
+        return not load_simulator(path, PERIOD, ("a", "b"), threads=1).layout.inputs.are_commands
 
 
 @cache

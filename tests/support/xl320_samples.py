@@ -14,7 +14,7 @@ from nas_data.hardware.xl320.ergojr import ergojr_joints
 @contextmanager
 def virtual(*faults: str, effects: tuple[str, ...] = (), offsets: tuple[int, ...] = ()) -> Iterator[VirtualBus]:
     """Yield a virtual arm in its own process."""
-    options = Options(effects=effects, faults=faults, offsets=offsets, honest=False, lockstep=True)
+    options = Options(effects=effects, faults=faults, offsets=offsets, wire_delay=False, lockstep=True)
     with VirtualBus(options) as bus:
         yield bus
 

@@ -10,7 +10,7 @@ import numpy as np
 from nas_data.dataset.features import POSITION
 from nas_data.errors import JointMismatch, ModelFileError
 from nas_data.simulators.controls import length_control
-from nas_data.simulators.layout import settle_actuator
+from nas_data.simulators.rest_states import settle_actuator
 
 SENSOR = ".pos"
 

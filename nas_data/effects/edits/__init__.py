@@ -1,1 +1,1 @@
-"""Edits of a model that several effects share; no effect itself."""
+"""Edits of a model that several effects share."""

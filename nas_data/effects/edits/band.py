@@ -1,4 +1,4 @@
-"""A dead band of a position servo, which then drives a goal that passive actuators make the joint follow."""
+"""Dead band of a position servo: the servo moves a goal joint, and passive actuators pull the joint to the goal."""
 
 import mujoco
 import numpy as np
@@ -10,32 +10,32 @@ from nas_data.errors import ModelFileError
 from nas_data.mjcf.actuator_lookup import BAND, DAMPING, DRIVE, GAIN, GOAL, PARTS
 from nas_data.mjcf.unique_name import free_name
 
-SHARE = 1e-4  # stiffness that the servo leaves to the joint over the one with which it moves the goal
-QUICK = 1 / 200  # of the goal's damping · timestep is its inertia: it arrives within one physics step
-CALM = 2e-9  # [s²] its least inertia per stiffness: the engine takes an acceleration over 1e10 rad/s² for a divergence
-MASS, INERTIA = 1e-9, 1e-12  # [kg], [kg m²] of the goal's body, which must have some
+SHARE = 1e-4  # coefficient of the joint in the servo's tendon; that of the goal is 1
+QUICK = 1 / 200  # goal's inertia over damping · timestep, so that it moves within one physics step
+CALM = 2e-9  # [s²] goal's least inertia per stiffness: MuJoCo takes accelerations over 1e10 rad/s² for a divergence
+MASS, INERTIA = 1e-9, 1e-12  # [kg], [kg m²] of the goal's body; MuJoCo requires positive values
 
 
 def add_band(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator, half_width: float) -> None:
-    """Let a servo ignore errors of up to `half_width` [rad]; a band that is there already becomes wider.
+    """Let a servo ignore errors of up to `half_width` [rad], in addition to an existing dead band.
 
-    The servo, with its control, delay and slew rate, moves a weightless goal within one physics step. Between goal and
-    joint act passive actuators: `<joint>_deadband_gain` as the servo's stiffness, `<joint>_deadband` which takes that
-    away again up to the torque at the band's edge, and `<joint>_deadband_damping`. Of its own stiffness the servo
-    leaves the joint as much as the goal is late by: a new command is felt at once.
+    The servo, with its control, delay and slew rate, moves a massless goal joint within one physics step. Three passive
+    actuators act between goal and joint. `<joint>_deadband_gain` has the servo's stiffness. `<joint>_deadband` cancels
+    it up to the torque at the band's edge. `<joint>_deadband_damping` has the servo's damping. The servo also acts on
+    the joint directly, with a share that compensates the delay of the goal: a new command acts at once.
 
     Raises:
-        ModelFileError: the model gives something else one of these names.
+        ModelFileError: the model uses one of these names for another element.
     """
     if spec.actuator(joint + BAND) is None:
-        put_goal_between(spec, joint, servo)
+        insert_goal(spec, joint, servo)
     band = spec.actuator(joint + BAND)
     torque = float(band.forcerange[1]) + float(band.biasprm[1]) * half_width
     band.forcelimited, band.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, [-torque, torque]
 
 
-def put_goal_between(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator) -> None:
-    """Let the servo drive a goal, and passive actuators with its gains the joint; without a band the same torque."""
+def insert_goal(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator) -> None:
+    """Insert a goal joint between a servo and its joint; with a dead band of zero, the torque is unchanged."""
     refuse_names(spec, joint)
     first, gear = spec.joint(joint), float(servo.gear[0])
     kp, kv = feedback(servo) * gear**2, -float(servo.biasprm[2]) * gear**2
@@ -47,18 +47,22 @@ def put_goal_between(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator)
     goal = add_goal(spec, first, kp / SHARE)
     servo.trntype = mujoco.mjtTrn.mjTRN_TENDON
     servo.target = add_sum(spec, joint + DRIVE, {goal.name: 1.0, joint: SHARE})
-    # the servo's share counts the joint already
+    # the servo's tendon includes this share of the joint already
     error = add_sum(spec, free_name(spec.tendon, joint + "_error"), {joint: 1 - SHARE, goal.name: -1.0})
     add_feedback(spec, joint + GAIN, error, -kp, 0.0)
     add_feedback(spec, joint + BAND, error, kp, 0.0)
-    turn = add_sum(spec, free_name(spec.tendon, joint + "_turn"), {joint: 1.0})
-    add_feedback(spec, joint + DAMPING, turn, 0.0, -kv)
+    angle = add_sum(spec, free_name(spec.tendon, joint + "_turn"), {joint: 1.0})
+    add_feedback(spec, joint + DAMPING, angle, 0.0, -kv)
     if limits is not None:
         limit_torque(first, *np.sort(np.array(limits) * gear))
 
 
 def refuse_names(spec: mujoco.MjSpec, joint: str) -> None:
-    """Refuse a model in which something has the name of a part by which a servo with a dead band is known."""
+    """Refuse a model that uses a name of the added elements for another element.
+
+    Raises:
+        ModelFileError: names the element.
+    """
     wanted = [(spec.joint, joint + GOAL), (spec.tendon, joint + DRIVE), *((spec.actuator, joint + p) for p in PARTS)]
     taken = [name for find, name in wanted if find(name) is not None]
     if taken:
@@ -69,14 +73,14 @@ def refuse_names(spec: mujoco.MjSpec, joint: str) -> None:
 
 
 def move_dampers(joint: mujoco.MjsJoint, servo: mujoco.MjsActuator) -> None:
-    """Move damping and rotor inertia that an actuator adds to what it drives to the joint, away from the goal."""
+    """Move the actuator's damping and armature to the joint, so that they do not act on the goal."""
     joint.damping = joint.damping + servo.damping * servo.gear[0] ** 2
     joint.armature += servo.armature * servo.gear[0] ** 2
     servo.damping, servo.armature = np.zeros(3), 0.0
 
 
 def add_goal(spec: mujoco.MjSpec, first: mujoco.MjsJoint, stiffness: float) -> mujoco.MjsJoint:
-    """Add a joint on a body of its own in the world that a servo of this stiffness moves within one physics step."""
+    """Add the goal: a joint on its own body that a servo of this stiffness moves within one physics step."""
     step = spec.option.timestep
     name = first.name + GOAL
     body = spec.worldbody.add_body(mass=MASS, inertia=np.full(3, INERTIA), explicitinertial=True)
@@ -89,7 +93,7 @@ def add_goal(spec: mujoco.MjSpec, first: mujoco.MjsJoint, stiffness: float) -> m
 
 
 def add_sum(spec: mujoco.MjSpec, name: str, parts: dict[str, float]) -> str:
-    """Add a fixed tendon without a mechanics of its own; return its name."""
+    """Add a fixed tendon without forces of its own, from coefficients by joint; return its name."""
     tendon = spec.add_tendon(name=name)
     clear_tendon(tendon)
     for joint, share in parts.items():
@@ -98,7 +102,7 @@ def add_sum(spec: mujoco.MjSpec, name: str, parts: dict[str, float]) -> str:
 
 
 def add_feedback(spec: mujoco.MjSpec, name: str, tendon: str, per_length: float, per_speed: float) -> None:
-    """Add an actuator without a control whose force is proportional to a tendon's length and speed."""
+    """Add a passive actuator whose force is proportional to a tendon's length and speed."""
     actuator = add_passive(spec, name, mujoco.mjtTrn.mjTRN_TENDON, tendon)
     actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
     bias = np.zeros_like(actuator.biasprm)

@@ -1,13 +1,13 @@
-"""Damping ratios of servos, which the compiler turns into damping anew after each change of a model."""
+"""Damping ratios of servos, from which the compiler would compute other damping after each edit."""
 
 import mujoco
 
 
 def settle_damping(spec: mujoco.MjSpec) -> None:
-    """Replace damping ratios by the damping that they stand for in this model, so that no later edit changes it."""
-    servos = [(place, servo) for place, servo in enumerate(spec.actuators) if servo.biasprm[2] > 0]
+    """Replace damping ratios by the damping that they mean in this model, so that later edits do not change it."""
+    servos = [(index, servo) for index, servo in enumerate(spec.actuators) if servo.biasprm[2] > 0]
     if not servos:
         return
     model = spec.copy().compile()
-    for place, servo in servos:
-        servo.biasprm = model.actuator_biasprm[place]
+    for index, servo in servos:
+        servo.biasprm = model.actuator_biasprm[index]

@@ -1,16 +1,16 @@
-"""Friction that holds a load still, not almost still."""
+"""Friction constraints that are stiff enough to hold a load without visible creep."""
 
 import mujoco
 import numpy as np
 
-FIRM = 0.999  # impedance: a joint at its friction creeps by 2e-6 · torque / inertia, in rad/s
+FIRM = 0.999  # impedance (solimp) with which a joint creeps at 2e-6 · torque / inertia [rad/s]
 
 
-def hold_firmly(spec: mujoco.MjSpec, joint: str) -> None:
-    """Let the friction loss of a joint hold, also one that is set or exceeded only later."""
-    held = spec.joint(joint)
-    impedance = held.solimp_friction.copy()
-    impedance[:2] = np.maximum(impedance[:2], FIRM)
-    held.solimp_friction = impedance
-    if held.solref_friction[0] > 0:  # a negative one is a stiffness, which somebody chose on purpose
-        held.solref_friction = [2 * spec.option.timestep, 1.0]
+def stiffen_friction(spec: mujoco.MjSpec, joint: str, least: float = FIRM) -> None:
+    """Give the friction constraint of a joint at least an impedance, and a time constant of two timesteps."""
+    element = spec.joint(joint)
+    impedance = element.solimp_friction.copy()
+    impedance[:2] = np.maximum(impedance[:2], least)
+    element.solimp_friction = impedance
+    if element.solref_friction[0] > 0:  # a negative value is a stiffness, which the author set on purpose
+        element.solref_friction = [2 * spec.option.timestep, 1.0]

@@ -1,4 +1,4 @@
-"""What an effect that the engine lacks sees between two physics steps."""
+"""Interface of hooks: functions that compute friction between physics steps, for effects that MuJoCo lacks."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,11 +9,11 @@ import numpy as np
 
 @dataclass(frozen=True)
 class StepForces:
-    """Forces in B simulations of one model, live, to be read.
+    """Read-only views of forces in B simulations of one model.
 
     Attributes:
-        force: What each actuator gave in the last step [N·m], shape (B, outputs).
-        bias: What weight and motion asked of each joint in the last step [N·m], shape (B, nv).
+        force: Force of each actuator in the last step [N·m], shape (B, outputs).
+        bias: Gravity, Coriolis and centrifugal torques in the last step (`qfrc_bias`) [N·m], shape (B, nv).
         released: Whether the servos are switched off, shape (B,).
     """
 
@@ -22,6 +22,6 @@ class StepForces:
     released: np.ndarray
 
 
-# Given the forces of a batch once, returns what is called before each physics step: it returns the friction to add to
-# the model's own in that step [N·m], shape (B, nv), in an array that it may use again for the next.
+# A hook is called once with the forces of a batch. It returns the function that runs before each physics step. That
+# function returns the friction to add to the model's in this step [N·m], shape (B, nv); it may reuse the array.
 StepHook: TypeAlias = Callable[[StepForces], Callable[[], np.ndarray]]

@@ -1,4 +1,4 @@
-"""Objects in a scene: what moves and can be pushed, but is not driven."""
+"""Objects in a scene: bodies that can move and collide but that no actuator drives."""
 
 from collections.abc import Callable
 from functools import partial
@@ -16,17 +16,17 @@ def find_objects(model: mujoco.MjModel, effect: str) -> list[int]:
     """Return the bodies of all objects: kinematic trees with colliding geoms in which no actuator acts.
 
     Args:
-        model: Compiled model; bodies and geoms of an editable one come in the same order.
-        effect: Who asks, for the error.
+        model: Compiled model; its spec has bodies and geoms in the same order.
+        effect: Name of the effect, for the error.
 
     Raises:
-        ModelFileError: there is none.
+        ModelFileError: the model has no object.
     """
     free = set(range(model.ntree)) - driven_trees(model)
-    touchable = {
+    colliding = {
         int(model.body_treeid[model.geom_bodyid[geom]]) for geom in range(model.ngeom) if collides(model, geom)
     }
-    bodies = [body for body in range(model.nbody) if int(model.body_treeid[body]) in free & touchable]
+    bodies = [body for body in range(model.nbody) if int(model.body_treeid[body]) in free & colliding]
     if not bodies:
         raise ModelFileError(
             f"{effect} acts on a pushed object; the model has none: add a body with a free joint, or with slides or "
@@ -48,8 +48,8 @@ def collides(model: mujoco.MjModel, geom: int) -> bool:
     return bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
 
 
-def partners(model: mujoco.MjModel, geom: int) -> list[int]:
-    """Return the geoms outside an object's own tree that one of its geoms may touch, contacts written out aside."""
+def find_partners(model: mujoco.MjModel, geom: int) -> list[int]:
+    """Return the geoms outside an object's tree that one of its geoms can touch; explicit pairs are not considered."""
     match = (model.geom_contype[geom] & model.geom_conaffinity) | (model.geom_contype & model.geom_conaffinity[geom])
     body = int(model.geom_bodyid[geom])
     others = np.flatnonzero(match != 0)
@@ -64,28 +64,31 @@ def excludes_contact(model: mujoco.MjModel, first: int, second: int) -> bool:
 
 
 def add_contact(spec: mujoco.MjSpec, model: mujoco.MjModel, first: int, second: int) -> mujoco.MjsPair:
-    """Write out the contact of two named geoms as the engine mixes it from theirs, nothing from a default class."""
+    """Add the explicit contact pair of two named geoms, with the parameters that MuJoCo would mix from theirs.
+
+    Source: MuJoCo documentation, Computation, Contact, Parameters.
+    """
     pair = spec.add_pair(geomname1=spec.geoms[first].name, geomname2=spec.geoms[second].name)
     slide, spin, roll = mix_contact_parameter(model, "friction", first, second, np.maximum)
     pair.friction = [slide, slide, spin, roll, roll]
     pair.condim = int(mix_contact_parameter(model, "condim", first, second, np.maximum))
     weights = model.geom_solmix[[first, second]]
-    mean = partial(soften, share=float(weights[0] / weights.sum()) if weights.sum() > 0 else 0.5)
+    mean = partial(mix_solver_parameters, share=float(weights[0] / weights.sum()) if weights.sum() > 0 else 0.5)
     pair.solref, pair.solimp = (
         mix_contact_parameter(model, field, first, second, mean) for field in ("solref", "solimp")
     )
-    pair.solreffriction = np.zeros(2)  # as the normal's
+    pair.solreffriction = np.zeros(2)  # zero means: as in normal direction
     pair.margin, pair.gap = (float(getattr(model, "geom_" + each)[[first, second]].sum()) for each in ("margin", "gap"))
     return pair
 
 
 def mix_contact_parameter(model: mujoco.MjModel, field: str, first: int, second: int, mix: Mix) -> np.ndarray:
-    """Return a contact's parameter: that of the geom of higher priority, or a mix of both."""
+    """Return a contact's parameter: that of the geom of higher priority; for equal priority, a mix."""
     ranks, values = model.geom_priority[[first, second]], getattr(model, "geom_" + field)[[first, second]]
     return np.asarray(mix(*values) if ranks[0] == ranks[1] else values[int(np.argmax(ranks))])
 
 
-def soften(one: np.ndarray, other: np.ndarray, share: float) -> np.ndarray:
-    """Return the weighted mean of two geoms' softness, the lesser where they give stiffnesses, which are negative."""
+def mix_solver_parameters(one: np.ndarray, other: np.ndarray, share: float) -> np.ndarray:
+    """Return the weighted mean of two solref or solimp; the minimum if a solref is a stiffness, which is negative."""
     direct = one[0] <= 0 or other[0] <= 0
     return np.asarray(np.minimum(one, other) if direct else share * one + (1 - share) * other)

@@ -1,4 +1,4 @@
-"""Actuators without a control, for what a joint does by itself."""
+"""Passive actuators: actuators without control."""
 
 import mujoco
 import numpy as np
@@ -7,16 +7,23 @@ import numpy as np
 def add_passive(
     spec: mujoco.MjSpec, name: str, kind: mujoco.mjtTrn, target: str, lugre: np.ndarray | None = None
 ) -> mujoco.MjsActuator:
-    """Add an actuator without a control on a joint or tendon, none of it from the model's default class.
+    """Add an actuator without control to a joint or tendon; the model's default classes do not affect it.
 
-    Only a motor may go without a control. This one has no motor constant, so that no current flows: left are LuGre
-    friction (stiffness, damping, torque at speed, torque at rest, Stribeck velocity), or the bias that a caller gives.
+    In MuJoCo only a `<dcmotor>` can have no control. Its motor constant is zero, so that it only has LuGre friction, or
+    the bias that the caller sets.
+
+    Args:
+        spec: Model.
+        name: Name of the actuator.
+        kind: Type of the transmission.
+        target: Name of the joint or tendon.
+        lugre: Stiffness, damping, torque at speed, torque at rest, Stribeck velocity, shape (5,); none if None.
     """
     actuator = spec.add_actuator(name=name, target=target)
     actuator.trntype = kind
     actuator.set_to_dcmotor(
         motorconst=np.zeros(2),
-        resistance=1.0,  # must be positive
+        resistance=1.0,  # MuJoCo requires a positive value
         lugre=np.zeros(5) if lugre is None else lugre,
         ctrlspec=int(mujoco.mjtCtrlInput.mjINPUT_NONE),
     )

@@ -1,4 +1,4 @@
-"""Friction in proportion to what a servo gives, in MJCF: a pad that the servo presses between two stops of the link."""
+"""Friction proportional to a servo's torque, in MJCF: the servo presses a pad against stops of the link."""
 
 import mujoco
 import numpy as np
@@ -9,59 +9,64 @@ from nas_data.errors import ModelFileError
 from nas_data.mjcf.actuator_lookup import PAD, PARTS, PRESSED
 from nas_data.mjcf.unique_name import free_name
 
-# Tried on servos of XL-320 size and on ones four times as quick (up to 22 rad/s), at a step of 0.5 ms and ratios of 0.1
-# to 0.6: within 0.1° and 0.4° of the equation. Files made for 0.5 ms are within 0.2° and 0.5° at 1 ms and jam at 2 ms.
-PER_TURN = 0.3  # [m/rad] of the pad's way that the servo takes for an angle: the pad's force per torque [1/m]
-SMALLEST = 0.05  # ratio below which clearance and mass are no longer made to measure
-QUICK = 0.7  # of the large speed, for which clearance is left: at more, stops still hardly jam
-# Clearance over the way that the large torque moves the pad in a step: with less, stops throw it to and fro; with more,
-# it is late where the torque reverses.
+# Measured on servos of XL-320 size and on servos four times as fast (up to 22 rad/s), with a timestep of 0.5 ms and
+# ratios of 0.1 to 0.6: deviation from the equation of at most 0.1° and 0.4°. Files for 0.5 ms deviate by at most 0.2°
+# and 0.5° at 1 ms, and jam at 2 ms.
+PER_TURN = 0.3  # [m/rad] coefficient of the pad in the servo's tendon: pad force over servo torque [1/m]
+SMALLEST = 0.05  # smaller ratios use the clearance and mass of this ratio
+QUICK = 0.7  # share of the large speed for which the clearance is designed; faster motion hardly jams
+# Clearance over the distance that the large torque moves the pad in a step. With less, the pad bounces between the
+# stops; with more, it is late when the torque reverses.
 LIGHT = 0.6
 STOPS = 5.0  # radius of the stops and the pad over the clearance between them
-SLIDING = 0.01  # sliding friction, of which there is none: the contact lies on the axis
-HARD = (0.999, 0.999, 0.001, 0.5, 2.0)  # impedance of the contact
-TORSION = 4  # dimensions of a contact with friction about its normal
-HIDDEN = 5  # group of geoms that viewers leave out unless asked
+SLIDING = 0.01  # sliding friction; without effect, because the contact is on the axis
+HARD = (0.999, 0.999, 0.001, 0.5, 2.0)  # solimp of the contact
+TORSION = 4  # condim of a contact with torsional friction
+HIDDEN = 5  # geom group that viewers hide by default
 
 
 def press_pad(spec: mujoco.MjSpec, joint: str, ratio: float, torque: float, speed: float) -> None:
-    """Let a servo rub its joint with `ratio` times the torque that it gives.
+    """Add friction of `ratio` times the servo's torque to a joint.
 
-    The engine knows one friction that follows a force: that of contacts. A pad `<joint>_pressed_pad` slides in the
-    parent body along the joint's axis. The servo pulls at the joint by a fixed tendon that has a little of the pad in
-    it, so that it presses the pad, in proportion to its torque, against one of two stops that turn with the link; the
-    contact lies on the axis and rubs about it. Nothing lags: load and friction are found together in every step.
+    Contact friction is MuJoCo's only friction that depends on a force. A pad `<joint>_pressed_pad` slides in the parent
+    body along the joint's axis. The servo acts on a fixed tendon of the joint and the pad. Thus it presses the pad, in
+    proportion to its torque, against one of two stops on the link. The contact is on the axis and has torsional
+    friction. Load and friction are solved in the same step, without delay.
 
-    A turning stop is driven away from the pad by the engine's friction, which has no gap of its own; so stops leave a
-    clearance, by which servo and pad together are off by less than a sensor sees.
+    A clearance between pad and stops is necessary, because MuJoCo's friction pushes a turning stop away from the pad.
+    The resulting position error is below the resolution of sensors.
 
     Args:
         spec: Model.
-        joint: A hinge alone on its body.
-        ratio: Friction over the servo's torque.
-        torque: Large torque of the servo [N·m], for which the pad is made.
-        speed: Large speed of the joint [rad/s], likewise.
+        joint: A hinge that is the only joint of its body.
+        ratio: Friction torque over the servo's torque.
+        torque: Large torque of the servo [N·m], for which the pad is designed.
+        speed: Large speed of the joint [rad/s], for which the pad is designed.
 
     Raises:
-        ModelFileError: the joint is another, or has such a pad already.
+        ModelFileError: the joint is no such hinge, or has a pad already.
     """
-    refuse(spec, joint)
+    refuse_joint(spec, joint)
     step, share = spec.option.timestep, max(ratio, SMALLEST)
     clearance = 2 * QUICK * share * speed * step / PER_TURN
     mass = LIGHT * PER_TURN * torque * step**2 / clearance
     enable_contacts(spec)
     pad, stops = add_parts(spec, joint, mass, clearance)
-    couple(spec, joint)
+    couple_servo(spec, joint)
     for stop in stops:
         pair = spec.add_pair(name=free_name(spec.pair, stop), geomname1=pad, geomname2=stop)
         pair.condim, pair.friction = TORSION, [SLIDING, SLIDING, ratio / PER_TURN, 0.0, 0.0]
         pair.margin, pair.gap, pair.solimp = 0.0, 0.0, HARD
-        pair.solref = [2 * step, 1.0]  # quicker or less damped it bounces, and a bouncing pad lets the joint creep
-        pair.solreffriction = [0.0, 0.0]  # as the contact's
+        pair.solref = [2 * step, 1.0]  # a stiffer or less damped contact bounces, and then the joint creeps
+        pair.solreffriction = [0.0, 0.0]  # zero means: as in normal direction
 
 
-def refuse(spec: mujoco.MjSpec, joint: str) -> None:
-    """Refuse a joint in which a pad would rub something else than the servo does, or twice."""
+def refuse_joint(spec: mujoco.MjSpec, joint: str) -> None:
+    """Refuse a joint that is no hinge, shares its body with another joint, or has a pad.
+
+    Raises:
+        ModelFileError: says which.
+    """
     hinge = spec.joint(joint)
     if hinge.type != mujoco.mjtJoint.mjJNT_HINGE or len(hinge.parent.joints) > 1:
         raise ModelFileError(
@@ -72,7 +77,7 @@ def refuse(spec: mujoco.MjSpec, joint: str) -> None:
 
 
 def enable_contacts(spec: mujoco.MjSpec) -> None:
-    """Let contacts act in a model that disabled them, but none of its own."""
+    """Enable contacts in a model that disables them, without enabling the model's own contacts."""
     disabled = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     if not spec.option.disableflags & disabled:
         return
@@ -84,7 +89,7 @@ def enable_contacts(spec: mujoco.MjSpec) -> None:
 
 
 def add_parts(spec: mujoco.MjSpec, joint: str, mass: float, clearance: float) -> tuple[str, tuple[str, str]]:
-    """Add pad and stops on a joint's axis; return the names of their geoms."""
+    """Add pad (mass in kg) and stops (clearance in m) on a joint's axis; return the names of their geoms."""
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -96,33 +101,33 @@ def add_parts(spec: mujoco.MjSpec, joint: str, mass: float, clearance: float) ->
     holder = (spec.worldbody if base == 0 else body.parent).add_body(
         name=free_name(spec.body, joint + "_pad"), explicitinertial=True, mass=mass, gravcomp=1.0
     )
-    holder.pos, holder.ipos = inside(data, base, anchor), np.zeros(3)
+    holder.pos, holder.ipos = to_body_frame(data, base, anchor), np.zeros(3)
     holder.inertia = np.full(3, 0.4 * mass * radius**2)
     slide = holder.add_joint(name=joint + PAD, type=mujoco.mjtJoint.mjJNT_SLIDE)
     clear_joint(slide)
     slide.pos, slide.axis = np.zeros(3), data.xmat[base].reshape(3, 3).T @ axis
     pad = add_ball(spec, holder, joint + "_pad", np.zeros(3), radius)
-    ends = [inside(data, link, anchor + side * (2 * radius + clearance) * axis) for side in (-1.0, 1.0)]
+    ends = [to_body_frame(data, link, anchor + side * (2 * radius + clearance) * axis) for side in (-1.0, 1.0)]
     stops = [add_ball(spec, body, joint + "_stop", end, radius) for end in ends]
     return pad, (stops[0], stops[1])
 
 
-def inside(data: mujoco.MjData, body: int, point: np.ndarray) -> np.ndarray:
-    """Return a point of the world in a body's frame, shape (3,)."""
+def to_body_frame(data: mujoco.MjData, body: int, point: np.ndarray) -> np.ndarray:
+    """Transform a point [m] from world to body coordinates, shape (3,)."""
     return np.asarray(data.xmat[body].reshape(3, 3).T @ (point - data.xpos[body]))
 
 
-def add_ball(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, place: np.ndarray, radius: float) -> str:
-    """Add a weightless ball that touches nothing but what a pair says, and that nobody sees; return its name."""
+def add_ball(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, position: np.ndarray, radius: float) -> str:
+    """Add a massless, invisible sphere that only collides in explicit pairs; return its name."""
     ball = body.add_geom(name=free_name(spec.geom, name), type=mujoco.mjtGeom.mjGEOM_SPHERE)
-    ball.size, ball.pos, ball.quat = [radius, 0.0, 0.0], place, [1.0, 0.0, 0.0, 0.0]
+    ball.size, ball.pos, ball.quat = [radius, 0.0, 0.0], position, [1.0, 0.0, 0.0, 0.0]
     ball.mass, ball.contype, ball.conaffinity = 0.0, 0, 0
     ball.group, ball.rgba, ball.material = HIDDEN, np.zeros(4), ""
     return str(ball.name)
 
 
-def couple(spec: mujoco.MjSpec, joint: str) -> None:
-    """Let every actuator that is the joint's servo act on the pad in proportion to what it gives the joint."""
+def couple_servo(spec: mujoco.MjSpec, joint: str) -> None:
+    """Let the actuators of the joint's servo also act on the pad, in proportion to their torque on the joint."""
     slide, limited = spec.joint(joint + PAD), spec.joint(joint)
     if limited.actfrclimited != mujoco.mjtLimited.mjLIMITED_FALSE and np.any(limited.actfrcrange):
         slide.actfrclimited, slide.actfrcrange = limited.actfrclimited, PER_TURN * limited.actfrcrange
@@ -138,5 +143,5 @@ def couple(spec: mujoco.MjSpec, joint: str) -> None:
         tendons.add(servo.target)
     for name in sorted(tendons):
         tendon = spec.tendon(name)
-        own = sum(wrap.coef for wrap in tendon.path if wrap.target.name == joint)
-        tendon.wrap_joint(slide.name, PER_TURN * own)
+        coefficient = sum(wrap.coef for wrap in tendon.path if wrap.target.name == joint)
+        tendon.wrap_joint(slide.name, PER_TURN * coefficient)

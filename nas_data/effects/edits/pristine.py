@@ -1,4 +1,4 @@
-"""Elements that an effect adds, as the engine alone would have them: nothing of the model's default classes."""
+"""Reset of added elements to MuJoCo's defaults, without the model's default classes."""
 
 from typing import TypeAlias
 
@@ -26,17 +26,17 @@ Element: TypeAlias = mujoco.MjsJoint | mujoco.MjsTendon
 
 
 def clear_joint(joint: mujoco.MjsJoint) -> None:
-    """Undo what a default class gives to a joint that was added: springs, losses, limits, rotor inertia."""
-    forget(joint, mujoco.MjSpec().worldbody.add_body().add_joint(), JOINT)
+    """Reset the springs, losses, limits and armature of an added joint to MuJoCo's defaults."""
+    reset_fields(joint, mujoco.MjSpec().worldbody.add_body().add_joint(), JOINT)
 
 
 def clear_tendon(tendon: mujoco.MjsTendon) -> None:
-    """Undo what a default class gives to a tendon that was added, so that it has no mechanics of its own."""
-    forget(tendon, mujoco.MjSpec().add_tendon(), TENDON)
+    """Reset the springs, losses and limits of an added tendon to MuJoCo's defaults."""
+    reset_fields(tendon, mujoco.MjSpec().add_tendon(), TENDON)
 
 
-def forget(element: Element, pristine: Element, fields: tuple[str, ...]) -> None:
-    """Give an element the fields of one that has no default class, and no limits."""
+def reset_fields(element: Element, pristine: Element, fields: tuple[str, ...]) -> None:
+    """Copy fields from an element without a default class, and remove limits."""
     for field in fields:
         setattr(element, field, getattr(pristine, field))
     element.limited = element.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE

@@ -1,4 +1,4 @@
-"""A second hinge in series with a servo's joint: the link turns by the sum of both, and that sum is measured."""
+"""A second joint in series with a servo's joint: the link moves by the sum of both, which is measured."""
 
 import math
 import re
@@ -11,30 +11,30 @@ from nas_data.effects.edits.pristine import JOINT, clear_joint, clear_tendon
 from nas_data.mjcf.actuator_lookup import driven_joint
 from nas_data.mjcf.unique_name import free_name
 
-SMALLEST = 2e-5  # [kg m²] a hinge that carries less inertia than this rings at 2 ms
-STOP = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # impedance that on the lightest link still holds the motor behind it
-SURE = 0.5  # part of a link's inertia in the reference posture that it has in nearly all postures
+SMALLEST = 2e-5  # [kg m²] a hinge with less inertia oscillates at a timestep of 2 ms
+STOP = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp of a stop that holds the motor even through a very light link
+SURE = 0.5  # share of a link's inertia in the reference posture that nearly all postures exceed
 
 
 def add_series_joint(spec: mujoco.MjSpec, joint: str, suffix: str) -> mujoco.MjsJoint:
     """Add the joint `<joint>_<suffix>` on the same body and axis, free and without friction, and measure the sum.
 
-    The range of a servo bounds the servo's angle, and stays with its joint. A motor knows no angle: what bounds a joint
-    that it drives is a stop, and the link is what meets it.
+    The joint range of a position servo limits the servo's angle and stays with its joint. The joint range of a torque
+    motor is a mechanical stop for the link and moves to the sum.
 
     Args:
         spec: Model.
-        joint: The servo's joint; its actuator keeps driving and feeling that joint alone.
-        suffix: What the second joint is.
+        joint: The servo's joint, on which its actuator continues to act.
+        suffix: Suffix of the second joint.
 
     Returns:
-        The second joint, or the one an earlier effect of the same kind added.
+        The second joint, or the one that an earlier effect of the same type added.
     """
     if (existing := series_joint(spec, joint, suffix)) is not None:
         return existing
     first = spec.joint(joint)
     motor = spec.compile() if driven_by_torque(spec, joint) else None
-    # nothing may be left without any inertia: no servo without a rotor, no piece between two such hinges
+    # neither a servo without armature nor a piece between two such hinges may be without inertia
     between = SMALLEST if len(first.parent.joints) > 1 else SMALLEST - first.armature
     armature = max(lacking_inertia(spec, joint, SMALLEST), between)
     second = insert_joint(spec, first, free_name(spec.joint, f"{joint}_{suffix}"))
@@ -45,37 +45,37 @@ def add_series_joint(spec: mujoco.MjSpec, joint: str, suffix: str) -> mujoco.Mjs
     second.armature = armature
     tendon = measured_tendon(spec, joint)
     if motor is not None:
-        stop_link(motor, first, tendon)
+        move_stops(motor, first, tendon)
     tendon.wrap_joint(second.name, 1.0)
     return second
 
 
 def driven_by_torque(spec: mujoco.MjSpec, joint: str) -> bool:
-    """Whether a motor drives a joint, and no servo that feels its position."""
+    """Whether a joint is driven, but by no actuator with position feedback."""
     driving = [actuator for actuator in spec.actuators if driven_joint(spec, actuator) == joint]
     return bool(driving) and not any(actuator.biasprm[1] for actuator in driving)
 
 
-def stop_link(model: mujoco.MjModel, joint: mujoco.MjsJoint, tendon: mujoco.MjsTendon) -> None:
-    """Let a joint's stops act on what is measured of it, the link, and on the motor no longer.
+def move_stops(model: mujoco.MjModel, joint: mujoco.MjsJoint, tendon: mujoco.MjsTendon) -> None:
+    """Move a joint's stops to the measured link.
 
     Args:
-        model: The model as it was, compiled.
+        model: Compiled model before the edit.
         joint: The motor's joint.
-        tendon: Measures the link.
+        tendon: Tendon that measures the link.
     """
     index = int(model.joint(joint.name).id)
     if not model.jnt_limited[index]:
         return
     joint.limited, tendon.limited = mujoco.mjtLimited.mjLIMITED_FALSE, mujoco.mjtLimited.mjLIMITED_TRUE
-    tendon.range = model.jnt_range[index]  # [rad] whatever the file's unit: the compiler converts none of a tendon's
+    tendon.range = model.jnt_range[index]  # [rad] the compiler does not convert tendon ranges from degrees
     tendon.margin, tendon.solref_limit, tendon.solimp_limit = joint.margin, joint.solref_limit, STOP
 
 
 def insert_joint(spec: mujoco.MjSpec, first: mujoco.MjsJoint, name: str) -> mujoco.MjsJoint:
-    """Add a joint to the body of another, before those about other axes that come after it and would turn its axis.
+    """Add a joint to a body directly after another one, so that later joints about other axes do not turn its axis.
 
-    The engine only adds joints at the end: those after it are made anew there.
+    MuJoCo only appends joints, so that later joints are recreated after it.
     """
     joints = first.parent.joints
     later = joints[[joint.name for joint in joints].index(first.name) + 1 :]
@@ -88,15 +88,15 @@ def insert_joint(spec: mujoco.MjSpec, first: mujoco.MjsJoint, name: str) -> mujo
 
 
 def same_axis(one: mujoco.MjsJoint, other: mujoco.MjsJoint) -> bool:
-    """Whether two joints of a body turn about, or slide along, one axis, so that their order does not matter."""
+    """Whether two joints of a body have the same type and axis, so that their order does not matter."""
     fields = ("type", "pos", "axis")
-    alike = all(np.array_equal(getattr(one, field), getattr(other, field)) for field in fields)
+    equal = all(np.array_equal(getattr(one, field), getattr(other, field)) for field in fields)
     frames = [joint.frame and joint.frame.signature for joint in (one, other)]
-    return alike and frames[0] == frames[1]
+    return equal and frames[0] == frames[1]
 
 
 def move_to_end(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> None:
-    """Make a joint the last one of its body; whoever refers to it does so by its name, which stays."""
+    """Make a joint the last one of its body; references by its name stay valid."""
     name, joint.name = joint.name, ""
     moved = joint.parent.add_joint(joint.classname, name=name)
     for field in (*JOINT, "type", "pos", "axis", "limited", "actfrclimited", "userdata", "info"):
@@ -107,7 +107,7 @@ def move_to_end(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> None:
 
 
 def series_joint(spec: mujoco.MjSpec, joint: str, suffix: str) -> mujoco.MjsJoint | None:
-    """Return the second joint of a kind that is measured together with a joint; None where there is none."""
+    """Return the second joint with a suffix that is measured together with a joint; None if there is none."""
     sensor = spec.sensor(joint + POSITION)
     if sensor is None or sensor.type != mujoco.mjtSensor.mjSENS_TENDONPOS:
         return None
@@ -117,14 +117,17 @@ def series_joint(spec: mujoco.MjSpec, joint: str, suffix: str) -> mujoco.MjsJoin
 
 
 def lacking_inertia(spec: mujoco.MjSpec, joint: str, wanted: float) -> float:
-    """Return the rotor inertia that a second hinge needs beside its link's for a wanted one [kg·m²]; often none."""
+    """Return the armature that a second joint needs beside its link's inertia for a wanted inertia [kg·m²]."""
     model = spec.compile()
     dof = int(model.joint(joint).dofadr[0])
     return max(0.0, wanted - SURE * float(model.dof_M0[dof] - model.dof_armature[dof]))
 
 
 def measured_tendon(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsTendon:
-    """Return the fixed tendon whose length is measured as `<joint>.pos`, of our own: an author's may pull at joints."""
+    """Return the fixed tendon that is measured as `<joint>.pos`.
+
+    It is added if necessary, even beside a tendon of the model's author, which may exert forces.
+    """
     sensor, name = spec.sensor(joint + POSITION), f"{joint}_link"
     parts = {joint: 1.0}
     if sensor is None:
@@ -145,6 +148,6 @@ def measured_tendon(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsTendon:
     return tendon
 
 
-def angle(spec: mujoco.MjSpec, radians: float) -> float:
-    """Return an angle in the unit in which the model's file is written."""
+def to_file_unit(spec: mujoco.MjSpec, radians: float) -> float:
+    """Convert an angle [rad] to the angle unit of the model file."""
     return math.degrees(radians) if spec.compiler.degree else radians

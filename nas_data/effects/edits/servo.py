@@ -1,4 +1,4 @@
-"""The position servo of a joint in an editable model."""
+"""Gains, limits and offsets of servos in an `MjSpec`."""
 
 import math
 from collections.abc import Iterable
@@ -10,20 +10,20 @@ from nas_data.effects.base import joint_actuator
 from nas_data.errors import ModelFileError
 from nas_data.mjcf.actuator_lookup import BAND, DAMPING, GAIN, GOAL, PARTS, REST_SHIFT, driven_joint
 
-ALIKE = 1e-6  # relative difference below which a gain is an actuator's own feedback
+ALIKE = 1e-6  # relative tolerance within which a gain equals the feedback
 
 
 def position_servo(spec: mujoco.MjSpec, joint: str, effect: str) -> mujoco.MjsActuator:
-    """Return the actuator of a joint that holds a commanded position.
+    """Return the position servo of a joint.
 
     Args:
         spec: Model.
-        joint: Joint's name.
-        effect: Who asks, for the error.
+        joint: Name of the joint.
+        effect: Name of the effect, for the error.
 
     Raises:
-        JointMismatch: nothing drives the joint.
-        ModelFileError: what drives it takes torques.
+        JointMismatch: no actuator drives the joint.
+        ModelFileError: its actuator has no position feedback, or is not commanded a position.
     """
     actuator = joint_actuator(spec, joint)
     if feedback(actuator) <= 0 or not takes_position(actuator):
@@ -35,24 +35,24 @@ def position_servo(spec: mujoco.MjSpec, joint: str, effect: str) -> mujoco.MjsAc
 
 
 def takes_position(actuator: mujoco.MjsActuator) -> bool:
-    """Whether the control of an actuator with position feedback is a position, not the speed of its setpoint."""
+    """Whether the control of an actuator with position feedback is a position, and not the speed of its setpoint."""
     if actuator.gaintype == mujoco.mjtGain.mjGAIN_PID and actuator.ctrlspec:
         return bool(actuator.ctrlspec & int(mujoco.mjtCtrlInput.mjINPUT_POS))
     return bool(actuator.dyntype != mujoco.mjtDyn.mjDYN_INTEGRATOR)
 
 
 def takes_velocity(actuator: mujoco.MjsActuator) -> bool:
-    """Whether the control of an actuator without position feedback is a speed: said so, or its gain is its feedback."""
-    gain, feedback_of_speed = float(actuator.gainprm[0]), -float(actuator.biasprm[2])
-    said = actuator.ctrlspec > 0 and bool(actuator.ctrlspec & int(mujoco.mjtCtrlInput.mjINPUT_VEL))
-    return said or math.isclose(gain, feedback_of_speed, rel_tol=ALIKE)
+    """Whether the control of an actuator without position feedback is a speed, by its `ctrlspec` or its gains."""
+    gain, velocity_feedback = float(actuator.gainprm[0]), -float(actuator.biasprm[2])
+    declared = actuator.ctrlspec > 0 and bool(actuator.ctrlspec & int(mujoco.mjtCtrlInput.mjINPUT_VEL))
+    return declared or math.isclose(gain, velocity_feedback, rel_tol=ALIKE)
 
 
 def take_own_unit(spec: mujoco.MjSpec, joint: str, actuator: mujoco.MjsActuator) -> None:
-    """Write a servo whose control has its own unit (gain k, feedback f) as one with another gear and no such unit.
+    """Convert a servo whose control has its own unit (gain k, feedback f) to an equivalent one with another gear.
 
-    With the gear times f / k, forces are times k / f, and length and speed times f / k: the joint feels the same. Where
-    the unit begins stays in the constant force, and the model's number tells it from an offset (see `rest_shift`).
+    With the gear multiplied by f / k, forces are multiplied by k / f, and lengths and speeds by f / k; the joint torque
+    is unchanged. The zero of the unit stays in the constant force; `rest_shift` separates it from an offset.
     """
     if actuator.gaintype != mujoco.mjtGain.mjGAIN_FIXED or actuator.gainprm[0] == feedback(actuator):
         return
@@ -69,24 +69,24 @@ def take_own_unit(spec: mujoco.MjSpec, joint: str, actuator: mujoco.MjsActuator)
 
 
 def feedback(actuator: mujoco.MjsActuator) -> float:
-    """Return an actuator's force per position error; 0 for one without position feedback."""
+    """Return an actuator's force per position error; 0 without position feedback."""
     return -float(actuator.biasprm[1])
 
 
 def stiffness(spec: mujoco.MjSpec, joint: str) -> float:
-    """Return the torque that a joint's servo gives per position error [N·m/rad]; 0 without position feedback."""
-    actuator = part(spec, joint, GAIN)
+    """Return the torque of a joint's servo per position error [N·m/rad]; 0 without position feedback."""
+    actuator = find_part(spec, joint, GAIN)
     return feedback(actuator) * float(actuator.gear[0]) ** 2
 
 
 def damping(spec: mujoco.MjSpec, joint: str) -> float:
-    """Return the torque that a joint's servo gives against its speed [N·m·s/rad]; negative for a damping ratio."""
-    actuator = part(spec, joint, DAMPING)
+    """Return the velocity feedback of a joint's servo [N·m·s/rad]; negative for a damping ratio."""
+    actuator = find_part(spec, joint, DAMPING)
     return -float(actuator.biasprm[2]) * float(actuator.gear[0]) ** 2
 
 
 def scale_stiffness(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
-    """Multiply a servo's position gain; damping and dead band stay, and so does the angle at which it rests."""
+    """Multiply a servo's position gain; damping, dead band and rest position stay."""
     multiply_servo(spec, joint, joint_actuator(spec, joint), factor)
     for name in PARTS:
         if (other := spec.actuator(joint + name)) is not None:
@@ -98,32 +98,32 @@ def scale_stiffness(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
 
 
 def scale_damping(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
-    """Multiply a servo's velocity feedback, which ends where the servo saturates and the joint's damping does not.
+    """Multiply a servo's velocity feedback; unlike the joint's damping, it is limited by saturation.
 
-    The gain of a servo that is asked for a speed goes with it, so that it is asked for the same speed as before.
+    The gain of a velocity servo is multiplied, too, so that its target speed stays.
     """
-    actuator = part(spec, joint, DAMPING)
+    actuator = find_part(spec, joint, DAMPING)
     bias = actuator.biasprm.copy()
-    asks_for_speed = not bias[1] and actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED and takes_velocity(actuator)
+    is_velocity_servo = not bias[1] and actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED and takes_velocity(actuator)
     bias[2] *= factor
     actuator.biasprm = bias
-    if asks_for_speed:
+    if is_velocity_servo:
         gain = actuator.gainprm.copy()
         gain[0] *= factor
         actuator.gainprm = gain
 
 
 def filter_time(spec: mujoco.MjSpec, joint: str) -> float:
-    """Return the time constant of the filter that a joint's actuator has on its command [s]; 0 where it has none."""
+    """Return the time constant of the command filter of a joint's actuator [s]; 0 without a filter."""
     actuator = joint_actuator(spec, joint)
     filters = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
     return float(actuator.dynprm[0]) if actuator.dyntype in filters else 0.0
 
 
 def scale_filter(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
-    """Multiply the time constant of an actuator's filter, which is integrated exactly from then on.
+    """Multiply the time constant of an actuator's command filter, and switch the filter to exact integration.
 
-    An explicit step of a filter faster than two timesteps would diverge.
+    Explicit integration diverges for short time constants.
     """
     actuator = joint_actuator(spec, joint)
     parameters = actuator.dynprm.copy()
@@ -132,7 +132,7 @@ def scale_filter(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
 
 
 def torque_limit(spec: mujoco.MjSpec, joint: str) -> float:
-    """Return the largest torque that a joint's servo gives [N·m], its own limit or the joint's; infinite without."""
+    """Return the torque limit of a joint's servo [N·m]: the lower of actuator and joint; infinite without limits."""
     actuator, element = joint_actuator(spec, joint), spec.joint(joint)
     own = torque_limits(actuator)
     found = [max(map(abs, own)) * abs(float(actuator.gear[0]))] if own else []
@@ -142,14 +142,14 @@ def torque_limit(spec: mujoco.MjSpec, joint: str) -> float:
 
 
 def scale_limit(spec: mujoco.MjSpec, joint: str, factor: float) -> None:
-    """Multiply the largest torque that a joint's servo gives, its own limit and the joint's."""
+    """Multiply the torque limits of a joint's servo and of the joint."""
     actuator, element = joint_actuator(spec, joint), spec.joint(joint)
     actuator.forcerange = actuator.forcerange * factor
     element.actfrcrange = element.actfrcrange * factor
 
 
 def multiply_servo(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator, factor: float) -> None:
-    """Multiply the force per position error of a joint's servo; where it rests, and where its unit begins, stays."""
+    """Multiply the force per position error of a joint's servo; rest position and zero of its unit stay."""
     multiply_feedback(servo, factor)
     if (number := spec.numeric(joint + REST_SHIFT)) is not None:
         number.data = [number.data[0] * factor]
@@ -166,18 +166,18 @@ def multiply_feedback(actuator: mujoco.MjsActuator, factor: float) -> None:
         actuator.gainprm = gain
 
 
-def part(spec: mujoco.MjSpec, joint: str, name: str) -> mujoco.MjsActuator:
-    """Return a part of a servo with a dead band, or the whole servo where it has none."""
+def find_part(spec: mujoco.MjSpec, joint: str, name: str) -> mujoco.MjsActuator:
+    """Return an actuator of a servo with a dead band; without a dead band, the servo's only actuator."""
     if spec.actuator(joint + BAND) is None:
         return joint_actuator(spec, joint)
     return spec.actuator(joint + name)
 
 
 def shift_rest(spec: mujoco.MjSpec, joint: str, actuator: mujoco.MjsActuator, offset: float) -> None:
-    """Let a servo come to rest at its command plus an offset of the joint [rad].
+    """Shift the rest position of a servo from its command by an offset of the joint [rad].
 
-    Where the gain is not the feedback, a constant force may be where the control's own unit begins, so that the model
-    is given a number that tells both apart (see `rest_shift`).
+    If gain and feedback differ, a constant force also defines the zero of the control's unit. Then a custom numeric of
+    the model separates both (see `rest_shift`).
     """
     bias, force = actuator.biasprm.copy(), feedback(actuator) * float(actuator.gear[0]) * offset
     bias[0] += force
@@ -189,22 +189,22 @@ def shift_rest(spec: mujoco.MjSpec, joint: str, actuator: mujoco.MjsActuator, of
 
 
 def shift_number(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsNumeric:
-    """Return the number of a model that says what of the constant force of a joint's servo is an effect's."""
+    """Return the custom numeric with the part of a servo's constant force that effects added; create it if missing."""
     return spec.numeric(joint + REST_SHIFT) or spec.add_numeric(name=joint + REST_SHIFT, size=1, data=[0.0])
 
 
 def rest_shift(model: mujoco.MjModel, joint: str) -> float | None:
-    """Return what of the constant force of a joint's servo is an effect's, as `shift_rest` says [N·m over the gear].
+    """Return the part of a servo's constant force that `shift_rest` added [N·m divided by the gear].
 
-    The rest is where the control's own unit begins. Without such a number, None, an effect added nothing, and the
-    control of a <pid> has no zero of its own.
+    The remaining force defines the zero of the control's unit. None if effects added no force; then the control of a
+    `<pid>` has no such zero.
     """
     number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, joint + REST_SHIFT)
     return None if number < 0 else float(model.numeric_data[model.numeric_adr[number]])
 
 
 def torque_limits(actuator: mujoco.MjsActuator) -> tuple[float, float] | None:
-    """Return the lowest and highest force of an actuator, None where it has no limits."""
+    """Return the lowest and highest force of an actuator; None without limits."""
     limited = actuator.forcelimited == mujoco.mjtLimited.mjLIMITED_TRUE or (
         actuator.forcelimited == mujoco.mjtLimited.mjLIMITED_AUTO and bool(np.any(actuator.forcerange))
     )
@@ -212,14 +212,14 @@ def torque_limits(actuator: mujoco.MjsActuator) -> tuple[float, float] | None:
 
 
 def limit_torque(joint: mujoco.MjsJoint, low: float, high: float) -> None:
-    """Bound what all actuators together give a joint [N·m]; narrower bounds that it has already stay."""
+    """Limit the total actuator torque on a joint [N·m]; narrower existing limits stay."""
     if joint.actfrclimited != mujoco.mjtLimited.mjLIMITED_FALSE and np.any(joint.actfrcrange):
         low, high = max(low, joint.actfrcrange[0]), min(high, joint.actfrcrange[1])
     joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_TRUE, [low, high]
 
 
 def actuators_of(spec: mujoco.MjSpec, joint: str | None) -> Iterable[mujoco.MjsActuator]:
-    """Return the actuator of one joint, or all that drive a joint where it is None."""
+    """Return the actuator of a joint; all actuators that drive joints if it is None."""
     if joint is not None:
         return [joint_actuator(spec, joint)]
     return [actuator for actuator in spec.actuators if driven_joint(spec, actuator) is not None]

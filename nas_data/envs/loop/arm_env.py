@@ -16,7 +16,7 @@ from nas_data.simulators.base import Stepper
 
 if TYPE_CHECKING:
     from nas_data.envs.loop.rendering import Pose, Window
-    from nas_data.simulators.offscreen import Pictures
+    from nas_data.simulators.offscreen import OffscreenRenderer
 
 HUMAN, RGB_ARRAY = "human", "rgb_array"
 
@@ -77,7 +77,7 @@ class ArmEnv(gymnasium.Env[Array, Array], gymnasium.utils.EzPickle):
         self.metadata = {**self.metadata, "render_fps": round(1 / self.task.period)}
         self._dynamics = dynamics
         self._pose: Pose | None = None
-        self._display: Pictures | Window | None = None
+        self._display: OffscreenRenderer | Window | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, object] | None = None
@@ -115,7 +115,7 @@ class ArmEnv(gymnasium.Env[Array, Array], gymnasium.utils.EzPickle):
             MissingPackage: this machine has no renderer; the message names a package.
         """
         from nas_data.envs.loop.rendering import Pose, Window
-        from nas_data.simulators.offscreen import Pictures
+        from nas_data.simulators.offscreen import OffscreenRenderer
 
         if self.render_mode is None:
             raise OptionError(f"The environment was made without pictures; make it with render_mode='{RGB_ARRAY}'.")
@@ -124,9 +124,9 @@ class ArmEnv(gymnasium.Env[Array, Array], gymnasium.utils.EzPickle):
         if self._display is None:
             human = self.render_mode == HUMAN
             pose = self._pose
-            self._display = Window(pose, self.task.period) if human else Pictures(pose.model, pose.data)
+            self._display = Window(pose, self.task.period) if human else OffscreenRenderer(pose.model, pose.data)
         self._pose.take(self.arena.stepper)
-        if isinstance(self._display, Pictures):
+        if isinstance(self._display, OffscreenRenderer):
             return self._display.draw()
         self._display.show()
         return None

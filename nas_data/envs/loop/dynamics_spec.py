@@ -150,7 +150,7 @@ class DynamicsSpec:
         if self.checkpoint is None:
             return None
         from nas_data.envs.loop.learned import checkpoint_sha256
-        from nas_data.models.checkpoint import find, load_frozen
+        from nas_data.models.checkpoint import find_checkpoint, load_frozen
 
         folder = Path(self.checkpoint)
-        return {"kind": load_frozen(find(folder)).kind, "sha256": checkpoint_sha256(folder)}
+        return {"kind": load_frozen(find_checkpoint(folder)).kind, "sha256": checkpoint_sha256(folder)}

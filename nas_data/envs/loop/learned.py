@@ -29,7 +29,7 @@ def load_model(folder: Path, simulator: Simulator) -> DynamicsModel:
         CheckpointError: it is damaged, was trained with another rate or command type, or corrects another source.
         JointMismatch: it belongs to another robot.
     """
-    folder = checkpoints.find(folder)
+    folder = checkpoints.find_checkpoint(folder)
     model = checkpoints.load_frozen(folder)
     if model.joints != simulator.joints:
         raise JointMismatch(
@@ -102,4 +102,4 @@ def distance(one: Simulator, other: Simulator) -> float:
 def checkpoint_sha256(folder: Path) -> str:
     """Return a hash of a checkpoint's configuration and weights."""
     names = (checkpoints.CONFIG, checkpoints.WEIGHTS)
-    return hashlib.sha256(b"".join((checkpoints.find(folder) / name).read_bytes() for name in names)).hexdigest()
+    return hashlib.sha256(b"".join((checkpoints.find_checkpoint(folder) / name).read_bytes() for name in names)).hexdigest()

@@ -10,7 +10,7 @@ from nas_data.effects.command_delay import CommandDelay
 from nas_data.envs.loop.ranges import RANGES, Factors, Ranges
 from nas_data.mjcf.actuator_lookup import BAND, GOAL, goal_joints, servo_actuators
 from nas_data.simulators.base import Stepper
-from nas_data.simulators.controls import control_range, find_command, length_feedback
+from nas_data.simulators.controls import command_range, find_command, length_feedback
 from nas_data.simulators.mujoco import MujocoStepper
 
 FIELDS = (
@@ -32,7 +32,7 @@ def delay_line(ranges: Ranges = RANGES) -> CommandDelay:
 
 
 class RandomisedStepper(Stepper):
-    """A batch of simulations, each with its own model per episode; implements `Redrawn`."""
+    """A batch of simulations, each with its own model per episode; implements `RandomizedStepper`."""
 
     def __init__(self, stepper: MujocoStepper, ranges: Ranges = RANGES) -> None:
         """Give every simulation its own parameters.
@@ -51,7 +51,7 @@ class RandomisedStepper(Stepper):
         self._torque = np.array([largest_torque(self.model, joint) for joint in self.joints])
 
     def redraw(self, rngs: Sequence[np.random.Generator], rows: np.ndarray | None = None) -> None:
-        """Draw the models of new episodes; see `Redrawn`."""
+        """Draw the models of new episodes; see `RandomizedStepper`."""
         chosen = np.arange(self.size) if rows is None else np.asarray(rows)
         for row, rng in zip(chosen, rngs, strict=True):
             child = rng.spawn(1)[0]  # so that starts and goals equal those of the plain source with the same seed
@@ -92,9 +92,9 @@ class RandomisedStepper(Stepper):
         """Reset simulations with their present models; see `Stepper.reset`."""
         self.stepper.reset(states, rows)
 
-    def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
-        """Command the servos of objects; see `Stepper.guide`."""
-        self.stepper.guide(targets, rows)
+    def command_objects(self, targets: np.ndarray, rows: np.ndarray) -> None:
+        """Command the servos of objects; see `Stepper.command_objects`."""
+        self.stepper.command_objects(targets, rows)
 
     def step(self, commands: np.ndarray) -> np.ndarray:
         """Hold the commands for one control period; see `Stepper.step`."""
@@ -128,5 +128,5 @@ def largest_torque(model: mujoco.MjModel, joint: str) -> float:
     gear = abs(float(model.actuator_gear[actuator, 0]))
     if model.actuator_forcelimited[actuator]:
         return float(np.abs(model.actuator_forcerange[actuator]).max()) * gear
-    most = float(np.abs(control_range(model, actuator, control)).max())
+    most = float(np.abs(command_range(model, actuator, control)).max())
     return most if control.kind == EFFORT else most * length_feedback(model, actuator) * gear**2

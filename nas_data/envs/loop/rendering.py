@@ -12,7 +12,8 @@ from nas_data.envs.base import Task
 from nas_data.envs.loop.arm_env import HUMAN, RGB_ARRAY
 from nas_data.errors import OptionError
 from nas_data.simulators.base import Stepper
-from nas_data.simulators.layout import FULLPHYSICS, Layout, RestStates
+from nas_data.simulators.layout import FULLPHYSICS, Layout
+from nas_data.simulators.rest_states import RestStates
 
 
 class Pose:

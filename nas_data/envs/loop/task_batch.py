@@ -7,7 +7,7 @@ import numpy as np
 
 from nas_data.envs.base import Task, Verdict
 from nas_data.errors import JointMismatch, OptionError, SimulationDiverged
-from nas_data.simulators.base import Redrawn, Stepper
+from nas_data.simulators.base import RandomizedStepper, Stepper
 
 
 class TaskBatch:
@@ -65,7 +65,7 @@ class TaskBatch:
         chosen = slice(None) if rows is None else rows
         self._goals[chosen] = goals
         self.elapsed[chosen] = 0
-        if isinstance(self.stepper, Redrawn):
+        if isinstance(self.stepper, RandomizedStepper):
             self.stepper.redraw(rngs, rows)
         self.stepper.reset(np.stack([np.concatenate([start.state, start.objects]) for start in starts]), rows)
 

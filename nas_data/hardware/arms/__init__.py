@@ -1,1 +1,1 @@
-"""Arms of servos as recorders use them, whoever drives them."""
+"""Interface of arms of servos for recorders."""

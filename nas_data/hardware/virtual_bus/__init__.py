@@ -1,1 +1,1 @@
-"""XL-320 servos that are simulated, on a pseudo-terminal that any Protocol 2.0 driver can open."""
+"""Simulated servos on a pseudo-terminal, which any driver of their protocol can open."""

@@ -1,4 +1,4 @@
-"""The process of a virtual arm: one line of options in, the port's path out, then it answers until its input ends."""
+"""Process of a virtual arm: reads one line of options, prints the path of the port, and serves until its input ends."""
 
 import os
 
@@ -8,7 +8,7 @@ from nas_data.hardware.virtual_bus.options import Options
 def main() -> None:
     """Serve one arm.
 
-    Input is read unbuffered: what comes after the first line are orders to the terminal.
+    Input is read without buffering, because the lines after the first one are commands to the terminal.
     """
     line = b""
     while not line.endswith(b"\n"):

@@ -18,7 +18,7 @@ from nas_data.simulators.engines import load_simulator
 
 LYING = np.array([0.2, -1.31, 0.72, -0.15, 0.94, 0.28])  # [rad] initial pose near Poppy's rest pose, as left by hand
 TURN = np.radians(150)  # [rad] from the middle to either end, XL-320 e-manual
-STEP = 0.002  # [s] by which an arm advances, where its model's own step is not longer
+STEP = 0.002  # [s] least simulation step of an arm
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +31,7 @@ class MountedServo:
         id: Its ID.
         zero: Encoder count at the joint's zero.
         sign: 1 if the joint turns with the servo, −1 otherwise.
-        registers: Register values that differ from the factory's, by name.
+        registers: Register values that differ from the factory settings, by name.
     """
 
     joint: str
@@ -46,7 +46,7 @@ class MountedServo:
         servo = VirtualServo(self.id, kind=find_kind(self.kind))
         for name, value in self.registers.items():
             servo.put(name, value)
-        servo.kind.started(servo)
+        servo.kind.power_on(servo)
         return servo
 
 
@@ -113,46 +113,46 @@ class VirtualArm:
 
     @classmethod
     def ergojr(cls, effects: Sequence[Effect] = (), offsets: Sequence[int] = ()) -> Self:
-        """Take an ErgoJr out of the box: factory settings, identities 1 to 6.
+        """Create an ErgoJr with factory settings and IDs 1 to 6.
 
         Args:
-            effects: What the simulated arm has and its model lacks.
-            offsets: Ticks by which the horns were mounted off the middle, one a servo; none where empty.
+            effects: Effects of the simulated arm that its model lacks.
+            offsets: Mounting offset of each servo's horn [ticks]; zero if empty.
         """
         joints = ergojr_joints(tuple(-offset for offset in offsets))
-        robot = replace(find_robot("ergojr"), edit=_free)
+        robot = replace(find_robot("ergojr"), edit=_extend_limits)
         return cls(effects, [VirtualServo(identity) for identity in joints.ids], robot, joints, LYING)
 
     @classmethod
     def of(cls, effects: Sequence[Effect], model: str, mounted: Sequence[MountedServo], lying: Sequence[float]) -> Self:
-        """Put calibrated servos into a model.
+        """Create an arm of calibrated servos.
 
         Args:
-            effects: What the simulated arm has and its model lacks.
-            model: The model, a robot's name or a file.
-            mounted: One servo a joint.
-            lying: How a hand left it [rad], shape (n,).
+            effects: Effects of the simulated arm that its model lacks.
+            model: Name of a robot or a model file.
+            mounted: One servo per joint.
+            lying: Initial pose [rad], shape (n,).
         """
         known = find_robot(model)
         joints = tuple(one.joint for one in mounted)
-        robot = replace(known, joints=joints, edit=_in_turn(known.edit, _turn_freely))
+        robot = replace(known, joints=joints, edit=_chain(known.edit, _extend_hinge_limits))
         return cls(effects, [one.servo() for one in mounted], robot, Encoders.of(mounted), np.array(lying))
 
 
-def _free(spec: mujoco.MjSpec) -> None:
-    """Extend the joint limits to the servos' range: the arm's own limits are enforced by software only."""
+def _extend_limits(spec: mujoco.MjSpec) -> None:
+    """Extend the joint limits to the servos' range: only software enforces the arm's limits."""
     for joint in spec.joints:
         joint.range = np.array([-TURN, TURN])
 
 
-def _turn_freely(spec: mujoco.MjSpec) -> None:
-    """Let hinges turn by half a turn each way, for the same reason."""
+def _extend_hinge_limits(spec: mujoco.MjSpec) -> None:
+    """Extend the limits of hinges to half a turn in each direction, for the same reason."""
     for joint in spec.joints:
         if joint.type == mujoco.mjtJoint.mjJNT_HINGE:
             joint.range = np.array([-np.pi, np.pi])
 
 
-def _in_turn(
+def _chain(
     first: Callable[[mujoco.MjSpec], None] | None, then: Callable[[mujoco.MjSpec], None]
 ) -> Callable[[mujoco.MjSpec], None]:
     def edit(spec: mujoco.MjSpec) -> None:

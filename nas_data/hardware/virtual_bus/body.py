@@ -6,13 +6,13 @@ from typing import Protocol
 import numpy as np
 
 from nas_data.hardware.virtual_bus.electrics import Electrics
-from nas_data.hardware.virtual_bus.kinds.base import Sensation, ServoDrive
+from nas_data.hardware.virtual_bus.kinds.base import ServoDrive, ServoMeasurements
 from nas_data.hardware.virtual_bus.servo import VirtualServo
 from nas_data.robots.base import Robot
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.layout import actuator_index, joint_index
 
-LONGEST = 2.0  # [s] of simulated time that is caught up after the process was suspended
+LONGEST = 2.0  # [s] most simulated time to catch up after the process was suspended
 
 
 class Mounting(Protocol):
@@ -30,10 +30,10 @@ class Mounting(Protocol):
 
 
 class SimulatedBody:
-    """An arm in a simulator, at rest at first.
+    """An arm in a simulator, initially at rest.
 
-    A servo's gain and torque limit act on the command that the simulator is given. Without torque the command follows
-    the joint, so that friction alone holds it.
+    Gains and torque limits of servos change the command to the simulator. Without torque the command follows the joint,
+    so that only friction acts on it.
 
     Attributes:
         servos: One servo per joint.
@@ -44,11 +44,11 @@ class SimulatedBody:
     """
 
     def __init__(self, simulator: Simulator, robot: Robot, servos: Sequence[VirtualServo], joints: Mounting) -> None:
-        """Put servos into an arm.
+        """Mount servos in an arm.
 
         Args:
-            simulator: The arm; its period is the step by which the arm advances.
-            robot: Its model, for strength and stiffness of the servos.
+            simulator: Simulator of the arm; its period is the simulation step.
+            robot: Model of the arm, for torque limits and gains of the servos.
             servos: One servo per joint, in joint order.
             joints: Conversion between positions and counts.
         """
@@ -96,14 +96,14 @@ class SimulatedBody:
         speeds = self.joints.signs * states[n:]
         efforts = self.joints.signs * self._duty
         for index, servo in enumerate(self.servos):
-            felt = Sensation(
+            measured = ServoMeasurements(
                 position=int(raw[index]),
                 speed=float(speeds[index]),
                 effort=float(efforts[index]),
                 voltage=self.electrics.volts(index),
                 temperature=float(self.electrics.temperature[index]),
             )
-            servo.kind.sense(servo, felt)
+            servo.kind.sense(servo, measured)
             reasons = self.electrics.reasons(index, servo.kind.bounds(servo))
             if reasons:
                 servo.fail(reasons)
@@ -138,9 +138,9 @@ class SimulatedBody:
         self._strain = np.array([servo.kind.bounds(servo).strain for servo in self.servos])
 
     def _approach(self, positions: np.ndarray) -> None:
-        """Move the servos' inner goals towards those in the registers, as fast as speed and acceleration allow.
+        """Move the servos' internal goals towards those in the registers, within speed and acceleration limits.
 
-        A goal that is approached under an acceleration a can be braked for from a distance d at sqrt(2·a·d).
+        With an acceleration limit a, the speed at a distance d from the goal is at most sqrt(2·a·d).
         """
         step, left = self._step_time, self._wanted - self._goal
         ramped = np.isfinite(self._acceleration)
@@ -157,7 +157,7 @@ class SimulatedBody:
 def gains_and_strengths(robot: Robot, servos: Sequence[VirtualServo]) -> tuple[np.ndarray, np.ndarray]:
     """Return gain [N m/rad] and largest torque [N m] of each joint's servo in the model, shape (n,) each.
 
-    A model that does not limit a torque gets that at which the servo stalls.
+    If the model has no torque limit, the stall torque of the servo is used.
     """
     model, name = robot.spec().compile(), robot.name
     places = [actuator_index(model, joint_index(model, joint, name), name) for joint in robot.joints]

@@ -50,50 +50,51 @@ class ServoChain:
         if packet.instruction == Instruction.STATUS:
             return []
         if packet.instruction in self._several:
-            return self._several[packet.instruction](packet.parameters) if packet.sound else []
+            return self._several[packet.instruction](packet.parameters) if packet.is_valid else []
         if packet.id == BROADCAST:
             return self._to_everyone(packet)
-        replies = [self._alone(servo, packet) for servo in self.named(packet.id)]
-        return [Reply(reply.content, reply.pause, together=index > 0) for index, reply in enumerate(_said(replies))]
+        replies = [self._execute(servo, packet) for servo in self.find_servos(packet.id)]
+        sent = enumerate(_drop_none(replies))
+        return [Reply(reply.content, reply.pause, together=index > 0) for index, reply in sent]
 
-    def named(self, identity: int) -> list[VirtualServo]:
+    def find_servos(self, identity: int) -> list[VirtualServo]:
         """Return the servos with an ID; a correct arm has one."""
         return [servo for servo in self.servos if servo.get("id") == identity]
 
     def _to_everyone(self, packet: Packet) -> list[Reply]:
-        """Answer a broadcast: only a ping is answered, by each servo in the order of the identities."""
-        if not packet.sound:
+        """Execute a broadcast; only a ping is answered, by each servo in the order of the IDs."""
+        if not packet.is_valid:
             return []
         servos = sorted(self.servos, key=lambda servo: servo.get("id"))
-        replies = _said([self._alone(servo, packet) for servo in servos])
+        replies = _drop_none([self._execute(servo, packet) for servo in servos])
         return replies if packet.instruction == Instruction.PING else []
 
-    def _alone(self, servo: VirtualServo, packet: Packet) -> Reply | None:
+    def _execute(self, servo: VirtualServo, packet: Packet) -> Reply | None:
         """Execute an instruction on one servo; None if its status level suppresses the reply."""
-        follow = self._single.get(packet.instruction)
-        if not packet.sound:
+        handler = self._single.get(packet.instruction)
+        if not packet.is_valid:
             error, data = Error.CRC, b""
-        elif follow is None:
+        elif handler is None:
             error, data = Error.INSTRUCTION, b""
         else:
-            error, data = follow(servo, packet.parameters)
-        silent = not self._protocol.complains and (follow is None or not packet.sound)
+            error, data = handler(servo, packet.parameters)
+        silent = not self._protocol.answers_errors and (handler is None or not packet.is_valid)
         answers = servo.kind.answers(servo, packet.instruction) and not silent
         return self._reply(servo, error, data) if answers else None
 
     def _sync_read(self, parameters: bytes) -> list[Reply]:
         """Answer in order; after a missing servo no later one answers."""
-        address, length, who = *self._stretch(parameters), parameters[2 * self._protocol.width :]
-        return self._in_turn([(identity, address, length) for identity in who])
+        address, length, ids = *self._range(parameters), parameters[2 * self._protocol.width :]
+        return self._read_each([(identity, address, length) for identity in ids])
 
     def _bulk_read(self, parameters: bytes) -> list[Reply]:
         entries = [parameters[start : start + 5] for start in range(0, len(parameters) - 4, 5)]
-        return self._in_turn([(entry[0], _word(entry, 1), _word(entry, 3)) for entry in entries])
+        return self._read_each([(entry[0], _word(entry, 1), _word(entry, 3)) for entry in entries])
 
-    def _in_turn(self, wanted: Sequence[tuple[int, int, int]]) -> list[Reply]:
+    def _read_each(self, wanted: Sequence[tuple[int, int, int]]) -> list[Reply]:
         replies: list[Reply] = []
         for identity, address, length in wanted:
-            servos = [servo for servo in self.named(identity) if servo.answers_sync]
+            servos = [servo for servo in self.find_servos(identity) if servo.answers_sync]
             if not servos:
                 break
             for index, servo in enumerate(servos):
@@ -102,9 +103,9 @@ class ServoChain:
         return replies
 
     def _sync_write(self, parameters: bytes) -> list[Reply]:
-        address, length = self._stretch(parameters)
+        address, length = self._range(parameters)
         for start in range(2 * self._protocol.width, len(parameters) - length, length + 1):
-            for servo in self.named(parameters[start]):
+            for servo in self.find_servos(parameters[start]):
                 servo.write(address, parameters[start + 1 : start + 1 + length])
         return []
 
@@ -112,7 +113,7 @@ class ServoChain:
         start = 0
         while start + 5 <= len(parameters):
             address, length = _word(parameters, start + 1), _word(parameters, start + 3)
-            for servo in self.named(parameters[start]):
+            for servo in self.find_servos(parameters[start]):
                 servo.write(address, parameters[start + 5 : start + 5 + length])
             start += 5 + length
         return []
@@ -121,17 +122,17 @@ class ServoChain:
         byte = servo.kind.error_byte(servo, error)
         return Reply(self._protocol.status(servo.get("id"), byte, data), servo.get("return_delay") * DELAY_UNIT)
 
-    def _stretch(self, parameters: bytes) -> tuple[int, int]:
-        """Return the address and the length that parameters begin with."""
+    def _range(self, parameters: bytes) -> tuple[int, int]:
+        """Return address and length, with which parameters begin."""
         return self._protocol.number(parameters, 0), self._protocol.number(parameters, 1)
 
     def _ping(self, servo: VirtualServo, _: bytes) -> tuple[Error, bytes]:
-        return servo.read(0, 3) if self._protocol.names_model else (Error.NONE, b"")  # model number and firmware
+        return servo.read(0, 3) if self._protocol.ping_has_model else (Error.NONE, b"")  # model number and firmware
 
     def _read(self, servo: VirtualServo, parameters: bytes) -> tuple[Error, bytes]:
         if len(parameters) != 2 * self._protocol.width:
             return Error.DATA_LENGTH, b""
-        return servo.read(*self._stretch(parameters))
+        return servo.read(*self._range(parameters))
 
     def _write(self, servo: VirtualServo, parameters: bytes) -> tuple[Error, bytes]:
         return servo.write(self._protocol.number(parameters, 0), parameters[self._protocol.width :]), b""
@@ -140,7 +141,7 @@ class ServoChain:
         return servo.register_write(self._protocol.number(parameters, 0), parameters[self._protocol.width :]), b""
 
 
-def _said(replies: Sequence[Reply | None]) -> list[Reply]:
+def _drop_none(replies: Sequence[Reply | None]) -> list[Reply]:
     return [reply for reply in replies if reply is not None]
 
 

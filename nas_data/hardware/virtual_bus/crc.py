@@ -1,4 +1,4 @@
-"""The checksum of Protocol 2.0: CRC-16 with the polynomial x¹⁶ + x¹⁵ + x² + 1, begun at zero, highest bit first."""
+"""Checksum of Protocol 2.0: CRC-16 with polynomial x¹⁶ + x¹⁵ + x² + 1, initial value 0, most significant bit first."""
 
 from functools import reduce
 
@@ -6,7 +6,7 @@ POLYNOMIAL = 0x8005  # ROBOTIS e-manual, Protocol 2.0, CRC calculation
 
 
 def _entry(high: int) -> int:
-    """Divide one byte, at the register's upper end, by the polynomial."""
+    """Return the remainder of one byte, shifted by 8 bits, divided by the polynomial."""
     return reduce(
         lambda rest, _: ((rest << 1) ^ POLYNOMIAL if rest & 0x8000 else rest << 1) & 0xFFFF, range(8), high << 8
     )

@@ -1,4 +1,4 @@
-"""The arm behind its line: takes bytes in, moves, and says which bytes come back when."""
+"""A virtual arm on a serial line: receives bytes, advances the simulation, and returns timed replies."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ from nas_data.hardware.virtual_bus.faults.base import Fault
 from nas_data.hardware.virtual_bus.packet import Packet
 from nas_data.hardware.virtual_bus.wire import seconds, transmit
 
-SILENCE = 0.002  # [s] after which an unfinished packet is forgotten
+SILENCE = 0.002  # [s] pause after which an incomplete packet is dropped
 
 
 class Device:
@@ -18,76 +18,81 @@ class Device:
 
     Attributes:
         arm: Servos and body.
-        clock: By which it moves.
+        clock: Clock of the simulation.
     """
 
     def __init__(
-        self, arm: VirtualArm, clock: BusClock, faults: Sequence[Fault], rng: np.random.Generator, honest: bool = True
+        self,
+        arm: VirtualArm,
+        clock: BusClock,
+        faults: Sequence[Fault],
+        rng: np.random.Generator,
+        wire_delay: bool = True,
     ) -> None:
-        """Put the arm on a line.
+        """Connect the arm to a line.
 
         Args:
             arm: Servos and body.
-            clock: By which it moves.
-            faults: What goes wrong.
-            rng: Decides which packets are hit.
-            honest: Whether bytes take their time on the wire; none otherwise.
+            clock: Clock of the simulation.
+            faults: Faults to apply.
+            rng: Random generator of the faults.
+            wire_delay: Whether replies are delayed by the transmission time of bytes.
         """
         self.arm, self.clock = arm, clock
-        self._rng, self._honest = rng, honest
-        self._coming, self._active = list(faults), list[Fault]()
+        self._rng, self._wire_delay = rng, wire_delay
+        self._pending, self._active = list(faults), list[Fault]()
         self._reader = arm.kind.protocol.reader()
-        self._heard = 0.0
+        self._last_received = 0.0
 
     def inject(self, fault: Fault) -> None:
-        """Let one more fault happen, at once where its time is past."""
-        self._coming.append(fault)
+        """Add a fault; it acts at once if its time has passed."""
+        self._pending.append(fault)
 
     def repair(self) -> None:
-        """End what disturbs the line."""
+        """End the faults that disturb the line."""
         self._active.clear()
 
-    def live(self) -> None:
-        """Let time pass.
+    def advance(self) -> None:
+        """Advance the simulation to the present time, and apply due faults.
 
         Raises:
-            LineGone: a fault says so.
+            LineGone: a fault disconnects the adapter.
         """
         now = self.clock.now()
         self.arm.body.advance_to(now)
-        for fault in [fault for fault in self._coming if fault.after <= now]:
-            self._coming.remove(fault)
+        for fault in [fault for fault in self._pending if fault.after <= now]:
+            self._pending.remove(fault)
             self._active.append(fault)
-            fault.strike(self.arm)
+            fault.apply(self.arm)
 
-    def hear(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
-        """Take bytes from the line.
+    def receive(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
+        """Process received bytes.
 
         Args:
-            data: What was sent.
-            now: Monotonic time [s]: bytes after a pause begin a new packet.
+            data: Received bytes.
+            now: Monotonic time [s]; bytes after a pause begin a new packet.
 
         Returns:
-            Seconds from now, ascending, and what the computer then hears.
+            Delay from now [s] and bytes of each reply, in ascending order of the delays.
         """
-        if now - self._heard > SILENCE:
+        if now - self._last_received > SILENCE:
             self._reader.forget()
-        self._heard = now
+        self._last_received = now
         for fault in self._active:
             data = fault.instruction(data, self._rng)
         spent, sent = 0.0, list[tuple[float, bytes]]()
         for packet in self._reader.feed(data):
-            spent += seconds(len(packet.encode()), self._baud) if self._honest else 0.0
+            spent += seconds(len(packet.encode()), self._baud) if self._wire_delay else 0.0
             answers = self._answer(packet)
             sent += [(spent + after, content) for after, content in answers]
             spent = sent[-1][0] if answers else spent
         return sent
 
     def _answer(self, packet: Packet) -> list[tuple[float, bytes]]:
-        self.live()
+        self.advance()
         sent = transmit(self.arm.chain.respond(packet), self._baud)
-        self.clock.heard(packet)  # afterwards: time that passes with a goal passes under this goal
-        replies = [(after * self._honest, content) for after, content in sent]
+        self.clock.observe(packet)  # afterwards, so that lock-step time advances with the new goal
+        replies = [(after * self._wire_delay, content) for after, content in sent]
         late = sum(fault.delay(self._rng) for fault in self._active) if replies else 0.0
         for fault in self._active:
             replies = [(after, fault.reply(content, self._rng)) for after, content in replies]

@@ -1,6 +1,6 @@
-"""What current does to a servo's supply, its temperature and its patience.
+"""Supply voltage, temperature and overload of servos as functions of their current.
 
-The stall currents are the manuals'; the resistances to heat and of the supply are plausible, not measured.
+Stall currents are from the manuals; thermal resistance and supply resistance are plausible values, not measured.
 """
 
 from collections.abc import Sequence
@@ -10,21 +10,21 @@ import numpy as np
 
 from nas_data.hardware.virtual_bus.kinds.base import Bounds, Reason, ServoSeries
 
-IDLE_CURRENT = 0.03  # [A] of a servo that stands
+IDLE_CURRENT = 0.03  # [A] of a servo without load
 SUPPLY_RESISTANCE = 0.15  # [Ω] of supply and wires
-HEATING = 12.0  # [K/W] above the air, once warm
-WARMING = 240.0  # [s] until two thirds of that
+HEATING = 12.0  # [K/W] thermal resistance to the air
+WARMING = 240.0  # [s] thermal time constant
 
 
 @dataclass
 class Electrics:
-    """Supply and warmth of n servos.
+    """Voltages and temperatures of n servos.
 
     Attributes:
         kinds: Series of each servo.
-        air: Temperature around the arm [°C].
-        supply: Voltage of each without load [V], shape (n,), or one for all.
-        voltage: Voltage at each servo [V], likewise.
+        air: Ambient temperature [°C].
+        supply: Voltage of each servo without load [V], shape (n,), or one for all.
+        voltage: Voltage of each servo [V], shape (n,), or one for all.
         temperature: Temperature of each servo [°C], shape (n,).
     """
 

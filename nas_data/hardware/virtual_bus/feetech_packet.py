@@ -1,4 +1,4 @@
-"""Packets of Feetech's STS servos as bytes: header, identity, length, instruction or error, parameters, checksum.
+"""Packets of Feetech's STS servos: header, ID, length, instruction or error, parameters, checksum.
 
 Source: Feetech, communication protocol of the STS/SMS series; feetech-servo-sdk 1.0.0, `protocol_packet_handler`.
 """
@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from nas_data.hardware.virtual_bus.packet import BROADCAST, Packet
 
 HEADER = b"\xff\xff"
-PREFIX = 4  # header, identity and length
-LONGEST = 250  # bytes that a length may count
+PREFIX = 4  # bytes of header, ID and length
+LONGEST = 250  # largest valid length
 
 
 @dataclass(frozen=True)
@@ -23,27 +23,27 @@ class FeetechPacket(Packet):
 
 
 def checksum(content: bytes) -> int:
-    """Return the checksum of what stands between header and checksum: the complement of the sum, one byte."""
+    """Return the checksum of the bytes between header and checksum: the complement of their sum, one byte."""
     return ~sum(content) & 0xFF
 
 
 def status(identity: int, error: int = 0, data: bytes = b"") -> bytes:
-    """Return the bytes of an answer."""
+    """Return the bytes of a status packet."""
     return FeetechPacket(identity, error, data).encode()
 
 
 class FeetechReader:
-    """Finds packets in a stream of bytes, whatever lies between them."""
+    """Finds packets in a stream of bytes, and skips other bytes."""
 
     def __init__(self) -> None:
         self._bytes = bytearray()
 
     def forget(self) -> None:
-        """Drop an unfinished packet, as a servo does when the line has fallen silent."""
+        """Drop an incomplete packet, as a servo does after a pause."""
         self._bytes.clear()
 
     def feed(self, data: bytes) -> list[Packet]:
-        """Take bytes in, return the packets that they complete."""
+        """Add bytes; return the packets that they complete."""
         self._bytes += data
         found: list[Packet] = []
         while (packet := self._next()) is not None:
@@ -51,11 +51,11 @@ class FeetechReader:
         return found
 
     def _next(self) -> FeetechPacket | None:
-        """Cut the first whole packet off; None where more bytes are needed."""
+        """Remove and return the first complete packet; None if more bytes are needed."""
         while True:
             start = self._bytes.find(HEADER)
             if start < 0:
-                del self._bytes[: max(0, len(self._bytes) - 1)]  # a header may be under way
+                del self._bytes[: max(0, len(self._bytes) - 1)]  # the last byte may begin a header
                 return None
             del self._bytes[:start]
             if len(self._bytes) < PREFIX:
@@ -72,6 +72,6 @@ class FeetechReader:
 
 
 def decode(whole: bytes) -> FeetechPacket:
-    """Unwrap the bytes of one packet, from its header to its checksum."""
-    sound = checksum(whole[2:-1]) == whole[-1]
-    return FeetechPacket(whole[2], whole[4], whole[5:-1], sound)
+    """Decode the bytes of one packet, from header to checksum."""
+    is_valid = checksum(whole[2:-1]) == whole[-1]
+    return FeetechPacket(whole[2], whole[4], whole[5:-1], is_valid)

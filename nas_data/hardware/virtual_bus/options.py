@@ -1,4 +1,4 @@
-"""What a virtual arm is started with."""
+"""Options of a virtual arm."""
 
 import contextlib
 import json
@@ -21,19 +21,19 @@ from nas_data.hardware.virtual_bus.terminal import Terminal
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Choices that outlive the way to another process.
+    """Options of a virtual arm, which can be sent to another process as JSON.
 
     Attributes:
-        effects: What the arm has and its model lacks, as a person types it.
-        faults: What goes wrong, as a person types it.
-        offsets: Ticks by which an ErgoJr's horns were mounted off the middle; none where empty.
-        model: Model of another arm than the ErgoJr, a robot's name or a file.
-        mounted: The servos of such an arm.
-        lying: How a hand left it [rad], shape (n,).
-        seed: Of what the faults hit.
-        honest: Whether the line takes its time; answers at once otherwise.
-        lockstep: Whether the arm moves a period with every goal instead of by the clock.
-        period: Between two goals in lock-step [s]; at the paper's 100 Hz where not given.
+        effects: Effects of the arm that its model lacks, in command-line syntax.
+        faults: Faults in command-line syntax.
+        offsets: Mounting offsets of an ErgoJr's horns [ticks]; zero if empty.
+        model: Name or model file of an arm other than the ErgoJr.
+        mounted: Servos of such an arm.
+        lying: Its initial pose [rad], shape (n,).
+        seed: Seed of random faults.
+        wire_delay: Whether replies are delayed by the transmission time of bytes.
+        lockstep: Whether each goal advances the arm by a period, instead of the clock.
+        period: Period in lock-step [s]; by default that of the paper's 100 Hz.
     """
 
     effects: tuple[str, ...] = ()
@@ -43,17 +43,17 @@ class Options:
     mounted: tuple[MountedServo, ...] = ()
     lying: tuple[float, ...] = ()
     seed: int = 0
-    honest: bool = True
+    wire_delay: bool = True
     lockstep: bool = False
     period: float = 0.01
 
     def check(self) -> None:
-        """Refuse what cannot be understood or cannot happen, before a process is started for it.
+        """Check the options before a process is started, because errors in that process are not reported well.
 
-        The faults strike another arm in their order: what goes wrong in the process reaches nobody as a sentence.
+        For the check, the faults are applied in order to another arm.
 
         Raises:
-            NasError: an effect or a fault is unknown, malformed, or of a joint or servo that the arm does not have.
+            NasError: an effect or a fault is unknown, malformed, or names a joint or servo that the arm does not have.
         """
         effects = [parse_effect(text) for text in self.effects]
         faults = sorted((parse_fault(text) for text in self.faults), key=lambda fault: fault.after)
@@ -64,15 +64,15 @@ class Options:
         arm = self._arm(effects)
         for fault in faults:
             with contextlib.suppress(LineGone):
-                fault.strike(arm)
+                fault.apply(arm)
 
     def to_json(self) -> str:
-        """Return the choices as one line."""
+        """Return the options as one line of JSON."""
         return json.dumps(asdict(self))
 
     @classmethod
     def from_json(cls, line: str) -> "Options":
-        """Read what `to_json` wrote."""
+        """Read the output of `to_json`."""
         values = json.loads(line)
         mounted = tuple(MountedServo(**one) for one in values.pop("mounted"))
         kinds: dict[str, Any] = {
@@ -81,12 +81,12 @@ class Options:
         return cls(mounted=mounted, **kinds)
 
     def open(self) -> Terminal:
-        """Assemble the arm and open its port."""
+        """Create the arm and open its port."""
         arm = self._arm([parse_effect(text) for text in self.effects])
         goal = arm.kind.registers["goal_position"].address
         clock = LockStep(arm.kind.protocol, goal, self.period) if self.lockstep else RealClock()
         faults = [parse_fault(text) for text in self.faults]
-        device = Device(arm, clock, faults, np.random.default_rng(self.seed), self.honest)
+        device = Device(arm, clock, faults, np.random.default_rng(self.seed), self.wire_delay)
         return Terminal(device)
 
     def _arm(self, effects: Sequence[Effect]) -> VirtualArm:

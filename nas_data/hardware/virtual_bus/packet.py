@@ -1,4 +1,4 @@
-"""Packets of Protocol 2.0 as bytes: header, identity, length, stuffed content, checksum.
+"""Packets of Protocol 2.0: header, ID, length, content with byte stuffing, checksum.
 
 Source: ROBOTIS e-manual, DYNAMIXEL Protocol 2.0.
 """
@@ -10,15 +10,15 @@ from typing import Protocol
 from nas_data.hardware.virtual_bus.crc import crc16
 
 HEADER = b"\xff\xff\xfd\x00"
-STUFFED = b"\xff\xff\xfd"  # within the content it is followed by one more 0xFD, so that no header appears there
-PREFIX = 7  # header, identity and length
-LONGEST = 1024  # bytes of content beyond which a length is taken for noise
+STUFFED = b"\xff\xff\xfd"  # in the content an additional 0xFD follows it, so that the content contains no header
+PREFIX = 7  # bytes of header, ID and length
+LONGEST = 1024  # largest length; a larger one is taken for noise
 BROADCAST = 0xFE
 ALERT = 0x80  # bit of a status packet's error: the servo has a hardware error
 
 
 class Instruction(IntEnum):
-    """What a packet asks for."""
+    """Instruction of a packet."""
 
     PING = 0x01
     READ = 0x02
@@ -35,7 +35,7 @@ class Instruction(IntEnum):
 
 
 class Error(IntEnum):
-    """Why an instruction was not followed, in the lower bits of a status packet's error."""
+    """Error of an instruction, in the lower bits of a status packet's error byte."""
 
     NONE = 0
     RESULT_FAIL = 1
@@ -49,19 +49,19 @@ class Error(IntEnum):
 
 @dataclass(frozen=True)
 class Packet:
-    """A packet without its wrapping.
+    """A decoded packet.
 
     Attributes:
-        id: Whom it is addressed to, or who sent it.
-        instruction: What it asks for; 0x55 in an answer.
-        parameters: The rest; an answer's begin with its error.
-        sound: Whether the checksum was right.
+        id: ID of the addressee, or of the sender of a status packet.
+        instruction: Instruction; 0x55 for a status packet.
+        parameters: Parameters; those of a status packet begin with its error byte.
+        is_valid: Whether the checksum is correct.
     """
 
     id: int
     instruction: int
     parameters: bytes = b""
-    sound: bool = True
+    is_valid: bool = True
 
     def encode(self) -> bytes:
         """Return the bytes on the wire."""
@@ -71,12 +71,12 @@ class Packet:
 
 
 def status(identity: int, error: int = 0, data: bytes = b"") -> bytes:
-    """Return the bytes of an answer."""
+    """Return the bytes of a status packet."""
     return Packet(identity, Instruction.STATUS, bytes([error]) + data).encode()
 
 
 def stuff(content: bytes) -> bytes:
-    """Put 0xFD behind each 0xFF 0xFF 0xFD."""
+    """Insert 0xFD after each 0xFF 0xFF 0xFD."""
     return content.replace(STUFFED, STUFFED + b"\xfd")
 
 
@@ -86,32 +86,32 @@ def unstuff(content: bytes) -> bytes:
 
 
 class PacketReader(Protocol):
-    """Finds packets of some protocol in a stream of bytes."""
+    """Interface of readers, which find packets of a protocol in a stream of bytes."""
 
     def forget(self) -> None:
-        """Drop an unfinished packet."""
+        """Drop an incomplete packet."""
 
     def feed(self, data: bytes) -> list[Packet]:
-        """Take bytes in, return the packets that they complete."""
+        """Add bytes; return the packets that they complete."""
 
 
 class Protocol2Reader:
-    """Finds packets in a stream of bytes, whatever lies between them."""
+    """Finds packets in a stream of bytes, and skips other bytes."""
 
     def __init__(self) -> None:
         self._bytes = bytearray()
 
     @property
     def waiting(self) -> bool:
-        """Whether a packet has begun that is not complete."""
+        """Whether an incomplete packet is buffered."""
         return bool(self._bytes)
 
     def forget(self) -> None:
-        """Drop an unfinished packet, as a servo does when the line has fallen silent."""
+        """Drop an incomplete packet, as a servo does after a pause."""
         self._bytes.clear()
 
     def feed(self, data: bytes) -> list[Packet]:
-        """Take bytes in, return the packets that they complete."""
+        """Add bytes; return the packets that they complete."""
         self._bytes += data
         found = []
         while (packet := self._next()) is not None:
@@ -119,11 +119,11 @@ class Protocol2Reader:
         return found
 
     def _next(self) -> Packet | None:
-        """Cut the first whole packet off; None where more bytes are needed."""
+        """Remove and return the first complete packet; None if more bytes are needed."""
         while True:
             start = self._bytes.find(HEADER)
             if start < 0:
-                del self._bytes[: max(0, len(self._bytes) - len(HEADER) + 1)]  # a header may be under way
+                del self._bytes[: max(0, len(self._bytes) - len(HEADER) + 1)]  # the last bytes may begin a header
                 return None
             del self._bytes[:start]
             if len(self._bytes) < PREFIX:
@@ -140,7 +140,7 @@ class Protocol2Reader:
 
 
 def decode(whole: bytes) -> Packet:
-    """Unwrap the bytes of one packet, from its header to its checksum."""
+    """Decode the bytes of one packet, from header to checksum."""
     content = unstuff(whole[PREFIX:-2])
-    sound = crc16(whole[:-2]) == int.from_bytes(whole[-2:], "little")
-    return Packet(whole[4], content[0], content[1:], sound)
+    is_valid = crc16(whole[:-2]) == int.from_bytes(whole[-2:], "little")
+    return Packet(whole[4], content[0], content[1:], is_valid)

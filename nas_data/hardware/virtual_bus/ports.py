@@ -1,4 +1,4 @@
-"""The word `virtual` where a port is asked for: it starts an arm of its own for as long as it is used."""
+"""The port name `virtual`, which starts a virtual arm for the time of its use."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -19,17 +19,17 @@ def port_of(
     lockstep: bool = False,
     arm: Options | None = None,
 ) -> Iterator[str]:
-    """Yield the path of a port: the name itself, or that of a virtual arm.
+    """Yield the path of a port: the name itself, or the port of a new virtual arm.
 
     Args:
         name: A path, or `virtual`.
-        effects: What the virtual arm has and its model lacks.
-        faults: What goes wrong on it.
-        lockstep: Whether it moves and answers as fast as it can, a period with every goal, instead of by the clock.
-        arm: Which arm it is; an ErgoJr where not given.
+        effects: Effects of the virtual arm that its model lacks.
+        faults: Faults of the virtual arm.
+        lockstep: Whether each goal advances the virtual arm by a period, without delays, instead of the clock.
+        arm: Options of the virtual arm; those of an ErgoJr if None.
 
     Raises:
-        OptionError: effects, faults or lock-step are asked of a real arm.
+        OptionError: effects, faults or lock-step are given for a real arm.
     """
     if name != VIRTUAL:
         if effects or faults or lockstep:
@@ -37,7 +37,7 @@ def port_of(
         yield name
         return
     options = replace(
-        arm or Options(), effects=tuple(effects), faults=tuple(faults), honest=not lockstep, lockstep=lockstep
+        arm or Options(), effects=tuple(effects), faults=tuple(faults), wire_delay=not lockstep, lockstep=lockstep
     )
     with VirtualBus(options) as bus:
         yield bus.port

@@ -1,6 +1,6 @@
-"""A virtual arm in a process of its own: the driver's process cannot hold up its clock, nor outlive it.
+"""A virtual arm in its own process, so that the driver's process does not delay it.
 
-A thread would share Python's lock with the recorder, whose busy loop then shows as latency of the servos.
+A thread would share Python's global interpreter lock with the recorder, whose busy loop would delay the servos.
 """
 
 import subprocess
@@ -12,7 +12,7 @@ from nas_data.hardware.virtual_bus.options import Options
 
 
 class VirtualBus:
-    """A running virtual arm; a context that stops it.
+    """A running virtual arm; a context manager that stops it.
 
     Attributes:
         port: Path of its port.
@@ -27,7 +27,7 @@ class VirtualBus:
         """
         options.check()
         command = [sys.executable, "-m", "nas_data.hardware.virtual_bus"]
-        # a session of its own: Ctrl-C in the terminal must not cut the arm's supply while the driver makes it safe
+        # its own session: Ctrl-C in the terminal must not stop the arm before the driver has stopped it safely
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
         )
@@ -39,15 +39,15 @@ class VirtualBus:
             raise ArmError("The virtual arm did not start; its process said why above.")
 
     def inject(self, fault: str) -> None:
-        """Let a fault happen, as a person types it."""
+        """Inject a fault, in command-line syntax."""
         self._say(f"fault {fault}")
 
     def repair(self) -> None:
-        """End what disturbs the line."""
+        """End the faults that disturb the line."""
         self._say("repair")
 
     def stop(self) -> None:
-        """Switch the arm off."""
+        """Stop the process."""
         for stream in (self._process.stdin, self._process.stdout):
             if stream is not None and not stream.closed:
                 stream.close()

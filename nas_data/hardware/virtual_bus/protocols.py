@@ -1,4 +1,4 @@
-"""How servos speak: the bytes of packets, and how wide addresses are in them."""
+"""Packet protocols of servos."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,26 +9,28 @@ from nas_data.hardware.virtual_bus.packet import PacketReader
 
 @dataclass(frozen=True)
 class PacketProtocol:
-    """One way to speak.
+    """A packet protocol.
 
     Attributes:
-        width: Bytes of an address and of a length.
-        reader: Makes what finds instructions in a stream.
-        status: Makes the bytes of an answer of identity, error and data.
-        names_model: Whether the answer to a ping tells model and firmware.
-        complains: Whether an instruction that is damaged or not known is answered at all.
+        width: Bytes of an address, and of a length.
+        reader: Creates a reader of packets.
+        status: Returns the bytes of a status packet from ID, error and data.
+        ping_has_model: Whether the reply to a ping contains model and firmware.
+        answers_errors: Whether damaged and unknown instructions are answered.
     """
 
     width: int
     reader: Callable[[], PacketReader]
     status: Callable[[int, int, bytes], bytes]
-    names_model: bool
-    complains: bool
+    ping_has_model: bool
+    answers_errors: bool
 
-    def number(self, parameters: bytes, place: int) -> int:
-        """Return an address or a length by its place among the first parameters."""
-        return int.from_bytes(parameters[place * self.width : (place + 1) * self.width], "little")
+    def number(self, parameters: bytes, index: int) -> int:
+        """Return the address (index 0) or the length (index 1) at the start of parameters."""
+        return int.from_bytes(parameters[index * self.width : (index + 1) * self.width], "little")
 
 
-PROTOCOL_2 = PacketProtocol(2, packet.Protocol2Reader, packet.status, names_model=True, complains=True)
-FEETECH = PacketProtocol(1, feetech_packet.FeetechReader, feetech_packet.status, names_model=False, complains=False)
+PROTOCOL_2 = PacketProtocol(2, packet.Protocol2Reader, packet.status, ping_has_model=True, answers_errors=True)
+FEETECH = PacketProtocol(
+    1, feetech_packet.FeetechReader, feetech_packet.status, ping_has_model=False, answers_errors=False
+)

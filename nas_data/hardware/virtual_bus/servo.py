@@ -1,4 +1,4 @@
-"""One simulated servo: its memory, and what it does when it is asked to read or write."""
+"""One simulated servo: its control table, and reads and writes of it."""
 
 from nas_data.errors import OptionError
 from nas_data.hardware.virtual_bus.kinds.base import Reason, ServoDrive, ServoSeries
@@ -6,7 +6,7 @@ from nas_data.hardware.virtual_bus.kinds.xl320 import KIND as XL320
 from nas_data.hardware.virtual_bus.packet import Error
 from nas_data.hardware.xl320.control_table import ControlTableEntry
 
-EVERYTHING, BUT_ID, BUT_ID_AND_BAUD = 0xFF, 0x01, 0x02  # what a factory reset forgets
+EVERYTHING, BUT_ID, BUT_ID_AND_BAUD = 0xFF, 0x01, 0x02  # what a factory reset resets
 
 
 class VirtualServo:
@@ -14,12 +14,12 @@ class VirtualServo:
 
     Attributes:
         kind: Its series.
-        memory: The table.
-        answers_sync: Whether the firmware knows sync read.
+        memory: Bytes of the control table.
+        answers_sync: Whether the firmware supports sync read.
     """
 
     def __init__(self, identity: int, model_number: int | None = None, kind: ServoSeries = XL320) -> None:
-        """Take a servo out of its box, and give it an identity."""
+        """Create a servo with factory settings and an ID."""
         self.kind, self.memory = kind, bytearray(kind.size)
         self._drive: ServoDrive | None = None
         self.answers_sync = True
@@ -31,12 +31,12 @@ class VirtualServo:
             self.put("model_number", model_number)
 
     def get(self, name: str) -> int:
-        """Return a register."""
+        """Return the value of a register."""
         register = self.kind.registers[name]
         return int.from_bytes(self.memory[register.address : register.address + register.size], "little")
 
     def put(self, name: str, value: int) -> None:
-        """Set a register, whatever its rules are.
+        """Set a register without checks of access and range.
 
         Raises:
             OptionError: the value is negative or needs more bytes than the register has.
@@ -52,60 +52,60 @@ class VirtualServo:
 
     @property
     def drive(self) -> ServoDrive:
-        """What its registers make of it."""
+        """Drive state that the registers define."""
         if self._drive is None:
             self._drive = self.kind.drive(self)
         return self._drive
 
     def read(self, address: int, length: int) -> tuple[Error, bytes]:
-        """Return a stretch of the memory."""
+        """Return a range of the memory."""
         if not 0 < length <= len(self.memory) - address:
             return Error.ACCESS, b""
         return Error.NONE, bytes(self.memory[address : address + length])
 
     def write(self, address: int, data: bytes) -> Error:
-        """Write a stretch of the memory where all of it may be written; nothing otherwise."""
-        error = self.judge(address, data)
+        """Write a range of the memory; nothing is written if any part of it is refused."""
+        error = self.check_write(address, data)
         if error is Error.NONE:
             self.memory[address : address + len(data)] = data
             self._drive = None
-            if self.kind.at_byte[address] is self.kind.registers["torque_enable"] and not data[0]:
+            if self.kind.by_address[address] is self.kind.registers["torque_enable"] and not data[0]:
                 self.put("moving", 0)
         return error
 
-    def judge(self, address: int, data: bytes) -> Error:
-        """Say why a stretch may not be written."""
+    def check_write(self, address: int, data: bytes) -> Error:
+        """Return the error of a write to a range of the memory."""
         end = address + len(data)
-        at_byte = self.kind.at_byte
-        if not data or end > len(self.memory) or address not in at_byte:
+        by_address = self.kind.by_address
+        if not data or end > len(self.memory) or address not in by_address:
             return Error.ACCESS
-        registers = {at_byte[place].address: at_byte[place] for place in range(address, end) if place in at_byte}
+        registers = {by_address[byte].address: by_address[byte] for byte in range(address, end) if byte in by_address}
         for register in registers.values():
             start = register.address - address
             if start < 0 or register.address + register.size > end:
                 return Error.DATA_LENGTH
-            error = self._judge(register, int.from_bytes(data[start : start + register.size], "little"))
+            error = self._check_register(register, int.from_bytes(data[start : start + register.size], "little"))
             if error is not Error.NONE:
                 return error
         return Error.NONE
 
-    def _judge(self, register: ControlTableEntry, value: int) -> Error:
-        if not register.writable or self.kind.locked(self, register):
+    def _check_register(self, register: ControlTableEntry, value: int) -> Error:
+        if not register.writable or self.kind.is_locked(self, register):
             return Error.ACCESS
         if not register.low <= value <= register.high:
             return Error.DATA_RANGE
-        return self.kind.judge(self, register, value)
+        return self.kind.check_write(self, register, value)
 
     def register_write(self, address: int, data: bytes) -> Error:
-        """Keep a write for the next action."""
-        error = self.judge(address, data)
+        """Store a write until the next `act`."""
+        error = self.check_write(address, data)
         if error is Error.NONE:
             self._registered = (address, data)
             self.put("registered", 1)
         return error
 
     def act(self) -> Error:
-        """Do what was registered."""
+        """Execute the stored write."""
         if self._registered is None:
             return Error.RESULT_FAIL
         address, data = self._registered
@@ -114,16 +114,16 @@ class VirtualServo:
         return self.write(address, data)
 
     def reboot(self) -> Error:
-        """Start anew: memory that a loss of power forgets gets its initial values, errors are gone."""
+        """Restart: volatile registers get their initial values, which clears errors."""
         for name, register in self.kind.registers.items():
-            if not self.kind.lasts(register) and not name.startswith("present"):
+            if not self.kind.is_persistent(register) and not name.startswith("present"):
                 self.put(name, register.initial)
-        self.kind.started(self)
+        self.kind.power_on(self)
         self._registered = None
         return Error.NONE
 
     def factory_reset(self, what: int) -> Error:
-        """Forget everything, or all but the identity, or all but identity and baud rate."""
+        """Reset all registers, all but the ID, or all but ID and baud rate, to factory settings."""
         if what not in (EVERYTHING, BUT_ID, BUT_ID_AND_BAUD):
             return Error.DATA_RANGE
         if self.get("torque_enable"):
@@ -131,12 +131,12 @@ class VirtualServo:
         kept = {EVERYTHING: (), BUT_ID: ("id",), BUT_ID_AND_BAUD: ("id", "baud_rate")}[what]
         values = {name: self.get(name) for name in (*kept, "model_number", "firmware")}
         for name, register in self.kind.registers.items():
-            if self.kind.lasts(register):
+            if self.kind.is_persistent(register):
                 self.put(name, register.initial)
         for name, value in values.items():
             self.put(name, value)
         return self.reboot()
 
     def fail(self, reason: int) -> None:
-        """Note a hardware error; see `ServoSeries.fail`."""
+        """Set a hardware error; see `ServoSeries.fail`."""
         self.kind.fail(self, Reason(reason))

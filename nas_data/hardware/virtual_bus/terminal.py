@@ -27,50 +27,50 @@ class Terminal:
             device: The simulated device.
         """
         self._device = device
-        # the terminal's own end is kept open too: a driver that closes the port must not hang up the line
+        # the slave end stays open, so that the line survives when a driver closes the port
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.path = os.ttyname(self._slave)
 
     def serve(self, orders: int) -> None:
-        """Answer until the orders end or the adapter is pulled out.
+        """Serve until the stream of orders ends or a fault disconnects the adapter.
 
         Args:
-            orders: Descriptor of lines such as `fault unplugged:servo=3` and `repair`; its end ends the service.
+            orders: File descriptor of lines such as `fault unplugged:servo=3` and `repair`.
         """
         with contextlib.suppress(LineGone):
-            while self._once(orders):
-                self._device.live()
+            while self._serve_once(orders):
+                self._device.advance()
         self.close()
-        os.read(orders, CHUNK)  # without a port there is nothing left but to wait for the end
+        os.read(orders, CHUNK)  # without a port, wait for the end of the orders
 
     def close(self) -> None:
-        """Pull the adapter out."""
+        """Close the port."""
         os.close(self._master)
         os.close(self._slave)
 
-    def _once(self, orders: int) -> bool:
+    def _serve_once(self, orders: int) -> bool:
         """Answer pending instructions; return False to stop."""
         ready, _, _ = select.select([self._master, orders], [], [], IDLE)
         if self._master in ready:
             now = time.monotonic()
-            replies = self._device.hear(os.read(self._master, CHUNK), now)
+            replies = self._device.receive(os.read(self._master, CHUNK), now)
             if replies:
                 self._say(now + replies[-1][0], b"".join(content for _, content in replies))
         if orders in ready:
             lines = os.read(orders, CHUNK)
-            self._obey(lines.decode())
+            self._execute(lines.decode())
             return bool(lines)
         return True
 
     def _say(self, when: float, content: bytes) -> None:
-        """Send bytes at a monotonic time [s], together as adapters do; what nobody reads is lost, as on a wire."""
+        """Send bytes together at a monotonic time [s]; bytes that nobody reads are lost, as on a real line."""
         time.sleep(max(0.0, when - time.monotonic()))
         with contextlib.suppress(BlockingIOError):
             os.write(self._master, content)
 
-    def _obey(self, lines: str) -> None:
+    def _execute(self, lines: str) -> None:
         for line in lines.split("\n"):
             word, _, rest = line.partition(" ")
             if word == "fault":

@@ -1,1 +1,1 @@
-"""XL-320 servos on a serial port: the driver of arms that they move."""
+"""Driver of arms with XL-320 servos on a serial port."""

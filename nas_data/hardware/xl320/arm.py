@@ -1,4 +1,4 @@
-"""An arm of XL-320 servos: found, checked, set up, read and commanded once a cycle, and left safe."""
+"""An arm of XL-320 servos: checks, configuration, control and safe stop."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -21,13 +21,13 @@ from nas_data.hardware.xl320.units import HIGHEST, VOLT
 
 
 class Xl320Arm:
-    """An arm on a port; a context that leaves it without torque.
+    """An arm on a port; a context manager that switches its torque off at the end.
 
     Attributes:
         joints: Its joints and servos.
-        configuration: How its servos are set up before they move.
-        bus: Its line.
-        sequential: Whether its servos are read one by one, because they do not know sync read.
+        configuration: Settings of its servos.
+        bus: Its bus.
+        sequential: Whether servos are read one by one, because they do not support sync read.
         retries: Readings that needed more than one attempt.
     """
 
@@ -41,10 +41,10 @@ class Xl320Arm:
         """Open the port.
 
         Args:
-            port: Its path.
-            joints: What the arm should have.
-            now: Clock that stamps the readings [s].
-            configuration: How its servos are to be set up; as `Configuration` says where not given.
+            port: Path of the port.
+            joints: Expected joints and servos.
+            now: Clock for the time of readings [s].
+            configuration: Settings of the servos; the defaults of `Configuration` if None.
 
         Raises:
             ArmError: the port cannot be opened; see `open_port`.
@@ -62,11 +62,11 @@ class Xl320Arm:
         return self.joints.names
 
     def check(self) -> list[FoundServo]:
-        """Look at every servo, and refuse an arm that cannot be used.
+        """Check every servo, and refuse an arm that cannot be used.
 
         Raises:
-            ArmError: nobody answers, a servo is missing, twice there, of another model, shut down; the supply is low;
-                a joint stands outside its limits.
+            ArmError: no servo answers; a servo is missing, duplicate, of another model, or has shut down; the supply
+                voltage is low; or a joint is outside its limits.
         """
         found = survey(self.bus, self.joints.ids)
         for servo in found:
@@ -78,10 +78,10 @@ class Xl320Arm:
         return found
 
     def configure(self, configuration: Configuration | None = None) -> None:
-        """Set every servo up, as another configuration says where one is given; the torque is off afterwards.
+        """Write the settings of every servo, of another configuration if given; the torque is off afterwards.
 
         Raises:
-            ArmError: a servo does not take it.
+            ArmError: a servo refuses a setting.
         """
         self.configuration = configuration or self.configuration
         low, high = self.joints.raw(np.array(self.joints.low)), self.joints.raw(np.array(self.joints.high))
@@ -90,10 +90,10 @@ class Xl320Arm:
             self.configuration.write(self.bus, identity, (first, last))
 
     def torque_on(self) -> None:
-        """Switch the torque on where the arm stands: the goals of before are forgotten first, and surely.
+        """Switch the torque on with the present positions as goals, which replace older goals first.
 
         Raises:
-            ArmError: a servo does not confirm it.
+            ArmError: a servo does not confirm the goal or the torque.
         """
         ticks = self.joints.ticks(self.read().positions).tolist()
         for identity, goal in zip(self.joints.ids, ticks, strict=True):
@@ -101,32 +101,32 @@ class Xl320Arm:
             self.bus.write(identity, "torque_enable", 1)
 
     def torque_off(self) -> None:
-        """Switch the torque off at once, whatever moves."""
-        for _ in range(3):  # nobody confirms it, and it must not get lost
+        """Switch the torque off at once, even in motion."""
+        for _ in range(3):  # the packet is not confirmed, and must not get lost
             self.bus.sync_write("torque_enable", dict.fromkeys(self.joints.ids, 0))
 
     def command(self, positions: np.ndarray) -> np.ndarray:
-        """Send goals [rad], shape (n,); return them as they were sent: within the limits, in whole ticks."""
+        """Send goals [rad], shape (n,); return them as sent: within the limits and rounded to ticks."""
         ticks = self.joints.ticks(positions)
         self.bus.sync_write("goal_position", dict(zip(self.joints.ids, ticks.tolist(), strict=True)))
         return self.joints.positions(ticks)
 
     def read(self) -> Reading:
-        """Read position, speed and load of every servo in one exchange, or one by one where that fails.
+        """Read position, speed and load of every servo by one sync read, or one by one if that fails.
 
         Raises:
-            ArmError: nobody answers, or a servo does not, after several attempts.
+            ArmError: no servo answers, or one does not after several attempts.
         """
-        began = self._now()
+        start = self._now()
         answers = None if self.sequential else self.bus.sync_read(self.joints.ids, FEEDBACK, FEEDBACK_SIZE)
         if answers is None:
             self.retries += not self.sequential
-            began = self._now()
-            answers = self._one_by_one()
-        return self._reading(answers, (began + self._now()) / 2)
+            start = self._now()
+            answers = self._read_one_by_one()
+        return self._reading(answers, (start + self._now()) / 2)
 
     def health(self, identity: int) -> Health:
-        """Read voltage, temperature and hardware error of one servo; raises as `Bus.read` does."""
+        """Read voltage, temperature and hardware error of one servo; raises like `Bus.read`."""
         answer = self.bus.read(identity, HEALTH, HEALTH_SIZE)
         return Health(
             answer.register("present_voltage", HEALTH) * VOLT,
@@ -135,23 +135,23 @@ class Xl320Arm:
         )
 
     def refuse_alerts(self, reading: Reading) -> None:
-        """Say why a servo has shut down.
+        """Check that no servo has shut down.
 
         Raises:
-            ArmError: one has.
+            ArmError: a servo has shut down; the message gives the reason.
         """
         for identity in reading.alerts:
             refuse_unfit(self._name(identity), self.health(identity))
 
     def check_servo(self, index: int) -> Health:
-        """Read supply and warmth of the servo of one joint, and refuse it where it is unfit; raises as `check` does."""
+        """Read and check the health of the servo of joint `index`; raises like `check`."""
         identity = self.joints.ids[index]
         health = self.health(identity)
         refuse_unfit(self._name(identity), health)
         return health
 
     def registers(self) -> dict[str, dict[str, int]]:
-        """Read the settings of every servo, by joint and register; raises as `Bus.read` does."""
+        """Read the settings of every servo, by joint and register; raises like `Bus.read`."""
         answers = [
             self.bus.read(identity, 0, max(r.address + r.size for r in SETTINGS)) for identity in self.joints.ids
         ]
@@ -161,31 +161,31 @@ class Xl320Arm:
         }
 
     def read_position(self) -> np.ndarray:
-        """Return the positions [rad], shape (n,); raises as `read` does."""
+        """Return the positions [rad], shape (n,); raises like `read`."""
         return self.read().positions
 
     def hold(self, position: np.ndarray) -> None:
-        """Command positions [rad], shape (n,); raises as `command` does."""
+        """Command positions [rad], shape (n,); raises like `command`."""
         self.command(position)
 
     def speed(self) -> float:
-        """Return the speed of the fastest joint [rad/s]; raises as `read` does."""
+        """Return the speed of the fastest joint [rad/s]; raises like `read`."""
         return float(np.abs(self.read().velocities).max())
 
     def find_unconfirmed(self) -> list[int]:
-        """Return the servos that do not confirm that their torque is off."""
+        """Return the IDs of servos that do not confirm that their torque is off."""
         return [identity for identity in self.joints.ids if not self._is_off(identity)]
 
     def make_safe(self) -> str:
-        """Leave the arm without torque; see `nas_data.hardware.arms.safety`."""
+        """Stop the arm and switch its torque off; see `nas_data.hardware.arms.safety`."""
         return make_safe(self)
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         self.bus.port.closePort()
 
     def describe(self) -> dict[str, object]:
-        """Return what provenance records about the hardware."""
+        """Return the description of the hardware for provenance."""
         return {
             "kind": "hardware",
             "servo": "XL-320",
@@ -205,12 +205,12 @@ class Xl320Arm:
         except ArmError:
             return False
 
-    def _one_by_one(self) -> list[Answer]:
-        """Read every servo by itself.
+    def _read_one_by_one(self) -> list[Answer]:
+        """Read the servos one by one.
 
         Raises:
-            NobodyAnswers: none answers.
-            ServoSilent, BadReply: one does not.
+            NobodyAnswers: no servo answers.
+            ServoSilent, BadReply: a servo does not answer reliably.
         """
         try:
             return [self.bus.read(identity, FEEDBACK, FEEDBACK_SIZE) for identity in self.joints.ids]
@@ -242,9 +242,9 @@ class Xl320:
     """The driver of an arm of XL-320 servos.
 
     Attributes:
-        port: Its path.
-        joints: What the arm should have.
-        configuration: How its servos are set up.
+        port: Path of the port.
+        joints: Expected joints and servos.
+        configuration: Settings of the servos.
     """
 
     port: str
@@ -258,7 +258,7 @@ class Xl320:
 
     @property
     def speed(self) -> float:
-        """Speed that its servos are limited to [rad/s]; 0 for none."""
+        """Speed limit of the servos [rad/s]; 0 for none."""
         return self.configuration.speed
 
     def open(self, now: Callable[[], float] = time.monotonic) -> Xl320Arm:
@@ -266,7 +266,7 @@ class Xl320:
         return Xl320Arm(self.port, self.joints, now, self.configuration)
 
     def guard_options(self) -> dict[str, object]:
-        """Return what a guard needs."""
+        """Return the options of `open_for_guard`."""
         return {OPENER: f"{__name__}:{open_guarded.__name__}", "port": self.port, "joints": asdict(self.joints)}
 
 

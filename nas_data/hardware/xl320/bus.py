@@ -1,4 +1,4 @@
-"""Reads and writes of XL-320 registers by dynamixel-sdk: each is whole, from the right servo and fresh, or fails."""
+"""Reads and writes of XL-320 registers: a read returns a complete, fresh reply of the right servo, or fails."""
 
 import termios
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,11 +13,11 @@ from nas_data.hardware.xl320.control_table import REGISTERS
 from nas_data.hardware.xl320.port import Port
 
 ATTEMPTS = 3
-WRAPPING = 4  # instruction, error and checksum: what a reply's length counts besides its data
-ERROR_PLACE, DATA_PLACE = 8, 9  # in a status packet
+WRAPPING = 4  # bytes of instruction, error and checksum, which the length of a reply includes
+ERROR_INDEX, DATA_INDEX = 8, 9  # in a status packet
 ALERT = 0x80  # bit of a reply's error: the servo has a hardware error
-LENGTHS = 3  # ways in which a read may be longer than needed
-LISTENING = 0.005  # [s] in which a second servo of the same identity would answer as well
+LENGTHS = 3  # different lengths of a read: up to two additional bytes
+LISTENING = 0.005  # [s] in which a second servo with the same ID would answer as well
 PROTOCOL = 2.0
 REASONS = {
     1: "it could not follow the instruction",
@@ -32,27 +32,27 @@ REASONS = {
 
 @dataclass(frozen=True)
 class Answer:
-    """What a servo said.
+    """Reply of a servo.
 
     Attributes:
-        data: What was asked for.
-        alert: Whether it has a hardware error.
+        data: Bytes that were read.
+        alert: Whether the servo has a hardware error.
     """
 
     data: bytes
     alert: bool
 
     def register(self, name: str, start: int) -> int:
-        """Return a register of data that begins at an address."""
+        """Return a register's value from data that begin at address `start`."""
         entry = REGISTERS[name]
         return int.from_bytes(self.data[entry.address - start : entry.address - start + entry.size], "little")
 
 
 class Bus:
-    """The line to the servos.
+    """The bus of the servos, through dynamixel-sdk.
 
-    A reply that comes too late must not be taken for that to the next question. Reads are therefore asked for with a
-    byte or two more than needed after each failure: the length tells an old reply from a new one.
+    A late reply must not be taken for the reply to the next request. Therefore the length of reads changes after each
+    failure, by up to two additional bytes: the length distinguishes an old reply from a new one.
     """
 
     def __init__(self, port: Port) -> None:
@@ -67,23 +67,23 @@ class Bus:
         return bool(result == COMM_SUCCESS)
 
     def broadcast_ping(self) -> dict[int, int]:
-        """Return the model number of everything that answers a call to all, by its identity; takes 0.8 s."""
+        """Return the model number of each servo that answers a broadcast ping, by its ID; takes 0.8 s."""
         with self._using():
             servos, _ = self._handler.broadcastPing(self.port)
         return {identity: numbers[0] for identity, numbers in servos.items()}
 
     def read(self, identity: int, address: int, length: int, attempts: int = ATTEMPTS) -> Answer:
-        """Return a stretch of a servo's memory.
+        """Return a range of a servo's memory.
 
         Raises:
-            ServoSilent, BadReply: it does not answer, or not in a way that can be trusted.
+            ServoSilent, BadReply: it does not answer, or not reliably.
             AdapterLost: the port is gone.
         """
         for attempt in range(attempts):
-            asked = length + self._extra
+            requested = length + self._extra
             with self._using():
-                sent = self._handler.readTx(self.port, identity, address, asked) == COMM_SUCCESS
-                answer = self._receive(identity, length, asked) if sent else None
+                sent = self._handler.readTx(self.port, identity, address, requested) == COMM_SUCCESS
+                answer = self._receive(identity, length, requested) if sent else None
             if answer is not None:
                 return answer
             self.failures += 1
@@ -92,17 +92,17 @@ class Bus:
         raise AssertionError("at least one attempt is made")
 
     def sync_read(self, identities: Sequence[int], address: int, length: int) -> list[Answer] | None:
-        """Return a stretch of the memory of several servos in one exchange; None where one is missing.
+        """Return a range of the memory of several servos by one sync read; None if a reply is missing.
 
         Raises:
             AdapterLost: the port is gone.
         """
-        asked = length + self._extra
+        requested = length + self._extra
         answers = []
         with self._using():
-            sent = self._handler.syncReadTx(self.port, address, asked, list(identities), len(identities), False)
+            sent = self._handler.syncReadTx(self.port, address, requested, list(identities), len(identities), False)
             for identity in identities if sent == COMM_SUCCESS else ():
-                answer = self._receive(identity, length, asked)
+                answer = self._receive(identity, length, requested)
                 if answer is None:
                     break
                 answers.append(answer)
@@ -112,7 +112,7 @@ class Bus:
         return None
 
     def write(self, identity: int, name: str, value: int) -> None:
-        """Write a register and make sure that it holds the value.
+        """Write a register and verify it by reading it back.
 
         Raises:
             ServoRefused: the servo refuses the value.
@@ -131,12 +131,12 @@ class Bus:
         raise ServoRefused(f"Servo {identity} refuses {value} for {name.replace('_', ' ')}: {reason}.")
 
     def get(self, identity: int, name: str) -> int:
-        """Return a register; raises as `read` does."""
+        """Return a register's value; raises like `read`."""
         register = REGISTERS[name]
         return self.read(identity, register.address, register.size).register(name, register.address)
 
     def sync_write(self, name: str, values: Mapping[int, int]) -> None:
-        """Write a register of several servos in one packet, which none of them confirms.
+        """Write a register of several servos in one packet, without confirmation.
 
         Raises:
             AdapterLost: the port is gone.
@@ -149,10 +149,10 @@ class Bus:
             group.txPacket()
 
     def rename(self, identity: int, new: int) -> None:
-        """Give a servo another identity; its torque is off afterwards.
+        """Change the ID of a servo; its torque is off afterwards.
 
         Raises:
-            ServoSilent: it does not answer, or not by its new identity.
+            ServoSilent: it does not answer with the old or the new ID.
             AdapterLost: the port is gone.
         """
         self.write(identity, "torque_enable", 0)
@@ -162,26 +162,26 @@ class Bus:
         self.read(new, register.address, register.size)
 
     def reboot(self, identity: int) -> None:
-        """Let a servo start anew, which clears its errors; its memory in RAM is lost."""
+        """Restart a servo, which clears its errors and its volatile registers."""
         with self._using():
             self._handler.reboot(self.port, identity)
 
     def count_replies(self, identity: int, address: int, length: int) -> tuple[int, bool]:
-        """Ask one servo and listen to everything that comes; a late reply to an earlier question has another length.
+        """Send a read request to one ID, and count all replies; two servos with one ID both answer.
 
         Returns:
-            How many sound replies of that identity came, and whether something unsound came.
+            Number of valid replies, and whether a damaged one came.
         """
-        asked = length + self._extra
+        requested = length + self._extra
         with self._using():
-            self._handler.readTx(self.port, identity, address, asked)
+            self._handler.readTx(self.port, identity, address, requested)
             sound, damaged = 0, False
             while True:
                 packet, result = self._handler.rxPacket(self.port, False)
                 if result != COMM_SUCCESS:
                     self.failures += sound != 1
                     return sound, damaged or bool(packet)
-                sound += packet[4] == identity and packet[5] + 256 * packet[6] == asked + WRAPPING
+                sound += packet[4] == identity and packet[5] + 256 * packet[6] == requested + WRAPPING
                 damaged |= packet[4] != identity
                 self.port.setPacketTimeoutMillis(LISTENING * 1e3)
 
@@ -189,15 +189,15 @@ class Bus:
     def _extra(self) -> int:
         return self.failures % LENGTHS
 
-    def _receive(self, identity: int, length: int, asked: int) -> Answer | None:
-        """Wait for the reply of a servo; replies of others and of another length are old and passed over."""
+    def _receive(self, identity: int, length: int, requested: int) -> Answer | None:
+        """Wait for the reply of a servo; skip replies of other servos or lengths, which are old."""
         while True:
             packet, result = self._handler.rxPacket(self.port, False)
             if result != COMM_SUCCESS:
                 return None
-            if packet[4] == identity and packet[5] + 256 * packet[6] == asked + WRAPPING:
-                error = packet[ERROR_PLACE]
-                data = bytes(packet[DATA_PLACE : DATA_PLACE + length])
+            if packet[4] == identity and packet[5] + 256 * packet[6] == requested + WRAPPING:
+                error = packet[ERROR_INDEX]
+                data = bytes(packet[DATA_INDEX : DATA_INDEX + length])
                 return Answer(data, bool(error & ALERT)) if not error & ~ALERT else None
 
     def _raise_silence(self, identity: int) -> None:
@@ -210,7 +210,7 @@ class Bus:
 
     @contextmanager
     def _using(self) -> Iterator[None]:
-        """Begin an exchange on a quiet line; say it where the port is gone."""
+        """Begin a transaction with an empty input buffer; raise AdapterLost if the port is gone."""
         try:
             self.port.is_using = False
             self.port.drain()

@@ -1,4 +1,4 @@
-"""Zero offsets in LeRobot's calibration file: JSON with id, drive_mode, homing_offset, range_min, range_max a motor."""
+"""Zero offsets in LeRobot's calibration file, which has id, drive_mode, homing_offset and range by motor."""
 
 import json
 import os
@@ -11,11 +11,11 @@ from nas_data.errors import OptionError
 from nas_data.hardware.xl320.joints import Joints
 from nas_data.hardware.xl320.units import CENTRE
 
-REACH = 150  # [ticks] a zero offset beyond which a horn was mounted wrongly: 44°
+REACH = 150  # [ticks] largest plausible zero offset, 44°; beyond it the horn was mounted wrongly
 
 
 def default_path(robot: str, name: str) -> Path:
-    """Return where LeRobot looks for the calibration of a robot of some name.
+    """Return the path of LeRobot's calibration file for a type of robot and the name of an arm.
 
     Source: LeRobot 0.4.4, `HF_LEROBOT_CALIBRATION`, else `HF_LEROBOT_HOME/calibration`, else that below `HF_HOME`.
     """
@@ -26,14 +26,14 @@ def default_path(robot: str, name: str) -> Path:
 
 
 def offsets_at_zero(joints: Joints, raw: np.ndarray) -> tuple[int, ...]:
-    """Return the offsets [ticks] with which an arm that stands at zero reads as zero.
+    """Return the zero offsets [ticks] of an arm that is in its zero pose.
 
     Args:
         joints: The arm's joints.
         raw: Readings of the servos [ticks], shape (n,).
 
     Raises:
-        OptionError: a servo stands so far off that its horn was mounted wrongly, or the arm is not at zero.
+        OptionError: an offset is too large: a horn was mounted wrongly, or the arm is not in its zero pose.
     """
     offsets = CENTRE - raw
     far = np.flatnonzero(np.abs(offsets) > REACH)
@@ -46,7 +46,7 @@ def offsets_at_zero(joints: Joints, raw: np.ndarray) -> tuple[int, ...]:
 
 
 def write_calibration(path: Path, joints: Joints) -> None:
-    """Write the joints' zeros and limits so that LeRobot reads them."""
+    """Write the joints' zeros and limits in LeRobot's format."""
     ends = np.sort([joints.raw(np.array(joints.low)), joints.raw(np.array(joints.high))], axis=0).T
     content = {
         name: {
@@ -65,7 +65,7 @@ def read_calibration(path: Path, joints: Joints) -> Joints:
     """Return the joints with the zeros of a calibration file.
 
     Raises:
-        OptionError: the file is missing, damaged, or of another arm.
+        OptionError: the file is missing, damaged, or from another arm.
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -81,17 +81,17 @@ def read_calibration(path: Path, joints: Joints) -> Joints:
     return joints.with_offsets(tuple(number[2] for number in numbers))
 
 
-def joints_of(joints: Joints, robot: str, name: str, path: Path | None = None) -> Joints:
-    """Return the joints of an arm with its own zeros; as they are where it was never calibrated.
+def find_joints(joints: Joints, robot: str, name: str, path: Path | None = None) -> Joints:
+    """Return the joints with the zeros of an arm's calibration; unchanged without a calibration.
 
     Args:
-        joints: What such an arm has.
-        robot: Its kind.
-        name: Name of this very arm.
-        path: Its calibration file, where it is not in LeRobot's place.
+        joints: Joints of this type of arm.
+        robot: Type of the robot.
+        name: Name of the arm.
+        path: Calibration file; LeRobot's default path if None.
 
     Raises:
-        OptionError: the file that is given is missing, or the one that is there is damaged or of another arm.
+        OptionError: the given file is missing, or the file is damaged or from another arm.
     """
     known = path or default_path(robot, name)
     return read_calibration(known, joints) if path or known.is_file() else joints

@@ -1,4 +1,4 @@
-"""How the servos are set up before they move, and which of it outlives the power."""
+"""Settings of the servos."""
 
 from dataclasses import asdict, dataclass
 
@@ -11,14 +11,14 @@ FULL = 1023
 
 @dataclass(frozen=True, kw_only=True)
 class Configuration:
-    """Registers that every servo gets.
+    """Settings that are written to every servo.
 
     Attributes:
         p_gain: Proportional gain in the register's units; 32 at the factory.
         i_gain: Integral gain.
         d_gain: Derivative gain.
         speed: Speed limit [rad/s]; 0 for none. The paper's recordings had 100°/s.
-        torque: Torque limit as a share of the largest; Poppy's software uses 0.7.
+        torque: Torque limit as a share of the largest torque; Poppy's software uses 0.7.
     """
 
     p_gain: int = 32
@@ -37,26 +37,26 @@ class Configuration:
             raise OptionError(f"The torque limit is {self.torque}; it must be a share above 0 and up to 1.")
 
     def write(self, bus: Bus, identity: int, limits: tuple[int, int]) -> None:
-        """Set one servo up; its torque is off afterwards.
+        """Write the settings of one servo; its torque is off afterwards.
 
         Args:
-            bus: The line.
-            identity: Whom to set up.
+            bus: Bus of the servo.
+            identity: ID of the servo.
             limits: Lowest and highest goal [ticks].
 
         Raises:
-            ArmError: the servo does not take it.
+            ArmError: the servo refuses a setting.
         """
-        bus.write(identity, "torque_enable", 0)  # first: what outlives the power is locked while the torque is on
-        lasting = {"return_delay": 0, "status_level": 2, "control_mode": 2}
-        for name, value in (lasting | {"cw_limit": limits[0], "ccw_limit": limits[1]}).items():
-            if bus.get(identity, name) != value:  # the memory wears out with every write
+        bus.write(identity, "torque_enable", 0)  # first: persistent registers are locked while the torque is on
+        persistent = {"return_delay": 0, "status_level": 2, "control_mode": 2}
+        for name, value in (persistent | {"cw_limit": limits[0], "ccw_limit": limits[1]}).items():
+            if bus.get(identity, name) != value:  # the persistent memory wears out with every write
                 bus.write(identity, name, value)
         for name, value in self.registers().items():
             bus.write(identity, name, value)
 
     def registers(self) -> dict[str, int]:
-        """Return the registers that a loss of power forgets."""
+        """Return the values of the volatile registers."""
         return {
             "p_gain": self.p_gain,
             "i_gain": self.i_gain,
@@ -66,5 +66,5 @@ class Configuration:
         }
 
     def to_json(self) -> dict[str, object]:
-        """Return what provenance records."""
+        """Return the settings for provenance."""
         return {**asdict(self), "registers": self.registers(), "return_delay": 0}

@@ -1,4 +1,4 @@
-"""The control table of the XL-320: where each register lies, what it may hold and what it holds at first.
+"""The control table of the XL-320: addresses, ranges and initial values of the registers.
 
 Source: ROBOTIS e-manual, XL-320, control table.
 """
@@ -6,14 +6,14 @@ Source: ROBOTIS e-manual, XL-320, control table.
 from dataclasses import dataclass
 
 MODEL_NUMBER = 350
-SIZE = 53  # bytes, the last register included
-RAM = 24  # first address that a loss of power forgets; what lies below is locked while the torque is on
-FEEDBACK = 37  # address of position, speed and load, which lie side by side
+SIZE = 53  # bytes, including the last register
+RAM = 24  # first volatile address; registers below are locked while the torque is on
+FEEDBACK = 37  # address of position, speed and load, which are consecutive
 FEEDBACK_SIZE = 6
 HEALTH = 45  # address of voltage and temperature, five bytes before the hardware error
 HEALTH_SIZE = 6
 
-OVERLOAD, OVERHEAT, VOLTAGE = 1, 2, 4  # bits of the hardware error and of what shuts the servo down
+OVERLOAD, OVERHEAT, VOLTAGE = 1, 2, 4  # bits of the registers hardware_error and shutdown
 
 
 @dataclass(frozen=True)
@@ -24,10 +24,10 @@ class ControlTableEntry:
         name: Its name in this package.
         address: First byte.
         size: Bytes, little endian.
-        initial: Value at the factory.
-        low: Smallest value that may be written.
-        high: Largest value that may be written.
-        writable: Whether it may be written at all.
+        initial: Factory setting.
+        low: Smallest writable value.
+        high: Largest writable value.
+        writable: Whether it can be written.
     """
 
     name: str
@@ -75,5 +75,5 @@ REGISTERS = {
         ControlTableEntry("punch", 51, 2, 32, 0, 1023),
     )
 }
-FLEETING = ("registered", "moving", "hardware_error", "goal_position", "led")  # registers that are no settings
-SETTINGS = tuple(r for r in REGISTERS.values() if not r.name.startswith("present") and r.name not in FLEETING)
+NOT_SETTINGS = ("registered", "moving", "hardware_error", "goal_position", "led")  # registers that are no settings
+SETTINGS = tuple(r for r in REGISTERS.values() if not r.name.startswith("present") and r.name not in NOT_SETTINGS)

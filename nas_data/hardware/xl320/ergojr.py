@@ -1,6 +1,6 @@
-"""Which XL-320 moves which joint of the Poppy Ergo Jr.
+"""Joints and servos of the Poppy Ergo Jr.
 
-Source: Poppy's poppy_ergo_jr.json: identities 1 to 6, m1 and m4 direct, the others indirect.
+Source: Poppy's poppy_ergo_jr.json: IDs 1 to 6, m1 and m4 direct, the others indirect.
 """
 
 from functools import cache
@@ -12,10 +12,10 @@ DIRECT = {"m1": True, "m2": False, "m3": False, "m4": True, "m5": False, "m6": F
 
 @cache
 def ergojr_joints(offsets: tuple[int, ...] = ()) -> Joints:
-    """Return the joints of the ErgoJr, within the limits of its model.
+    """Return the joints of the ErgoJr, with the limits of its model.
 
     Args:
-        offsets: Ticks to add to the servos' readings; zero where not given.
+        offsets: Zero offsets [ticks]; zero if empty.
     """
     from nas_data.robots.ergojr import ROBOT
     from nas_data.simulators.limits import command_limits

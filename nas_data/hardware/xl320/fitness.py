@@ -1,4 +1,4 @@
-"""Whether an arm may be moved: supply, errors and warmth of its servos, and where its joints stand."""
+"""Checks before an arm moves: supply, errors and temperature of its servos, and positions of its joints."""
 
 import numpy as np
 
@@ -7,20 +7,20 @@ from nas_data.hardware.arms.base import Health
 from nas_data.hardware.xl320.control_table import OVERHEAT, OVERLOAD, VOLTAGE
 from nas_data.hardware.xl320.joints import Joints
 
-LOWEST_VOLTAGE = 6.0  # [V] below which an XL-320 is not specified; e-manual
-MARGIN = 0.05  # [rad] by which a joint may stand beyond its limits at the start: ten ticks of play and sag
-COOL = 50  # [°C] at which a servo that was too hot may go on
+LOWEST_VOLTAGE = 6.0  # [V] lowest specified voltage of an XL-320; e-manual
+MARGIN = 0.05  # [rad] tolerated initial position beyond a limit: ten ticks of play and sag
+COOL = 50  # [°C] to which an overheated servo must cool down
 
 
 def refuse_unfit(name: str, health: Health) -> None:
-    """Refuse a servo that shut down or has too little voltage.
+    """Refuse a servo that has shut down or has a low supply voltage.
 
     Args:
-        name: What to call the servo.
-        health: What it says.
+        name: Name of the servo in errors.
+        health: Its health.
 
     Raises:
-        SupplyLow: less than 6 V, or the servo noticed a voltage out of its range.
+        SupplyLow: the voltage is below 6 V, or the servo reported a voltage error.
         ServoHot, ServoOverloaded: it shut down for that reason.
     """
     again = "then clear it (nas robot ergojr --port PORT --reboot)."
@@ -37,10 +37,10 @@ def refuse_unfit(name: str, health: Health) -> None:
 
 
 def refuse_outside(joints: Joints, positions: np.ndarray) -> None:
-    """Refuse positions [rad], shape (n,), beyond the limits: a first command would pull the arm through what is there.
+    """Refuse positions [rad], shape (n,), outside the limits: a first command could cause a collision.
 
     Raises:
-        OutsideLimits: a joint stands outside.
+        OutsideLimits: a joint is outside its limits.
     """
     for joint, position, low, high in zip(joints.names, positions, joints.low, joints.high, strict=True):
         if not low - MARGIN <= position <= high + MARGIN:

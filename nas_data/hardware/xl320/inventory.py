@@ -1,4 +1,4 @@
-"""Everything that answers on a line, expected or not, and what is wrong with it: a report that refuses nothing."""
+"""Report of all servos that answer on a bus and of all problems with them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,11 +13,11 @@ from nas_data.hardware.xl320.survey import FoundServo, find_answering, no_answer
 
 @dataclass(frozen=True)
 class Inventory:
-    """What is there.
+    """Servos and problems of an arm.
 
     Attributes:
-        servos: That answer in a way that can be read, by identity.
-        problems: What keeps the arm from being used, one sentence each.
+        servos: Servos that could be read, in order of their IDs.
+        problems: Problems that prevent use of the arm, one sentence each.
     """
 
     servos: tuple[FoundServo, ...]
@@ -25,10 +25,10 @@ class Inventory:
 
 
 def take_inventory(arm: Xl320Arm) -> Inventory:
-    """Look at everything on an arm's line.
+    """Examine all servos on an arm's bus.
 
     Raises:
-        NobodyAnswers: nothing is there.
+        NobodyAnswers: no servo answers.
         AdapterLost: the port is gone.
     """
     answering = set(arm.bus.broadcast_ping()) | set(find_answering(arm.bus, arm.joints.ids))
@@ -41,11 +41,11 @@ def take_inventory(arm: Xl320Arm) -> Inventory:
             servos.append(read_servo(arm.bus, identity))
         except ArmError as error:
             problems.append(str(error))
-    return Inventory(tuple(servos), (*problems, *_absent(arm.joints, answering), *_unfit(arm, servos)))
+    return Inventory(tuple(servos), (*problems, *_find_unexpected(arm.joints, answering), *_find_unfit(arm, servos)))
 
 
-def _absent(joints: Joints, answering: set[int]) -> Iterator[str]:
-    """Name what should be there and is not, and the other way round."""
+def _find_unexpected(joints: Joints, answering: set[int]) -> Iterator[str]:
+    """Yield sentences on missing and on additional servos."""
     for name, identity in zip(joints.names, joints.ids, strict=True):
         if identity not in answering:
             yield f"Servo {identity} ({name}) does not answer; check its plug and its identity."
@@ -53,8 +53,8 @@ def _absent(joints: Joints, answering: set[int]) -> Iterator[str]:
         yield f"Servo {identity} is no servo of this arm; rename it (--rename {identity}:NEW) or unplug it."
 
 
-def _unfit(arm: Xl320Arm, servos: list[FoundServo]) -> Iterator[str]:
-    """Say which servos must not be used as they are."""
+def _find_unfit(arm: Xl320Arm, servos: list[FoundServo]) -> Iterator[str]:
+    """Yield sentences on servos that must not be used, and on joints outside their limits."""
     names = dict(zip(arm.joints.ids, arm.joints.names, strict=True))
     ours = [servo for servo in servos if servo.id in names]
     for servo in ours:

@@ -1,4 +1,4 @@
-"""Which servo moves which joint: identity, direction, zero and limits, and the conversion between ticks and radians."""
+"""Joints and their servos: ID, direction, zero and limits, and the conversion between ticks and radians."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,12 +13,12 @@ class Joints:
     """Joints of an arm, one servo each.
 
     Attributes:
-        names: Of the joints.
-        ids: Of their servos.
-        direct: Whether a joint turns as its servo does; against it otherwise.
+        names: Names of the joints.
+        ids: IDs of their servos.
+        direct: Whether a joint turns in the direction of its servo.
         low: Lowest positions [rad].
         high: Highest positions [rad].
-        offsets: Ticks to add to a servo's reading, so that the joint's zero reads as the centre.
+        offsets: Ticks that are added to a servo's reading, so that the joint's zero is the centre of the range.
     """
 
     names: tuple[str, ...]
@@ -55,11 +55,11 @@ class Joints:
         return np.asarray(self.signs * decode_sign_magnitude(raw) * LOAD_UNIT)
 
     def raw(self, positions: np.ndarray) -> np.ndarray:
-        """Return the nearest ticks for positions [rad], shape (n,), even where a servo cannot count that far."""
+        """Return the nearest ticks for positions [rad], shape (n,), even outside the servo's range."""
         return np.rint(self.signs * positions / TICK).astype(int) + self.zeros
 
     def ticks(self, positions: np.ndarray) -> np.ndarray:
-        """Return goals for positions [rad], shape (n,): the nearest ticks within the joints' limits and the servo's."""
+        """Return goals for positions [rad], shape (n,): the nearest ticks within the limits of joints and servos."""
         return np.clip(self.raw(np.clip(positions, self.low, self.high)), 0, HIGHEST)
 
     def with_offsets(self, offsets: tuple[int, ...]) -> "Joints":

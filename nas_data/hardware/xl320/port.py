@@ -1,4 +1,4 @@
-"""A serial port as dynamixel-sdk uses it, opened for one program alone and with refusals in sentences."""
+"""An exclusive serial port for dynamixel-sdk."""
 
 import time
 
@@ -8,15 +8,15 @@ from dynamixel_sdk import PortHandler
 from nas_data.hardware.arms.line import PSEUDO_TERMINALS
 from nas_data.hardware.arms.port_errors import refusal
 
-BAUD = 1_000_000  # [bit/s] of an XL-320 from the factory
-PATIENCE = 0.02  # [s] to wait for a reply beyond its time on the wire: more than any USB latency timer (16 ms)
-LENIENCE = 0.04  # [s] the same where another program plays the servos, which must first be given a processor
-WAIT = 0.002  # [s] that one look for bytes may last
-WRITING = 0.2  # [s] after which a port that takes no bytes is given up
+BAUD = 1_000_000  # [bit/s] factory setting of an XL-320
+PATIENCE = 0.02  # [s] timeout of a reply in addition to its transmission time; USB latency timers take up to 16 ms
+LENIENCE = 0.04  # [s] the same for virtual servos, whose process must first be scheduled
+WAIT = 0.002  # [s] read timeout
+WRITING = 0.2  # [s] write timeout
 
 
 class Port(PortHandler):
-    """The SDK's port, which waits for bytes instead of spinning, by a clock that nobody sets."""
+    """The SDK's port with blocking reads instead of busy waiting, and a monotonic clock."""
 
     patience = PATIENCE
     is_open: bool = False
@@ -35,11 +35,11 @@ class Port(PortHandler):
         return time.monotonic() * 1e3
 
     def setPacketTimeout(self, packet_length: int) -> None:  # noqa: N802
-        """Start to wait for a packet of some bytes."""
+        """Start the timeout for a packet of `packet_length` bytes."""
         self.setPacketTimeoutMillis(packet_length * self.tx_time_per_byte + self.patience * 1e3)
 
     def drain(self) -> None:
-        """Forget what has come in and was not asked for."""
+        """Discard received bytes."""
         self.ser.reset_input_buffer()
 
 
@@ -47,9 +47,9 @@ def open_port(path: str, baud: int = BAUD) -> Port:
     """Open a serial port.
 
     Raises:
-        NoSuchPort: there is nothing of that name.
-        PortDenied: the user may not open it.
-        PortBusy: another program has it.
+        NoSuchPort: there is no such port.
+        PortDenied: the user has no permission.
+        PortBusy: another program uses the port.
         ArmError: it is no serial port.
     """
     port = Port(path)

@@ -1,4 +1,4 @@
-"""What is found on a line: each servo with its model, state and place, or why it is not usable."""
+"""Search for the servos on a bus, with model and state of each."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from nas_data.hardware.xl320.control_table import FEEDBACK, MODEL_NUMBER, OVERHE
 from nas_data.hardware.xl320.units import VOLT
 
 TRIES = 3
-MOVING_PART = 10  # bytes from the position to the temperature: what differs between two servos of one identity
+MOVING_PART = 10  # bytes from position to temperature, which differ between two servos with one ID
 FAULTS = {OVERLOAD: "overload", OVERHEAT: "overheating", VOLTAGE: "voltage"}
 
 
@@ -18,14 +18,14 @@ class FoundServo:
     """One servo.
 
     Attributes:
-        id: Its identity.
+        id: Its ID.
         model: Its model number; 350 is an XL-320.
-        firmware: Its firmware's version.
-        voltage: At its supply [V].
-        temperature: Inside [°C].
-        ticks: Where it stands, as it counts itself.
+        firmware: Version of its firmware.
+        voltage: Supply voltage [V].
+        temperature: Internal temperature [°C].
+        ticks: Position [ticks].
         torque: Whether its torque is on.
-        errors: Why it shut down, in words; empty where it did not.
+        errors: Reasons of a shutdown in words; empty without one.
     """
 
     id: int
@@ -39,10 +39,10 @@ class FoundServo:
 
 
 def read_servo(bus: Bus, identity: int) -> FoundServo:
-    """Read everything about one servo; raises as `Bus.read` does."""
+    """Read model and state of one servo; raises like `Bus.read`."""
     head = bus.read(identity, 0, 3)
     model = head.register("model_number", 0)
-    if model != MODEL_NUMBER:  # another control table: nothing else can be read
+    if model != MODEL_NUMBER:  # other models have another control table
         return FoundServo(identity, model, head.register("firmware", 0), 0.0, 0, 0, False, ())
     live = bus.read(identity, FEEDBACK, MOVING_PART)
     error = bus.get(identity, "hardware_error")
@@ -59,21 +59,21 @@ def read_servo(bus: Bus, identity: int) -> FoundServo:
 
 
 def survey(bus: Bus, identities: Sequence[int]) -> list[FoundServo]:
-    """Look at the servos of an arm.
+    """Find and read the servos of an arm.
 
     Raises:
-        NobodyAnswers, ServoSilent: none or not all of them answer.
-        DuplicateId: two have one identity.
-        WrongModel: one is no XL-320.
+        NobodyAnswers, ServoSilent: no servo, or not every servo, answers.
+        DuplicateId: two servos have the same ID.
+        WrongModel: a servo is no XL-320.
     """
-    here = find_answering(bus, identities)
-    if not here:
+    answering = find_answering(bus, identities)
+    if not answering:
         raise no_answer_error(bus.port.port_name)
-    refuse_duplicates(bus, here)
-    missing = [str(identity) for identity in identities if identity not in here]
+    refuse_duplicates(bus, answering)
+    missing = [str(identity) for identity in identities if identity not in answering]
     if missing:
         raise ServoSilent(
-            f"Servo {', '.join(missing)} does not answer, {', '.join(map(str, here))} do; check its plug and its "
+            f"Servo {', '.join(missing)} does not answer, {', '.join(map(str, answering))} do; check its plug and its "
             "identity (a new servo has 1, and two with one identity cannot be told apart)."
         )
     found = [read_servo(bus, identity) for identity in identities]
@@ -86,15 +86,15 @@ def survey(bus: Bus, identities: Sequence[int]) -> list[FoundServo]:
 
 
 def find_answering(bus: Bus, identities: Sequence[int]) -> list[int]:
-    """Return which servos answer, in any of several tries."""
+    """Return the IDs that answer a ping in any of several tries."""
     return [identity for identity in identities if any(bus.ping(identity) for _ in range(TRIES))]
 
 
 def refuse_duplicates(bus: Bus, identities: Sequence[int]) -> None:
-    """Find identities to which two servos answer: one after the other, or over each other.
+    """Refuse IDs to which two servos answer, in succession or at the same time.
 
     Raises:
-        DuplicateId: there is one.
+        DuplicateId: there is such an ID.
     """
     for identity in identities:
         heard = [bus.count_replies(identity, FEEDBACK, MOVING_PART) for _ in range(TRIES)]
@@ -106,7 +106,7 @@ def refuse_duplicates(bus: Bus, identities: Sequence[int]) -> None:
 
 
 def no_answer_error(port: str) -> ArmError:
-    """Return what to raise where no servo answers."""
+    """Return the error if no servo answers."""
     return NobodyAnswers(
         f"No servo answers on {port}; switch the supply on (7.4 V), check the plug of the first servo, and that it is "
         "the arm's port."

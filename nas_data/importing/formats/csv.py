@@ -1,4 +1,4 @@
-"""CSV: one line of column names, then one line a row; a cell holds a number or a JSON list of numbers."""
+"""CSV: one line of column names, then one line per row; a cell holds a number or a JSON list of numbers."""
 
 import codecs
 from contextlib import suppress
@@ -18,7 +18,7 @@ UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 def read(path: Path, layout: LogLayout) -> LogTable:
-    """Read a file; a cell stays text until its column is asked for, so that no type is guessed from the first rows."""
+    """Read a file; cells stay text until their column is read, so that no type is guessed from the first rows."""
     _check_start(path, layout.delimiter)
     parsing = csv.ParseOptions(delimiter=layout.delimiter)
     try:
@@ -36,10 +36,10 @@ def read(path: Path, layout: LogLayout) -> LogTable:
 
 
 def _check_start(path: Path, delimiter: str) -> None:
-    """Refuse an encoding that is not UTF-8, and a header that another delimiter divides.
+    """Refuse other encodings than UTF-8, and a header with another delimiter.
 
     Raises:
-        LogError: names the encoding, or the delimiter to say.
+        LogError: names the encoding or the delimiter.
     """
     with path.open("rb") as file:
         line = file.readline()
@@ -62,7 +62,7 @@ def _refuse_ragged(path: Path, delimiter: str) -> None:
     """Find the row for which parsing failed.
 
     Raises:
-        LogError: names the row, its line and how many cells it has.
+        LogError: names the line and its number of cells.
     """
     bad: list[csv.InvalidRow] = []
 
@@ -70,7 +70,7 @@ def _refuse_ragged(path: Path, delimiter: str) -> None:
         bad.append(row)
         return "skip"
 
-    # Only a reader with one thread knows the numbers of lines.
+    # Line numbers are only known to a reader with one thread.
     parsing = csv.ParseOptions(delimiter=delimiter, invalid_row_handler=keep)
     with suppress(pa.ArrowInvalid):
         csv.read_csv(path, read_options=csv.ReadOptions(use_threads=False), parse_options=parsing)

@@ -1,4 +1,4 @@
-"""JSON: a list of rows under one key, or one list a column; what stands beside it are constants."""
+"""JSON: a list of rows under one key, or one list per column; other keys are constants."""
 
 import json
 from pathlib import Path
@@ -32,7 +32,11 @@ def read(path: Path, layout: LogLayout) -> LogTable:
 
 
 def _parse(path: Path) -> object:
-    """Parse a file; what is wrong with its text is said by line."""
+    """Parse a file.
+
+    Raises:
+        LogError: the file is no UTF-8 or no JSON; the message has the line.
+    """
     try:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError:
@@ -40,7 +44,7 @@ def _parse(path: Path) -> object:
     try:
         return json.loads(text)
     except json.JSONDecodeError as error:
-        # A file that stops early is complained about at its end, or at the start of the text that never closes.
+        # The error of a truncated file is at its end, or at the start of an unterminated string.
         if error.pos >= len(text.rstrip()) - 1 or error.msg.startswith("Unterminated"):
             raise LogError(
                 f"{path} is cut off in line {error.lineno}; copy it again, or let the recorder close its file."
@@ -51,7 +55,7 @@ def _parse(path: Path) -> object:
 
 
 def _from_rows(path: Path, rows: object) -> dict[str, pa.Array]:
-    """Turn a list of objects into columns; a key that a row lacks is empty there."""
+    """Convert a list of objects to columns; missing keys become empty cells."""
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise LogError(f'{path} holds no list of objects as rows; each row must be an object like {{"time": 0.0}}.')
     names = list(dict.fromkeys(name for row in rows for name in row))
@@ -59,7 +63,7 @@ def _from_rows(path: Path, rows: object) -> dict[str, pa.Array]:
 
 
 def _column(path: Path, name: str, values: list[object]) -> pa.Array:
-    """Return a column; what is no column of one kind becomes text, and is complained about only if it is needed."""
+    """Return a column; values of mixed types become text, which is an error only if the column is read."""
     try:
         return pa.array(values)
     except (pa.ArrowInvalid, pa.ArrowTypeError):

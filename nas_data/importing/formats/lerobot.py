@@ -1,4 +1,4 @@
-"""LeRobot: a dataset in LeRobot's format; components are named, and each episode has its task."""
+"""LeRobot: a dataset in LeRobot's format, with named components and a task per episode."""
 
 from pathlib import Path
 
@@ -16,12 +16,12 @@ FOLDER = "a LeRobot dataset"
 
 
 def is_log(path: Path) -> bool:
-    """Return whether a folder is such a log."""
+    """Return whether a folder is a LeRobot dataset."""
     return (path / INFO).is_file() or bool(list_versions(path))
 
 
 def read(path: Path, layout: LogLayout) -> LogTable:
-    """Read a dataset's vectors, its time stamps, and the number and the task of each row's episode."""
+    """Read a dataset's vectors and time stamps, and index and task of each row's episode."""
     root = resolve(path)
     dataset = read_dataset(root)
     columns: dict[str, np.ndarray] = {key: np.asarray(column) for key, column in dataset.columns.items()}

@@ -1,4 +1,4 @@
-"""MAT: variables of a MATLAB file, rows first; fields of a struct are named with a dot, single values are constants."""
+"""MAT: arrays of a MATLAB file, one row per time; struct fields have dotted names, scalars are constants."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +13,7 @@ SUFFIXES = (".mat",)
 
 
 def read(path: Path, layout: LogLayout) -> LogTable:
-    """Read a file; nothing in it is run."""
+    """Read a file without executing code in it."""
     from scipy.io import loadmat
     from scipy.io.matlab import MatReadError
 
@@ -36,7 +36,7 @@ def read(path: Path, layout: LogLayout) -> LogTable:
 
 
 def _variables(variables: dict[str, np.ndarray], inside: str = "") -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the arrays of numbers and texts, those inside structs with the struct's name before theirs."""
+    """Yield numeric and text arrays by name; fields of structs are prefixed with the struct's name."""
     for key, value in variables.items():
         name = f"{inside}.{key}" if inside else key
         if value.dtype.names and value.size == 1:

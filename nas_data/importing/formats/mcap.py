@@ -1,4 +1,4 @@
-"""MCAP: messages of ROS 2 or JSON, one table a topic."""
+"""MCAP: messages of ROS 2 or JSON, one table per topic."""
 
 import json
 from collections.abc import Callable, Iterator

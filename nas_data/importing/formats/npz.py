@@ -1,4 +1,4 @@
-"""NPZ: one NumPy array a quantity, rows first; arrays without dimensions are constants."""
+"""NPZ: one NumPy array per quantity, one row per time; arrays without dimensions are constants."""
 
 import zipfile
 import zlib
@@ -11,12 +11,12 @@ from nas_data.importing.layout import LogLayout
 from nas_data.importing.table import LogTable
 
 SUFFIXES = (".npz",)
-ZIP = b"PK\x03\x04"  # how a ZIP archive begins
+ZIP = b"PK\x03\x04"  # first bytes of a ZIP archive
 OBJECTS = "holds Python objects, which are not read from files; save it as numbers, for example with astype(float)"
 
 
 def read(path: Path, layout: LogLayout) -> LogTable:
-    """Read a file without unpickling anything: arrays of objects are refused where the map names them."""
+    """Read a file without unpickling; object arrays are refused if the map names them."""
     if not zipfile.is_zipfile(path):
         if path.read_bytes()[: len(ZIP)] == ZIP:
             raise LogError(f"{path} is cut off: its last part is missing; copy it again from where it was recorded.")
@@ -33,7 +33,7 @@ def read(path: Path, layout: LogLayout) -> LogTable:
 
 
 def _array(archive: np.lib.npyio.NpzFile, name: str) -> np.ndarray | None:
-    """Return an array; None where it would have to be unpickled."""
+    """Return an array; None if it would have to be unpickled."""
     try:
         return archive[name]
     except ValueError:

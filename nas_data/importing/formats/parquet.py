@@ -1,4 +1,4 @@
-"""Parquet: one column a quantity, plain or of lists."""
+"""Parquet: one column per quantity, plain or of lists."""
 
 from pathlib import Path
 
@@ -9,11 +9,11 @@ from nas_data.importing.layout import LogLayout
 from nas_data.importing.table import LogTable, number_or_text, refuse_twice
 
 SUFFIXES = (".parquet", ".pq")
-MAGIC = b"PAR1"  # how a Parquet file begins and ends
+MAGIC = b"PAR1"  # first and last bytes of a Parquet file
 
 
 def read(path: Path, layout: LogLayout) -> LogTable:
-    """Read a file; its own key-value metadata are the log's constants."""
+    """Read a file; its key-value metadata are constants."""
     content = path.read_bytes()
     if content.startswith(MAGIC) and not content.endswith(MAGIC):
         raise LogError(f"{path} is cut off: its end is missing; copy it again, or let the recorder close its file.")

@@ -1,4 +1,4 @@
-"""PT: plain tensors that torch.save wrote, rows first, by their names; nothing else is read from such a file."""
+"""PT: a mapping of tensors by torch.save, one row per time; scalars and texts are constants."""
 
 import pickle
 from collections.abc import Iterator, Mapping
@@ -15,7 +15,7 @@ REMEDY = "save plain tensors: torch.save({'q': q, 't': t}, path)"
 
 
 def read(path: Path, layout: LogLayout) -> LogTable:
-    """Read a file without running anything that it holds: objects beside tensors, numbers and texts are refused."""
+    """Read a file without executing code in it; other objects than tensors, numbers and texts are refused."""
     import torch
 
     try:
@@ -36,7 +36,7 @@ def read(path: Path, layout: LogLayout) -> LogTable:
 
 
 def _values(content: Mapping[object, object], inside: str = "") -> Iterator[tuple[str, object]]:
-    """Yield values by their names, those of a mapping inside with its name before theirs."""
+    """Yield values by name; values of nested mappings are prefixed with the mapping's name."""
     for key, value in content.items():
         name = f"{inside}.{key}" if inside else str(key)
         if isinstance(value, Mapping):

@@ -1,4 +1,4 @@
-"""Bags of ROS: the folder of a ROS 2 bag, or the file of a ROS 1 bag; one table a topic."""
+"""ROS bags: the folder of a ROS 2 bag or the file of a ROS 1 bag, one table per topic."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,7 +19,7 @@ FOLDER = "a ROS 2 bag"
 
 
 def is_log(path: Path) -> bool:
-    """Return whether a folder is such a log; the metadata are written last, so that a killed recorder leaves none."""
+    """Return whether a folder is a ROS 2 bag, possibly without metadata, which recorders write last."""
     return any(file.name == "metadata.yaml" or file.suffix in (".db3", ".mcap") for file in visible(path))
 
 

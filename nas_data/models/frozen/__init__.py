@@ -1,1 +1,1 @@
-"""Networks that no longer learn, stepped once for all rows of a batch: one way to do it a file."""
+"""Inference of trained networks, one control step for a batch of rows: one backend per file."""

@@ -1,4 +1,4 @@
-"""What a frozen network is: something that says for a whole batch by how much it changes the next states."""
+"""Interface of frozen networks."""
 
 from typing import Protocol
 
@@ -6,12 +6,12 @@ import numpy as np
 
 
 class FrozenNetwork(Protocol):
-    """φ or ψ for a batch of B closed loops, with what it remembers of each."""
+    """φ or ψ for a batch of B closed loops, with the memory of each."""
 
     size: int
 
     def changes(self, states: np.ndarray, commands: np.ndarray, predicted: np.ndarray) -> np.ndarray:
-        """Read one control step, remember it, and return what is added; see `DynamicsModel.changes`.
+        """Process one control step, update the memory, and return the output; see `DynamicsModel.changes`.
 
         Args:
             states: Positions [rad] then velocities [rad/s], shape (B, 2n).
@@ -20,8 +20,8 @@ class FrozenNetwork(Protocol):
 
         Returns:
             Changes of positions [rad] then velocities [rad/s], shape (B, 2n), or of torques [N·m], shape (B, n),
-            float32; overwritten by the next call.
+            float32; the next call overwrites the array.
         """
 
-    def forget(self, rows: np.ndarray | slice) -> None:
-        """Zero what is remembered of some rows, as at an episode's start."""
+    def reset_memory(self, rows: np.ndarray | slice) -> None:
+        """Zero the memory of some rows, as at an episode's start."""

@@ -1,4 +1,4 @@
-"""Which way to step a frozen network is the fastest one present."""
+"""Choice of the fastest available backend for a frozen network."""
 
 from nas_data.models.frozen.base import FrozenNetwork
 from nas_data.models.frozen.torch_network import TorchNetwork
@@ -6,10 +6,10 @@ from nas_data.models.lstm import DynamicsModel
 
 
 def freeze(model: DynamicsModel, size: int) -> FrozenNetwork:
-    """Return a network with the model's present weights for B rows: by ONNX Runtime, or by torch where that is absent.
+    """Return a frozen copy of a model for B rows, on ONNX Runtime if installed, else on torch.
 
     Args:
-        model: φ or ψ; what is learned later does not reach the network.
+        model: φ or ψ; later training does not change the copy.
         size: Number of rows, B.
     """
     try:

@@ -6,27 +6,27 @@ from torch import Tensor
 
 from nas_data.models.lstm import DynamicsModel
 
-OPSET, IR_VERSION = 17, 9  # of 2022: every ONNX Runtime that knows a Python of ours reads them
-GATES = [0, 3, 1, 2]  # torch's nn.LSTM keeps input, forget, cell, output; ONNX's LSTM input, output, forget, cell
+OPSET, IR_VERSION = 17, 9  # of 2022: every ONNX Runtime for the Python versions of this package supports them
+GATES = [0, 3, 1, 2]  # order in torch: input, forget, cell, output; in ONNX: input, output, forget, cell
 INPUTS, CHANGES = "inputs", "changes"
 
 
 def hidden_name(layer: int, after: bool) -> str:
-    """Return the name of what a layer remembers and puts out, before or after the step."""
+    """Return the name of a layer's hidden state before or after the step."""
     return f"hidden{layer}_{'after' if after else 'before'}"
 
 
 def cell_name(layer: int, after: bool) -> str:
-    """Return the name of a layer's cell state, before or after the step."""
+    """Return the name of a layer's cell state before or after the step."""
     return f"cell{layer}_{'after' if after else 'before'}"
 
 
-def one_step(model: DynamicsModel, size: int) -> ModelProto:
+def build_graph(model: DynamicsModel, size: int) -> ModelProto:
     """Return the graph for a batch of fixed size.
 
-    Its inputs are what `DynamicsModel.raw_inputs` returns less `input_mean` (B, width), and hidden and cell state of
-    each layer (1, B, hidden); its outputs are the changes in physical units (B, 2n), and the states after. The
-    spreads by which inputs are divided and outputs multiplied are part of the weights.
+    Inputs are `DynamicsModel.raw_inputs` minus `input_mean`, shape (B, width), and hidden and cell state of each layer,
+    shape (1, B, hidden). Outputs are the changes in physical units, shape (B, 2n or n), and the next hidden and cell
+    states. The scales of the normalisation are part of the weights.
 
     Args:
         model: φ or ψ.
@@ -36,7 +36,7 @@ def one_step(model: DynamicsModel, size: int) -> ModelProto:
     weights = linear_weights(model) | {key: value for k in range(layers) for key, value in lstm_weights(model, k)}
     memory = layers, (1, size, hidden)
     graph = helper.make_graph(
-        nodes(model, layers, hidden),
+        build_nodes(model, layers, hidden),
         "one_step",
         [declare(INPUTS, (size, model.inner.in_features)), *declare_memory(*memory, after=False)],
         [declare(CHANGES, (size, model.outer.out_features)), *declare_memory(*memory, after=True)],
@@ -45,8 +45,8 @@ def one_step(model: DynamicsModel, size: int) -> ModelProto:
     return helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR_VERSION)
 
 
-def nodes(model: DynamicsModel, layers: int, hidden: int) -> list[NodeProto]:
-    """Return the operations in their order; a layer reads what the one before it puts out."""
+def build_nodes(model: DynamicsModel, layers: int, hidden: int) -> list[NodeProto]:
+    """Return the operations in order."""
     made = [
         helper.make_node("Gemm", [INPUTS, "inner_weight", "inner_bias"], ["inner"], transB=1),
         helper.make_node("Relu", ["inner"], ["read"]),
@@ -59,34 +59,34 @@ def nodes(model: DynamicsModel, layers: int, hidden: int) -> list[NodeProto]:
         given = [source, f"w{layer}", f"r{layer}", f"b{layer}", "", *before]
         made.append(helper.make_node("LSTM", given, after, hidden_size=hidden))
     made.append(helper.make_node("Squeeze", [hidden_name(layers - 1, after=True), "time"], ["last"]))
-    beside = "outer_bias"
+    bias = "outer_bias"
     if model.shortcut is not None:
-        made.append(helper.make_node("Gemm", [INPUTS, "shortcut_weight", beside], ["linear"], transB=1))
-        beside = "linear"
-    made.append(helper.make_node("Gemm", ["last", "outer_weight", beside], [CHANGES], transB=1))
+        made.append(helper.make_node("Gemm", [INPUTS, "shortcut_weight", bias], ["linear"], transB=1))
+        bias = "linear"
+    made.append(helper.make_node("Gemm", ["last", "outer_weight", bias], [CHANGES], transB=1))
     return made
 
 
 def linear_weights(model: DynamicsModel) -> dict[str, np.ndarray]:
-    """Return the weights of the linear layers, the spreads of inputs and outputs multiplied into them."""
-    read, put = model.inputs.std.double(), model.outputs.std.double()[:, None]
-    bias, spare = model.outer.bias.double(), {}
+    """Return the weights of the linear layers, including the scales of inputs and outputs."""
+    input_scale, output_scale = model.inputs.std.double(), model.outputs.std.double()[:, None]
+    bias, shortcut = model.outer.bias.double(), {}
     if model.shortcut is not None:
         bias = bias + model.shortcut.bias.double()
-        spare = {"shortcut_weight": as_weight(model.shortcut.weight.double() / read * put)}
-    return spare | {
-        "inner_weight": as_weight(model.inner.weight.double() / read),
-        "inner_bias": as_weight(model.inner.bias),
-        "outer_weight": as_weight(model.outer.weight.double() * put),
-        "outer_bias": as_weight(model.outputs.restore(bias)),
-        "time": np.array([0]),  # the axis
+        shortcut = {"shortcut_weight": to_array(model.shortcut.weight.double() / input_scale * output_scale)}
+    return shortcut | {
+        "inner_weight": to_array(model.inner.weight.double() / input_scale),
+        "inner_bias": to_array(model.inner.bias),
+        "outer_weight": to_array(model.outer.weight.double() * output_scale),
+        "outer_bias": to_array(model.outputs.restore(bias)),
+        "time": np.array([0]),  # index of the time axis
     }
 
 
 def lstm_weights(model: DynamicsModel, layer: int) -> list[tuple[str, np.ndarray]]:
-    """Return a layer's weights for its input and its memory, shape (1, 4 hidden, …), and biases (1, 8 hidden)."""
+    """Return a layer's input and recurrent weights, shape (1, 4 hidden, …), and biases, shape (1, 8 hidden)."""
     parts = {
-        name: reorder(getattr(model.lstm, f"{name}_l{layer}"))
+        name: reorder_gates(getattr(model.lstm, f"{name}_l{layer}"))
         for name in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
     }
     biases = np.concatenate([parts["bias_ih"], parts["bias_hh"]])
@@ -94,13 +94,13 @@ def lstm_weights(model: DynamicsModel, layer: int) -> list[tuple[str, np.ndarray
     return [(f"{name}{layer}", array[None]) for name, array in zip("wrb", arrays, strict=True)]
 
 
-def reorder(weight: Tensor) -> np.ndarray:
-    """Bring the gates, stacked along the first axis, into ONNX's order."""
-    return np.concatenate([np.split(as_weight(weight), 4)[gate] for gate in GATES])
+def reorder_gates(weight: Tensor) -> np.ndarray:
+    """Reorder the gates, stacked along the first axis, from torch's to ONNX's order."""
+    return np.concatenate([np.split(to_array(weight), 4)[gate] for gate in GATES])
 
 
-def as_weight(tensor: Tensor) -> np.ndarray:
-    """Return a tensor as float32."""
+def to_array(tensor: Tensor) -> np.ndarray:
+    """Return a tensor as a float32 array."""
     return np.asarray(tensor.detach().cpu().float())
 
 

@@ -116,8 +116,8 @@ class RobotStepper:
         here, _ = self._measured()
         self._safe = here - self._planner.sag(here)
 
-    def guide(self, targets: np.ndarray, rows: np.ndarray) -> None:
-        """Set the defender's command for the next steps; see `Stepper.guide`."""
+    def command_objects(self, targets: np.ndarray, rows: np.ndarray) -> None:
+        """Set the defender's command for the next steps; see `Stepper.command_objects`."""
         self._guidance = targets[0].copy()
 
     def step(self, commands: np.ndarray) -> np.ndarray:

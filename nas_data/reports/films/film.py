@@ -11,7 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 from nas_data.errors import OptionError
 from nas_data.reports.films.motion import Motion
 from nas_data.reports.films.scene import Scene, colour
-from nas_data.simulators.offscreen import Pictures
+from nas_data.simulators.offscreen import OffscreenRenderer
 from nas_data.whole_file import write_whole
 
 LINE, EDGE = 22, 10  # [px] height of a line of the caption, and space around it
@@ -51,7 +51,7 @@ class Film:
             )
         self.scene = Scene(motion)
         camera = self.scene.camera(azimuth, elevation, size[1] / height)
-        self._pictures = Pictures(self.scene.model, self.scene.data, (height, size[1]), camera)
+        self._pictures = OffscreenRenderer(self.scene.model, self.scene.data, (height, size[1]), camera)
         font = Path(matplotlib.get_data_path(), "fonts/ttf/DejaVuSans.ttf")
         self._font = ImageFont.truetype(str(font), TYPE_SIZE)
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from nas_data.errors import ModelFileError
 from nas_data.mjcf.bake_inertia import explicit
-from nas_data.mjcf.engine_warnings import heard_warnings
-from nas_data.mjcf.export import find_file, references
+from nas_data.mjcf.engine_warnings import collect_warnings
+from nas_data.mjcf.export import find_file, find_references
 from nas_data.reports.films.motion import Ghost, Motion
 
 # measured grey, then the models: vermilion, blue, green, purple of Okabe and Ito, told apart by the colour-blind
@@ -110,7 +110,7 @@ def compose(ghosts: Sequence[Ghost]) -> tuple[mujoco.MjModel, np.ndarray]:
     light_up(scene)
     try:
         # warned of are options that differ, such as the integrator; nothing is simulated here
-        with heard_warnings(), warnings.catch_warnings():
+        with collect_warnings(), warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
             for number, part in enumerate(parts):
                 scene.attach(part, prefix=f"{number}/", frame=scene.worldbody.add_frame())
@@ -131,10 +131,10 @@ def bare(ghost: Ghost, with_world: bool) -> mujoco.MjSpec:
         with_world: Whether the shapes that are fixed to the world stay.
     """
     spec = explicit(ghost.spec())
-    for reference in references(spec):  # relative names would be looked for beside the scene, which is no file
+    for reference in find_references(spec):  # relative names would be looked for beside the scene, which is no file
         file = find_file(spec, reference, ghost.simulator.robot.mjcf)
         if file is not None:
-            reference.name(str(file.resolve()))
+            reference.redirect(str(file.resolve()))
     spec.strippath = False
     acting = (spec.keys, spec.sensors, spec.actuators, spec.equalities, spec.pairs, spec.excludes, spec.tendons)
     for group in (*acting, spec.lights, spec.cameras, spec.skins, spec.sites):

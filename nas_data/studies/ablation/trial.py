@@ -16,7 +16,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.provenance import package_versions
 from nas_data.errors import NasError, WorkerLost
 from nas_data.models.presets import TrainingOptions
-from nas_data.models.split import rows_of
+from nas_data.models.split import select_frames
 from nas_data.models.threads import one_thread
 from nas_data.runs.environment_info import commit
 from nas_data.studies.ablation.amount import Amount
@@ -187,7 +187,7 @@ def prepare(trial: Trial, folder: Path) -> tuple[Lesson, Dataset, list[Run]]:
     train, held = material.divide(dataset, config.held_out, config.seed)
     runs = draw(dataset, train, config.amount, config.seed)
     lesson = Lesson(
-        data=rows_of(dataset, runs),
+        data=select_frames(dataset, runs),
         root=material.root,
         source=material.source(),
         effects=material.effects,

@@ -11,7 +11,8 @@ from mujoco import minimize
 from nas_data.benchmarks.blind.baselines.base import Claim, claim
 from nas_data.benchmarks.blind.recorded import RecordedCase
 from nas_data.benchmarks.blind.resimulate import Delivered, actuators_of
-from nas_data.simulators.layout import FULLPHYSICS, Layout, RestStates
+from nas_data.simulators.layout import FULLPHYSICS, Layout
+from nas_data.simulators.rest_states import RestStates
 
 EPISODES = 8  # of those handed over: all of them give the same names for more than twice the time
 ITERATIONS = 8

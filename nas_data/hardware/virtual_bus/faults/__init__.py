@@ -1,1 +1,1 @@
-"""What can go wrong with servos, wires and adapter: one file a fault."""
+"""Faults of servos, wires and adapter, one file each."""

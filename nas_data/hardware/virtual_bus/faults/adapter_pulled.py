@@ -1,4 +1,4 @@
-"""The USB adapter is pulled out: the port is gone."""
+"""The USB adapter is unplugged."""
 
 from dataclasses import dataclass
 
@@ -8,8 +8,8 @@ from nas_data.hardware.virtual_bus.faults.base import Fault, LineGone
 
 @dataclass(frozen=True, kw_only=True)
 class AdapterPulled(Fault):
-    """Nothing is left to talk to."""
+    """The port vanishes."""
 
-    def strike(self, arm: VirtualArm) -> None:
-        """Close the port; see `Fault.strike`."""
+    def apply(self, arm: VirtualArm) -> None:
+        """Close the port; see `Fault.apply`."""
         raise LineGone

@@ -11,7 +11,7 @@ from nas_data.hardware.virtual_bus.servo import VirtualServo
 
 
 class LineGone(Exception):
-    """The adapter is gone, and the port with it."""
+    """The adapter and its port have vanished."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,10 +26,10 @@ class Fault:
 
     @classmethod
     def name(cls) -> str:
-        """The fault's name, which is its file's."""
+        """Return the fault's name, which is the name of its file."""
         return cls.__module__.rsplit(".", 1)[-1]
 
-    def strike(self, arm: VirtualArm) -> None:
+    def apply(self, arm: VirtualArm) -> None:
         """Apply the fault to the arm, once.
 
         Raises:
@@ -49,13 +49,13 @@ class Fault:
         return 0.0
 
 
-def struck(arm: VirtualArm, identity: int) -> VirtualServo:
-    """Return the servo that a fault names.
+def find_servo(arm: VirtualArm, identity: int) -> VirtualServo:
+    """Return the servo with an ID that a fault names.
 
     Raises:
         OptionError: the arm has no such servo.
     """
-    servos = arm.chain.named(identity)
+    servos = arm.chain.find_servos(identity)
     if not servos:
         known = ", ".join(str(servo.get("id")) for servo in arm.chain.servos)
         raise OptionError(f"A fault names servo {identity}; the virtual arm has: {known}.")
@@ -66,7 +66,7 @@ def find_fault(name: str) -> type[Fault]:
     """Return the class of a fault by its name.
 
     Raises:
-        UnknownName: there is no such fault; lists those there are.
+        UnknownName: there is no such fault; the message lists the known ones.
     """
     return registry.plugin("hardware.virtual_bus.faults", name, "fault", Fault)
 
@@ -76,7 +76,7 @@ def parse(text: str) -> Fault:
 
     Raises:
         UnknownName: there is no such fault.
-        OptionError: the text has another form, or a parameter is unknown.
+        OptionError: the text is malformed, or a parameter is unknown.
     """
     name, _, rest = text.partition(":")
     kind = find_fault(name)

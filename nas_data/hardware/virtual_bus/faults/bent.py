@@ -1,4 +1,4 @@
-"""Somebody moved a joint by hand, beyond its limits perhaps, before the recording."""
+"""A joint was moved by hand before the recording, possibly beyond its limits."""
 
 from dataclasses import dataclass
 
@@ -11,18 +11,18 @@ from nas_data.hardware.virtual_bus.faults.base import Fault
 
 @dataclass(frozen=True, kw_only=True)
 class Bent(Fault):
-    """A joint stands elsewhere.
+    """A joint is in another position.
 
     Attributes:
-        servo: Place of its servo in the arm, from 1.
-        radians: Where the joint is put [rad].
+        servo: Number of its servo in the arm, from 1.
+        radians: New position of the joint [rad].
     """
 
     servo: int = 1
     radians: float = 1.9
 
-    def strike(self, arm: VirtualArm) -> None:
-        """Put the joint there; see `Fault.strike`.
+    def apply(self, arm: VirtualArm) -> None:
+        """Move the joint; see `Fault.apply`.
 
         Raises:
             OptionError: the arm has no such servo.

@@ -1,4 +1,4 @@
-"""Bits flip on the line, in either direction."""
+"""Bit errors on the line, in both directions."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ class CorruptedPacket(Fault):
     """Noise on the line.
 
     Attributes:
-        share: Share of the packets in which one bit is wrong.
+        share: Share of the packets with one wrong bit.
     """
 
     share: float = 0.01

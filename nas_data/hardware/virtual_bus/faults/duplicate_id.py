@@ -1,27 +1,27 @@
-"""Two servos have one identity, because one was never renamed, and speak at the same time."""
+"""Two servos have the same ID and answer at the same time."""
 
 from dataclasses import dataclass
 
 from nas_data.hardware.virtual_bus.arm import VirtualArm
-from nas_data.hardware.virtual_bus.faults.base import Fault, struck
+from nas_data.hardware.virtual_bus.faults.base import Fault, find_servo
 
 
 @dataclass(frozen=True, kw_only=True)
 class DuplicateIdFault(Fault):
-    """One servo takes the identity of another.
+    """One servo gets the ID of another.
 
     Attributes:
-        servo: The one that was renamed.
-        identity: What it is called now.
-        return_delay: Its return delay in units of 2 µs; the factory's where the other's was not changed either.
+        servo: ID of the servo before.
+        identity: Its new ID.
+        return_delay: Its return delay in units of 2 µs; the default is the factory setting.
     """
 
     servo: int = 4
     identity: int = 3
     return_delay: int = 250
 
-    def strike(self, arm: VirtualArm) -> None:
-        """Rename the servo; see `Fault.strike`."""
-        servo = struck(arm, self.servo)
+    def apply(self, arm: VirtualArm) -> None:
+        """Change the ID; see `Fault.apply`."""
+        servo = find_servo(arm, self.servo)
         servo.put("id", self.identity)
         servo.put("return_delay", self.return_delay)

@@ -1,4 +1,4 @@
-"""Replies come late now and then, as from an adapter with a slow latency timer or a computer that is busy."""
+"""Some replies are delayed, as by an adapter with a slow latency timer or a busy computer."""
 
 from dataclasses import dataclass
 
@@ -9,16 +9,16 @@ from nas_data.hardware.virtual_bus.faults.base import Fault
 
 @dataclass(frozen=True, kw_only=True)
 class Latency(Fault):
-    """Spikes of delay.
+    """Delays of some replies.
 
     Attributes:
-        share: Share of the instructions whose replies come late.
-        seconds: By how much [s].
+        share: Share of the instructions with delayed replies.
+        seconds: Delay [s].
     """
 
     share: float = 0.01
     seconds: float = 0.06
 
     def delay(self, rng: np.random.Generator) -> float:
-        """Wait now and then; see `Fault.delay`."""
+        """Return the delay for a random share of instructions; see `Fault.delay`."""
         return self.seconds if rng.random() < self.share else 0.0

@@ -1,4 +1,4 @@
-"""Packets vanish: an instruction that no servo hears, a reply that never arrives."""
+"""Lost instructions and replies."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from nas_data.hardware.virtual_bus.faults.base import Fault
 
 @dataclass(frozen=True, kw_only=True)
 class LostPacket(Fault):
-    """A loose plug.
+    """Packets are lost, as with a loose plug.
 
     Attributes:
         share: Share of the packets that are lost.
@@ -18,9 +18,9 @@ class LostPacket(Fault):
     share: float = 0.01
 
     def instruction(self, content: bytes, rng: np.random.Generator) -> bytes:
-        """Lose some; see `Fault.instruction`."""
+        """Drop a random share; see `Fault.instruction`."""
         return b"" if rng.random() < self.share else content
 
     def reply(self, content: bytes, rng: np.random.Generator) -> bytes:
-        """Lose some; see `Fault.reply`."""
+        """Drop a random share; see `Fault.reply`."""
         return b"" if rng.random() < self.share else content

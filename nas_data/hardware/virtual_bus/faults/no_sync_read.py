@@ -1,4 +1,4 @@
-"""The servos do not know sync read, as with some firmware and adapters."""
+"""The servos do not support sync read, as with some firmware and adapters."""
 
 from dataclasses import dataclass
 
@@ -8,9 +8,9 @@ from nas_data.hardware.virtual_bus.faults.base import Fault
 
 @dataclass(frozen=True, kw_only=True)
 class NoSyncRead(Fault):
-    """Silence where sync read is asked for."""
+    """Servos do not answer sync reads."""
 
-    def strike(self, arm: VirtualArm) -> None:
-        """Forget the instruction; see `Fault.strike`."""
+    def apply(self, arm: VirtualArm) -> None:
+        """Disable sync read; see `Fault.apply`."""
         for servo in arm.servos:
             servo.answers_sync = False

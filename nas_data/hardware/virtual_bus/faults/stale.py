@@ -1,4 +1,4 @@
-"""The servos' readings are renewed less often than they are asked for, as where a slower loop reads the bus."""
+"""Readings are updated less often than they are read, as if a slower loop read the bus."""
 
 from dataclasses import dataclass
 
@@ -8,14 +8,14 @@ from nas_data.hardware.virtual_bus.faults.base import Fault
 
 @dataclass(frozen=True, kw_only=True)
 class Stale(Fault):
-    """Old readings.
+    """Outdated readings.
 
     Attributes:
-        every: Steps of the arm's motion, of 10 ms each, between two renewals.
+        every: Update period of the readings in steps of 10 ms.
     """
 
     every: int = 2
 
-    def strike(self, arm: VirtualArm) -> None:
-        """Slow the renewal down; see `Fault.strike`."""
+    def apply(self, arm: VirtualArm) -> None:
+        """Set the update period; see `Fault.apply`."""
         arm.body.renewal = self.every * 0.01

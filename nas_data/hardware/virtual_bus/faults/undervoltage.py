@@ -1,4 +1,4 @@
-"""The supply gives too little, for all servos."""
+"""The supply voltage is too low for all servos."""
 
 from dataclasses import dataclass
 
@@ -8,16 +8,16 @@ from nas_data.hardware.virtual_bus.faults.base import Fault
 
 @dataclass(frozen=True, kw_only=True)
 class Undervoltage(Fault):
-    """An empty battery.
+    """A low supply voltage.
 
     Attributes:
-        volts: What is left of the supply [V].
+        volts: Supply voltage [V].
     """
 
     volts: float = 5.5
 
-    def strike(self, arm: VirtualArm) -> None:
-        """Lower the supply; see `Fault.strike`."""
+    def apply(self, arm: VirtualArm) -> None:
+        """Lower the supply voltage; see `Fault.apply`."""
         electrics = arm.body.electrics
         electrics.supply = electrics.voltage = self.volts
         arm.body.sense()

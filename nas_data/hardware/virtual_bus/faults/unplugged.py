@@ -1,23 +1,23 @@
-"""A servo loses its plug, and is neither heard nor driven from then on."""
+"""A servo is unplugged: it neither answers nor moves."""
 
 from dataclasses import dataclass
 
 from nas_data.hardware.virtual_bus.arm import VirtualArm
-from nas_data.hardware.virtual_bus.faults.base import Fault, struck
+from nas_data.hardware.virtual_bus.faults.base import Fault, find_servo
 
 
 @dataclass(frozen=True, kw_only=True)
 class Unplugged(Fault):
-    """One servo is gone.
+    """One servo is disconnected.
 
     Attributes:
-        servo: Its identity.
+        servo: Its ID.
     """
 
     servo: int = 3
 
-    def strike(self, arm: VirtualArm) -> None:
-        """Take the servo off the line; see `Fault.strike`."""
-        servo = struck(arm, self.servo)
+    def apply(self, arm: VirtualArm) -> None:
+        """Remove the servo from the line; see `Fault.apply`."""
+        servo = find_servo(arm, self.servo)
         servo.put("torque_enable", 0)
         arm.chain.servos.remove(servo)

@@ -1,4 +1,4 @@
-"""Somebody puts the arm into its zero pose by hand, as a calibration asks for."""
+"""The arm is put into its zero pose by hand, as for a calibration."""
 
 from dataclasses import dataclass
 
@@ -10,8 +10,8 @@ from nas_data.hardware.virtual_bus.faults.base import Fault
 
 @dataclass(frozen=True, kw_only=True)
 class Zeroed(Fault):
-    """All joints stand at zero."""
+    """All joints are at zero."""
 
-    def strike(self, arm: VirtualArm) -> None:
-        """Put the arm there; see `Fault.strike`."""
+    def apply(self, arm: VirtualArm) -> None:
+        """Set the pose; see `Fault.apply`."""
         arm.body.set_state(np.zeros(2 * len(arm.servos)))

@@ -1,1 +1,1 @@
-"""The simulated servos, one file a series: control table, and what its registers mean in physics."""
+"""Series of simulated servos, one file each: control table and physical meaning of its registers."""

@@ -24,7 +24,7 @@ STILL = 0.05  # [rad/s] below which a servo does not report motion
 
 
 class Reason(IntFlag):
-    """Why a servo protects itself."""
+    """Reason for which a servo shuts down."""
 
     OVERLOAD = 1
     OVERHEAT = 2
@@ -55,7 +55,7 @@ class ServoDrive:
 
 
 @dataclass(frozen=True)
-class Sensation:
+class ServoMeasurements:
     """Measurements of a servo.
 
     Attributes:
@@ -74,7 +74,7 @@ class Sensation:
 
     @property
     def degrees_celsius(self) -> int:
-        """The temperature as a byte holds it."""
+        """The temperature as a register value, 0 … 255."""
         return max(0, min(255, round(self.temperature)))
 
 
@@ -131,12 +131,12 @@ class ServoSeries(ABC):
         return max(register.address + register.size for register in self.registers.values())
 
     @cached_property
-    def at_byte(self) -> dict[int, ControlTableEntry]:
-        """Which register a byte belongs to; addresses without one read as zero."""
+    def by_address(self) -> dict[int, ControlTableEntry]:
+        """The register of each address; other addresses read as zero."""
         return {r.address + k: r for r in self.registers.values() for k in range(r.size)}
 
     @abstractmethod
-    def lasts(self, register: ControlTableEntry) -> bool:
+    def is_persistent(self, register: ControlTableEntry) -> bool:
         """Return whether a register survives a loss of power."""
 
     @abstractmethod
@@ -144,7 +144,7 @@ class ServoSeries(ABC):
         """Return the drive state that the registers define."""
 
     @abstractmethod
-    def sense(self, servo: "VirtualServo", felt: Sensation) -> None:
+    def sense(self, servo: "VirtualServo", measured: ServoMeasurements) -> None:
         """Write measurements into the registers."""
 
     def overload(self, servo: "VirtualServo") -> tuple[float, float]:
@@ -163,31 +163,43 @@ class ServoSeries(ABC):
         if self.unloads and servo.get("shutdown") & bits:
             servo.put(self.unloads, 0)
 
-    def locked(self, servo: "VirtualServo", register: ControlTableEntry) -> bool:
-        """Return whether a register is locked: persistent ones are while the torque is on."""
-        return self.lasts(register) and bool(servo.get("torque_enable"))
+    def is_locked(self, servo: "VirtualServo", register: ControlTableEntry) -> bool:
+        """Return whether a register is locked: persistent registers are locked while the torque is on."""
+        return self.is_persistent(register) and bool(servo.get("torque_enable"))
 
-    def judge(self, servo: "VirtualServo", register: ControlTableEntry, value: int) -> Error:
+    def check_write(self, servo: "VirtualServo", register: ControlTableEntry, value: int) -> Error:
         """Return the error for a value that a register refuses although it is in range."""
         return Error.NONE
 
-    def started(self, servo: "VirtualServo") -> None:  # noqa: B027  # many have nothing to do
+    def power_on(self, servo: "VirtualServo") -> None:  # noqa: B027  # many have nothing to do
         """Initialise registers at power-on."""
 
     def error_byte(self, servo: "VirtualServo", error: Error) -> int:
-        """Return the error byte of an answer."""
+        """Return the error byte of a status packet."""
         return error | (ALERT if servo.get("hardware_error") else 0)
 
     def answers(self, servo: "VirtualServo", instruction: int) -> bool:
-        """Whether a servo answers an instruction, by its status level."""
+        """Return whether a servo answers an instruction at its status level."""
         return servo.get("status_level") >= LEVELS.get(instruction, ANSWERS_ALL)
+
+
+def make_register(
+    name: str, address: int, size: int = 1, initial: int = 0, high: int | None = None
+) -> ControlTableEntry:
+    """Return a writable register, whose range is by default all values of its size."""
+    return ControlTableEntry(name, address, size, initial, 0, 256**size - 1 if high is None else high)
+
+
+def make_read_only(name: str, address: int, size: int = 1, initial: int = 0) -> ControlTableEntry:
+    """Return a read-only register."""
+    return ControlTableEntry(name, address, size, initial, 0, 256**size - 1, writable=False)
 
 
 def find_kind(name: str) -> ServoSeries:
     """Return a series of servos by its name.
 
     Raises:
-        UnknownName: there is none; lists those there are.
+        UnknownName: there is no such series; the message lists the known ones.
     """
     kind: ServoSeries = registry.module("hardware.virtual_bus.kinds", name, "virtual servo").KIND
     return kind

@@ -1,22 +1,22 @@
-"""ROBOTIS XL-320; source of table and units: e-manual."""
+"""ROBOTIS XL-320; source of control table and units: e-manual."""
 
 import math
 from typing import TYPE_CHECKING
 
-from nas_data.hardware.virtual_bus.kinds.base import STILL, VOLT, Reason, Sensation, ServoDrive, ServoSeries
+from nas_data.hardware.virtual_bus.kinds.base import STILL, VOLT, Reason, ServoDrive, ServoMeasurements, ServoSeries
 from nas_data.hardware.virtual_bus.packet import Error
 from nas_data.hardware.xl320.control_table import OVERHEAT, OVERLOAD, RAM, REGISTERS, VOLTAGE, ControlTableEntry
-from nas_data.hardware.xl320.units import HIGHEST, LOAD_UNIT, SPEED_UNIT, TICK, sign_magnitude
+from nas_data.hardware.xl320.units import HIGHEST, LOAD_UNIT, SPEED_UNIT, TICK, encode_sign_magnitude
 
 if TYPE_CHECKING:
     from nas_data.hardware.virtual_bus.servo import VirtualServo
 
-GAIN = 32  # value of the P register at which the servo is as stiff as the model
+GAIN = 32  # P register at which the stiffness equals the model's
 FULL = 1023
 
 
 class Xl320Kind(ServoSeries):
-    """Six of them make an ErgoJr; the integral and derivative gain, which the model lacks, do nothing."""
+    """The servo of the ErgoJr; its integral and derivative gain have no effect."""
 
     registers = REGISTERS
     tick = TICK
@@ -27,8 +27,8 @@ class Xl320Kind(ServoSeries):
     bits = {Reason.OVERLOAD: OVERLOAD, Reason.OVERHEAT: OVERHEAT, Reason.VOLTAGE: VOLTAGE}  # noqa: RUF012
     unloads = "torque_limit"
 
-    def lasts(self, register: ControlTableEntry) -> bool:
-        """See `ServoSeries.lasts`."""
+    def is_persistent(self, register: ControlTableEntry) -> bool:
+        """See `ServoSeries.is_persistent`."""
         return register.address < RAM
 
     def drive(self, servo: "VirtualServo") -> ServoDrive:
@@ -42,23 +42,23 @@ class Xl320Kind(ServoSeries):
             strength=min(servo.get("torque_limit"), servo.get("max_torque")) / FULL,
         )
 
-    def sense(self, servo: "VirtualServo", felt: Sensation) -> None:
+    def sense(self, servo: "VirtualServo", measured: ServoMeasurements) -> None:
         """See `ServoSeries.sense`."""
-        servo.put("present_position", max(0, min(HIGHEST, felt.position)))
-        servo.put("present_speed", sign_magnitude(felt.speed / SPEED_UNIT))
-        servo.put("present_load", sign_magnitude(felt.effort / LOAD_UNIT))
-        servo.put("present_voltage", round(felt.voltage / VOLT))
-        servo.put("present_temperature", felt.degrees_celsius)
-        servo.put("moving", int(abs(felt.speed) > STILL))
+        servo.put("present_position", max(0, min(HIGHEST, measured.position)))
+        servo.put("present_speed", encode_sign_magnitude(measured.speed / SPEED_UNIT))
+        servo.put("present_load", encode_sign_magnitude(measured.effort / LOAD_UNIT))
+        servo.put("present_voltage", round(measured.voltage / VOLT))
+        servo.put("present_temperature", measured.degrees_celsius)
+        servo.put("moving", int(abs(measured.speed) > STILL))
 
-    def judge(self, servo: "VirtualServo", register: ControlTableEntry, value: int) -> Error:
+    def check_write(self, servo: "VirtualServo", register: ControlTableEntry, value: int) -> Error:
         """Refuse goals beyond the angle limits."""
         within = servo.get("cw_limit") <= value <= servo.get("ccw_limit")
         refused = register.name == "goal_position" and not within and servo.get("control_mode") == 2
         return Error.DATA_LIMIT if refused else Error.NONE
 
-    def started(self, servo: "VirtualServo") -> None:
-        """Take the torque limit over from what lasts."""
+    def power_on(self, servo: "VirtualServo") -> None:
+        """Set the torque limit to its persistent value."""
         servo.put("torque_limit", servo.get("max_torque"))
 
 

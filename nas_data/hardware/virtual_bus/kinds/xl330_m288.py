@@ -1,4 +1,4 @@
-"""ROBOTIS XL330-M288-T, in elbow, wrist and gripper of a Koch arm; source: e-manual, X series."""
+"""ROBOTIS XL330-M288-T, the servo of a Koch arm's elbow, wrist and gripper; source: e-manual, X series."""
 
 from nas_data.hardware.virtual_bus.kinds.xl430_w250 import XSeries
 

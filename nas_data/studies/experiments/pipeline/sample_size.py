@@ -22,7 +22,7 @@ from nas_data.gap.verdict import EXPLAINED
 from nas_data.gap.write_model import EFFECTS
 from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions
-from nas_data.models.split import rows_of
+from nas_data.models.split import select_frames
 from nas_data.policies.compare import Record, Run, do_run, silence
 from nas_data.policies.learner import Hyperparameters, PolicyTraining
 from nas_data.studies.ablation.amount import Amount
@@ -89,7 +89,7 @@ class CountJob:
     def subset(self, dataset: Dataset) -> Dataset:
         """Return the indices of the training trajectories."""
         runs = draw(dataset, range(dataset.n_episodes), Amount(self.count, "episodes"), self.seed)
-        return rows_of(dataset, runs)
+        return select_frames(dataset, runs)
 
     def recorded(self) -> Path:
         """Return a dataset of these trajectories alone."""

@@ -22,7 +22,7 @@ def compare_models(dataset: Dataset, source: Simulator, delta: Path, forward: Pa
         delta: Checkpoint of φ.
         forward: Checkpoint of ψ.
     """
-    phi, psi = (checkpoint.load_frozen(checkpoint.find(folder)) for folder in (delta, forward))
+    phi, psi = (checkpoint.load_frozen(checkpoint.find_checkpoint(folder)) for folder in (delta, forward))
     first, second = evaluate(dataset, source, phi), evaluate(dataset, None, psi)
     return Evaluation(
         in_order(first.one_step, second.one_step),
