@@ -89,9 +89,9 @@ class Ablate(TakesModel):
         content = plan.material.content()
         trials = plan.trials(content, self.out)
         with open_sweep(self.out, plan.identity(content)), saying("trials are running", HEARTBEAT):
-            records = run_sweep(trials, executor, self.workers, self.retry, report)
+            results = run_sweep(trials, executor, self.workers, self.retry, report)
         cost = inflation.read(self.out)
-        found = summary.SweepSummary.of(records)
+        found = summary.SweepSummary.of([(trial.config, result) for trial, result in zip(trials, results, strict=True)])
         notes = [cost.sentence()] if cost else []
         more: dict[str, object] = {
             "sweep": {**plan.identity(content), "effects": content.effects},
@@ -100,8 +100,8 @@ class Ablate(TakesModel):
             "code": {trial.config.kind: trial.code for trial in trials},
             "commit": commit(),
             "inflation": cost and cost.to_json(),
-            "wall_seconds": sum(float(str(record["wall_seconds"])) for record in records),
-            "cpu_seconds": sum(float(str(record["cpu_seconds"])) for record in records),
+            "wall_seconds": sum(result.wall_seconds for result in results),
+            "cpu_seconds": sum(result.cpu_seconds for result in results),
         }
         files = write.write(self.out, found, more, notes)
         failed = [f"failed: {sentence}" for sentence in found.failed]
