@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.dataset import layout
-from nas_data.dataset.carried import VIDEO_PATH, CarriedSource
+from nas_data.dataset.carried import CarriedSource
+from nas_data.dataset.videos import VIDEO_PATH, VideoPlace
 from nas_data.errors import DatasetInvalid
 
 CONTAINERS = (b"trak", b"mdia", b"minf", b"stbl")
@@ -44,8 +45,9 @@ class FilmedSource(CarriedSource):
         }
         template = str(info.get("video_path") or VIDEO_PATH)
         for key in layout.other_features(info):
-            for episode, entry in enumerate(locate_episodes(root, key, template, lengths.tolist(), fps)):
-                entries[episode] |= {f"videos/{key}/{name}": value for name, value in entry.items()}
+            columns = VideoPlace.columns(key)
+            for episode, place in enumerate(locate_episodes(root, key, template, lengths.tolist(), fps)):
+                entries[episode] |= {column: getattr(place, name) for name, column in columns.items()}
         self._episodes = dict(entries)
 
     def files_of(self, rows: np.ndarray) -> list[Path]:
@@ -57,9 +59,7 @@ class FilmedSource(CarriedSource):
         return {}
 
 
-def locate_episodes(
-    root: Path, key: str, template: str, lengths: Sequence[int], fps: float
-) -> Iterator[dict[str, float | int]]:
+def locate_episodes(root: Path, key: str, template: str, lengths: Sequence[int], fps: float) -> Iterator[VideoPlace]:
     """Yield file and time range of each episode in the videos of one camera.
 
     Raises:
@@ -70,19 +70,15 @@ def locate_episodes(
         if count >= 0 and begin == count:
             chunk, file = (chunk, file + 1) if file + 1 < layout.FILES_PER_CHUNK else (chunk + 1, 0)
             begin, count = 0, -1
-        path = root / template.format(video_key=key, chunk_index=chunk, file_index=file)
+        place = VideoPlace(chunk, file, begin / fps, (begin + length) / fps)
+        path = root / place.path(key, template)
         if count < 0:
             count = frames_of(path)
         if begin + length > count:
             raise DatasetInvalid(
                 f"{path.relative_to(root)} has {count} pictures, so that those of episode {episode} are not all there"
             )
-        yield {
-            "chunk_index": chunk,
-            "file_index": file,
-            "from_timestamp": begin / fps,
-            "to_timestamp": (begin + length) / fps,
-        }
+        yield place
         begin += length
 
 

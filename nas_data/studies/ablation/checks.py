@@ -1,7 +1,7 @@
 """What must hold before a sweep begins, so that hours are not spent on what cannot be."""
 
+from nas_data.dataset.content import episode_hashes
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.episode_hash import episode_hashes
 from nas_data.dataset.features import ACTION, STATE
 from nas_data.dataset.versions import check_paired
 from nas_data.errors import DatasetInvalid, JointMismatch, ModelFileError, OptionError
