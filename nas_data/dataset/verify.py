@@ -147,9 +147,7 @@ def _indices(evidence: VerifyInput) -> Iterator[str]:
         if len(wrong):
             found = int(columns[key][wrong[0], 0])
             yield f"{key} is {found} where {int(expected[wrong[0]])} is due ({_locate(dataset, wrong[0])})."
-    due = (frame / dataset.fps).astype(
-        layout.AUTOMATIC["timestamp"]
-    )  # float32: 0.1 ms coarse after half an hour
+    due = (frame / dataset.fps).astype(layout.AUTOMATIC["timestamp"])  # float32: 0.1 ms coarse after half an hour
     off = np.abs(columns["timestamp"][:, 0].astype(np.float64) - due)
     late = np.flatnonzero(off > np.maximum(STAMP_TOLERANCE, np.spacing(due)))
     if len(late):

@@ -20,6 +20,7 @@ from nas_data.studies.experiments.pipeline.methods import METHODS, needs_of, tar
 from nas_data.studies.experiments.pipeline.sizes import Sizes
 from nas_data.studies.experiments.pipeline.stages import describe_stages
 from nas_data.studies.experiments.pipeline.table_notes import describe_paired, notes
+from nas_data.typed_json import to_json
 
 
 def headers(seeds: int) -> tuple[str, ...]:
@@ -124,9 +125,9 @@ def describe(material: Artifacts, comparison: Comparison) -> dict[str, object]:
             "method": method,
             "seed": seed,
             "result": f"{comparison.policy_folder(method, seed).relative_to(comparison.folder)}/result.json",
-            **{key: record[key] for key in ("wall_seconds", "cpu_seconds", "judging", "diverged")},
+            **{key: to_json(getattr(result, key)) for key in ("wall_seconds", "cpu_seconds", "judging", "diverged")},
         }
-        for (method, seed), record in sorted(comparison.records.items())
+        for (method, seed), result in sorted(comparison.results.items(), key=lambda pair: pair[0])
     ]
     return {
         **comparison.describe(),
