@@ -1,6 +1,5 @@
 """What `nas policy evaluate --on ergojr` does: opens the ports, rolls out, keeps what was recorded, and tells of it."""
 
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -31,6 +30,7 @@ from nas_data.recorders.guarded import Setup
 from nas_data.recorders.schedule import MonotonicClock, SteppedClock
 from nas_data.recorders.stopping import stop_on_signals
 from nas_data.recorders.under_way import SAVING
+from nas_data.runs.progress import say
 
 TOLD_BY = (
     "The tip whose distance to the goal counts is where the model has it in the measured pose (forward kinematics)."
@@ -254,8 +254,3 @@ class EvaluationProgress:
         self._spoken = now
         left = (now - self._began) / (done - self._first) * (self._wanted - done)
         say(f"{done} of {self._wanted} episodes, {left / 60:.0f} min left")
-
-
-def say(text: str) -> None:
-    """Tell a person something at once."""
-    print(text, file=sys.stderr, flush=True)

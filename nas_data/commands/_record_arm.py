@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
-from nas_data.commands._patience import Counting
 from nas_data.commands.base import Command, CommandResult
 from nas_data.errors import OptionError
+from nas_data.runs.progress import Counting, say
 
 if TYPE_CHECKING:
     from nas_data.dataset.incremental_writer import IncrementalWriter
@@ -242,8 +242,3 @@ class RecordingProgress:
         self._spoken = now
         left = (now - self._began) / (saved - self._first) * (self._wanted - saved)
         say(f"saved {saved} of {self._wanted} episodes, {left / 60:.0f} min left, servos up to {warmest:.0f} °C")
-
-
-def say(text: str) -> None:
-    """Tell a person something at once."""
-    print(text, file=sys.stderr, flush=True)

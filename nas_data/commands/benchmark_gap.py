@@ -1,10 +1,10 @@
 """Hide effects in plants of other makes and grade what `nas gap` says about them."""
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 from nas_data.commands.base import Command, CommandResult
+from nas_data.runs.progress import say
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +48,7 @@ class BenchmarkGap(Command):
 
         families, plants, baselines = (words(text) for text in (self.families, self.plants, self.baselines))
         plan = BlindPlan(families, plants, self.cases, self.seed, self.power, baselines, self.keep, self.setting)
-        records = run(plan, self.out, investigate, lambda line: print(line, file=sys.stderr, flush=True))
+        records = run(plan, self.out, investigate, say)
         found = tables(records)
         text = f"{len(records)} blind cases ({self.setting}), seed {self.seed}\n\n{print_tables(found)}\n→ {self.out}"
         told = {"out": self.out, "cases": len(records), "setting": self.setting, "seed": self.seed, "commit": commit()}

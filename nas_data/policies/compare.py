@@ -12,12 +12,13 @@ from nas_data.errors import OptionError, SimulationDiverged
 from nas_data.policies.evaluate import score_policy, summarise_spread
 from nas_data.policies.learner import Hyperparameters, PolicyTraining
 from nas_data.policies.policy import load_policy, read_progress
-from nas_data.policies.ppo import Report, check_folder, to_stderr, train
+from nas_data.policies.ppo import check_folder, train
 from nas_data.policies.result import DivergedEpisodes, EvaluationTime, PolicyResult, read_result
 from nas_data.policies.share import Share, Stake, share, share_heading, stake
 from nas_data.policies.tables import align_columns
 from nas_data.runs.code_hash import code_hash
 from nas_data.runs.parallel import run_jobs
+from nas_data.runs.progress import Report, say, silence
 
 SOURCE_METHOD, EXPERT_METHOD = "source", "expert"  # the lower and upper reference of the relative score
 
@@ -117,13 +118,7 @@ def do_run(run: Run) -> PolicyResult:
     return result
 
 
-def silence(_: str) -> None:
-    """Report nothing: the output of several workers would be mixed."""
-
-
-def compare(
-    study: Study, folder: Path, workers: int = 1, report: Report = to_stderr, quiet: bool = False
-) -> "Comparison":
+def compare(study: Study, folder: Path, workers: int = 1, report: Report = say, quiet: bool = False) -> "Comparison":
     """Train and evaluate every method with every seed; finished runs are skipped.
 
     Args:

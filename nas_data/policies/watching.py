@@ -9,6 +9,7 @@ from pathlib import Path
 from nas_data.errors import CheckpointError
 from nas_data.policies.compare import Study
 from nas_data.policies.policy import read_progress
+from nas_data.runs.progress import spoken
 
 PAUSE = 10.0  # [s] between two lines of progress
 
@@ -56,10 +57,3 @@ def frames_learned(folder: Path) -> float:
         return float(read_progress(folder)["frames"][-1])
     except CheckpointError:
         return 0.0
-
-
-def spoken(seconds: float) -> str:
-    """Return a duration as text."""
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

@@ -102,9 +102,7 @@ def test_error_growth_draws_the_median_between_the_quartiles():
 
 def learned(method, *curves, judged=()):
     """Return policies of a method, one a seed."""
-    scores = [{"return": value, "success_rate": 0.5, "episodes": 10} for value in judged] or [None] * max(
-        1, len(curves)
-    )
+    scores = [scored(value).score for value in judged] or [None] * max(1, len(curves))
     seeds = list(curves) or [curve(-1, -1)] * len(scores)
     return [
         PolicyRun(Path(method), method, seed, "Arm", 300, one, 1.0, score)

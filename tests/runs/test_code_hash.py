@@ -14,7 +14,7 @@ from nas_data.policies.compare import Run, Study, compare
 from nas_data.policies.learner import Hyperparameters, PolicyTraining
 from nas_data.policies.policy import CONFIG
 from nas_data.runs import code_hash, environment_info
-from nas_data.runs.gap_code import gap_modules
+from nas_data.runs.code_hash import gap_modules
 from nas_data.studies.experiments.pipeline.learning import TRAINED_BY
 
 SMALL = Hyperparameters(arms=2, rollout=32, minibatches=2, epochs=1)

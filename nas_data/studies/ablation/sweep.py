@@ -14,7 +14,7 @@ from filelock import FileLock, Timeout
 
 from nas_data.errors import OutputExists
 from nas_data.models.presets import TrainingOptions
-from nas_data.policies.watching import spoken
+from nas_data.runs.progress import spoken
 from nas_data.studies.ablation.amount import Amount
 from nas_data.studies.ablation.executors.base import Executor
 from nas_data.studies.ablation.inflation import Cost, Probe, cost, inflation_of, keep, order, probes

@@ -17,9 +17,8 @@ from nas_data.errors import NasError, WorkerLost
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.split import rows_of
 from nas_data.models.threads import one_thread
-from nas_data.runs.code_hash import code_hash
+from nas_data.runs.code_hash import code_hash, effect_modules
 from nas_data.runs.environment_info import commit
-from nas_data.runs.gap_code import effect_modules
 from nas_data.sources import SourceModel
 from nas_data.studies.ablation.amount import Amount
 from nas_data.studies.ablation.judging import judge

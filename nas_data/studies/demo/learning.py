@@ -2,7 +2,6 @@
 
 import json
 import os
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TypeVar
@@ -17,7 +16,8 @@ from nas_data.models.evaluation import MODEL, Evaluation, evaluate
 from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions
 from nas_data.runs.parallel import run_jobs
-from nas_data.runs.stages import INDENT, Report, StageResult
+from nas_data.runs.progress import Report, say
+from nas_data.runs.stages import INDENT, StageResult
 from nas_data.sources import find_source
 from nas_data.studies.demo.naming import named_dynamics
 from nas_data.studies.demo.plan import Demo
@@ -44,7 +44,7 @@ def learn(job: ModelJob) -> list[dict[str, float]]:
 
 def reporter(name: str) -> Report:
     """Return a report that says which of the two models, trained side by side, a line is about."""
-    return lambda line: print(f"{INDENT}{name}  {line}", file=sys.stderr, flush=True)
+    return lambda line: say(f"{INDENT}{name}  {line}")
 
 
 def learn_models(demo: Demo) -> StageResult:

@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from nas_data.runs.stages import Done, Report, Stage, StageResult, run_stages
+from nas_data.runs.progress import Report
+from nas_data.runs.stages import Done, Stage, StageResult, run_stages
 from nas_data.studies.demo.plan import Demo, DemoPlan
 
 

@@ -11,10 +11,10 @@ from nas_data.errors import OptionError
 from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Comparison
 from nas_data.policies.evaluate import summarise_spread
 from nas_data.policies.intervals import kind_of, median_text
-from nas_data.policies.watching import spoken
 from nas_data.reports.experiment_figures import return_over_count
 from nas_data.reports.style import to_png
 from nas_data.runs.parallel import run_jobs
+from nas_data.runs.progress import spoken
 from nas_data.runs.stages import INDENT
 from nas_data.studies.ablation.summary import ENOUGH
 from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request, ResultTable

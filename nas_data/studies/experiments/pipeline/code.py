@@ -1,8 +1,7 @@
 """Hashes of the code behind each stage of an environment's artifacts; results of other code are refused."""
 
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
-from nas_data.runs.code_hash import code_hash
-from nas_data.runs.gap_code import effect_modules, gap_modules
+from nas_data.runs.code_hash import code_hash, effect_modules, gap_modules
 from nas_data.studies.experiments.pipeline.artifacts import MaterialPlan
 
 

@@ -23,9 +23,10 @@ from nas_data.gap.write_model import EFFECTS
 from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.split import rows_of
-from nas_data.policies.compare import Run, do_run, silence
+from nas_data.policies.compare import Run, do_run
 from nas_data.policies.learner import Hyperparameters, PolicyTraining
 from nas_data.policies.result import PolicyResult
+from nas_data.runs.progress import silence
 from nas_data.studies.ablation.amount import Amount
 from nas_data.studies.ablation.subsets import draw
 from nas_data.studies.experiments.pipeline.artifacts import DATASETS, NAMED, NAMES, PHI, PHI_NAMED, PSI, Artifacts

@@ -10,8 +10,8 @@ from nas_data.dataset.read import read
 from nas_data.gap import workflow
 from nas_data.gap.named import Named
 from nas_data.models.lstm import Kind
-from nas_data.policies.ppo import Calm
-from nas_data.runs.stages import INDENT, Report, Stage, StageResult, Work, read_done, run_stages
+from nas_data.runs.progress import Calm, Report
+from nas_data.runs.stages import INDENT, Stage, StageResult, Work, read_done, run_stages
 from nas_data.runs.stages_side_by_side import Part, do_part, run_side_by_side
 from nas_data.studies.experiments.pipeline.artifacts import (
     DATASETS,
