@@ -42,8 +42,7 @@ class BenchmarkGap(Command):
     def run(self) -> CommandResult:
         """Run what is not finished, then tabulate everything."""
         from nas_data.benchmarks.blind.benchmark import BlindPlan, run
-        from nas_data.benchmarks.blind.print_tables import print_tables
-        from nas_data.benchmarks.blind.tables import tables
+        from nas_data.benchmarks.blind.tables import print_tables, tables
         from nas_data.runs.environment_info import commit
 
         families, plants, baselines = (words(text) for text in (self.families, self.plants, self.baselines))

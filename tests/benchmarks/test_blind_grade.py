@@ -10,10 +10,9 @@ from support.blind_samples import entry_of, know_everything, know_nothing, repor
 from nas_data.benchmarks.blind.benchmark import BlindPlan, run
 from nas_data.benchmarks.blind.code import case_code
 from nas_data.benchmarks.blind.grade import grade_names
-from nas_data.benchmarks.blind.print_tables import print_tables
 from nas_data.benchmarks.blind.resimulate import Delivered
 from nas_data.benchmarks.blind.run_case import store_record
-from nas_data.benchmarks.blind.tables import reliability, tables
+from nas_data.benchmarks.blind.tables import print_tables, reliability, tables
 from nas_data.cli import main
 from nas_data.errors import DatasetInvalid, ModelFileError, OutputExists, UnknownName
 from nas_data.runs.environment_info import commit

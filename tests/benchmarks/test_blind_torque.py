@@ -10,11 +10,10 @@ from support.blind_samples import INDEPENDENT, entry_of, followed, know_everythi
 
 from nas_data.benchmarks.blind.arms import NominalArm
 from nas_data.benchmarks.blind.benchmark import BlindPlan, run
-from nas_data.benchmarks.blind.case import Identity
+from nas_data.benchmarks.blind.case import Identity, equals_of
 from nas_data.benchmarks.blind.draw import draw_case
 from nas_data.benchmarks.blind.following import reach_of
 from nas_data.benchmarks.blind.grade import grade_names
-from nas_data.benchmarks.blind.indistinct import equals_of
 from nas_data.benchmarks.blind.plants.base import chain_of, find_plant
 from nas_data.benchmarks.blind.plants.body import PlantBody, stack_arms
 from nas_data.benchmarks.blind.plants.constants import Constants

@@ -20,7 +20,8 @@ from nas_data.studies.ablation.amount import Amount, parse
 from nas_data.studies.ablation.executors.base import FOLDER as EXECUTORS
 from nas_data.studies.ablation.executors.base import find_executor
 from nas_data.studies.ablation.inflation import Inflation
-from nas_data.studies.ablation.kinds.base import ModelKind, find_kind, kinds
+from nas_data.studies.ablation.kinds.base import FOLDER as KINDS
+from nas_data.studies.ablation.kinds.base import ModelKind, find_kind
 from nas_data.studies.ablation.results import TrainingData, TrialResult
 from nas_data.studies.ablation.subsets import divide, draw
 from nas_data.studies.ablation.summary import ENOUGH, Spread, SweepSummary
@@ -133,11 +134,11 @@ def test_what_is_no_amount_is_refused(word):
 # kinds and executors
 
 
-@pytest.mark.parametrize("name", kinds())
+@pytest.mark.parametrize("name", registry.names(KINDS))
 def test_every_kind_of_the_folder_has_a_name_of_its_own(name):
     kind = find_kind(name)
     assert isinstance(kind, ModelKind)
-    assert sum(find_kind(other).label == kind.label for other in kinds()) == 1
+    assert sum(find_kind(other).label == kind.label for other in registry.names(KINDS)) == 1
     assert kind.needs_source or not (kind.names or kind.needs_pairs)
 
 

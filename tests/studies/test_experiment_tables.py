@@ -26,8 +26,7 @@ from nas_data.studies.experiments.pipeline.authors import RETURNS, remarks
 from nas_data.studies.experiments.pipeline.compare_methods import hyperparameters
 from nas_data.studies.experiments.pipeline.dynamics import describe_dynamics
 from nas_data.studies.experiments.pipeline.methods import METHODS
-from nas_data.studies.experiments.pipeline.naming import stem_of
-from nas_data.studies.experiments.pipeline.run import conduct
+from nas_data.studies.experiments.pipeline.run import conduct, stem_of
 from nas_data.studies.experiments.pipeline.sizes import FULL, PPO
 from nas_data.studies.experiments.pipeline.table_notes import describe_paired, describe_return_differences, on_intervals
 

@@ -7,14 +7,15 @@ import numpy as np
 
 from nas_data.benchmarks.blind.arms import NominalArm
 from nas_data.benchmarks.blind.conditions import Conditions
-from nas_data.benchmarks.blind.indistinct import equals_of
+from nas_data.benchmarks.blind.findings import Name
 from nas_data.benchmarks.blind.plants.constants import Constants
-from nas_data.benchmarks.blind.truth import Truth
+from nas_data.benchmarks.blind.truth import Hidden, Truth
 from nas_data.errors import UnknownName
 
 EVERY = "every"  # family whose effect hides in every joint
 # how many effects of the contract's table hide in a case of each family
 FAMILIES = {"none": 0, "one": 1, "two": 2, "three": 3, "outside": 1, EVERY: 1}
+ALIKE = 1e-6  # of the torque limit: gravity torque on an axis that gravity does not load
 DEFAULT = "xl320"  # setting whose cases are named without it, as they were before there were others
 
 
@@ -128,3 +129,21 @@ class Case:
             "effects": effects,
             "base": self.truth.base.to_json(),
         }
+
+
+def equals_of(constants: Constants, hidden: Hidden) -> list[Name]:
+    """Return other names of a hidden effect that no recording of the arm could distinguish from it.
+
+    On a single axis that gravity does not load, a payload and a rotor inertia are one inertia.
+    """
+    if len(constants.joints) > 1 or hidden.effect not in ("payload", "rotor_inertia") or gravity_acts(constants):
+        return []
+    return [("rotor_inertia", constants.joints[0])] if hidden.effect == "payload" else [("payload", None)]
+
+
+def gravity_acts(constants: Constants) -> bool:
+    """Whether gravity acts along a slide's axis, or turns a hinge, of an arm of one joint."""
+    axis = constants.turns[0] @ constants.axes[0]
+    weight = constants.masses[0] * constants.gravity
+    along, across = weight @ axis, np.linalg.norm(np.cross(axis, weight))
+    return bool(abs(along if constants.sliding[0] else across) > ALIKE * constants.force[0, 1])

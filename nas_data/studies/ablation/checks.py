@@ -1,5 +1,6 @@
 """What must hold before a sweep begins, so that hours are not spent on what cannot be."""
 
+from nas_data import registry
 from nas_data.dataset.content import episode_hashes
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import ACTION, STATE
@@ -8,8 +9,7 @@ from nas_data.errors import DatasetInvalid, JointMismatch, ModelFileError, Optio
 from nas_data.pairing import check_fits, check_source
 from nas_data.simulators.engines import ENGINES
 from nas_data.sources import SourceModel
-from nas_data.studies.ablation.kinds.base import ModelKind, find_kind
-from nas_data.studies.ablation.kinds.base import kinds as all_kinds
+from nas_data.studies.ablation.kinds.base import FOLDER, ModelKind, find_kind
 from nas_data.studies.ablation.naming import read_named
 from nas_data.studies.ablation.subsets import check_enough
 from nas_data.studies.ablation.sweep import SweepPlan
@@ -23,7 +23,7 @@ def check(plan: SweepPlan) -> None:
     """
     check_seeds(plan)
     if not plan.kinds:
-        raise OptionError(f"--kinds names none; give some of {', '.join(all_kinds())}, with commas between.")
+        raise OptionError(f"--kinds names none; give some of {', '.join(registry.names(FOLDER))}, with commas between.")
     kinds = {name: find_kind(name) for name in plan.kinds}
     dataset = plan.material.read()
     check_held_out(plan, dataset)

@@ -11,6 +11,7 @@ from nas_data.policies.intervals import kind_of, median_interval, median_text
 from nas_data.policies.learner import Hyperparameters
 from nas_data.policies.share import share_heading
 from nas_data.policies.watching import watching
+from nas_data.reports.experiment_figures import Panel
 from nas_data.runs.stages import INDENT
 from nas_data.studies.experiments.base import Request, ResultTable
 from nas_data.studies.experiments.pipeline.artifacts import Artifacts
@@ -96,6 +97,14 @@ def table(material: Artifacts, comparison: Comparison, title: str) -> ResultTabl
     """Return the comparison as a table, with the authors' numbers next to ours."""
     rows = [row(comparison, material.plan.recipe.environment, method) for method in comparison.study.methods]
     return ResultTable(title, headers(len(comparison.study.seeds)), rows, notes(material, comparison))
+
+
+def panel(comparison: Comparison, environment: str) -> Panel:
+    """Return the returns on an environment for the figure, with the authors' numbers next to ours."""
+    returns = {method: comparison.values(method) for method in comparison.study.methods}
+    intervals = {method: median_interval(values) for method, values in returns.items()}
+    authors = RETURNS.get(find_task_file(environment), {})
+    return Panel(environment, returns, intervals, {method: numbers.values for method, numbers in authors.items()})
 
 
 def row(comparison: Comparison, environment: str, method: str) -> Sequence[str]:

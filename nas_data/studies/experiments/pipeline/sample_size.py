@@ -30,11 +30,11 @@ from nas_data.runs.progress import silence
 from nas_data.studies.ablation.amount import Amount
 from nas_data.studies.ablation.subsets import draw
 from nas_data.studies.experiments.pipeline.artifacts import DATASETS, NAMED, NAMES, PHI, PHI_NAMED, PSI, Artifacts
-from nas_data.studies.experiments.pipeline.code import naming_code
 from nas_data.studies.experiments.pipeline.learning import ModelJob, read_record, train_model
 from nas_data.studies.experiments.pipeline.methods import METHODS, on_source, target
 from nas_data.studies.experiments.pipeline.pairs import pair_again
 from nas_data.studies.experiments.pipeline.sizes import FOR_FEW
+from nas_data.studies.experiments.pipeline.stages import naming_code
 from nas_data.whole_file import write_whole
 
 SUBSET = "subset"
