@@ -158,20 +158,19 @@ class RecordArm(Command):
         from nas_data.dataset.content import content_hash
         from nas_data.dataset.provenance import read_provenance
         from nas_data.dataset.read import read
-        from nas_data.recorders.arm_tally import RecordingStats, describe_stats, summary
+        from nas_data.recorders.arm_tally import RecordingQuality, RecordingStats
         from nas_data.recorders.under_way import complete
 
         dataset, provenance = read(growing.root), read_provenance(growing.root)
         assert provenance is not None
-        numbers = summary(dataset, RecordingStats.of(provenance.target))
-        path = complete(growing, dataset, "\n".join(describe_stats(numbers)), name=name, out=self.out)
-        text = (
-            f"Recorded {dataset.n_episodes} episodes, {dataset.n_frames} frames at {dataset.fps:g} Hz.\n"
-            + "\n".join(describe_stats(numbers))
-            + f"\n{path}"
-        )
+        quality = RecordingQuality.of(dataset, RecordingStats.of(provenance.target))
+        notes = "\n".join(quality.lines())
+        path = complete(growing, dataset, notes, name=name, out=self.out)
+        head = f"Recorded {dataset.n_episodes} episodes, {dataset.n_frames} frames at {dataset.fps:g} Hz."
         data = {"dataset": str(path), "episodes": dataset.n_episodes, "frames": dataset.n_frames, "fps": dataset.fps}
-        return CommandResult(text, {**data, **numbers, "content_hash": content_hash(dataset)})
+        return CommandResult(
+            f"{head}\n{notes}\n{path}", {**data, **quality.to_json(), "content_hash": content_hash(dataset)}
+        )
 
     def _protocol(self) -> "PlaybackProtocol":
         from nas_data.excitations.base import parse
@@ -197,21 +196,17 @@ class RecordArm(Command):
 
     def _provenance(self, protocol: "PlaybackProtocol") -> "Provenance":
         """Say where the episodes come from; a virtual arm with its effects, unless they are to be found."""
-        import hashlib
-
         from nas_data.dataset.provenance import Provenance
         from nas_data.effects.base import parse
 
         target: dict[str, object] = {"kind": self.simulated() if self.virtual else "hardware"}
         if self.virtual and not self.blind:
             target |= {"effects": [parse(text).to_json() for text in self.effect], "faults": list(self.fault)}
-        file = protocol.file
-        played = {"file": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest()} if file else None
         return Provenance(
             how="simulated" if self.virtual else "hardware",
             robot=self.kind,
             target=target,
-            signal={**(played or protocol.excitation.to_json()), "start": self.start, "joints": list(self.joints)},
+            signal=protocol.signal(),
             seeds=(self.seed,),
             contiguous=True,
         )
