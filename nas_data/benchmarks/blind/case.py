@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nas_data.benchmarks.blind.answer import HiddenEntry, SealedAnswer
 from nas_data.benchmarks.blind.arms import NominalArm
 from nas_data.benchmarks.blind.conditions import Conditions
 from nas_data.benchmarks.blind.findings import Name
@@ -111,34 +112,33 @@ class Case:
     recorded: Episodes
     fresh: Episodes
 
-    def answer(self) -> dict[str, object]:
+    def answer(self) -> SealedAnswer:
         """Return the sealed answer."""
         constants = Constants.of(self.arm.model())
-        effects = [
-            {**hidden.to_json(), "mark": mark, "marked_joint": joint}
-            | ({"equals": others} if (others := equals_of(constants, hidden)) else {})
+        effects = tuple(
+            HiddenEntry(**vars(hidden), mark=mark, marked_joint=joint, equals=equals_of(constants, hidden))
             for hidden, mark, joint in zip(self.truth.hidden, self.marks, self.marked_joints, strict=True)
-        ]
-        return {
-            "case": self.identity.name,
+        )
+        return SealedAnswer(
+            case=self.identity.name,
             **vars(self.identity),
-            "arm": self.arm.name,
-            "joints": list(self.arm.joints),
-            "excitation": self.conditions.signal,
-            "conditions": self.conditions.to_json(),
-            "effects": effects,
-            "base": self.truth.base.to_json(),
-        }
+            arm=self.arm.name,
+            joints=self.arm.joints,
+            excitation=self.conditions.signal,
+            conditions=self.conditions,
+            effects=effects,
+            base=self.truth.base,
+        )
 
 
-def equals_of(constants: Constants, hidden: Hidden) -> list[Name]:
-    """Return other names of a hidden effect that no recording of the arm could distinguish from it.
+def equals_of(constants: Constants, hidden: Hidden) -> tuple[Name, ...] | None:
+    """Return other names of a hidden effect that no recording could distinguish from it; None if there are none.
 
     On a single axis that gravity does not load, a payload and a rotor inertia are one inertia.
     """
     if len(constants.joints) > 1 or hidden.effect not in ("payload", "rotor_inertia") or gravity_acts(constants):
-        return []
-    return [("rotor_inertia", constants.joints[0])] if hidden.effect == "payload" else [("payload", None)]
+        return None
+    return (("rotor_inertia", constants.joints[0]),) if hidden.effect == "payload" else (("payload", None),)
 
 
 def gravity_acts(constants: Constants) -> bool:

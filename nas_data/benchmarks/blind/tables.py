@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from nas_data.benchmarks.blind.findings import mapping, number, read_list, sequence, text
+from nas_data.benchmarks.blind.findings import mapping, number
 from nas_data.benchmarks.blind.run_case import Record
 
 CONFIDENCES = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
@@ -112,7 +112,7 @@ def confusions(records: Sequence[Record]) -> list[Row]:
 
 def effect_of(name: object) -> str:
     """Return the effect of a stored name, a list of effect and joint."""
-    return str(text(sequence(name)[0]))
+    return str(sequence(name)[0])
 
 
 def reliability(records: Sequence[Record]) -> list[Row]:
@@ -171,6 +171,18 @@ def baseline_row(name: str, family: str, answers: Sequence[Mapping[str, object]]
         "rest_over_floor": median(rest(answer) for answer in done),
         "seconds": median(number(answer["seconds"]) for answer in done),
     }
+
+
+def sequence(value: object) -> Sequence[object]:
+    """Return a JSON list."""
+    if not isinstance(value, list | tuple):
+        raise TypeError(f"a list is needed, given {value!r}")
+    return value
+
+
+def read_list(value: object) -> list[Mapping[str, object]]:
+    """Return a JSON list of objects."""
+    return [mapping(item) for item in sequence(value)]
 
 
 def print_tables(found: Mapping[str, Sequence[Row]]) -> str:
