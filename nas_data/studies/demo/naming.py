@@ -1,4 +1,4 @@
-"""The demo's second stage: `nas gap` names the missing effects from the recording alone."""
+"""Second stage of the demo: `nas gap` names the missing effects from the recording alone."""
 
 import textwrap
 from dataclasses import replace
