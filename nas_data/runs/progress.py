@@ -17,7 +17,7 @@ def say(line: str) -> None:
 
 
 def silence(_: str) -> None:
-    """Report nothing: the output of several workers would be mixed."""
+    """Report nothing."""
 
 
 def spoken(seconds: float) -> str:
@@ -43,6 +43,26 @@ class Calm:
             self.report(line)
 
 
+class Remaining:
+    """Says on stderr how many episodes are done and how long the others will take.
+
+    On a terminal it says so after each episode, elsewhere at most every two seconds and at the end.
+    """
+
+    def __init__(self, done: int, wanted: int, verb: str = "") -> None:
+        """Begin with the episodes that are already done; the verb begins each line."""
+        self.first, self.wanted, self.verb = done, wanted, verb
+        self.began = self.spoken = time.monotonic()
+
+    def __call__(self, done: int, more: str = "") -> None:
+        """Report the number of finished episodes, and more at the end of the line."""
+        now = time.monotonic()
+        if sys.stderr.isatty() or now - self.spoken >= PAUSE or done == self.wanted:
+            self.spoken = now
+            left = (now - self.began) / (done - self.first) * (self.wanted - done)
+            say(f"{self.verb}{done} of {self.wanted} episodes, {left / 60:.0f} min left{more}")
+
+
 class Counting:
     """A line of progress: rewritten on a terminal, otherwise a new line at most every two seconds."""
 
@@ -61,20 +81,26 @@ class Counting:
 
 
 @contextmanager
-def saying(what: str, pause: float = PAUSE) -> Iterator[None]:
-    """Show on stderr what is being done and for how long, every two seconds or after another pause [s]."""
+def repeating(speak: Callable[[], None], pause: float) -> Iterator[None]:
+    """Call a function in another thread after each pause [s] until the context ends."""
     done = threading.Event()
 
-    def speak() -> None:
-        seconds = 0.0
+    def repeat() -> None:
         while not done.wait(pause):
-            seconds += pause
-            say(f"{what}, {seconds:.0f} s")
+            speak()
 
-    speaker = threading.Thread(target=speak, daemon=True)
+    speaker = threading.Thread(target=repeat, daemon=True)
     speaker.start()
     try:
         yield
     finally:
         done.set()
         speaker.join()
+
+
+@contextmanager
+def saying(what: str, pause: float = PAUSE) -> Iterator[None]:
+    """Show on stderr what is being done and for how long, every two seconds or after another pause [s]."""
+    began = time.monotonic()
+    with repeating(lambda: say(f"{what}, {time.monotonic() - began:.0f} s"), pause):
+        yield
