@@ -87,8 +87,10 @@ def frames_of(path: Path) -> int:
 
     if not path.is_file():
         raise DatasetInvalid(f"{path.name} is missing")
+    frames = 0
     try:
         with av.open(str(path)) as container:
-            return container.streams.video[0].frames
+            frames = container.streams.video[0].frames
     except (av.FFmpegError, LookupError):  # a file that was cut off has no directory of its frames
         raise DatasetInvalid(f"{path.name} is not a whole video") from None
+    return frames

@@ -77,10 +77,9 @@ class PlaybackProtocol:
 
     def signal(self) -> dict[str, object]:
         """Return the command signal for provenance."""
+        played = self.excitation.to_json()
         if self.file:
             played = {"file": self.file.name, "sha256": hashlib.sha256(self.file.read_bytes()).hexdigest()}
-        else:
-            played = self.excitation.to_json()
         return {**played, "start": self.start, "joints": list(self.joints)}
 
 

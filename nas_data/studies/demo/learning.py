@@ -4,6 +4,7 @@ import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from safetensors.numpy import load_file, save
@@ -31,6 +32,7 @@ ERRORS = "models/errors.json"
 NAMES = "source + names"
 SHOWN = (*MODEL.values(), NAMES, *PREDICTORS[len(MODEL) :])  # in the order of tables
 
+Kept = TypeVar("Kept")
 ErrorTable = dict[str, dict[str, float]]
 """RMSE [rad] by predictor, then by joint; `all` is over all joints."""
 
