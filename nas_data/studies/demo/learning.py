@@ -4,7 +4,6 @@ import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from safetensors.numpy import load_file, save
@@ -32,7 +31,6 @@ ERRORS = "models/errors.json"
 NAMES = "source + names"
 SHOWN = (*MODEL.values(), NAMES, *PREDICTORS[len(MODEL) :])  # in the order of tables
 
-Kept = TypeVar("Kept")
 ErrorTable = dict[str, dict[str, float]]
 """RMSE [rad] by predictor, then by joint; `all` is over all joints."""
 
@@ -82,10 +80,13 @@ def with_names(evaluation: Evaluation, named: Evaluation) -> Evaluation:
         evaluation: Evaluation of φ, ψ and the baselines.
         named: Evaluation of the source with named effects, on the same episodes.
     """
-    parts = (named.one_step, named.open_loop, named.rollouts, named.diverged)
-    return combine(
-        Evaluation(*({NAMES: part["source"]} if "source" in part else {} for part in parts)), evaluation, SHOWN
+    renamed = Evaluation(
+        {NAMES: named.one_step["source"]},
+        {NAMES: named.open_loop["source"]},
+        {NAMES: named.rollouts["source"]},
+        {NAMES: times for name, times in named.diverged.items() if name == "source"},
     )
+    return combine(renamed, evaluation, SHOWN)
 
 
 def table_of(errors: Mapping[str, Errors]) -> ErrorTable:
