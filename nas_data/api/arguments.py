@@ -18,10 +18,6 @@ Count = Callable[[int, int], None]
 Actuators = Literal["position", "torque"]
 
 
-def silent(text: str) -> None:
-    """Say nothing."""
-
-
 def count_aloud(progress: Progress) -> Count:
     """Return what tells of control steps done as sentences."""
     return lambda done, total: progress(f"rolling out {done}/{total}")

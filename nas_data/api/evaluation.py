@@ -6,16 +6,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from nas_data.api.arguments import (
-    Actuators,
-    Count,
-    Progress,
-    as_dataset,
-    as_optional_model,
-    count_aloud,
-    name_of,
-    silent,
-)
+from nas_data.api.arguments import Actuators, Count, Progress, as_dataset, as_optional_model, count_aloud, name_of
 from nas_data.api.learned import LearnedModel
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.foreign import warn
@@ -26,6 +17,7 @@ from nas_data.models.evaluation import PLAIN, Evaluation
 from nas_data.models.evaluation import evaluate as evaluate_predictors
 from nas_data.pairing import warn_of_ranges
 from nas_data.robots.base import find_robot, robot_names
+from nas_data.runs.progress import silence
 from nas_data.simulators.base import Simulator
 from nas_data.sources import SourceModel, locate_source
 
@@ -68,7 +60,7 @@ def evaluate(
         CheckpointError: the checkpoint cannot be used.
         ModelFileError: φ is to be judged without a source, or the model file cannot be used.
     """
-    say = progress or silent
+    say = progress or silence
     alone = is_model(learned)
     if alone and model is not None:
         raise OptionError(f"{learned} is a model by itself; leave out --model, or give a checkpoint that corrects it.")

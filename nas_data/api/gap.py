@@ -3,11 +3,12 @@
 import tempfile
 from pathlib import Path
 
-from nas_data.api.arguments import Actuators, Progress, as_dataset, as_model, name_of, silent
+from nas_data.api.arguments import Actuators, Progress, as_dataset, as_model, name_of
 from nas_data.dataset.dataset import Dataset
 from nas_data.gap.problem import Problem
 from nas_data.gap.report import GapReport
 from nas_data.gap.workflow import investigate_problem
+from nas_data.runs.progress import silence
 
 
 def identify(
@@ -50,4 +51,4 @@ def identify(
         recorded = as_dataset(dataset)
         return Problem.of(recorded, given, name_of(recorded))
 
-    return investigate_problem(load, given, out, progress or silent, learn)
+    return investigate_problem(load, given, out, progress or silence, learn)

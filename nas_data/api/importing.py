@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from nas_data.api.arguments import Progress, silent
+from nas_data.api.arguments import Progress
 from nas_data.dataset.cutting import cut_every
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.foreign import warn
@@ -26,6 +26,7 @@ from nas_data.importing.map_file import load_map, parse_map
 from nas_data.importing.section import MapSection
 from nas_data.recorders.logs import Import
 from nas_data.recorders.logs import import_logs as import_by_map
+from nas_data.runs.progress import silence
 
 LEROBOT = "lerobot"
 
@@ -42,7 +43,7 @@ class ImportRequest:
     rate: float | None = None
     uniform: bool = False
     cut: float | None = None
-    progress: Progress = silent
+    progress: Progress = silence
 
     @property
     def said(self) -> ImportOptions:
@@ -109,7 +110,7 @@ def import_logs(
         rate=rate,
         uniform=uniform,
         cut=cut,
-        progress=progress or silent,
+        progress=progress or silence,
     )
     result = read_logs(request).result
     warn(tuple(f"{finding.file}: {finding.message}" for finding in result.findings))

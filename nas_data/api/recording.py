@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from nas_data.api.arguments import Actuators, Progress, as_model, as_named, silent
+from nas_data.api.arguments import Actuators, Progress, as_model, as_named
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import Origin
 from nas_data.effects.base import Effect
@@ -21,6 +21,7 @@ from nas_data.recorders.session import PlaybackProtocol, RecordingSession, Targe
 from nas_data.recorders.simulated import record as play_session
 from nas_data.recorders.simulated import to_dataset
 from nas_data.robots.base import Robot, find_robot
+from nas_data.runs.progress import silence
 from nas_data.simulators.engines import load_simulator
 
 Start = Literal["rest", "random"]
@@ -112,7 +113,7 @@ def record(
         joints=tuple(joints),
         environment=environment_id(find_task_file(env)) if env else "",
     )
-    session, say = RecordingSession.draw(target, protocol), progress or silent
+    session, say = RecordingSession.draw(target, protocol), progress or silence
     total = len(session.commands)
     dataset = to_dataset(session, play_session(session, lambda done: say(f"recorded {done} of {total} episodes")))
     return replace(dataset, origin=Origin(dataset, session.provenance(blind)))

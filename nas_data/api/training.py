@@ -6,16 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from nas_data.api.arguments import (
-    Actuators,
-    Count,
-    Progress,
-    as_dataset,
-    as_optional_model,
-    count_aloud,
-    name_of,
-    silent,
-)
+from nas_data.api.arguments import Actuators, Count, Progress, as_dataset, as_optional_model, count_aloud, name_of
 from nas_data.api.learned import LearnedModel
 from nas_data.dataset import versions
 from nas_data.dataset.dataset import Dataset
@@ -29,6 +20,7 @@ from nas_data.models.run import CHECKPOINT, HISTORY, TrainingRun
 from nas_data.models.training import ModelTraining
 from nas_data.pairing import check_source, warn_of_ranges
 from nas_data.robots.base import find_robot
+from nas_data.runs.progress import silence
 from nas_data.simulators.base import Simulator
 from nas_data.sources import find_source, kept_files, source_files
 
@@ -58,7 +50,7 @@ class TrainingRequest:
     out: str | Path | None = None
     device: str | None = None
     episodes: Sequence[int] = ()
-    progress: Progress = silent
+    progress: Progress = silence
     count: Count | None = None
 
 
@@ -104,7 +96,7 @@ def train_delta(
         out=out,
         device=device,
         actuators=actuators,
-        progress=progress or silent,
+        progress=progress or silence,
     )
     return train(as_dataset(dataset), request)
 
@@ -134,7 +126,7 @@ def train_forward(
         out=out,
         device=device,
         actuators=actuators,
-        progress=progress or silent,
+        progress=progress or silence,
     )
     return train(as_dataset(dataset), request)
 

@@ -1,4 +1,4 @@
-"""PPO in the augmented environment against PPO in plain environments and in environments with a network each."""
+"""PPO in the augmented environment, compared with plain environments and environments with one network each."""
 
 import sys
 from collections.abc import Callable
@@ -25,12 +25,12 @@ WANTED = {"plain_16": 0.9, "plain_64": 1.0, "naive_16": 5.0, "batched_16": 0.8}
 
 
 def benchmark(scratch: Path, frames: int, rounds: int) -> BenchmarkResult:
-    """Time rollouts of PPO with the update after each, in environments that differ only in how they are stepped.
+    """Time rollouts of PPO with their updates, in environments that differ only in how they are stepped.
 
     Args:
-        scratch: Not used: nothing is written.
+        scratch: Unused.
         frames: Frames of a rollout, over all environments of a side.
-        rounds: How often each side is timed.
+        rounds: Number of timed rounds.
 
     Raises:
         OptionError: a rollout is too short for each environment to take a step.
@@ -69,7 +69,7 @@ def benchmark(scratch: Path, frames: int, rounds: int) -> BenchmarkResult:
 
 
 def random_phi() -> DynamicsModel:
-    """Return φ of the paper's size with random weights and next to no effect."""
+    """Return φ of the paper's size with random weights and a tiny output."""
     torch.manual_seed(0)
     phi = DynamicsModel("delta", TASK.joints, fps=1 / TASK.period)
     phi.get_buffer("output_std").fill_(CORRECTION)
@@ -77,7 +77,7 @@ def random_phi() -> DynamicsModel:
 
 
 def learning(environment: VecEnv, frames: int) -> Work:
-    """Return the work: one rollout, and the update from it; the next goes on from there."""
+    """Return a function that does one rollout and its update, and continues from there at the next call."""
     p = Hyperparameters(arms=environment.num_envs, rollout=frames, minibatches=max(1, frames // MINIBATCH))
     ppo = new_ppo(VecNormalize(environment, gamma=p.discount), p, seed=0)
 

@@ -1,4 +1,4 @@
-"""What `nas record sim` and `nas pair` do, from nothing to a version on disk, as benchmarks time it."""
+"""The work of `nas record sim` and `nas pair` that benchmarks time, including the files."""
 
 from pathlib import Path
 

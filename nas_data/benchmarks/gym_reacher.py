@@ -1,4 +1,4 @@
-"""ErgoReacher as users write such an environment, plain or with a learned correction of its own."""
+"""ErgoReacher as a usual Gymnasium environment, plain or with a learned correction."""
 
 import copy
 from collections.abc import Callable
@@ -20,8 +20,8 @@ SUBSTEPS = 5  # of 2 ms
 class GymReacher(gymnasium.Env[np.ndarray, np.ndarray]):
     """One arm, one `MjData`: the same episodes, rewards and observations as `nas/ErgoReacher-v0`.
 
-    Leaner than a child of Gymnasium's own `MujocoEnv`, which computes contact forces that nobody reads here, so that
-    what we are compared with is not made to look worse than it is.
+    It is leaner than a subclass of Gymnasium's `MujocoEnv`, which computes unused contact forces, so that the cost is
+    not overestimated.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012 (not a ClassVar: Gymnasium's base class declares it as it is)
@@ -69,7 +69,7 @@ class GymReacher(gymnasium.Env[np.ndarray, np.ndarray]):
 
 
 class NaiveReacher(GymReacher):
-    """The same with φ as the paper's authors wrapped it: a network an environment, called for one arm at a time."""
+    """The same with φ as in the authors' code: one network per environment, called for one arm at a time."""
 
     def __init__(self, model: mujoco.MjModel, phi: DynamicsModel) -> None:
         """Take the source and a copy of φ."""
@@ -98,5 +98,5 @@ class NaiveReacher(GymReacher):
 
 
 def dummy(make: Callable[[], GymReacher], size: int) -> DummyVecEnv:
-    """Return environments as stable-baselines3 puts them together, each under a time limit and a monitor."""
+    """Return environments as a `DummyVecEnv`, each with a time limit and a monitor."""
     return DummyVecEnv([lambda: Monitor(TimeLimit(make(), TASK.horizon))] * size)

@@ -1,4 +1,4 @@
-"""On what a benchmark ran: processor, cores, versions."""
+"""Hardware of a benchmark: processor, cores, versions."""
 
 import os
 import platform
@@ -10,7 +10,7 @@ CPUINFO = Path("/proc/cpuinfo")
 
 
 def hardware() -> dict[str, object]:
-    """Return the processor's model, the cores that this process may use, the load on them, and versions."""
+    """Return the processor model, the number of usable cores, the load average, and versions."""
     return {
         "processor": processor(),
         "cores": len(os.sched_getaffinity(0)),
@@ -21,7 +21,7 @@ def hardware() -> dict[str, object]:
 
 
 def processor() -> str:
-    """Return the processor's model; the architecture where the system does not say."""
+    """Return the processor model; the architecture if the model is unknown."""
     if CPUINFO.is_file():
         for line in CPUINFO.read_text(encoding="utf-8").splitlines():
             if line.startswith("model name"):

@@ -1,4 +1,4 @@
-"""What a training has reached by when: processor time against the best held-out loss so far."""
+"""Learning curve of a training: best held-out loss over processor time."""
 
 import math
 import time
@@ -17,8 +17,8 @@ class Point:
     """The end of an epoch.
 
     Attributes:
-        cpu: Processor time since the training's start [s], validations excluded.
-        wall: Elapsed time, likewise [s].
+        cpu: Processor time since the start of the training [s], without validations.
+        wall: Elapsed time [s], without validations.
         loss: Best one-step error on the held-out episodes so far, mean square in units of the target's spread.
     """
 
@@ -36,12 +36,12 @@ def learn(dataset: Dataset, options: TrainingOptions, enough: Callable[[Point], 
 
     Args:
         dataset: Paired episodes.
-        options: How.
-        enough: Told of each epoch; whether to stop there. At the end of its schedule a training stops by itself.
+        options: Options of the training.
+        enough: Called after each epoch; the training stops if it returns True, or at the end of its schedule.
 
     Returns:
-        One point an epoch, at least one: what a training knows before its first epoch (normalisation, a shortcut
-        fitted in closed form) costs time as well, and is not told apart from that.
+        One point per epoch, at least one. The first includes the time before the first epoch (normalisation and the
+        closed-form fit of the shortcut).
     """
     clock = Stopwatch()
     training = ModelTraining("delta", dataset, options, device="cpu")
@@ -60,24 +60,24 @@ def learn(dataset: Dataset, options: TrainingOptions, enough: Callable[[Point], 
 
 
 def when(curve: Curve, loss: float) -> tuple[float, float]:
-    """Return the processor and elapsed time [s] at which a held-out loss was reached; infinite where it never was."""
+    """Return the processor and elapsed time [s] at which a held-out loss was reached; infinite if never."""
     return next(((point.cpu, point.wall) for point in curve if point.loss <= loss), (math.inf, math.inf))
 
 
 class Stopwatch:
-    """Processor and elapsed time [s] while it goes."""
+    """Processor and elapsed time [s]."""
 
     def __init__(self) -> None:
-        """Start at zero and go."""
+        """Start at zero."""
         self.cpu = self.wall = 0.0
         self.go()
 
     def go(self) -> None:
-        """Go on."""
+        """Continue."""
         self._since = time.process_time(), time.perf_counter()
 
     def stop(self) -> None:
-        """Stand still; `cpu` and `wall` hold the time so far."""
+        """Stop; `cpu` and `wall` hold the time so far."""
         cpu, wall = self._since
         self.cpu += time.process_time() - cpu
         self.wall += time.perf_counter() - wall

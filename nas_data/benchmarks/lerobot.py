@@ -1,4 +1,4 @@
-"""LeRobot's own way to write and read a dataset, which ours is compared with."""
+"""Writing and reading of datasets by LeRobot itself, for comparison."""
 
 import os
 import warnings
@@ -18,7 +18,7 @@ NAME = "local/benchmark"
 
 @contextmanager
 def lerobot(scratch: Path) -> Iterator["type[LeRobotDataset]"]:
-    """Give LeRobot's dataset class: offline, without a progress bar an episode, its Arrow cache in a scratch folder.
+    """Yield LeRobot's dataset class: offline, without progress bars, with its Arrow cache in a scratch folder.
 
     Raises:
         MissingPackage: LeRobot is not installed.
@@ -45,12 +45,12 @@ def lerobot(scratch: Path) -> Iterator["type[LeRobotDataset]"]:
 def create(
     kind: "type[LeRobotDataset]", root: Path, features: Mapping[str, Feature], fps: float, robot: str
 ) -> "LeRobotDataset":
-    """Begin an empty dataset; `add_frame`, `save_episode` and `finalize` fill it."""
+    """Create an empty dataset, to be filled by `add_frame`, `save_episode` and `finalize`."""
     described = {key: {**feature.to_info(), "shape": (feature.width,)} for key, feature in features.items()}
     rate = int(fps) if float(fps).is_integer() else fps
     return kind.create(NAME, rate, described, root=root, robot_type=robot, use_videos=False, video_backend="pyav")
 
 
 def open_dataset(kind: "type[LeRobotDataset]", root: Path) -> "LeRobotDataset":
-    """Open a dataset as `dataset[i]` reads it."""
+    """Open a dataset for reading by `dataset[i]`."""
     return kind(NAME, root=root, video_backend="pyav")

@@ -1,6 +1,5 @@
 """Reading a whole dataset into tensors against a DataLoader over LeRobot's `dataset[i]`."""
 
-import sys
 from itertools import islice
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from nas_data.benchmarks.rounds import Ratio, take_turns
 from nas_data.dataset.read import read
 from nas_data.dataset.transitions import as_transitions
 from nas_data.models.episodes import read_episodes
+from nas_data.runs.progress import say
 
 ROBOT = "ergojr"
 RATE = 100.0  # [Hz]
@@ -23,16 +23,16 @@ OURS, OTHER = "nas, all frames", "DataLoader"
 
 
 def benchmark(scratch: Path, episodes: int, frames: int, batches: int, rounds: int) -> BenchmarkResult:
-    """Time our reader, from the files to one tensor a feature and episode, and LeRobot's.
+    """Time our reader, from the files to one tensor per feature and episode, and LeRobot's reader.
 
     Args:
         scratch: Empty folder.
         episodes: Episodes of the dataset.
         frames: Frames of each episode.
         batches: Batches of 256 frames that the DataLoader reads in a round, the first of the dataset.
-        rounds: How often each side is timed.
+        rounds: Number of timed rounds.
     """
-    print(f"recording {episodes} episodes of {frames} frames …", file=sys.stderr)
+    say(f"recording {episodes} episodes of {frames} frames …")
     dataset = record(ROBOT, rate=RATE, episodes=episodes, seconds=frames / RATE)
     recorded = write_version(dataset, scratch / "recorded")
     root = pair_folder(recorded, ROBOT, scratch / "paired")

@@ -1,6 +1,5 @@
-"""Pairing a dataset against the bare `mujoco.rollout` calls that it cannot do without."""
+"""Pairing of a dataset, compared with the `mujoco.rollout` calls that it needs."""
 
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count
@@ -17,6 +16,7 @@ from nas_data.benchmarks.rounds import Ratio, take_turns
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
 from nas_data.pairing import pair
+from nas_data.runs.progress import say
 from nas_data.simulators.mujoco import CHUNK_STATES, MujocoSimulator
 
 ROBOT = "ergojr"
@@ -27,7 +27,7 @@ OURS, MEMORY, BARE = "nas pair", "pair() in memory", "bare mujoco.rollout"
 
 @dataclass(frozen=True)
 class BareRollouts:
-    """The rollouts that pairing needs, everything else done beforehand.
+    """The rollouts that pairing needs; everything else is done beforehand.
 
     Attributes:
         model: Compiled source.
@@ -43,7 +43,7 @@ class BareRollouts:
 
     @classmethod
     def of(cls, simulator: MujocoSimulator, dataset: Dataset) -> "BareRollouts":
-        """Prepare the states and controls, in the chunks in which the simulator pairs."""
+        """Prepare the states and controls, in the chunks of the simulator."""
         size = max(1, CHUNK_STATES // (simulator.substeps * len(simulator.rest.base)))
         chunks = []
         for start in range(0, dataset.n_frames, size):
@@ -54,7 +54,7 @@ class BareRollouts:
         return cls(simulator.model, simulator.substeps, tuple(chunks), simulator.threads)
 
     def runner(self) -> Callable[[], int]:
-        """Return the work: every rollout once."""
+        """Return a function that does every rollout once."""
         pooled = self.threads if self.threads > 1 else 0
         pool = mujoco.rollout.Rollout(nthread=pooled)
         data = [mujoco.MjData(self.model) for _ in range(max(1, pooled))]
@@ -74,9 +74,9 @@ def benchmark(scratch: Path, episodes: int, frames: int, rounds: int) -> Benchma
         scratch: Empty folder.
         episodes: Episodes of the dataset.
         frames: Frames of each episode.
-        rounds: How often each side is timed.
+        rounds: Number of timed rounds.
     """
-    print(f"recording {episodes} episodes of {frames} frames …", file=sys.stderr)
+    say(f"recording {episodes} episodes of {frames} frames …")
     simulator = MujocoSimulator.load(ROBOT, 1 / RATE)
     recording = record(ROBOT, rate=RATE, episodes=episodes, seconds=frames / RATE, quantum=0.0)
     root = write_version(recording, scratch / "recorded")

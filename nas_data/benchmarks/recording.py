@@ -5,11 +5,13 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import gymnasium
+import mujoco
 import numpy as np
+from gymnasium import spaces
 
 from nas_data.api.recording import record
 from nas_data.benchmarks.bulk import pair_folder, write_version
-from nas_data.benchmarks.gym_arm import GymArm
 from nas_data.benchmarks.lerobot import create, lerobot
 from nas_data.benchmarks.result import BenchmarkResult
 from nas_data.benchmarks.rounds import Ratio, take_turns
@@ -19,6 +21,7 @@ from nas_data.dataset.read import read
 from nas_data.effects.base import parse
 from nas_data.errors import DatasetInvalid
 from nas_data.recorders.session import SETTLE
+from nas_data.simulators.layout import FULLPHYSICS
 from nas_data.simulators.mujoco import MujocoSimulator
 
 if TYPE_CHECKING:
@@ -32,12 +35,60 @@ ROUNDING = 1e-5  # [rad, rad/s] both play the same commands to the bit; single p
 OURS, OTHER = "nas record sim + nas pair", "Gymnasium + LeRobot"
 
 
+class GymArm(gymnasium.Env[np.ndarray, np.ndarray]):
+    """A robot in MuJoCo; observed are positions [rad] then velocities [rad/s], actions are position commands [rad].
+
+    It is leaner than Gymnasium's `MujocoEnv` (no reward, no rendering, no second forward pass), so that the cost of
+    stepping environments is not overestimated.
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012 (not a ClassVar: Gymnasium's base class declares it as it is)
+
+    def __init__(self, simulator: MujocoSimulator) -> None:
+        """Take the model and the layout of its joints from a simulator."""
+        n = len(simulator.joints)
+        self.model, self.layout, self.substeps = simulator.model, simulator.layout, simulator.substeps
+        self.data = mujoco.MjData(self.model)
+        self.control_rate = 1 / simulator.period  # [Hz]
+        self._rest = simulator.rest(np.zeros((1, 2 * n)))[0]
+        self.observation_space = spaces.Box(-np.inf, np.inf, (2 * n,), np.float32)
+        self.action_space = spaces.Box(-np.pi, np.pi, (n,), np.float32)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, object] | None = None
+    ) -> tuple[np.ndarray, dict[str, object]]:
+        """Start at rest at zero; `options={"settle": seconds}` first holds that pose for this time."""
+        super().reset(seed=seed)
+        mujoco.mj_resetData(self.model, self.data)
+        mujoco.mj_setState(self.model, self.data, self._rest, FULLPHYSICS)
+        settle = float(str((options or {}).get("settle", 0.0)))
+        for _ in range(round(settle * self.control_rate)):
+            self.step(np.zeros(len(self.layout.joints)))
+        return self._observe(), {}
+
+    def set_state(self, state: np.ndarray) -> None:
+        """Set the joints [rad, rad/s], shape (2n,), and clear the warm start of the solver."""
+        n = len(self.layout.joints)
+        self.data.qpos[self.layout.qpos] = state[:n]
+        self.data.qvel[self.layout.dof] = state[n:]
+        self.data.qacc_warmstart[:] = 0.0
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, object]]:
+        """Hold the commands for one control period."""
+        self.data.ctrl[self.layout.control] = self.layout.inputs.from_commands(action)
+        mujoco.mj_step(self.model, self.data, nstep=self.substeps)
+        return self._observe(), 0.0, False, False, {}
+
+    def _observe(self) -> np.ndarray:
+        return self.layout.measure(self.data.qpos, self.data.qvel).astype(np.float32)
+
+
 @dataclass(frozen=True)
 class Bulk:
-    """Our way: what the two commands do, from nothing to a paired version on disk.
+    """Our way: the work of both commands, up to a paired version on disk.
 
     Attributes:
-        folder: Where the versions go.
+        folder: Folder of the versions.
         episodes: Number of episodes.
         seconds: Length of each [s].
     """
@@ -55,12 +106,12 @@ class Bulk:
 
 @dataclass(frozen=True)
 class Stepwise:
-    """The usual way: target and source as environments, the source set to each measured state, frame by frame.
+    """The usual way: target and source as environments; the source is set to each measured state, frame by frame.
 
     Attributes:
-        folder: Where the datasets go.
+        folder: Folder of the datasets.
         kind: LeRobot's dataset class.
-        reference: What is to be recorded: the commands of each episode.
+        reference: Dataset with the commands of each episode.
         target: Robot with its effects.
         source: Plain robot.
     """
@@ -73,7 +124,7 @@ class Stepwise:
 
     @classmethod
     def of(cls, folder: Path, kind: "type[LeRobotDataset]", reference: Dataset) -> "Stepwise":
-        """Build both environments on the models that our way simulates."""
+        """Build both environments on the same models as our way."""
         target = MujocoSimulator.load(ROBOT, 1 / RATE, effects=[parse(text) for text in EFFECTS])
         source = MujocoSimulator.load(ROBOT, 1 / RATE)
         return cls(folder, kind, reference, GymArm(target), GymArm(source))
@@ -115,10 +166,10 @@ def benchmark(scratch: Path, episodes: int, frames: int, rounds: int) -> Benchma
         scratch: Empty folder.
         episodes: Number of episodes.
         frames: Frames of each.
-        rounds: How often each side is timed.
+        rounds: Number of timed rounds.
 
     Raises:
-        DatasetInvalid: the two ways did not record the same.
+        DatasetInvalid: the two ways recorded different values.
     """
     names = (f"{number:03d}" for number in count())
     latest: dict[str, Path] = {}
@@ -145,7 +196,7 @@ def benchmark(scratch: Path, episodes: int, frames: int, rounds: int) -> Benchma
 
 
 def check_equal(bulk: Dataset, stepwise: Dataset) -> None:
-    """Refuse to compare ways that do not record the same numbers.
+    """Check that both ways recorded the same numbers.
 
     Raises:
         DatasetInvalid: names the feature that differs.

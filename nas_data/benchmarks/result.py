@@ -1,4 +1,4 @@
-"""What a benchmark found: a table of times, the ratios, and the hardware."""
+"""Result of a benchmark: a table of times, the ratios, and the hardware."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,12 +9,12 @@ from nas_data.benchmarks.rounds import Ratio, Times
 
 @dataclass(frozen=True)
 class Unit:
-    """In what times are told.
+    """Unit of times.
 
     Attributes:
-        heading: For a person.
-        key: For machines.
-        factor: Of a second.
+        heading: Heading of tables.
+        key: Key in JSON.
+        factor: Factor from seconds.
     """
 
     heading: str
@@ -28,14 +28,14 @@ SECONDS = Unit("seconds", "seconds", 1.0)
 
 @dataclass(frozen=True)
 class BenchmarkResult:
-    """What a benchmark found.
+    """Result of a benchmark.
 
     Attributes:
-        title: What was done how often.
+        title: Description of the work.
         times: Name of each side → its times.
-        ratios: What is compared; the first is the benchmark's own.
-        notes: What a reader must know to trust the numbers.
-        unit: In what the times are told.
+        ratios: Ratios; the first is the main one.
+        notes: Notes on the limits of the numbers.
+        unit: Unit of the times.
     """
 
     title: str
@@ -45,7 +45,7 @@ class BenchmarkResult:
     unit: Unit = MICROSECONDS_A_FRAME
 
     def to_text(self) -> str:
-        """Return title, times per frame of each round, ratios and hardware, for a person."""
+        """Return title, times per frame of each round, ratios and hardware as text."""
         machine = hardware()
         versions = machine["versions"]
         assert isinstance(versions, Mapping)
@@ -55,7 +55,7 @@ class BenchmarkResult:
         return "\n".join([self.title, "", *self._table(), "", *ratios, *self.notes, f"{on}; {with_versions}"])
 
     def _table(self) -> list[str]:
-        """Return the times as lines, one a side; the last column is the shortest processor time."""
+        """Return one line per side with its times; the last column is the shortest processor time."""
         heading, factor = f"{self.unit.heading} in round", self.unit.factor
         width = max(len(name) for name in (heading, *self.times))
         rounds = len(next(iter(self.times.values())).wall)
@@ -67,7 +67,7 @@ class BenchmarkResult:
         return lines
 
     def to_json(self) -> dict[str, object]:
-        """Return the same for machines; times in the unit of their key."""
+        """Return the result for JSON; times are in the unit of their key."""
         return {
             "ratios": {ratio.name: ratio.of(self.times) for ratio in self.ratios},
             "rounds": {ratio.name: ratio.values(self.times) for ratio in self.ratios},

@@ -1,18 +1,19 @@
-"""Timing in turns: every side once a round, so that whatever else the machine does falls on all of them."""
+"""Timing in rounds: every side runs once per round, so that other load on the machine affects all of them."""
 
-import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from statistics import median
 from typing import Literal
 
+from nas_data.runs.progress import say
+
 Work = Callable[[], int]
 
 
 @dataclass(frozen=True)
 class Times:
-    """What one side took.
+    """Times of one side.
 
     Attributes:
         wall: Elapsed time per frame of each round [s].
@@ -26,12 +27,12 @@ class Times:
 def take_turns(sides: Mapping[str, Work], rounds: int) -> dict[str, Times]:
     """Time several ways of the same work.
 
-    Each side runs once before, uncounted: imports, caches and compilers are not what is compared. The order turns
-    round after each round.
+    Each side runs once beforehand without timing, for imports, caches and compilers. The order is reversed after each
+    round.
 
     Args:
-        sides: Name of a side → its work, which returns how many frames it did.
-        rounds: How often each is timed.
+        sides: Name of a side → its work, which returns the number of frames.
+        rounds: Number of timed rounds.
     """
     found: dict[str, list[tuple[float, float]]] = {name: [] for name in sides}
     for number in range(rounds + 1):
@@ -41,21 +42,20 @@ def take_turns(sides: Mapping[str, Work], rounds: int) -> dict[str, Times]:
             took = (time.perf_counter() - begun) / frames, (time.process_time() - spent) / frames
             if number:
                 found[name].append(took)
-                report = f"round {number} of {rounds}: {name} {took[0] * 1e6:.4g} µs a frame"
-                print(report, file=sys.stderr)
+                say(f"round {number} of {rounds}: {name} {took[0] * 1e6:.4g} µs a frame")
     return {name: Times(tuple(wall for wall, _ in took), tuple(cpu for _, cpu in took)) for name, took in found.items()}
 
 
 @dataclass(frozen=True)
 class Ratio:
-    """How much faster one side is than another.
+    """Speed of one side relative to another.
 
     Attributes:
         name: Its name in `--json`, for example `pairing_vs_rollout`.
-        ours: Name of the side that is ours.
-        other: Name of the side that it is compared with.
-        wanted: Smallest ratio that is good enough; None where the ratio is only told.
-        clock: Which time counts: `wall`, or `cpu` where a busy machine would decide the elapsed one.
+        ours: Name of our side.
+        other: Name of the other side.
+        wanted: Required ratio; None if there is none.
+        clock: `wall`, or `cpu` if other load on the machine would dominate the elapsed time.
     """
 
     name: str
@@ -65,7 +65,7 @@ class Ratio:
     clock: Literal["wall", "cpu"] = "wall"
 
     def values(self, times: Mapping[str, Times]) -> list[float]:
-        """Return the other's time divided by ours, one value a round; above 1 we are faster."""
+        """Return the other time divided by ours for each round; above 1 our side is faster."""
         ours, other = (getattr(times[side], self.clock) for side in (self.ours, self.other))
         return [theirs / mine for mine, theirs in zip(ours, other, strict=True)]
 

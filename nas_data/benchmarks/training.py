@@ -1,6 +1,5 @@
 """Our training of φ against the paper's recipe: processor time to the same held-out loss."""
 
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,6 +13,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.read import read
 from nas_data.envs.ergo_reacher import TASK
 from nas_data.models.presets import preset
+from nas_data.runs.progress import say
 
 ENVIRONMENT, DYNAMICS = "ErgoReacher", "backlash"
 PAPER = preset("paper")
@@ -93,14 +93,14 @@ def benchmark(scratch: Path, episodes: int, budget: int, seeds: int) -> Benchmar
         budget: Processor time [s].
         seeds: How many, from 0.
     """
-    print(f"recording {episodes} episodes …", file=sys.stderr)
+    say(f"recording {episodes} episodes …")
     recording = record(env=ENVIRONMENT, dynamics=DYNAMICS, episodes=episodes, quantum=0.0)
     recorded = write_version(recording, scratch / "recorded")
     dataset = read(pair_folder(recorded, TASK.robot, scratch / "paired"))
     races = []
     for seed in range(seeds):
         races.append(Race.run(dataset, seed, budget))
-        print(f"seed {seed}: {sentence(races[-1])}", file=sys.stderr)
+        say(f"seed {seed}: {sentence(races[-1])}")
     return BenchmarkResult(
         title=f"Training φ on {episodes} episodes of {ENVIRONMENT} with backlash; one column a seed",
         times=as_times(races),

@@ -1,11 +1,11 @@
 """What the experiments' commands share: options, and how a request is made of them."""
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from nas_data.commands.base import Command, CommandResult
+from nas_data.runs.progress import say
 
 if TYPE_CHECKING:
     from nas_data.studies.experiments.pipeline.sizes import Sizes
@@ -42,7 +42,7 @@ class ExperimentCommand(Command):
             dynamics=self.dynamics,
             sizes=self.sizes(),
             folder=self.out,
-            report=report,
+            report=say,
             methods=self.chosen_methods(),
             workers=self.workers,
             whole=QUICK if self.quick else FULL,
@@ -93,8 +93,3 @@ class MethodsExperimentCommand(PolicyExperimentCommand):
     def chosen_methods(self) -> tuple[str, ...]:
         """Return the methods to compare."""
         return self.methods
-
-
-def report(line: str) -> None:
-    """Show progress on stderr."""
-    print(line, file=sys.stderr, flush=True)

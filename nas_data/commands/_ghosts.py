@@ -28,11 +28,11 @@ class ShowsEpisode(TakesModel):
 
     def motion(self) -> "tuple[Path, Motion]":
         """Return the dataset's folder, and how the arms move in the episode."""
-        from nas_data.commands._patience import saying
         from nas_data.dataset import versions
         from nas_data.dataset.dataset import Dataset
         from nas_data.errors import OptionError
         from nas_data.reports.films.motion import follow
+        from nas_data.runs.progress import saying
 
         if self.actuators != "position" and not self.model:
             raise OptionError("--actuators is for a URDF given with --model; without one, leave it out.")

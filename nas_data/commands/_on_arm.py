@@ -1,11 +1,10 @@
-"""What `nas policy evaluate --on ergojr` does: opens the ports, rolls out, keeps what was recorded, and tells of it."""
+"""Evaluation of policies on an arm, for `nas policy evaluate --on ergojr`: rollouts, their recording, the result."""
 
-import sys
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from nas_data.hardware.xl320.ergojr import ergojr_joints
 from nas_data.hardware.xl320.joints import Joints
 from nas_data.policies.evaluate import SEED, Returns
 from nas_data.policies.policy import find_policies, load_policy
-from nas_data.policies.rollouts.arm_setup import ArmSetup, make_path_planner
+from nas_data.policies.rollouts.arm_setup import SIMULATED, ArmSetup, make_path_planner
 from nas_data.policies.rollouts.evaluation_plan import EvaluationPlan
 from nas_data.policies.rollouts.recorded import Recorder, Saved, saved_as
 from nas_data.policies.rollouts.robot_stepper import RobotStepper, RolloutTally
@@ -31,56 +30,64 @@ from nas_data.recorders.guarded import Setup
 from nas_data.recorders.schedule import MonotonicClock, SteppedClock
 from nas_data.recorders.stopping import stop_on_signals
 from nas_data.recorders.under_way import SAVING
+from nas_data.runs.progress import Remaining, say
 
-TOLD_BY = (
+if TYPE_CHECKING:
+    from nas_data.commands.policy_evaluate import PolicyEvaluate
+
+FORWARD_KINEMATICS = (
     "The tip whose distance to the goal counts is where the model has it in the measured pose (forward kinematics)."
 )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class OnArm:
-    """The command's options for an arm; see `PolicyEvaluate`."""
+    """Evaluation of policies on an arm.
 
-    policies: tuple[Path, ...]
-    episodes: int
+    Attributes:
+        options: The command with its options.
+        port: Port of the arm's adapter.
+    """
+
+    options: "PolicyEvaluate"
     port: str
-    defender_port: str | None
-    ids: tuple[str, str]
-    hits: str
-    missed: float
-    apart: str
-    record: str | None
-    speed: float
-    largest_step: float
-    lockstep: bool
-    finish: bool
+
+    @property
+    def ids(self) -> tuple[str, str]:
+        """Names of both arms."""
+        return self.options.id, self.options.defender_id
+
+    @property
+    def hits(self) -> str:
+        """Source of hits."""
+        return self.options.hits or SIMULATED
 
     def run(self) -> CommandResult:
-        """Roll out every policy, as far as that is not yet saved; or make a dataset of what is."""
-        if self.finish:
+        """Roll out every policy, except for saved episodes; with --finish, only make the dataset of these."""
+        if self.options.finish:
             return self._finish()
-        environment = load_policy(find_policies(self.policies[0])[0]).environment
-        programme = EvaluationPlan.of(self.policies, environment, self.episodes)
+        environment = load_policy(find_policies(self.options.policies[0])[0]).environment
+        plan = EvaluationPlan.of(self.options.policies, environment, self.options.episodes)
         with ExitStack() as stack:
             stack.enter_context(stop_on_signals())
-            saved = stack.enter_context(saved_as(self.record)) if self.record else None
+            saved = stack.enter_context(saved_as(self.options.record)) if self.options.record else None
             task = find_task(environment)
-            bench = self._bench(task, stack)
-            bench.check(task)
+            arms = self._arms(task, stack)
+            arms.check(task)
             tally = saved.tally if saved else RolloutTally()
             tally.sittings += 1
             if saved:
-                saved.resume(self._recorder(programme, environment, bench))
-            with self._saying_what_is_saved(saved, programme), bench.open(task, tally) as on:
-                scores = self._roll_out(programme, on, saved)
-            path = saved.finish(_counted(tally)) if saved else None
-        return self._outcome(programme, environment, scores, tally, path)
+                saved.resume(self._recorder(plan, environment, arms))
+            with self._reporting_saved(saved, plan), arms.open(task, tally) as on:
+                scores = self._roll_out(plan, on, saved)
+            path = saved.finish(describe_tally(tally)) if saved else None
+        return self._result(plan, environment, scores, tally, path)
 
-    def _roll_out(self, programme: EvaluationPlan, on: tuple[Task, RobotStepper], saved: Saved | None) -> list[Returns]:
-        """Roll out what is not yet saved; return how all episodes went."""
+    def _roll_out(self, plan: EvaluationPlan, on: tuple[Task, RobotStepper], saved: Saved | None) -> list[Returns]:
+        """Roll out the episodes that are not saved yet; return the scores of all episodes."""
         task, stepper = on
-        scores, turns = list(saved.scores) if saved else [], programme.turns()
-        progress = EvaluationProgress(len(scores), len(turns))
+        scores, turns = list(saved.scores) if saved else [], plan.turns()
+        progress = Remaining(len(scores), len(turns))
         for policy, seed in turns[len(scores) :]:
             bouts, judgement = roll_out_on_arm(task, stepper, policy, seed)
             if saved:
@@ -91,12 +98,12 @@ class OnArm:
         return scores
 
     @contextmanager
-    def _saying_what_is_saved(self, saved: Saved | None, programme: EvaluationPlan) -> Iterator[None]:
-        """Say where it goes on, and where it will go on if this context ends early."""
+    def _reporting_saved(self, saved: Saved | None, plan: EvaluationPlan) -> Iterator[None]:
+        """Report the saved episodes at the beginning, and at the end if the context is left by an error."""
         if saved is None:
             yield
             return
-        wanted = len(programme.turns())
+        wanted = len(plan.turns())
         if saved.scores:
             say(f"{len(saved.scores)} of {wanted} episodes are saved in {saved.growing.root}; going on with the next.")
         try:
@@ -108,115 +115,115 @@ class OnArm:
             raise
 
     def _finish(self) -> CommandResult:
-        """Make a dataset of what is saved."""
-        assert self.record is not None
-        with saved_as(self.record) as saved:
-            path = saved.finish(_counted(saved.tally))
+        """Make a dataset of the saved episodes."""
+        assert self.options.record is not None
+        with saved_as(self.options.record) as saved:
+            path = saved.finish(describe_tally(saved.tally))
         returns = [float(score.returns[0]) for score in saved.scores]
-        text = f"{len(returns)} episodes, mean return {np.mean(returns):.2f}.\n{_counted(saved.tally)}\n{path}"
-        return CommandResult(text, {"dataset": path, "returns": returns, **_numbers(saved.tally)})
+        text = f"{len(returns)} episodes, mean return {np.mean(returns):.2f}.\n{describe_tally(saved.tally)}\n{path}"
+        return CommandResult(text, {"dataset": path, "returns": returns, **tally_to_json(saved.tally)})
 
-    def _bench(self, task: Task, stack: ExitStack) -> ArmSetup:
-        """Open the ports; a virtual arm lives as long as the stack."""
-        ports = [name for name in (self.port, self.defender_port) if name]
-        if self.port == self.defender_port != VIRTUAL:
+    def _arms(self, task: Task, stack: ExitStack) -> ArmSetup:
+        """Open the ports; the stack closes them and ends virtual arms."""
+        ports = [name for name in (self.port, self.options.defender_port) if name]
+        if self.port == self.options.defender_port != VIRTUAL:
             raise OptionError(f"Both arms are said to be on {self.port}; each needs an adapter of its own.")
         setups = [self._setup(name, own, task, stack) for name, own in zip(ports, self.ids, strict=False)]
-        clock = SteppedClock() if self.lockstep else MonotonicClock()
+        clock = SteppedClock() if self.options.lockstep else MonotonicClock()
         defender = setups[1] if len(setups) > 1 else None
         return ArmSetup(
             attacker=setups[0],
             defender=defender,
             clock=clock,
             hits=self.hits,
-            missed=self.missed,
-            edges=self.apart == "all",
+            missed=self.options.missed,
+            edges=self.options.apart == "all",
         )
 
     def _setup(self, name: str, own: str, task: Task, stack: ExitStack) -> Setup:
         return Setup(
             driver=Xl320(
-                port=stack.enter_context(port_of(name, lockstep=self.lockstep and name == VIRTUAL)),
+                port=stack.enter_context(port_of(name, lockstep=self.options.lockstep and name == VIRTUAL)),
                 joints=self._joints(name, own),
                 configuration=self._configuration,
             ),
             planner=make_path_planner(),
             rate=1 / task.period,
-            largest_step=self.largest_step,
+            largest_step=self.options.largest_step,
         )
 
     @property
     def _configuration(self) -> Configuration:
-        return Configuration(speed=self.speed)
+        return Configuration(speed=self.options.speed)
 
     def _joints(self, port: str, own: str) -> Joints:
         return ergojr_joints() if port == VIRTUAL else find_joints(ergojr_joints(), "ergojr", own)
 
-    def _recorder(self, programme: EvaluationPlan, environment: str, bench: ArmSetup) -> Recorder:
-        """Return how rollouts are kept; what its provenance says decides whether a recording may be gone on with."""
+    def _recorder(self, plan: EvaluationPlan, environment: str, arms: ArmSetup) -> Recorder:
+        """Return the conversion of rollouts to a dataset; a recording with another provenance cannot be resumed."""
         virtual = self.port == VIRTUAL
         provenance = Provenance(
             how="simulated" if virtual else "hardware",
             robot="ergojr",
             target={
                 "kind": "virtual XL-320 servos" if virtual else "hardware",
-                "arms": list(self.ids[: 2 if bench.defender else 1]),
+                "arms": list(self.ids[: 2 if arms.defender else 1]),
                 "hits": self.hits,
-                "missed": self.missed,
-                "apart": self.apart,
+                "missed": self.options.missed,
+                "apart": self.options.apart,
                 "configuration": self._configuration.to_json(),
-                "largest_step": self.largest_step,
+                "largest_step": self.options.largest_step,
             },
             signal={
-                "policies": [str(path) for path in self.policies],
-                "weights": programme.weights(),
+                "policies": [str(path) for path in self.options.policies],
+                "weights": plan.weights(),
                 "environment": environment,
-                "episodes": self.episodes,
+                "episodes": self.options.episodes,
             },
             seeds=(SEED,),
             contiguous=True,
         )
         return Recorder(
-            joints=bench.attacker.driver.names,
-            rate=bench.attacker.rate,
+            joints=arms.attacker.driver.names,
+            rate=arms.attacker.rate,
             task=environment,
             objects=find_task(environment).simulator().object_feature,
             provenance=provenance,
         )
 
-    def _outcome(
-        self, programme: EvaluationPlan, environment: str, scores: list[Returns], tally: RolloutTally, path: Path | None
+    def _result(
+        self, plan: EvaluationPlan, environment: str, scores: list[Returns], tally: RolloutTally, path: Path | None
     ) -> CommandResult:
-        groups = programme.groups(scores)
-        lines = [f"{environment} on {self.port}, {self.episodes} episodes a policy, mean actions:"]
-        lines += [policy_table(groups, {}), self._told_by(), _counted(tally)]
+        groups = plan.groups(scores)
+        lines = [f"{environment} on {self.port}, {self.options.episodes} episodes a policy, mean actions:"]
+        lines += [policy_table(groups, {}), self._describe_rewards(), describe_tally(tally)]
         lines += [f"{len(scores)} episodes → {path}"] if path else []
-        returns = [float(score.returns[0]) for score in scores]
+        returns, count = [float(score.returns[0]) for score in scores], self.options.episodes
         data = {
             "environment": environment,
             "port": self.port,
-            "hits": self.hits if self.defender_port else None,
-            "missed": self.missed,
-            "episodes": self.episodes,
+            "hits": self.hits if self.options.defender_port else None,
+            "missed": self.options.missed,
+            "episodes": count,
             "groups": [group.describe() for group in groups],
-            "returns": [returns[first : first + self.episodes] for first in range(0, len(returns), self.episodes)],
-            **_numbers(tally),
+            "returns": [returns[first : first + count] for first in range(0, len(returns), count)],
+            **tally_to_json(tally),
             "dataset": path,
         }
         return CommandResult("\n".join(lines), data)
 
-    def _told_by(self) -> str:
-        """Say what the rewards come from."""
-        if not self.defender_port:
-            return TOLD_BY
-        if self.hits != "simulated":
+    def _describe_rewards(self) -> str:
+        """Return a sentence on the source of the rewards."""
+        if not self.options.defender_port:
+            return FORWARD_KINEMATICS
+        if self.hits != SIMULATED:
             return f"Hits are what {self.hits} said."
-        missed = f"; {self.missed:.1%} of them are missed" if self.missed else ""
+        missed = f"; {self.options.missed:.1%} of them are missed" if self.options.missed else ""
         return f"Hits are told by where the model has sword and shield in the measured poses{missed}."
 
 
-def _counted(tally: RolloutTally) -> str:
-    """Say what happened, for people."""
+def describe_tally(tally: RolloutTally) -> str:
+    """Return the statistics as text."""
     sittings = f" All in {tally.sittings} sittings." if tally.sittings > 1 else ""
     return (
         f"{tally.late} of {tally.steps} readings came late, {tally.missed} of them by more than a period; "
@@ -225,8 +232,8 @@ def _counted(tally: RolloutTally) -> str:
     )
 
 
-def _numbers(tally: RolloutTally) -> dict[str, int]:
-    """Return the same for JSON."""
+def tally_to_json(tally: RolloutTally) -> dict[str, int]:
+    """Return the statistics for JSON."""
     return {
         "sittings": tally.sittings,
         "steps": tally.steps,
@@ -237,25 +244,3 @@ def _numbers(tally: RolloutTally) -> dict[str, int]:
         "retries": tally.retries,
         "unheard": tally.unheard,
     }
-
-
-class EvaluationProgress:
-    """Says on stderr how many episodes are over, at most every two seconds."""
-
-    def __init__(self, first: int, wanted: int) -> None:
-        self._first, self._wanted = first, wanted
-        self._began = self._spoken = time.monotonic()
-
-    def __call__(self, done: int) -> None:
-        """Report."""
-        now = time.monotonic()
-        if now - self._spoken < 2.0 and done < self._wanted:
-            return
-        self._spoken = now
-        left = (now - self._began) / (done - self._first) * (self._wanted - done)
-        say(f"{done} of {self._wanted} episodes, {left / 60:.0f} min left")
-
-
-def say(text: str) -> None:
-    """Tell a person something at once."""
-    print(text, file=sys.stderr, flush=True)

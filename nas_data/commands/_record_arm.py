@@ -1,7 +1,5 @@
-"""What the commands that record an arm share: options, the plan, the recording and its dataset."""
+"""Base of the commands that record an arm: options, plan, recording and dataset."""
 
-import sys
-import time
 from abc import abstractmethod
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -10,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
-from nas_data.commands._patience import Counting
 from nas_data.commands.base import Command, CommandResult
 from nas_data.errors import OptionError
+from nas_data.runs.progress import Counting, Remaining, say
 
 if TYPE_CHECKING:
     from nas_data.dataset.incremental_writer import IncrementalWriter
@@ -80,22 +78,22 @@ class RecordArm(Command):
     @property
     @abstractmethod
     def step(self) -> float:
-        """By how much a command may differ from the one before it [rad]."""
+        """Largest difference between successive commands [rad]."""
 
     @abstractmethod
     def arm_model(self) -> "Robot":
-        """Return the model that tells what the arm would touch."""
+        """Return the model for collision checks."""
 
     @abstractmethod
     def driver(self) -> "AbstractContextManager[Driver]":
-        """Return a context that yields how the arm is opened."""
+        """Return a context that yields the driver of the arm."""
 
     @abstractmethod
     def simulated(self) -> str:
-        """Say in a few words what a virtual arm is made of."""
+        """Return a phrase for the kind of virtual arm."""
 
     def run(self) -> CommandResult:
-        """Record what is not yet saved, and make the dataset."""
+        """Record the episodes that are not saved yet, and make the dataset."""
         from nas_data.dataset.incremental_writer import IncrementalWriter
         from nas_data.dataset.versions import check_destination
         from nas_data.dataset.write_lock import hold_write_lock
@@ -132,13 +130,15 @@ class RecordArm(Command):
             plan, provenance = self._plan(growing, protocol, robot_of(robot, driver)), self._provenance(protocol)
             job = Job(setup=setup, plan=plan, hot=self.hot, provenance=provenance)
             clock = SteppedClock() if self.lockstep else MonotonicClock()
-            RecordingJob(job, growing, clock, say).run(RecordingProgress(growing.episodes, len(job.plan.commands)))
+            progress = Remaining(growing.episodes, len(job.plan.commands), "saved ")
+            recording = RecordingJob(job, growing, clock, say)
+            recording.run(lambda saved, warmest: progress(saved, f", servos up to {warmest:.0f} °C"))
 
     def _plan(self, growing: "IncrementalWriter", protocol: "PlaybackProtocol", robot: "Robot") -> "MotionPlan":
-        """Draw what is to be played; where a recording is gone on with, it must be the same.
+        """Return the plan of the recording; a resumed recording must have the same plan.
 
         Raises:
-            OptionError: the recording under way has another plan.
+            OptionError: the recording in progress has another plan.
         """
         from nas_data.recorders.arm import PLAN
         from nas_data.recorders.arm_plan import MotionPlan, draw_plan, plan_key
@@ -154,24 +154,23 @@ class RecordArm(Command):
         return plan
 
     def _finish(self, growing: "IncrementalWriter", name: str) -> CommandResult:
-        """Make a dataset of what is saved, and remove the recording."""
+        """Make a dataset of the saved episodes, and remove the recording."""
         from nas_data.dataset.content import content_hash
         from nas_data.dataset.provenance import read_provenance
         from nas_data.dataset.read import read
-        from nas_data.recorders.arm_tally import RecordingStats, describe_stats, summary
+        from nas_data.recorders.arm_tally import RecordingQuality, RecordingStats
         from nas_data.recorders.under_way import complete
 
         dataset, provenance = read(growing.root), read_provenance(growing.root)
         assert provenance is not None
-        numbers = summary(dataset, RecordingStats.of(provenance.target))
-        path = complete(growing, dataset, "\n".join(describe_stats(numbers)), name=name, out=self.out)
-        text = (
-            f"Recorded {dataset.n_episodes} episodes, {dataset.n_frames} frames at {dataset.fps:g} Hz.\n"
-            + "\n".join(describe_stats(numbers))
-            + f"\n{path}"
-        )
+        quality = RecordingQuality.of(dataset, RecordingStats.of(provenance.target))
+        notes = "\n".join(quality.lines())
+        path = complete(growing, dataset, notes, name=name, out=self.out)
+        head = f"Recorded {dataset.n_episodes} episodes, {dataset.n_frames} frames at {dataset.fps:g} Hz."
         data = {"dataset": str(path), "episodes": dataset.n_episodes, "frames": dataset.n_frames, "fps": dataset.fps}
-        return CommandResult(text, {**data, **numbers, "content_hash": content_hash(dataset)})
+        return CommandResult(
+            f"{head}\n{notes}\n{path}", {**data, **quality.to_json(), "content_hash": content_hash(dataset)}
+        )
 
     def _protocol(self) -> "PlaybackProtocol":
         from nas_data.excitations.base import parse
@@ -196,54 +195,28 @@ class RecordArm(Command):
         )
 
     def _provenance(self, protocol: "PlaybackProtocol") -> "Provenance":
-        """Say where the episodes come from; a virtual arm with its effects, unless they are to be found."""
-        import hashlib
-
+        """Return the provenance; it includes the effects of a virtual arm, unless the recording is blind."""
         from nas_data.dataset.provenance import Provenance
         from nas_data.effects.base import parse
 
         target: dict[str, object] = {"kind": self.simulated() if self.virtual else "hardware"}
         if self.virtual and not self.blind:
             target |= {"effects": [parse(text).to_json() for text in self.effect], "faults": list(self.fault)}
-        file = protocol.file
-        played = {"file": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest()} if file else None
         return Provenance(
             how="simulated" if self.virtual else "hardware",
             robot=self.kind,
             target=target,
-            signal={**(played or protocol.excitation.to_json()), "start": self.start, "joints": list(self.joints)},
+            signal=protocol.signal(),
             seeds=(self.seed,),
             contiguous=True,
         )
 
 
 def robot_of(robot: "Robot", driver: "Driver") -> "Robot":
-    """Return the model with the arm's joints alone, in their order."""
+    """Return the model with only the arm's joints, in their order."""
     from dataclasses import replace
 
     if robot.joints == driver.names:
         return robot
     rest = dict(zip(robot.joints, robot.rest, strict=False))
     return replace(robot, joints=driver.names, rest=tuple(rest.get(name, 0.0) for name in driver.names))
-
-
-class RecordingProgress:
-    """Says on stderr how many episodes are saved, and how long the rest will take."""
-
-    def __init__(self, saved: int, wanted: int) -> None:
-        self._first, self._wanted = saved, wanted
-        self._began = self._spoken = time.monotonic()
-
-    def __call__(self, saved: int, warmest: float) -> None:
-        """Report: on a terminal each episode, elsewhere at most every two seconds."""
-        now = time.monotonic()
-        if not sys.stderr.isatty() and now - self._spoken < 2.0:
-            return
-        self._spoken = now
-        left = (now - self._began) / (saved - self._first) * (self._wanted - saved)
-        say(f"saved {saved} of {self._wanted} episodes, {left / 60:.0f} min left, servos up to {warmest:.0f} °C")
-
-
-def say(text: str) -> None:
-    """Tell a person something at once."""
-    print(text, file=sys.stderr, flush=True)

@@ -1,6 +1,5 @@
 """What `nas train delta` and `nas train forward` share: options, data, source, training, evaluation."""
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
@@ -8,8 +7,8 @@ from typing import Annotated, ClassVar, Literal
 import tyro
 
 from nas_data.commands._actuators import TakesModel
-from nas_data.commands._patience import Counting
 from nas_data.commands.base import CommandResult
+from nas_data.runs.progress import Counting, say
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +75,7 @@ class Train(TakesModel):
             out=folder,
             device=self.device,
             episodes=self.episodes,
-            progress=report,
+            progress=say,
             count=Counting("rolling out what was held out"),
         )
         learned = train(Dataset.load(root, self.episodes), request)
@@ -92,8 +91,3 @@ class Train(TakesModel):
                 "errors": evaluation.to_json() if evaluation else None,
             },
         )
-
-
-def report(line: str) -> None:
-    """Show progress on stderr."""
-    print(line, file=sys.stderr, flush=True)

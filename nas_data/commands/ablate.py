@@ -1,6 +1,5 @@
 """How good φ, ψ and named effects get with how much data: amount × seed × kind, in a table and a figure."""
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,9 +7,9 @@ from typing import TYPE_CHECKING
 import tyro
 
 from nas_data.commands._actuators import TakesModel
-from nas_data.commands._patience import saying
 from nas_data.commands.base import CommandResult
 from nas_data.errors import OptionError
+from nas_data.runs.progress import say, saying
 
 if TYPE_CHECKING:
     from nas_data.models.presets import TrainingOptions
@@ -89,9 +88,9 @@ class Ablate(TakesModel):
         content = plan.material.content()
         trials = plan.trials(content, self.out)
         with open_sweep(self.out, plan.identity(content)), saying("trials are running", HEARTBEAT):
-            records = run_sweep(trials, executor, self.workers, self.retry, report)
+            results = run_sweep(trials, executor, self.workers, self.retry, say)
         cost = inflation.read(self.out)
-        found = summary.SweepSummary.of(records)
+        found = summary.SweepSummary.of([(trial.config, result) for trial, result in zip(trials, results, strict=True)])
         notes = [cost.sentence()] if cost else []
         more: dict[str, object] = {
             "sweep": {**plan.identity(content), "effects": content.effects},
@@ -100,8 +99,8 @@ class Ablate(TakesModel):
             "code": {trial.config.kind: trial.code for trial in trials},
             "commit": commit(),
             "inflation": cost and cost.to_json(),
-            "wall_seconds": sum(float(str(record["wall_seconds"])) for record in records),
-            "cpu_seconds": sum(float(str(record["cpu_seconds"])) for record in records),
+            "wall_seconds": sum(result.wall_seconds for result in results),
+            "cpu_seconds": sum(result.cpu_seconds for result in results),
         }
         files = write.write(self.out, found, more, notes)
         failed = [f"failed: {sentence}" for sentence in found.failed]
@@ -152,8 +151,3 @@ class Ablate(TakesModel):
         given = {"hidden": self.hidden, "updates": self.updates, "horizon": self.horizon}
         quick = QUICK if self.quick else {}
         return preset(self.preset, **{**quick, **{name: value for name, value in given.items() if value is not None}})
-
-
-def report(line: str) -> None:
-    """Show progress on stderr."""
-    print(line, file=sys.stderr, flush=True)

@@ -1,10 +1,10 @@
 """Hide effects in plants of other makes and grade what `nas gap` says about them."""
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 from nas_data.commands.base import Command, CommandResult
+from nas_data.runs.progress import say
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,13 +42,12 @@ class BenchmarkGap(Command):
     def run(self) -> CommandResult:
         """Run what is not finished, then tabulate everything."""
         from nas_data.benchmarks.blind.benchmark import BlindPlan, run
-        from nas_data.benchmarks.blind.print_tables import print_tables
-        from nas_data.benchmarks.blind.tables import tables
+        from nas_data.benchmarks.blind.tables import print_tables, tables
         from nas_data.runs.environment_info import commit
 
         families, plants, baselines = (words(text) for text in (self.families, self.plants, self.baselines))
         plan = BlindPlan(families, plants, self.cases, self.seed, self.power, baselines, self.keep, self.setting)
-        records = run(plan, self.out, investigate, lambda line: print(line, file=sys.stderr, flush=True))
+        records = run(plan, self.out, investigate, say)
         found = tables(records)
         text = f"{len(records)} blind cases ({self.setting}), seed {self.seed}\n\n{print_tables(found)}\n→ {self.out}"
         told = {"out": self.out, "cases": len(records), "setting": self.setting, "seed": self.seed, "commit": commit()}

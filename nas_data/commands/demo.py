@@ -1,10 +1,10 @@
 """Everything once, small: record, pair, learn the gap, learn policies, show it on one page."""
 
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from nas_data.commands.base import Command, CommandResult
+from nas_data.runs.progress import say
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,14 +30,9 @@ class Demo(Command):
         from nas_data.studies.demo.plan import FULL, NAMED, QUICK
 
         plan = QUICK if self.quick else FULL
-        results = run_demo(replace(plan, named=NAMED) if self.names else plan, self.out, report)
+        results = run_demo(replace(plan, named=NAMED) if self.names else plan, self.out, say)
         data = {
             name: {"seconds": done.seconds, "when": done.when, "load": done.load, **done.data}
             for name, done in results.items()
         }
         return CommandResult("\n".join(line for done in results.values() for line in done.summary), data)
-
-
-def report(line: str) -> None:
-    """Show progress on stderr."""
-    print(line, file=sys.stderr, flush=True)

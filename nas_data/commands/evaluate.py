@@ -6,8 +6,8 @@ from pathlib import Path
 import tyro
 
 from nas_data.commands._actuators import TakesModel
-from nas_data.commands._patience import Counting
 from nas_data.commands.base import CommandResult
+from nas_data.runs.progress import Counting
 
 
 @dataclass(frozen=True, kw_only=True)

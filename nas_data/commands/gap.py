@@ -1,6 +1,5 @@
 """Find where model and recording disagree, name the missing effect, add it to the model, show the gap shrink."""
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,6 +7,7 @@ import tyro
 
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
+from nas_data.runs.progress import say
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,8 +35,3 @@ class Gap(TakesModel):
             self.dataset, self.model, out=self.out, learn=self.learn, actuators=self.actuators, progress=say
         )
         return CommandResult(summary(report, self.out), report.to_json())
-
-
-def say(text: str) -> None:
-    """Show on stderr what is being done."""
-    print(text, file=sys.stderr, flush=True)

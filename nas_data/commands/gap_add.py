@@ -1,6 +1,5 @@
 """Only add named effects to a model: write model.xml from effects.json and score it on held-out episodes."""
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -9,6 +8,7 @@ import tyro
 
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
+from nas_data.runs.progress import say
 
 if TYPE_CHECKING:
     from nas_data.gap.named import Named
@@ -81,5 +81,5 @@ class GapAdd(TakesModel):
             path, lost = write_bam(self.out, hinges, quantities)
             lost += [f"{joint}, which is a slide" for joint in nominal.slides]
         for what in lost:
-            print(f"nas: note: not in {path}: {what}", file=sys.stderr)
+            say(f"nas: note: not in {path}: {what}")
         return path

@@ -7,7 +7,7 @@ import tyro
 
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
-from nas_data.commands.gap import say
+from nas_data.runs.progress import say
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,7 +1,5 @@
 """Turn recorded logs of any robot into a dataset."""
 
-import sys
-import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from nas_data.commands.base import Command, CommandResult
+from nas_data.runs.progress import Calm, say
 
 if TYPE_CHECKING:
     from nas_data.dataset.audits.base import AuditFinding
@@ -73,7 +72,7 @@ class ImportLogs(Command):
             rate=self.rate,
             uniform=self.uniform,
             cut=self.cut,
-            progress=_Progress(),
+            progress=Calm(lambda what: say(f"reading {what}"), pause=0.0, first=PATIENCE),
         )
         imported = read_logs(request)
         result, name = imported.result, self.name or imported.name
@@ -84,19 +83,8 @@ class ImportLogs(Command):
         return CommandResult(text, _data(result, root, imported.notes))
 
 
-class _Progress:
-    """Says on stderr which log is read, once reading takes long."""
-
-    def __init__(self) -> None:
-        self.start = time.monotonic()
-
-    def __call__(self, what: str) -> None:
-        if time.monotonic() - self.start > PATIENCE:
-            print(f"reading {what}", file=sys.stderr)
-
-
 def _text(result: "Import", root: Path) -> str:
-    """Say what was imported and what the audits noticed."""
+    """Return the result and the findings of the audits as text."""
     dataset = result.dataset
     minutes = dataset.n_frames / dataset.fps / 60
     lines = [
@@ -109,7 +97,7 @@ def _text(result: "Import", root: Path) -> str:
 
 
 def _findings_text(findings: "Iterable[AuditFinding]") -> list[str]:
-    """List findings by their kind, a few of each."""
+    """Return the first few findings of each kind as lines."""
     kinds: dict[str, list[AuditFinding]] = {}
     for finding in findings:
         kinds.setdefault(finding.check, []).append(finding)
@@ -123,7 +111,7 @@ def _findings_text(findings: "Iterable[AuditFinding]") -> list[str]:
 
 
 def _data(result: "Import", root: Path, notes: Sequence[str]) -> dict[str, object]:
-    """Say the same for machines."""
+    """Return the result for JSON."""
     dataset = result.dataset
     return {
         "dataset": str(root),

@@ -6,9 +6,9 @@ from typing import Annotated
 
 import tyro
 
-from nas_data.commands._patience import saying
 from nas_data.commands.base import Command, CommandResult
 from nas_data.errors import OptionError
+from nas_data.runs.progress import saying
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import tyro
 
-from nas_data.commands._patience import saying
 from nas_data.commands.base import Command, CommandResult
+from nas_data.runs.progress import saying
 
 
 @dataclass(frozen=True, kw_only=True)

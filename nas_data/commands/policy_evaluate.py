@@ -133,18 +133,4 @@ class PolicyEvaluate(Command):
         virtual = {name for name in (port, self.defender_port) if name == "virtual"}
         if self.hits is None and self.defender_port and not virtual:
             raise OptionError("Say where hits are read: --hits /dev/input/by-id/…-event-kbd, or --hits simulated.")
-        return OnArm(
-            policies=self.policies,
-            episodes=self.episodes,
-            port=port,
-            defender_port=self.defender_port,
-            ids=(self.id, self.defender_id),
-            hits=self.hits or "simulated",
-            missed=self.missed,
-            apart=self.apart,
-            record=self.record,
-            speed=self.speed,
-            largest_step=self.largest_step,
-            lockstep=self.lockstep,
-            finish=self.finish,
-        ).run()
+        return OnArm(self, port).run()

@@ -1,6 +1,5 @@
 """Record episodes from a simulated target: a robot with any effects, noise and quantisation."""
 
-import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,8 +9,7 @@ import tyro
 
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
-
-PATIENCE = 2.0  # [s] of silence between two reports
+from nas_data.runs.progress import PAUSE, Calm
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +91,7 @@ class RecordSim(TakesModel):
             blind=self.blind,
             engine=self.engine,
             actuators=self.actuators,
-            progress=RecordingPace(),
+            progress=Calm(first=PAUSE),
         )
         provenance, _ = describe(dataset)
         name = self.name or f"{dataset.robot_type}_{dataset.tasks[0]}"
@@ -112,16 +110,3 @@ class RecordSim(TakesModel):
             "content_hash": content_hash(dataset),
         }
         return CommandResult(text, data)
-
-
-class RecordingPace:
-    """Says on stderr how many episodes are recorded, once recording takes long."""
-
-    def __init__(self) -> None:
-        self.said = time.monotonic()
-
-    def __call__(self, text: str) -> None:
-        """Report, at most every two seconds."""
-        if time.monotonic() - self.said > PATIENCE:
-            self.said = time.monotonic()
-            print(text, file=sys.stderr)

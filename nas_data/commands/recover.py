@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from nas_data.commands._patience import saying
 from nas_data.commands.base import Command, CommandResult
+from nas_data.runs.progress import saying
 
 if TYPE_CHECKING:
     from nas_data.dataset.recover import Rescue

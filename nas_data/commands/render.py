@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from nas_data.commands._ghosts import ShowsEpisode
-from nas_data.commands._patience import Counting
 from nas_data.commands.base import CommandResult
 from nas_data.errors import OptionError, OutputExists
+from nas_data.runs.progress import Counting
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,11 +5,9 @@ Columns of data files are copied row by row.
 """
 
 import json
-import os
-import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -17,26 +15,8 @@ import pyarrow as pa
 
 from nas_data.dataset import layout
 from nas_data.dataset.parquet import open_parquet, read_parquet, try_parquet
+from nas_data.dataset.videos import VIDEO, VIDEO_PATH, Clip, VideoPlace
 from nas_data.errors import DatasetInvalid
-
-VIDEO = "video"
-VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
-PLACE = ("chunk_index", "file_index", "from_timestamp", "to_timestamp")
-
-
-@dataclass(frozen=True)
-class Clip:
-    """The part of a video file that belongs to an episode.
-
-    Attributes:
-        file: The video.
-        start: Start time in the video [s].
-        stop: End time in the video [s].
-    """
-
-    file: Path
-    start: float
-    stop: float
 
 
 @dataclass(frozen=True)
@@ -112,16 +92,7 @@ class Carried:
         wanted = self.rows[frames]
         if not keys or not len(wanted):
             return {}
-        parts, places, start = [], np.empty(len(wanted), np.int64), 0
-        offset = 0
-        for source in self._sources:
-            here = np.flatnonzero((wanted >= offset) & (wanted < offset + source.frames))
-            if here.size:
-                parts.append(source.rows(keys, wanted[here] - offset))
-                places[here] = start + np.arange(here.size)
-                start += here.size
-            offset += source.frames
-        table = pa.concat_tables(parts, promote_options="permissive").take(places)
+        table = take_rows(wanted, [(source.frames, partial(source.rows, keys)) for source in self._sources])
         return {key: table[key] for key in keys}
 
     def huggingface(self) -> dict[str, object]:
@@ -181,16 +152,11 @@ class CarriedSource:
 
     def rows(self, keys: Sequence[str], rows: np.ndarray) -> pa.Table:
         """Return columns of some rows, in the order of the episodes."""
-        wanted, parts, places, start, offset = self._order[rows], [], np.empty(len(rows), np.int64), 0, 0
-        for path, numbers in self._files:
-            count = len(numbers)
-            here = np.flatnonzero((wanted >= offset) & (wanted < offset + count))
-            if here.size:
-                parts.append(read_parquet(path, keys).take(wanted[here] - offset))
-                places[here] = start + np.arange(here.size)
-                start += here.size
-            offset += count
-        return pa.concat_tables(parts).take(places)
+
+        def read(path: Path, wanted: np.ndarray) -> pa.Table:
+            return read_parquet(path, keys).take(wanted)
+
+        return take_rows(self._order[rows], [(len(numbers), partial(read, path)) for path, numbers in self._files])
 
     def schema_metadata(self) -> dict[str, object]:
         """Return the column descriptions of the data files for `datasets`."""
@@ -204,14 +170,14 @@ class CarriedSource:
     def clip(self, key: str, row: int, length: int, fps: float) -> Clip:
         """Return the video clip of consecutive frames of an episode."""
         entry, number = self.episode(row), int(self._numbers[row])
-        if f"videos/{key}/{PLACE[0]}" not in entry:
+        columns = VideoPlace.columns(key)
+        if columns["chunk_index"] not in entry:
             raise DatasetInvalid(f"meta/episodes does not say where the pictures of episode {number} lie")
-        entries = {name: entry[f"videos/{key}/{name}"] for name in PLACE}
+        place = VideoPlace(**{name: entry[column] for name, column in columns.items()})  # type: ignore[arg-type]  # as stored
         template = str(layout.read_info(self.root).get("video_path") or VIDEO_PATH)
-        file = self.root / template.format(video_key=key, **{name: int(str(entries[name])) for name in PLACE[:2]})
-        start = float(str(entries["from_timestamp"])) + (row - self._first(number)) / fps
-        whole = length == int(str(entry["length"]))
-        return Clip(file, start, float(str(entries["to_timestamp"])) if whole else start + length / fps)
+        start = place.from_timestamp + (row - self._first(number)) / fps
+        stop = place.to_timestamp if length == entry["length"] else start + length / fps
+        return Clip(self.root / place.path(key, template), start, stop)
 
     def episode(self, row: int) -> Mapping[str, object]:
         """Return the entry of the episode table for the episode of a row; empty if it is damaged."""
@@ -264,40 +230,22 @@ class CarriedSource:
         return {int(row["episode_index"]): row for table in tables if table for row in table.to_pylist()}
 
 
-def place_videos(folder: Path, clips: Mapping[str, Sequence[Clip]]) -> tuple[dict[str, list[object]], dict[str, Path]]:
-    """Hard-link the videos of clips into a dataset's folder; copy them if that fails.
+def take_rows(wanted: np.ndarray, tables: Sequence[tuple[int, Callable[[np.ndarray], pa.Table]]]) -> pa.Table:
+    """Return rows of consecutive tables, in any order; only tables with such rows are read.
 
     Args:
-        folder: The dataset that is written.
-        clips: One clip per episode, for each camera.
-
-    Returns:
-        Columns of the episode table, and the files by their path in the dataset.
+        wanted: Row numbers, counted over all tables.
+        tables: Number of rows of each table, and a function that returns some of its rows.
     """
-    columns: dict[str, list[object]] = {}
-    files: dict[str, Path] = {}
-    for key, parts in clips.items():
-        numbers = {file: number for number, file in enumerate(dict.fromkeys(clip.file for clip in parts))}
-        for file, number in numbers.items():
-            chunk, index = divmod(number, layout.FILES_PER_CHUNK)
-            name = VIDEO_PATH.format(video_key=key, chunk_index=chunk, file_index=index)
-            link(file, folder / name)
-            files[name] = folder / name
-        placed = [divmod(numbers[clip.file], layout.FILES_PER_CHUNK) for clip in parts]
-        columns[f"videos/{key}/chunk_index"] = [chunk for chunk, _ in placed]
-        columns[f"videos/{key}/file_index"] = [index for _, index in placed]
-        columns[f"videos/{key}/from_timestamp"] = [clip.start for clip in parts]
-        columns[f"videos/{key}/to_timestamp"] = [clip.stop for clip in parts]
-    return columns, files
-
-
-def link(file: Path, target: Path) -> None:
-    """Hard-link a file; copy it if the file system does not support that."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        os.link(file.resolve(), target)
-    except OSError:
-        shutil.copyfile(file, target)
+    parts, places, offset = [], [], 0
+    for count, take in tables:
+        here = np.flatnonzero((wanted >= offset) & (wanted < offset + count))
+        if here.size:
+            parts.append(take(wanted[here] - offset))
+            places.append(here)
+        offset += count
+    table = pa.concat_tables(parts, promote_options="permissive")
+    return table.take(np.argsort(np.concatenate(places)))
 
 
 def overall(episodes: Sequence[Mapping[str, object]]) -> dict[str, dict[str, object]]:

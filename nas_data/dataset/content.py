@@ -1,18 +1,25 @@
-"""The content hash: it depends on a dataset's content, not on file layout, column order or machine."""
+"""Hashes of a dataset's content and of each episode; file layout, column order and machine do not count."""
 
 import hashlib
 import json
+from collections.abc import Sequence
 
 import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 
-SCHEMA = 1  # Bump it when the rule below changes; stored hashes then name another rule, not other data.
+SCHEMA = 1  # increase it if the rule below changes, so that stored hashes are not compared with those of another rule
 
 
 def stored_column(dataset: Dataset, key: str) -> np.ndarray:
     """Return a column as it is stored: the feature's dtype, contiguous, shape (N, width)."""
     return np.ascontiguousarray(dataset.columns[key], dtype=dataset.features[key].dtype)
+
+
+def little_endian(dataset: Dataset, key: str) -> np.ndarray:
+    """Return a column as it is stored, little-endian on every machine."""
+    column = stored_column(dataset, key)
+    return np.ascontiguousarray(column.astype(column.dtype.newbyteorder("<"), copy=False))
 
 
 def content_hash(dataset: Dataset) -> str:
@@ -38,6 +45,21 @@ def content_hash(dataset: Dataset) -> str:
         header["carried"] = {key: [entry.get("dtype"), entry.get("shape")] for key, entry in described.items()}
     digest = hashlib.sha256(json.dumps(header, sort_keys=True, separators=(",", ":")).encode())
     for key in sorted(dataset.features):
-        column = stored_column(dataset, key)
-        digest.update(column.astype(column.dtype.newbyteorder("<"), copy=False).data)
+        digest.update(little_endian(dataset, key).data)
     return digest.hexdigest()
+
+
+def episode_hashes(dataset: Dataset, keys: Sequence[str]) -> list[str]:
+    """Return the SHA-256 of each episode's length and exact values of the given features; tasks do not count.
+
+    Args:
+        dataset: The episodes.
+        keys: Features to hash: all, or those that two datasets share.
+    """
+    columns, hashes = [little_endian(dataset, key) for key in keys], []
+    for frames in dataset.episodes():
+        digest = hashlib.sha256(str(frames.stop - frames.start).encode())
+        for column in columns:
+            digest.update(column[frames].data)
+        hashes.append(digest.hexdigest())
+    return hashes

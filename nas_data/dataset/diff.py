@@ -5,9 +5,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from nas_data.dataset.content import content_hash, stored_column
+from nas_data.dataset.content import content_hash, episode_hashes, stored_column
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.episode_hash import episode_hashes
 from nas_data.dataset.features import STATE, Feature
 from nas_data.dataset.provenance import Provenance
 

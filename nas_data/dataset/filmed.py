@@ -10,13 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.dataset import layout
-from nas_data.dataset.carried import VIDEO_PATH, CarriedSource
+from nas_data.dataset.carried import CarriedSource
+from nas_data.dataset.videos import VIDEO_PATH, VideoPlace
 from nas_data.errors import DatasetInvalid
-
-CONTAINERS = (b"trak", b"mdia", b"minf", b"stbl")
-HEADER, LARGE = 8, 16  # [bytes] of a box of an MP4 file; of one with a 64-bit size
-KIND = slice(8, 12)  # where a handler box says the kind of its track
-SAMPLES = slice(8, 12)  # where a sample size box says the number of samples
 
 
 class FilmedSource(CarriedSource):
@@ -44,8 +40,9 @@ class FilmedSource(CarriedSource):
         }
         template = str(info.get("video_path") or VIDEO_PATH)
         for key in layout.other_features(info):
-            for episode, entry in enumerate(locate_episodes(root, key, template, lengths.tolist(), fps)):
-                entries[episode] |= {f"videos/{key}/{name}": value for name, value in entry.items()}
+            columns = VideoPlace.columns(key)
+            for episode, place in enumerate(locate_episodes(root, key, template, lengths.tolist(), fps)):
+                entries[episode] |= {column: getattr(place, name) for name, column in columns.items()}
         self._episodes = dict(entries)
 
     def files_of(self, rows: np.ndarray) -> list[Path]:
@@ -57,9 +54,7 @@ class FilmedSource(CarriedSource):
         return {}
 
 
-def locate_episodes(
-    root: Path, key: str, template: str, lengths: Sequence[int], fps: float
-) -> Iterator[dict[str, float | int]]:
+def locate_episodes(root: Path, key: str, template: str, lengths: Sequence[int], fps: float) -> Iterator[VideoPlace]:
     """Yield file and time range of each episode in the videos of one camera.
 
     Raises:
@@ -70,71 +65,32 @@ def locate_episodes(
         if count >= 0 and begin == count:
             chunk, file = (chunk, file + 1) if file + 1 < layout.FILES_PER_CHUNK else (chunk + 1, 0)
             begin, count = 0, -1
-        path = root / template.format(video_key=key, chunk_index=chunk, file_index=file)
+        place = VideoPlace(chunk, file, begin / fps, (begin + length) / fps)
+        path = root / place.path(key, template)
         if count < 0:
             count = frames_of(path)
         if begin + length > count:
             raise DatasetInvalid(
                 f"{path.relative_to(root)} has {count} pictures, so that those of episode {episode} are not all there"
             )
-        yield {
-            "chunk_index": chunk,
-            "file_index": file,
-            "from_timestamp": begin / fps,
-            "to_timestamp": (begin + length) / fps,
-        }
+        yield place
         begin += length
 
 
 def frames_of(path: Path) -> int:
-    """Return the number of frames in an MP4 file.
+    """Return the number of frames in a video file.
 
     Raises:
         DatasetInvalid: the file is missing, or holds no whole video.
     """
+    import av
+
     if not path.is_file():
         raise DatasetInvalid(f"{path.name} is missing")
-    for track in (inner for name, inner in parts(movie_box(path)) if name == b"trak"):
-        found = dict(leaves(track))
-        if found.get(b"hdlr", b"")[KIND] == b"vide" and b"stsz" in found:
-            return int.from_bytes(found[b"stsz"][SAMPLES], "big")
-    raise DatasetInvalid(f"{path.name} is not a whole video")
-
-
-def movie_box(path: Path) -> bytes:
-    """Return the content of an MP4 file's `moov`, which describes its tracks; empty where the file was cut off."""
-    content, end, length = b"", 0, path.stat().st_size
-    with path.open("rb") as stream:
-        while end < length:
-            stream.seek(end)
-            header = stream.read(LARGE)
-            size, inside = int.from_bytes(header[:4], "big"), HEADER
-            if size == 1:
-                size, inside = int.from_bytes(header[HEADER:LARGE], "big"), LARGE
-            if size < inside or end + size > length:
-                return b""
-            if header[4:HEADER] == b"moov":
-                stream.seek(end + inside)
-                content = stream.read(size - inside)
-            end += size
-    return content
-
-
-def parts(content: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Yield the boxes in a box's content: their kinds and contents."""
-    offset = 0
-    while offset + HEADER <= len(content):
-        size = int.from_bytes(content[offset : offset + 4], "big")
-        if size < HEADER:
-            return
-        yield content[offset + 4 : offset + HEADER], content[offset + HEADER : offset + size]
-        offset += size
-
-
-def leaves(content: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Yield the boxes in a track that hold no others."""
-    for kind, inner in parts(content):
-        if kind in CONTAINERS:
-            yield from leaves(inner)
-        else:
-            yield kind, inner
+    frames = 0
+    try:
+        with av.open(str(path)) as container:
+            frames = container.streams.video[0].frames
+    except (av.FFmpegError, LookupError):  # a file that was cut off has no directory of its frames
+        raise DatasetInvalid(f"{path.name} is not a whole video") from None
+    return frames

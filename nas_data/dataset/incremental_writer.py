@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.dataset import layout
-from nas_data.dataset.arrow import numbers
 from nas_data.dataset.content import stored_column
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.provenance import Provenance
@@ -27,6 +26,7 @@ from nas_data.dataset.write import (
     fill,
     info_of,
     json_bytes,
+    numbers,
     parquet,
 )
 from nas_data.errors import DatasetInvalid

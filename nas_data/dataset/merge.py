@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.dataset.carried import Carried
+from nas_data.dataset.content import episode_hashes
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.derive_provenance import Derived, Original, common, inherit
-from nas_data.dataset.episode_hash import episode_hashes
 from nas_data.dataset.features import SIM_STATE, STATE, Feature
 from nas_data.errors import DatasetInvalid, JointMismatch
 

@@ -2,7 +2,7 @@
 
 import platform
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cache
 from importlib import metadata
@@ -10,6 +10,7 @@ from pathlib import Path
 
 from nas_data.dataset.layout import PROVENANCE, read_json
 from nas_data.errors import DatasetInvalid
+from nas_data.typed_json import FormError, as_object, from_json
 
 SCHEMA = 1
 PACKAGES = ("nas_data", "lerobot", "mujoco", "pybullet", "numpy", "pyarrow", "scipy", "torch")
@@ -55,6 +56,7 @@ class Provenance:
     """Content of `meta/nas.json`.
 
     Attributes:
+        schema: Version of this schema.
         how: One of simulated, hardware, imported, paired, edited.
         robot: Robot's name.
         when: When it was recorded or made, UTC, ISO 8601.
@@ -69,9 +71,9 @@ class Provenance:
         notes: Other remarks, as text.
         content_hash: Content hash of the dataset; set by the writer.
         files: SHA-256 of each file except the card and this one; set by the writer.
-        schema: Version of this schema.
     """
 
+    schema: int = SCHEMA
     how: str
     robot: str = "unknown"
     when: str = field(default_factory=now)
@@ -86,15 +88,10 @@ class Provenance:
     notes: str = ""
     content_hash: str = ""
     files: Mapping[str, str] = field(default_factory=dict)
-    schema: int = SCHEMA
 
     def to_json(self) -> dict[str, object]:
         """Return the JSON content of `meta/nas.json`."""
-        values: dict[str, object] = {item.name: getattr(self, item.name) for item in fields(self)}
-        values["seeds"] = list(self.seeds)
-        values["parents"] = [{"name": parent.name, "content_hash": parent.content_hash} for parent in self.parents]
-        values |= {key: dict(value) for key, value in values.items() if isinstance(value, Mapping)}
-        return {"schema": values.pop("schema"), **values}
+        return as_object(self)
 
     @classmethod
     def from_json(cls, content: Mapping[str, object], where: str = "The provenance") -> "Provenance":
@@ -106,32 +103,10 @@ class Provenance:
         schema = content.get("schema")
         if not isinstance(schema, int) or schema > SCHEMA:
             raise DatasetInvalid(f"{where} has schema {schema}; this nas_data reads up to {SCHEMA}: update nas_data.")
-        known = {item.name for item in fields(cls)}
-        values = {key: value for key, value in content.items() if key in known}
         try:
-            values["seeds"] = tuple(int(seed) for seed in _items(values.get("seeds")))
-            values["parents"] = tuple(
-                Parent(str(entry["name"]), str(entry["content_hash"])) for entry in _items(values.get("parents"))
-            )
-            return cls(**values)  # type: ignore[arg-type]  # JSON has no types; `how` and mappings are checked below.
-        except (TypeError, KeyError, ValueError) as error:
-            raise DatasetInvalid(f"{where} is no provenance of nas_data ({error!r}); restore it from a copy.") from None
-
-    def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if item.name in {"packages", "derived", "files"} and not isinstance(value, Mapping):
-                raise TypeError(f"{item.name} must be a mapping")
-        if not isinstance(self.how, str) or not self.how:
-            raise TypeError("how must be a word")
-
-
-def _items(value: object) -> list:
-    if value is None:
-        return []
-    if not isinstance(value, list | tuple):
-        raise TypeError(f"a list is needed, given {value!r}")
-    return list(value)
+            return from_json(cls, content)
+        except FormError as error:
+            raise DatasetInvalid(f"{where} is no provenance of nas_data ({error}); restore it from a copy.") from None
 
 
 def read_provenance(root: Path) -> Provenance | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.dataset import layout
-from nas_data.dataset.carried import VIDEO, Carried
+from nas_data.dataset.carried import Carried
 from nas_data.dataset.content import content_hash
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.derive_provenance import Derived, attachments, unknown_provenance
@@ -21,6 +21,7 @@ from nas_data.dataset.read_damaged import Salvage, salvage
 from nas_data.dataset.staging import MARK, leftovers
 from nas_data.dataset.verify import METADATA, VerifyInput
 from nas_data.dataset.versions import VERSION, home_of
+from nas_data.dataset.videos import VIDEO
 from nas_data.errors import DatasetInvalid, DatasetNotFound, NasError, OptionError
 
 STAGED = re.compile(rf"\.(.+){re.escape(MARK)}[0-9a-f]+")

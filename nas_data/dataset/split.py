@@ -1,4 +1,4 @@
-"""One dataset becomes two: disjoint, and together complete."""
+"""Division of a dataset into two parts without common episodes."""
 
 from collections.abc import Sequence
 
@@ -7,19 +7,19 @@ import numpy as np
 from nas_data.dataset.derive_provenance import Derived, Original, inherit
 from nas_data.errors import OptionError
 
-LONGEST = 10_000_000  # episodes in a range; a slip of the keyboard must not fill the memory
+LONGEST = 10_000_000  # episodes in a range; a typing error must not fill the memory
 
 
 def split(original: Original, chosen: Sequence[int], how: str = "") -> tuple[Derived, Derived]:
-    """Divide a dataset by its episodes, which keep their order in both parts.
+    """Divide a dataset by episodes; both parts keep their order.
 
     Args:
-        original: What is divided.
-        chosen: Episodes of the first part; the others make the second.
-        how: By what rule they were chosen, for the provenance; where empty, it lists the episodes.
+        original: The dataset.
+        chosen: Episodes of the first part; the others form the second.
+        how: Rule of the choice, for the provenance; if empty, the provenance lists the episodes.
 
     Raises:
-        OptionError: an episode that is not there, one named twice, or a part without any.
+        OptionError: an episode does not exist or is named twice, or a part is empty.
     """
     count = original.dataset.n_episodes
     beyond = [episode for episode in chosen if not 0 <= episode < count]
@@ -41,11 +41,11 @@ def draw(count: int, share: float, seed: int) -> list[int]:
 
     Args:
         count: Number of episodes.
-        share: Part to draw, above 0 and below 1.
+        share: Share to draw, above 0 and below 1.
         seed: Seed of the draw.
 
     Raises:
-        OptionError: a share that is none, a negative seed, or fewer than two episodes.
+        OptionError: the share is out of range, the seed negative, or there are fewer than two episodes.
     """
     if not 0 < share < 1:
         raise OptionError(f"--share is {share:g}; it must lie between 0 and 1, for example 0.8.")
@@ -58,10 +58,10 @@ def draw(count: int, share: float, seed: int) -> list[int]:
 
 
 def parse_episodes(text: str) -> list[int]:
-    """Read episodes as they are written on the command line: `0,1,2` or `0-11,14`.
+    """Parse episodes from the command line: `0,1,2` or `0-11,14`.
 
     Raises:
-        OptionError: not such a list.
+        OptionError: the text is not such a list.
     """
     episodes: list[int] = []
     for word in text.split(","):
@@ -76,7 +76,7 @@ def parse_episodes(text: str) -> list[int]:
 
 
 def format_episodes(episodes: Sequence[int]) -> str:
-    """Return ascending episodes in the form that `parse_episodes` reads, for example `0-3,7`."""
+    """Return ascending episodes in the format of `parse_episodes`, for example `0-3,7`."""
     runs: list[list[int]] = []
     for episode in episodes:
         if runs and episode == runs[-1][-1] + 1:

@@ -1,4 +1,4 @@
-"""A folder that appears whole or not at all: written under a hidden name, flushed, renamed once."""
+"""Atomic creation of a folder: it is written under a hidden name, flushed to the disk, then renamed."""
 
 import errno
 import fcntl
@@ -16,9 +16,9 @@ MARK = ".partial-"
 
 @contextmanager
 def staging_folder(root: Path) -> Iterator[Path]:
-    """Yield a hidden folder beside `root` to write into; it is gone afterwards unless it was published.
+    """Yield a hidden folder beside `root` to write into; it is removed afterwards unless it was published.
 
-    The folder is locked while it is written, so that a leftover of a killed process can be told from it.
+    The folder is locked while it is written, which distinguishes it from the remains of a killed process.
     """
     hidden = _hidden_name(root.parent, root)
     with _failures_named(root):
@@ -33,9 +33,9 @@ def staging_folder(root: Path) -> Iterator[Path]:
 
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
-    """Wait for the lock of a folder, and hold it as long as this context is open or until the process dies.
+    """Hold the lock of a folder while the context is open, or until the process ends; wait for it first.
 
-    `filelock` locks files only. The lock of a folder stays with it when it is renamed, and leaves no file.
+    `filelock` locks files only. A folder keeps its lock when it is renamed, and no lock file remains.
     """
     descriptor = os.open(folder, os.O_RDONLY)
     try:
@@ -46,28 +46,28 @@ def lock_folder(folder: Path) -> Iterator[None]:
 
 
 def check_creatable(root: Path) -> None:
-    """Find out before any work is done whether a folder could be made; leaves nothing behind.
+    """Check that a folder can be created, before any work is done; nothing remains.
 
     Raises:
-        OutputExists: something of that name exists.
-        CannotWrite: a file stands where a folder is needed, permission is missing, the disk is full.
+        OutputExists: the path exists.
+        CannotWrite: a file has the name of a parent folder, permission is missing, or the disk is full.
     """
     with _failures_named(root):
         refuse_existing(root)
         above = next(folder for folder in root.absolute().parents if folder.exists())
         trial = _hidden_name(above, root)
-        trial.mkdir()  # asking for permissions would not tell of read-only disks and names that are too long
+        trial.mkdir()  # permissions alone do not show read-only disks and names that are too long
         trial.rmdir()
 
 
 def _hidden_name(folder: Path, root: Path) -> Path:
-    """Return a fresh name under which `root` is written in a folder."""
+    """Return a new hidden name for writing `root` in a folder."""
     return folder / f".{root.name}{MARK}{secrets.token_hex(4)}"
 
 
 @contextmanager
 def _failures_named(root: Path) -> Iterator[None]:
-    """Say of a failure to write beside `root` that it is `root` that cannot be written, and why."""
+    """Turn errors of writing beside `root` into an error that names `root` and the reason."""
     try:
         yield
     except NasError:
@@ -75,7 +75,7 @@ def _failures_named(root: Path) -> Iterator[None]:
     except OSError as error:
         where = Path(error.filename or root).absolute()
         if not (where.is_relative_to(root.absolute().parent) or root.absolute().is_relative_to(where.parent)):
-            raise  # something else that was read meanwhile
+            raise  # an error of reading another file
         reason = (error.strerror or str(error)).lower()
         raise CannotWrite(
             f"{root} cannot be written: {reason}; choose a place with free space in which folders can be made."
@@ -83,7 +83,7 @@ def _failures_named(root: Path) -> Iterator[None]:
 
 
 def write_synced(path: Path, content: bytes | memoryview) -> None:
-    """Write a file and wait until it is on the disk."""
+    """Write a file and flush it to the disk."""
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
         with path.open("wb") as file:
@@ -91,15 +91,15 @@ def write_synced(path: Path, content: bytes | memoryview) -> None:
             file.flush()
             os.fsync(file.fileno())
     except OSError as error:
-        error.filename = error.filename or str(path)  # a full disk does not say which file it had no room for
+        error.filename = error.filename or str(path)  # the error of a full disk names no file
         raise
 
 
 def publish(hidden: Path, root: Path) -> None:
-    """Give a staged folder its name.
+    """Rename a staged folder to its final name.
 
     Raises:
-        OutputExists: something of that name exists.
+        OutputExists: the path exists.
     """
     refuse_existing(root)
     for folder in [hidden, *(path for path in hidden.rglob("*") if path.is_dir())]:
@@ -114,13 +114,13 @@ def publish(hidden: Path, root: Path) -> None:
 
 
 def refuse_existing(root: Path) -> None:
-    """Raise OutputExists where something of that name exists."""
+    """Raise OutputExists if the path exists."""
     if root.exists() or root.is_symlink():
         raise OutputExists(f"{root} exists already; choose another folder or remove it.")
 
 
 def flush_folder(folder: Path) -> None:
-    """Wait until a folder's entries are on the disk."""
+    """Flush the entries of a folder to the disk."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -129,7 +129,7 @@ def flush_folder(folder: Path) -> None:
 
 
 def leftovers(folder: Path, name: str = "*") -> list[Path]:
-    """Return the hidden folders of killed writers in a folder; those still being written are not among them."""
+    """Return the hidden folders of killed writers in a folder, without those that are being written."""
     return [path for path in sorted(folder.glob(f".{name}{MARK}*")) if path.is_dir() and not _is_locked(path)]
 
 

@@ -1,9 +1,8 @@
-"""How fast every episode of a recording begins, with the uncertainty of that.
+"""Velocities at the start of each episode of a recording, with their uncertainty.
 
-Episodes that begin at rest start at zero: whatever holds an arm still holds it exactly. Episodes cut out of a motion
-start at the velocity that was measured or, where velocities were computed from positions, at the slope of a
-polynomial fitted to the first positions (Savitzky and Golay, 1964). One rule decides for `gap`, `evaluate` and the
-training of φ and ψ.
+An episode that begins at rest starts at exactly zero velocity. An episode cut out of a motion starts at the measured
+velocity. If velocities were computed from positions, it starts at the slope of a polynomial fitted to the first
+positions (Savitzky and Golay, 1964). `gap`, `evaluate` and the training of φ and ψ use the same rule.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,25 +15,25 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.noise import ODD, ORDERS, noise_of_differences, resolution
 from nas_data.dataset.transitions import estimate_velocities
 
-CLEAR = 5.0  # standard deviations from which a velocity is no noise: once in two million readings
-SLOW = 0.05  # share of a joint's large speed up to which a derived velocity may be a start from rest, seen too late
-CUT = 1 / 3  # share of the episodes that must begin in motion for all to count as cut out of motions
-LONGEST = 0.15  # [s] of positions that tell a velocity: a hobby arm's motion has hardly a frequency above 3 Hz
-WIDTHS = (4, 5, 7, 10, 14, 20, 28, 40, 56, 80, 112, 160)  # readings to which a polynomial is fitted
-SAME = 1e-4  # share of a joint's greatest speed by which single precision changes differences of positions
-EDGE = 2  # rows at either end of an episode where formulas for differences lack a neighbour
-LARGE = 98  # percentile of the speeds that is called large
+CLEAR = 5.0  # standard deviations of a significant velocity; noise exceeds them once in two million readings
+SLOW = 0.05  # share of a joint's large speed; a slower derived velocity may belong to a start from rest
+CUT = 1 / 3  # share of episodes in motion from which all count as cut out of motions
+LONGEST = 0.15  # [s] longest fit; a hobby arm's motion has hardly any frequency above 3 Hz
+WIDTHS = (4, 5, 7, 10, 14, 20, 28, 40, 56, 80, 112, 160)  # number of readings in a fit
+SAME = 1e-4  # share of a joint's largest speed; rounding error of position differences in single precision
+EDGE = 2  # rows at either end of an episode in which difference formulas lack a neighbour
+LARGE = 98  # percentile of the speeds that counts as a large speed
 SINGLE = 6e-8  # relative rounding of a stored position
 
 
 @dataclass(frozen=True)
 class StartVelocities:
-    """Velocities with which E episodes of n joints begin.
+    """Start velocities of E episodes of n joints.
 
     Attributes:
-        values: [rad/s; m/s], shape (E, n).
-        deviations: Their standard deviations, shape (E, n); 0 where an episode begins at rest.
-        derived: Of which joints the velocities were computed from the positions, shape (n,).
+        values: Velocities [rad/s; m/s], shape (E, n).
+        deviations: Standard deviations of the velocities, shape (E, n); 0 for an episode that begins at rest.
+        derived: Whether the velocities of each joint were computed from its positions, shape (n,).
         noise: Standard deviation of the position readings [rad; m], shape (n,).
     """
 
@@ -45,11 +44,12 @@ class StartVelocities:
 
 
 def find_start_velocities(dataset: Dataset) -> StartVelocities:
-    """Decide how fast the episodes of a recording begin.
+    """Return the velocities at which the episodes of a recording begin.
 
-    A velocity counts that stands out of its uncertainty. Where a third of the episodes begin with one, the recording
-    was cut out of motions, and all velocities count. So they do under torque commands: nothing holds such an arm at
-    rest. An episode whose first velocities are all exactly zero begins at rest.
+    Velocities that are significant by their uncertainty are kept, others are set to zero. All are kept if a third of
+    the episodes have a significant one, because the recording was then cut out of motions. All are also kept under
+    torque commands, because nothing holds such an arm at rest. An episode whose first velocities are all exactly zero
+    begins at rest.
 
     Args:
         dataset: Transitions with 2n-states.
@@ -69,7 +69,7 @@ def find_start_velocities(dataset: Dataset) -> StartVelocities:
         else:
             values[begun, joint] = [rows[0, joint] for rows in velocities]
             deviations[begun, joint] = velocity_noise([rows[:, joint] for rows in velocities], free)
-    rest = np.zeros((dataset.n_episodes, 1), bool)  # of which the recorder itself says that it began at rest
+    rest = np.zeros((dataset.n_episodes, 1), bool)  # episodes that the recorder reports at rest
     rest[begun] = [[not rows[0].any()] for rows in velocities]
     values, deviations = np.where(rest, 0.0, values), np.where(rest, 0.0, deviations)
     least = np.where(derived, SLOW * large_speeds(positions, dataset.fps), 0.0)
@@ -80,12 +80,12 @@ def find_start_velocities(dataset: Dataset) -> StartVelocities:
 
 
 def with_last(dataset: Dataset, rows: slice, joint: int) -> np.ndarray:
-    """Return all positions of an episode, the one after the last command included, shape (T + 1,)."""
+    """Return all positions of an episode, including the one after the last command, shape (T + 1,)."""
     return np.append(dataset.states[rows, joint], dataset.next_states[rows.stop - 1, joint]).astype(float)
 
 
 def position_noise(positions: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the standard deviation of position readings, rounding included, for episodes (T, n); shape (n,)."""
+    """Return the standard deviation of position readings, including rounding, for episodes (T, n); shape (n,)."""
     found = []
     for joint in range(positions[0].shape[1] if positions else 0):
         readings = [rows[:, joint] for rows in positions]
@@ -98,14 +98,15 @@ def position_noise(positions: Sequence[np.ndarray]) -> np.ndarray:
 def fit_velocity(positions: np.ndarray, row: int, noise: float, fps: float) -> tuple[float, float]:
     """Estimate a joint's velocity at one row of an episode.
 
-    Quadratics are fitted to more and more readings around the row. A wide fit averages the noise away, a narrow one
-    follows the motion; the one of least uncertainty counts. Its uncertainty is that of the cubic fitted to the same
-    readings, and how far the two slopes lie apart, there or over the next wider window, which tells what a quadratic
-    misses: in one window alone the two may agree by chance, and of many windows the least uncertain one would be that.
+    Quadratics are fitted to windows of increasing width around the row. A wide window averages the noise, a narrow one
+    follows the motion; the fit with the least uncertainty is used. The uncertainty has two parts: the noise in the
+    slope of a cubic fitted to the same window, and the bias, estimated by the difference of the two slopes. The larger
+    bias of the window and of the next wider one is used. In a single window the slopes may agree by chance, and the
+    minimum over windows would select that one.
 
     Args:
-        positions: Of one joint in one episode [rad; m], shape (T,).
-        row: At which row.
+        positions: Positions of one joint in one episode [rad; m], shape (T,).
+        row: Index of the row.
         noise: Standard deviation of a reading.
         fps: Rate [Hz].
 
@@ -122,14 +123,14 @@ def fit_velocity(positions: np.ndarray, row: int, noise: float, fps: float) -> t
         found.append((moved, noise * np.linalg.norm(cubic), abs(moved - cubic @ readings)))
     slope, chance, missed = np.array(found).T
     doubts = np.hypot(chance, np.maximum(missed, np.append(missed[1:], missed[-1])))
-    best = int(doubts[: max(1, len(found) - 1)].argmin())  # the last window only judges the one before it
+    best = int(doubts[: max(1, len(found) - 1)].argmin())  # the last window only serves the one before it
     return float(slope[best]) * fps, float(doubts[best]) * fps
 
 
 def slopes(length: int, row: int, longest: int) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-    """Yield windows about a row: first reading, and the weights whose sums are the slopes per row there.
+    """Yield windows around a row: first reading, and weights for the slopes per row of a quadratic and of a cubic.
 
-    The last window is the first that is longer than `longest`, where the episode has room for it.
+    The last window is the first one longer than `longest`, if the episode is long enough.
     """
     narrower = 0
     for width in WIDTHS:
@@ -142,7 +143,7 @@ def slopes(length: int, row: int, longest: int) -> Iterator[tuple[int, np.ndarra
 
 @cache
 def slope_weights(width: int, at: int, degree: int) -> np.ndarray:
-    """Return weights of evenly spaced readings that give the slope per row of a fitted polynomial at one of them."""
+    """Return weights of evenly spaced readings for the slope per row of a fitted polynomial at one reading."""
     powers = np.vander(np.arange(width) - at, degree + 1, increasing=True)
     return np.asarray(np.linalg.pinv(powers)[1])
 
@@ -157,27 +158,25 @@ def large_speeds(positions: Sequence[np.ndarray], fps: float) -> np.ndarray:
 
 
 def velocity_noise(velocities: Sequence[np.ndarray], effort: bool) -> float:
-    """Return what the standard deviation of one joint's velocity readings [rad/s] is at most.
+    """Return an upper bound of the standard deviation of one joint's velocity readings [rad/s].
 
     Args:
-        velocities: Of each episode, shape (T,).
-        effort: Whether torques are commanded; then only the rounding counts.
+        velocities: Velocities of each episode, shape (T,).
+        effort: Whether torques are commanded; then only rounding counts.
     """
     step = resolution(velocities)
     rounding = step / float(np.sqrt(12.0))
-    return (
-        rounding
-        if effort
-        else max(rounding, min(noise_of_differences(velocities, order, step) for order in (*ODD, *ORDERS)))
-    )
+    if effort:
+        return rounding
+    return max(rounding, min(noise_of_differences(velocities, order, step) for order in (*ODD, *ORDERS)))
 
 
 def derived_velocities(positions: Sequence[np.ndarray], velocities: Sequence[np.ndarray], fps: float) -> np.ndarray:
-    """Return of which joints the velocities were computed from the positions, by any usual formula; shape (n,).
+    """Return whether the velocities of each joint were computed from positions by a common formula; shape (n,).
 
     Args:
-        positions: Of each episode [rad], shape (T, n).
-        velocities: Likewise [rad/s].
+        positions: Positions of each episode [rad], shape (T, n).
+        velocities: Velocities of each episode [rad/s], shape (T, n).
         fps: Rate [Hz].
     """
     largest = np.max([np.abs(rows).max(axis=0) for rows in velocities], axis=0)

@@ -1,4 +1,4 @@
-"""What a dataset holds, in the words and numbers that `nas info` shows."""
+"""Summary of a dataset for `nas info`."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,33 +17,33 @@ from nas_data.dataset.versions import identity, resolve
 from nas_data.errors import DatasetInvalid, JointMismatch
 
 KINDS = {POSITION: "position", VELOCITY: "velocity", EFFORT: "torque"}
-LONGEST_CHAIN = 100  # generations; a chain that names itself must end
+LONGEST_CHAIN = 100  # generations; ends a chain that contains itself
 
 
 @dataclass(frozen=True)
 class DatasetSummary:
-    """What a dataset holds.
+    """Summary of a dataset.
 
     Attributes:
         dataset: Its folder.
         name: Its name and version.
         robot: Robot's name.
-        joints: Joints with a measured position; empty where the dataset is not usable.
-        commands: `position`, `velocity` or `torque`, joined where joints differ; empty where the dataset is not usable.
+        joints: Joints with a measured position; empty if the dataset is not usable.
+        commands: `position`, `velocity` or `torque`, joined if joints differ; empty if the dataset is not usable.
         rate: Control rate [Hz].
         lengths: Frames of each episode.
         tasks: Task → number of episodes.
         features: Features that are read.
-        carried: Features that are only carried along (images, strings …) → what they are.
+        carried: Pass-through features (images, strings …) with their types.
         ranges: State and action: component → smallest and largest value, in the feature's unit.
         units: Unit of each component of state and action, by its name.
-        derived: What has to be derived for use: feature → how.
-        unusable: Why no transitions can be made of it; None where they can.
-        warnings: What the audits noticed where others recorded it.
+        derived: Features that are derived for use: feature → how.
+        unusable: Why it cannot be converted to transitions; None if it can.
+        warnings: Warnings of the audits, if another tool recorded it.
         paired: Whether the source's predictions are present.
-        source: The source model, where provenance names one.
+        source: The source model; None if the provenance names none.
         content_hash: SHA-256 of the content.
-        provenance: Its own provenance, then its parent's, and so on, as far as the versions are at hand.
+        provenance: Its own provenance, then its parent's, and so on, as far as the versions are present.
     """
 
     dataset: Path
@@ -118,7 +118,7 @@ def summarize(path: Path) -> DatasetSummary:
 def provenance_chain(root: Path) -> tuple[tuple[str, Provenance], ...]:
     """Return the provenance of a dataset, of its first parent, and so on, each with its name.
 
-    Parents are found where versions lie: below the same `datasets/` folder.
+    Parents are looked up as versions below the same `datasets/` folder.
     """
     chain: list[tuple[str, Provenance]] = []
     name, here = identity(root), root.resolve()
@@ -136,7 +136,7 @@ def provenance_chain(root: Path) -> tuple[tuple[str, Provenance], ...]:
 
 
 def _transitions(root: Path, dataset: Dataset) -> tuple[Dataset | None, dict[str, str], str | None, tuple[str, ...]]:
-    """Return the dataset as commands use it, what has to be derived, or why it cannot be used, and warnings."""
+    """Return the dataset as transitions, derived features, the reason if it is unusable, and warnings."""
     try:
         usable, derived, noticed = take_in(root, dataset)
     except (DatasetInvalid, JointMismatch) as error:
@@ -145,7 +145,7 @@ def _transitions(root: Path, dataset: Dataset) -> tuple[Dataset | None, dict[str
 
 
 def _units(dataset: Dataset, key: str) -> dict[str, str]:
-    """Return the unit of each component, none where no units are known."""
+    """Return the unit of each component; empty if the units are unknown."""
     feature = dataset.features.get(key)
     return dict(zip(feature.names, feature.units, strict=True)) if feature and feature.units else {}
 

@@ -1,15 +1,15 @@
-"""When a row of a recording counts as late: one rule for those who record and for those who check."""
+"""Definition of a late row of a recording, for recorders and audits."""
 
 import numpy as np
 
-LATE = 0.3  # share of a control period: beyond it a reading belongs to its moment no more than roughly
+LATE = 0.3  # share of a control period; a later reading does not belong to its control step
 
 
 def late_readings(delays: np.ndarray, period: float) -> np.ndarray:
-    """Return which readings came late.
+    """Return whether each reading is late, shape (T,).
 
     Args:
-        delays: How long after its time each was made [s], shape (T,).
+        delays: Delay of each reading [s], shape (T,).
         period: Control period [s].
     """
     return delays > LATE * period

@@ -1,9 +1,9 @@
-"""Transitions out of recordings that hold only LeRobot's keys: velocities and next states are derived.
+"""Conversion of recordings with only LeRobot's keys to transitions: velocities and next states are derived.
 
-Velocity estimator: the derivative of a quadratic fitted by least squares to five samples around each frame
-(Savitzky and Golay, Analytical Chemistry 36, 1964; as `scipy.signal.savgol_filter`), per episode; the first and last
-two frames use the quadratic of the nearest whole window. Being centred it has no delay, but the velocity at a frame
-knows the two positions that follow it: one-step errors on such recordings are flattered, open-loop errors are not.
+The velocity is the derivative of a quadratic fitted by least squares to five samples around each frame (Savitzky and
+Golay, Analytical Chemistry 36, 1964; as `scipy.signal.savgol_filter`), per episode. The first and last two frames use
+the quadratic of the nearest whole window. The estimate is centred and has no delay, but it contains the two following
+positions. One-step errors on such recordings are therefore too small; open-loop errors are not affected.
 """
 
 from collections.abc import Collection, Mapping
@@ -36,18 +36,18 @@ NEXT_DERIVED = "state of the following frame; the last frame of each episode is 
 
 
 def as_transitions(dataset: Dataset) -> tuple[Dataset, dict[str, str]]:
-    """Bring a dataset into the contract's form: 2n-state, n commands, next state.
+    """Convert a dataset to the contract's form: 2n-state, n commands, next state.
 
     Args:
-        dataset: As read; the state may lack velocities, the names their suffix, the joints of the action the
-            state's order, and `next.observation.state` may be missing.
+        dataset: The dataset as read. Velocities, name suffixes and `next.observation.state` may be missing, and the
+            joints of the action may have another order.
 
     Returns:
-        The dataset, and what was derived (feature → how), empty where nothing was; it belongs into provenance.
+        The dataset, and the derived features (feature → how) for the provenance.
 
     Raises:
         JointMismatch: state and action name different joints, or none.
-        DatasetInvalid: what is measured is not in SI, or no episode has two frames.
+        DatasetInvalid: measured values are not in SI units, or no episode has two frames.
     """
     needed = {key: _feature(dataset, key) for key in (STATE, ACTION)}
     optional = {key: dataset.features[key] for key in (NEXT_STATE, SIM_STATE) if key in dataset.features}
@@ -68,14 +68,14 @@ def as_transitions(dataset: Dataset) -> tuple[Dataset, dict[str, str]]:
 
 
 def estimate_velocities(positions: np.ndarray, fps: float) -> np.ndarray:
-    """Estimate velocities with the estimator of this module.
+    """Estimate velocities as the module's documentation says.
 
     Args:
-        positions: Positions of one episode at even times [rad], shape (T, n).
+        positions: Positions of one episode at evenly spaced times [rad], shape (T, n).
         fps: Rate [Hz].
 
     Returns:
-        Velocities [rad/s], float64, shape (T, n); zero where T is 1.
+        Velocities [rad/s], float64, shape (T, n); zero if T is 1.
     """
     exact = positions.astype(np.float64)
     if len(exact) < 3:  # too short for a quadratic
@@ -99,7 +99,7 @@ def _feature(dataset: Dataset, key: str) -> Feature:
 def _arrange(
     dataset: Dataset, key: str, components: Components, joints: tuple[str, ...], slides: Collection[str]
 ) -> Dataset:
-    """Give a feature the contract's names and order; a state without velocities keeps its positions only."""
+    """Rename and reorder the components of a feature as the contract says; a state may have positions only."""
     groups: list[Mapping[str, int]]
     if key == ACTION:
         commanded = components.commanded()
@@ -120,7 +120,7 @@ def _arrange(
 
 
 def _complete(dataset: Dataset, n: int) -> tuple[Dataset, dict[str, str]]:
-    """Add the velocities and the next state that are missing."""
+    """Add missing velocities and the missing next state."""
     widths = {key: dataset.features[key].width for key in (STATE, NEXT_STATE, SIM_STATE) if key in dataset.features}
     if set(widths.values()) == {2 * n} and NEXT_STATE in widths:
         return dataset, {}
@@ -142,7 +142,7 @@ def _complete(dataset: Dataset, n: int) -> tuple[Dataset, dict[str, str]]:
 
 
 def _with_velocities(dataset: Dataset, has_next: bool) -> Dataset:
-    """Add velocities to positions; a recorded next position is the one more sample at the end of its episode."""
+    """Add velocities to positions; the last recorded next position is one more sample of its episode."""
     joints = dataset.joints
     now, after = [], []
     for frames in dataset.episodes():
@@ -166,7 +166,7 @@ def _with_velocities(dataset: Dataset, has_next: bool) -> Dataset:
 
 
 def _with_next(dataset: Dataset) -> Dataset:
-    """Take the following frame's state for the next state; the last frame of each episode goes."""
+    """Use the following frame's state as the next state; the last frame of each episode is dropped."""
     kept = np.ones(dataset.n_frames, bool)
     kept[dataset.starts + dataset.lengths - 1] = False
     if not kept.any():

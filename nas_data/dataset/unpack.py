@@ -1,7 +1,7 @@
-"""A pack becomes a dataset again: verified first, then there at once, never over another.
+"""Unpacking of a dataset: it is verified first, then created atomically, and never replaces another.
 
-The files get the time of their unpacking: `datasets` would take the rows of another version with the same path and
-time stamp from its cache.
+The files get the time of unpacking. With an older time, `datasets` would read the rows of another version with the same
+path and time stamp from its cache.
 """
 
 import hashlib
@@ -21,18 +21,18 @@ from nas_data.errors import DatasetInvalid, DatasetNotFound, NasError, OptionErr
 
 
 def unpack(file: Path, folder: Path) -> Path:
-    """Take a dataset out of a pack; it appears whole and verified or not at all.
+    """Unpack and verify a dataset, atomically.
 
     Args:
         file: The pack.
-        folder: The folder of all names, `datasets/`.
+        folder: The folder of all datasets, `datasets/`.
 
     Returns:
-        The version's folder; that of the same content where there is one already.
+        The version's folder; the existing version if one has the same content.
 
     Raises:
         DatasetNotFound: there is no such file.
-        DatasetInvalid: it is no pack, or truncated or altered.
+        DatasetInvalid: it is not a pack, or it is truncated or altered.
     """
     if not file.is_file():
         raise DatasetNotFound(f"There is no file {file}; give one that 'nas pack' wrote.")
@@ -54,7 +54,7 @@ def unpack(file: Path, folder: Path) -> Path:
 
 @contextmanager
 def _refusal(file: Path) -> Iterator[None]:
-    """Say in one sentence why a pack is refused."""
+    """Turn errors of reading a pack into one error with the reason."""
     try:
         yield
     except (tarfile.TarError, EOFError, ValueError, LookupError, OverflowError) as error:
@@ -63,10 +63,10 @@ def _refusal(file: Path) -> Iterator[None]:
 
 
 def check_members(archive: tarfile.TarFile) -> dict[str, tarfile.TarInfo]:
-    """Return the members of a pack by their path, after none was found that could land elsewhere.
+    """Return the members of a pack by path, after checking that none would be written outside its folder.
 
     Raises:
-        ValueError: a link, a device, a sparse file, a path that leaves the folder or is no plain path, one twice.
+        ValueError: a member is a link, a device or a sparse file, occurs twice, or its path leaves the folder.
     """
     members: dict[str, tarfile.TarInfo] = {}
     for member in archive:
@@ -86,13 +86,13 @@ def check_members(archive: tarfile.TarFile) -> dict[str, tarfile.TarInfo]:
 
 
 def _content(archive: tarfile.TarFile, member: tarfile.TarInfo) -> bytes:
-    """Return a member's content; `tarfile` itself says where it ends early."""
+    """Return a member's content; `tarfile` raises an error if it is truncated."""
     stream = archive.extractfile(member)
     return stream.read() if stream else b""
 
 
 def _take_out(file: Path, hidden: Path, manifest: Manifest) -> None:
-    """Write the members into a folder, whatever time or owner they claim."""
+    """Write the members into a folder; their times and owners are ignored."""
     with tarfile.open(file, mode="r:") as archive:
         members = check_members(archive)
         del members[MANIFEST]
@@ -104,10 +104,10 @@ def _take_out(file: Path, hidden: Path, manifest: Manifest) -> None:
 
 
 def _check_whole(file: Path, hidden: Path, manifest: Manifest) -> None:
-    """Compare every file, the rows and the pack itself with what the manifest says.
+    """Compare every file, the rows and the pack itself with the manifest.
 
     Raises:
-        ValueError: says what differs.
+        ValueError: something differs.
     """
     found = hashes(hidden)
     altered = [name for name, digest in manifest.files.items() if found.get(name) != digest]
@@ -122,19 +122,19 @@ def _check_whole(file: Path, hidden: Path, manifest: Manifest) -> None:
             raise ValueError("its rows have another content hash than it says")
         check_unchanged(hidden, manifest)
     except NasError as error:
-        reason = str(error).replace(f"{hidden}/", "").rpartition(";")[0]  # the remedy is for whoever packed it
+        reason = str(error).replace(f"{hidden}/", "").rpartition(";")[0]  # the remedy is for the sender
         raise ValueError(f"it holds no sound dataset: {reason}") from None
 
 
 def _digest_again(root: Path, manifest: Manifest) -> str:
-    """Return the SHA-256 of the one pack of a folder's files."""
+    """Return the SHA-256 of the pack that a folder's files give."""
     sink = _Digest()
     write_pack(root, manifest, sink)
     return sink.digest.hexdigest()
 
 
 class _Digest(io.RawIOBase):
-    """A file that is only hashed."""
+    """A file that stores nothing but the hash of its content."""
 
     def __init__(self) -> None:
         self.digest = hashlib.sha256()
@@ -151,9 +151,9 @@ class _Digest(io.RawIOBase):
 
 
 def _settle(hidden: Path, home: Path, manifest: Manifest) -> Path:
-    """Make the unpacked folder a version; its number stays where it is free, so that children find it."""
+    """Make the unpacked folder a version; it keeps its number if that is free, so that derived datasets find it."""
     for path in list_versions(home):
-        # A dataset without provenance cannot say its content hash; its rows can.
+        # A dataset without provenance stores no content hash; it is computed from the rows.
         same_name = path.name.endswith(manifest.content_hash[:8])
         if same_name and not (path / PROVENANCE).is_file() and _hash(path) == manifest.content_hash:
             return path
@@ -161,7 +161,7 @@ def _settle(hidden: Path, home: Path, manifest: Manifest) -> Path:
 
 
 def _hash(path: Path) -> str | None:
-    """Return the content hash of a dataset's rows; None where they cannot be read."""
+    """Return the content hash of a dataset's rows; None if they cannot be read."""
     try:
         return content_hash(read(path))
     except NasError:
@@ -169,7 +169,7 @@ def _hash(path: Path) -> str | None:
 
 
 def _remove_empty(folder: Path, present: Path) -> None:
-    """Remove the folders that were made for a dataset which was then refused."""
+    """Remove the folders that were created for a refused dataset."""
     while folder != present and folder.is_dir() and not any(folder.iterdir()):
         folder.rmdir()
         folder = folder.parent

@@ -1,4 +1,4 @@
-"""What is wrong with a dataset on disk: files, rows, values, clock and provenance, each in one sentence."""
+"""Verification of a dataset on disk: files, rows, values, clock and provenance."""
 
 import hashlib
 from collections.abc import Callable, Iterator
@@ -28,11 +28,11 @@ STATISTICS_TOLERANCE = 1e-5  # share; LeRobot's statistics pass through float32
 
 @dataclass(frozen=True)
 class Findings:
-    """What a check found.
+    """Results of a verification, one sentence each.
 
     Attributes:
-        problems: What makes the dataset unsound.
-        notes: What a user should know although the dataset is sound.
+        problems: Errors in the dataset.
+        notes: Remarks that are not errors.
     """
 
     problems: tuple[str, ...]
@@ -41,13 +41,13 @@ class Findings:
 
 @dataclass(frozen=True)
 class VerifyInput:
-    """What the checks look at.
+    """Input of the checks.
 
     Attributes:
         root: The dataset's folder.
         dataset: Its content.
         rows: LeRobot's automatic columns in the order of the episodes.
-        provenance: Where it comes from, if it says so.
+        provenance: Its provenance; None if it has none.
     """
 
     root: Path
@@ -57,7 +57,7 @@ class VerifyInput:
 
     @cached_property
     def findings(self) -> tuple[AuditFinding, ...]:
-        """What the audits of recordings say; nothing where no joints are named."""
+        """Findings of the audits of recordings; empty if no joints are named."""
         try:
             return audit_dataset(as_transitions(self.dataset)[0])
         except (DatasetInvalid, JointMismatch):
@@ -65,7 +65,7 @@ class VerifyInput:
 
 
 def verify(root: Path) -> list[str]:
-    """Return what is wrong with a dataset, one sentence each; empty where it is sound.
+    """Return the problems of a dataset, one sentence each; empty if there are none.
 
     Raises:
         DatasetNotFound: there is no dataset at the path.
@@ -75,7 +75,7 @@ def verify(root: Path) -> list[str]:
 
 
 def examine(path: Path) -> Findings:
-    """Return what is wrong with a dataset and what is worth a note; raises as `verify` does."""
+    """Return the problems of a dataset and further notes; raises as `verify` does."""
     root = resolve(path)
     layout.read_info(root)
     problems = list(_leftovers(root))
@@ -95,7 +95,7 @@ def examine(path: Path) -> Findings:
 
 
 def _leftovers(root: Path) -> Iterator[str]:
-    """Look for hidden folders that a killed writer left where this dataset was written."""
+    """Report hidden folders of killed writers beside this dataset."""
     home = root.resolve()
     for path in leftovers(home.parent, "*" if VERSION.fullmatch(home.name) else home.name):
         yield (
@@ -147,7 +147,7 @@ def _indices(evidence: VerifyInput) -> Iterator[str]:
         if len(wrong):
             found = int(columns[key][wrong[0], 0])
             yield f"{key} is {found} where {int(expected[wrong[0]])} is due ({_locate(dataset, wrong[0])})."
-    due = (frame / dataset.fps).astype(layout.AUTOMATIC["timestamp"])  # float32 is 0.1 ms coarse after half an hour
+    due = (frame / dataset.fps).astype(layout.AUTOMATIC["timestamp"])  # float32: 0.1 ms coarse after half an hour
     off = np.abs(columns["timestamp"][:, 0].astype(np.float64) - due)
     late = np.flatnonzero(off > np.maximum(STAMP_TOLERANCE, np.spacing(due)))
     if len(late):
@@ -180,7 +180,7 @@ def _episodes(evidence: VerifyInput) -> Iterator[str]:
 
 
 def _statistics(evidence: VerifyInput) -> Iterator[str]:
-    """Compare `meta/stats.json`, by which policies normalise, with the values."""
+    """Compare `meta/stats.json`, which policies normalise with, with the values."""
     path = evidence.root / layout.STATS
     stats = layout.read_json(path)
     for key, column in evidence.dataset.columns.items():
@@ -194,12 +194,12 @@ def _statistics(evidence: VerifyInput) -> Iterator[str]:
 
 
 def _recording(evidence: VerifyInput) -> Iterator[str]:
-    """Report what audits call an error: a clock that denies the rate, angles in degrees; and readings stored twice."""
+    """Report errors of the audits (clock against rate, angles in degrees), and readings stored twice."""
     return (f"In {finding.file} {finding.what}." for finding in evidence.findings if _is_problem(finding))
 
 
 def _noticed(evidence: VerifyInput) -> Iterator[str]:
-    """Note what else the audits of recordings found."""
+    """Note the other findings of the audits."""
     return (f"In {finding.file} {finding.what}." for finding in evidence.findings if not _is_problem(finding))
 
 
@@ -221,7 +221,7 @@ def _gaps(evidence: VerifyInput) -> np.ndarray:
 
 
 def _continuity(evidence: VerifyInput) -> Iterator[str]:
-    """Report torn transitions where the recorder promised a chain."""
+    """Report discontinuous transitions in a recording that its provenance calls contiguous."""
     gaps = _gaps(evidence)
     if len(gaps) and evidence.provenance is not None and evidence.provenance.contiguous:
         first = _locate(evidence.dataset, gaps[0])
@@ -229,7 +229,7 @@ def _continuity(evidence: VerifyInput) -> Iterator[str]:
 
 
 def _loose(evidence: VerifyInput) -> Iterator[str]:
-    """Note torn transitions where nothing was promised."""
+    """Note discontinuous transitions in other recordings."""
     gaps = _gaps(evidence)
     if len(gaps) and not (evidence.provenance is not None and evidence.provenance.contiguous):
         yield f"In {len(gaps)} frames the next state is not the following frame's state: open loops need care."
@@ -240,7 +240,7 @@ def _locate(dataset: Dataset, row: np.integer) -> str:
     return f"episode {episode}, frame {int(row) - int(dataset.starts[episode])}"
 
 
-# What can be made anew from the rows.
+# Checks of what can be recomputed from the rows.
 METADATA: tuple[Callable[[VerifyInput], Iterator[str]], ...] = (_indices, _episodes, _statistics)
 PROBLEMS: tuple[Callable[[VerifyInput], Iterator[str]], ...] = (
     _content,

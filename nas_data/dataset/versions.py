@@ -1,4 +1,4 @@
-"""Where datasets live: `datasets/<name>/v<N>-<first 8 digits of the content hash>/`, each written once."""
+"""Versions of datasets: `datasets/<name>/v<N>-<first 8 digits of the content hash>/`, each written once."""
 
 import hashlib
 import re
@@ -23,7 +23,7 @@ def resolve(path: Path) -> Path:
     """Return the folder of a dataset: the path itself, or the newest version below `datasets/<name>`.
 
     Raises:
-        DatasetNotFound: neither a dataset nor a folder of versions.
+        DatasetNotFound: the path is neither a dataset nor a folder of versions.
     """
     if (path / INFO).is_file():
         return path
@@ -43,7 +43,7 @@ def list_versions(folder: Path) -> list[Path]:
 
 
 def paired_below(root: Path) -> Path | None:
-    """Return the newest paired version in a dataset's own folder, where `nas pair` puts it if that is datasets/NAME."""
+    """Return the newest paired version in a dataset's folder; `nas pair` writes it there if that is datasets/NAME."""
     paired = [path for path in list_versions(root) if (path / SOURCE).is_file()]
     return paired[-1] if paired else None
 
@@ -52,13 +52,13 @@ def check_paired(root: Path, dataset: Dataset, who: str, otherwise: str = "") ->
     """Refuse a dataset without a source's predictions.
 
     Args:
-        root: Where it lies.
+        root: Folder of the dataset.
         dataset: The dataset.
-        who: Learns from the predictions.
-        otherwise: What else could be done about it, for the error.
+        who: What learns from the predictions, for the error.
+        otherwise: Another remedy, for the error.
 
     Raises:
-        DatasetInvalid: names the version that has them, or how to make one.
+        DatasetInvalid: names the paired version, or the command that makes one.
     """
     if dataset.paired:
         return
@@ -69,17 +69,17 @@ def check_paired(root: Path, dataset: Dataset, who: str, otherwise: str = "") ->
 
 
 def identity(path: Path) -> str:
-    """Return how provenance names a dataset: `name/version` in the layout, else its folder's name."""
+    """Return the name of a dataset in provenance: `name/version` for a version, else its folder's name."""
     root = resolve(path).resolve()
     return f"{root.parent.name}/{root.name}" if VERSION.fullmatch(root.name) else root.name
 
 
 def parent_of(path: Path, dataset: Dataset) -> Parent:
-    """Return what the provenance of a derived dataset says of the one it was made from.
+    """Return the entry of a parent in the provenance of a derived dataset.
 
     Args:
-        path: Where the parent lies.
-        dataset: The parent as it was read, before anything was derived.
+        path: Folder of the parent.
+        dataset: The parent as read, before anything was derived.
     """
     return Parent(name=identity(path), content_hash=content_hash(dataset))
 
@@ -92,18 +92,18 @@ def new_version(
     attachments: Mapping[str, bytes] | None = None,
     damaged: Path | None = None,
 ) -> Path:
-    """Write a dataset as the next version of its name; one of the same content and source is returned as it is.
+    """Write a dataset as the next version of its name; return the existing version with the same content and source.
 
     Args:
-        dataset: What to write.
+        dataset: The dataset.
         name: Its name.
-        provenance: Where it comes from.
-        folder: The folder of all names.
+        provenance: Its provenance.
+        folder: The folder of all datasets.
         attachments: Further files by their path in the dataset.
-        damaged: A version that must not be returned although it claims the same content.
+        damaged: A version not to return, although it claims the same content.
 
     Raises:
-        OptionError: the name is no folder's name.
+        OptionError: the name is not a valid folder name.
         DatasetInvalid: LeRobot's tools could not read this dataset.
     """
     check_name(name)
@@ -120,23 +120,23 @@ def new_version(
 
 
 def check_name(name: str) -> None:
-    """Raise OptionError where a name is no folder's name."""
+    """Raise OptionError if a name is not a valid folder name."""
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]*", name):
         raise OptionError(f"'{name}' is no name for a dataset; use letters, digits, '.', '_' and '-'.")
 
 
 def settle(hidden: Path, home: Path, digest: str, number: int = 0, damaged: Path | None = None) -> Path:
-    """Make a staged folder a version, unless there is one of its content and source.
+    """Make a staged folder a version, unless one with its content and source exists.
 
     Args:
         hidden: The complete folder.
         home: Folder of the name's versions.
         digest: Its content hash.
-        number: Number to give where it is free; the next one otherwise.
-        damaged: A version that must not be returned although it claims the same content.
+        number: Requested number; the next one is used if it is taken.
+        damaged: A version not to return, although it claims the same content.
 
     Returns:
-        The version's folder, or that of the same content.
+        The version's folder, or the existing one with the same content.
     """
     with lock_folder(home):  # one process at a time chooses a number
         staged_provenance = read_provenance(hidden)
@@ -153,24 +153,16 @@ def settle(hidden: Path, home: Path, digest: str, number: int = 0, damaged: Path
 
 
 def home_of(path: Path) -> tuple[Path, str]:
-    """Return where what is made from a dataset belongs: the folder of all names, and the name.
+    """Return the destination of datasets derived from a dataset: the folder of all datasets, and the name.
 
-    That is beside a version, else below `datasets/` under the name of the dataset's folder.
+    It is that of the version; another dataset gets its folder's name below `datasets/`.
     """
     home = path.resolve()
     if not VERSION.fullmatch(home.name):
         return FOLDER, _folder_name(home)
-    # The path stays as the user gave it, so that what is printed is as short.
+    # Keep the path as the user gave it, for short messages.
     shown = path.parent if path.parent.resolve() == home.parent and path.parent.name else home.parent
     return shown.parent, shown.name
-
-
-def next_to(
-    parent: Path, dataset: Dataset, provenance: Provenance, attachments: Mapping[str, bytes] | None = None
-) -> Path:
-    """Write a dataset that was made from another: beside it where it is a version, else below `datasets/`."""
-    folder, name = home_of(resolve(parent))
-    return new_version(dataset, name, provenance, folder, attachments)
 
 
 def save(
@@ -182,14 +174,14 @@ def save(
     parent: Path | None = None,
     attachments: Mapping[str, bytes] | None = None,
 ) -> Path:
-    """Write a dataset where a command's options say.
+    """Write a dataset to the destination that a command's options give.
 
     Args:
-        dataset: What to write.
-        provenance: Where it comes from.
-        out: Exactly this folder.
-        name: Without `out` and `parent`: the next version of `datasets/<name>`.
-        parent: Without `out`: beside the dataset it was made from.
+        dataset: The dataset.
+        provenance: Its provenance.
+        out: Folder to write.
+        name: Without `out` and `parent`, the next version of `datasets/<name>` is written.
+        parent: Without `out`, the next version beside this dataset is written.
         attachments: Further files by their path in the dataset.
 
     Returns:
@@ -197,18 +189,17 @@ def save(
     """
     if out is not None:
         return write(dataset, out, provenance, attachments)
-    if parent is not None:
-        return next_to(parent, dataset, provenance, attachments)
-    return new_version(dataset, name, provenance, FOLDER, attachments)
+    folder, name = (FOLDER, name) if parent is None else home_of(resolve(parent))
+    return new_version(dataset, name, provenance, folder, attachments)
 
 
 def check_destination(*, out: Path | None = None, name: str = "dataset", parent: Path | None = None) -> None:
-    """Find out before any work is done whether `save` could write there; arguments as for `save`.
+    """Check that `save` can write, before any work is done; arguments as for `save`.
 
     Raises:
         OutputExists: the folder exists.
-        CannotWrite: it could not be made.
-        OptionError: the name is no folder's name.
+        CannotWrite: it cannot be created.
+        OptionError: the name is not a valid folder name.
     """
     if out is not None:
         return check_creatable(out)
@@ -218,7 +209,7 @@ def check_destination(*, out: Path | None = None, name: str = "dataset", parent:
 
 
 def _folder_name(root: Path) -> str:
-    """Return a folder's name as a dataset's name."""
+    """Return the dataset name that a folder gives."""
     return re.sub(r"[^A-Za-z0-9._-]+", "_", root.name).lstrip("._-") or "dataset"
 
 
@@ -228,7 +219,7 @@ def _number(path: Path) -> int:
 
 
 def _source_of(files: Mapping[str, str]) -> dict[str, str]:
-    """Return the hashes of what predicted: equal rows from another source are another version."""
+    """Return the hashes of the source model's files; equal rows with another source are another version."""
     return {name: files[name] for name in (SOURCE, SOURCE_EFFECTS) if name in files}
 
 

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from itertools import pairwise
@@ -13,9 +13,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from nas_data.dataset import layout
-from nas_data.dataset.arrow import lists, numbers, texts
 from nas_data.dataset.card import render_card
-from nas_data.dataset.carried import VIDEO, VIDEO_PATH, Carried, place_videos
+from nas_data.dataset.carried import Carried
 from nas_data.dataset.carried import overall as overall_of
 from nas_data.dataset.checks import check_storable
 from nas_data.dataset.content import content_hash, stored_column
@@ -23,6 +22,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.provenance import Provenance
 from nas_data.dataset.staging import publish, refuse_existing, staging_folder, write_synced
 from nas_data.dataset.statistics import Statistics, statistics
+from nas_data.dataset.videos import VIDEO, VIDEO_PATH, place_videos
 
 
 def write(dataset: Dataset, root: Path, provenance: Provenance, attachments: Mapping[str, bytes] | None = None) -> Path:
@@ -253,3 +253,26 @@ def parquet(table: pa.Table) -> memoryview:
 def json_bytes(content: Mapping[str, object]) -> bytes:
     """Return an object as a JSON file."""
     return json.dumps(content, indent=4, ensure_ascii=False, allow_nan=False).encode()
+
+
+def numbers(values: np.ndarray) -> pa.Array:
+    """Return numbers or booleans, shape (N,), as an Arrow array; numbers are not copied.
+
+    `pyarrow.array` would first import pandas, which takes longer than the rest.
+    """
+    values = np.ascontiguousarray(values)
+    stored = np.packbits(values, bitorder="little") if values.dtype == bool else values
+    return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), len(values), [None, pa.py_buffer(stored)])
+
+
+def texts(values: Sequence[str]) -> pa.StringArray:
+    """Return texts as an Arrow array."""
+    encoded = [value.encode() for value in values]
+    offsets = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
+    return pa.StringArray.from_buffers(len(encoded), pa.py_buffer(offsets), pa.py_buffer(b"".join(encoded)))
+
+
+def lists(values: pa.Array, lengths: Sequence[int] | np.ndarray) -> pa.ListArray:
+    """Return consecutive values as an array of lists with the given lengths."""
+    offsets = np.cumsum([0, *lengths], dtype=np.int32)
+    return pa.ListArray.from_arrays(numbers(offsets), values)

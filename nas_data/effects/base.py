@@ -10,7 +10,7 @@ from typing import ClassVar, Self
 import mujoco
 
 from nas_data import registry
-from nas_data.effects.edits.damping_ratio import settle_damping
+from nas_data.effects.edits.derived_servo_values import fix_derived_values
 from nas_data.effects.edits.hook import StepHook
 from nas_data.errors import JointMismatch, NasError, OptionError
 from nas_data.joint_units import unit_at
@@ -295,7 +295,7 @@ def add_effects(spec: mujoco.MjSpec, effects: Iterable[Effect]) -> None:
     """
     chosen = sorted(effects, key=lambda effect: effect.edit_order)
     if not all(effect.is_neutral for effect in chosen):
-        settle_damping(spec)
+        fix_derived_values(spec)
     for effect in chosen:
         if effect.joint is not None and spec.joint(effect.joint) is None:
             names = ", ".join(joint.name for joint in spec.joints)

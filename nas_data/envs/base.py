@@ -147,7 +147,7 @@ class Task:
 
         robot = find_robot(self.robot)
         if dynamics in self.edits:
-            robot = replace(robot, edit=in_turn(robot.edit, self.edits[dynamics]))
+            robot = replace(robot, edit=InTurn(robot.edit, self.edits[dynamics]))
         return robot, effects
 
 
@@ -168,11 +168,6 @@ class InTurn:
         if self.first is not None:
             self.first(spec)
         self.second(spec)
-
-
-def in_turn(first: Edit | None, second: Edit) -> Edit:
-    """Return a model edit that applies two edits in order."""
-    return InTurn(first, second)
 
 
 def find_task_file(name: str) -> str:

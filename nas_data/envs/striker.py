@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 from gymnasium import spaces
 
-from nas_data.envs.base import Start, Task, Verdict, in_turn
+from nas_data.envs.base import InTurn, Start, Task, Verdict
 from nas_data.envs.edits.bigger_gap import widen_gap
 from nas_data.envs.edits.pulled_joint import pull_joint
 from nas_data.robots.striker import JOINTS, RATE
@@ -105,7 +105,7 @@ TASK = Striker(
     action_space=spaces.Box(-1.0, 1.0, shape=(len(JOINTS),), dtype=np.float32),
     dynamics={"source": (), "backlash": BACKLASH, "paper": (), "bigger-gap": BACKLASH},
     edits={
-        "paper": in_turn(
+        "paper": InTurn(
             partial(pull_joint, joint="pan", width=2.0),
             partial(pull_joint, joint="wrist_flex", width=2.0),
         ),

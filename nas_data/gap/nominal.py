@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from nas_data.effects.base import Effect
-from nas_data.effects.edits.damping_ratio import settle_damping
+from nas_data.effects.edits.derived_servo_values import fix_derived_values
 from nas_data.effects.edits.servo import position_servo, scale_stiffness
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.integrator import FINE, make_implicit, whole_step
@@ -68,7 +68,7 @@ class Nominal:
         robot = find_robot(model)
         MujocoSimulator(robot, evidence.period, evidence.joints)  # says what is wrong with the model, if anything
         spec = explicit(robot.spec())
-        settle_damping(spec)
+        fix_derived_values(spec)
         spec.option.timestep = whole_step(evidence.period, spec.option.timestep)
         bases = [f"The base '{base}' would fall; it is held where the model has it." for base in robot.bases]
         notes = (*bases, *adapt(spec, evidence.joints, evidence.period))

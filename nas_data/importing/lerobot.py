@@ -9,7 +9,6 @@ import numpy as np
 from nas_data.dataset import layout
 from nas_data.dataset.audits import audit_dataset
 from nas_data.dataset.audits.base import AuditFinding
-from nas_data.dataset.carried import VIDEO
 from nas_data.dataset.cutting import cut_at, find_gaps
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import TIME
@@ -19,6 +18,7 @@ from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.dataset.read import read, read_stamps, with_clock
 from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.versions import parent_of, resolve
+from nas_data.dataset.videos import VIDEO
 from nas_data.errors import DatasetInvalid, LogError, OptionError
 from nas_data.importing.calibration import UNITS, choose_unit, motors_of, read_calibration, with_raw_unit
 from nas_data.importing.formats import folder_kind, is_folder_log

@@ -1,6 +1,5 @@
 """Comparison of methods on one target: each method and seed is one run with one JSON file, done once."""
 
-import json
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,19 +10,17 @@ import numpy as np
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import OptionError, SimulationDiverged
 from nas_data.policies.evaluate import score_policy, summarise_spread
-from nas_data.policies.folder import write
 from nas_data.policies.learner import Hyperparameters, PolicyTraining
 from nas_data.policies.policy import load_policy, read_progress
-from nas_data.policies.ppo import Report, check_folder, to_stderr, train
+from nas_data.policies.ppo import check_folder, train
+from nas_data.policies.result import DivergedEpisodes, EvaluationTime, PolicyResult, read_result
 from nas_data.policies.share import Share, Stake, share, share_heading, stake
 from nas_data.policies.tables import align_columns
 from nas_data.runs.code_hash import code_hash
 from nas_data.runs.parallel import run_jobs
+from nas_data.runs.progress import Report, say, silence
 
-RESULT = "result.json"
 SOURCE_METHOD, EXPERT_METHOD = "source", "expert"  # the lower and upper reference of the relative score
-
-Record = dict[str, object]
 
 
 @dataclass(frozen=True)
@@ -82,72 +79,46 @@ class Run:
         }
 
 
-def check_run(run: Run) -> None:
-    """Refuse a run whose folder holds another one, before any work is done.
-
-    Raises:
-        OutputExists: the folder holds another training, or one by other code.
-    """
-    if read_record(run, run.question()) is None:
-        check_folder(run.folder, run.training)
-
-
-def read_record(run: Run, question: Record) -> Record | None:
-    """Return the record of a finished run; None if it is not finished."""
+def read_finished(run: Run) -> PolicyResult | None:
+    """Return the result of a finished run; None if it is not finished."""
     known = read_result(run.folder)
-    return known if known is not None and known.get("question") == question else None
+    return known if known is not None and known.question == run.question() else None
 
 
-def do_run(run: Run) -> Record:
-    """Train and evaluate one policy, or read the record of an earlier run.
+def do_run(run: Run) -> PolicyResult:
+    """Train and evaluate one policy, or read the result of an earlier run.
 
     Raises:
         OutputExists: the folder holds another training.
         CheckpointError: the plant's checkpoint cannot be used.
         SimulationDiverged: the plant cannot be simulated at all.
     """
-    question = run.question()
-    known = read_record(run, question)
+    known = read_finished(run)
     if known is not None:
         return known
     try:
         train(run.training, run.folder, report=silence if run.quiet else None)
         wall, cpu = time.perf_counter(), time.process_time()
         score = score_policy(load_policy(run.folder), run.target, run.episodes)
-        wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+        took = EvaluationTime(time.perf_counter() - wall, time.process_time() - cpu)
     except SimulationDiverged as error:
         raise SimulationDiverged(f"{run.method}, seed {run.training.seed}: {error}") from error
     curve = read_progress(run.folder)
-    record: Record = {
-        "question": question,
-        "circumstances": {**run.training.circumstances(), "dataset": run.dataset},
-        "score": score.describe(),
-        "returns": score.returns.tolist(),
-        "wall_seconds": float(curve["seconds"][-1]),
-        "cpu_seconds": float(curve["cpu_seconds"][-1]),
-        "judging": {"wall_seconds": wall, "cpu_seconds": cpu},
-        "diverged": {"learning": int(curve["diverged"].sum()), "judging": int(score.diverged.sum())},
-    }
-    write(run.folder / RESULT, (json.dumps(record, indent=1) + "\n").encode())
-    return record
+    result = PolicyResult(
+        question=run.question(),
+        circumstances={**run.training.circumstances(), "dataset": run.dataset},
+        score=score.summary(),
+        returns=tuple(score.returns.tolist()),
+        wall_seconds=float(curve["seconds"][-1]),
+        cpu_seconds=float(curve["cpu_seconds"][-1]),
+        judging=took,
+        diverged=DivergedEpisodes(int(curve["diverged"].sum()), int(score.diverged.sum())),
+    )
+    result.write(run.folder)
+    return result
 
 
-def silence(_: str) -> None:
-    """Report nothing: several workers would talk at once."""
-
-
-def read_result(folder: Path) -> Record | None:
-    """Return a finished run's record; None if there is no valid one."""
-    try:
-        record = json.loads((folder / RESULT).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    return record if isinstance(record, dict) else None
-
-
-def compare(
-    study: Study, folder: Path, workers: int = 1, report: Report = to_stderr, quiet: bool = False
-) -> "Comparison":
+def compare(study: Study, folder: Path, workers: int = 1, report: Report = say, quiet: bool = False) -> "Comparison":
     """Train and evaluate every method with every seed; finished runs are skipped.
 
     Args:
@@ -184,27 +155,17 @@ def compare(
         for method in study.trained
     ]
     for run in runs:
-        check_run(run)
-    records: dict[tuple[str, int], Record] = {}
-    for number, record in run_jobs(do_run, runs, workers):
-        run = runs[number]
-        records[run.method, run.training.seed] = record
-        report(f"{len(records)} of {len(runs)}: {run.method}, seed {run.training.seed}: {tell(record)}")
+        if read_finished(run) is None:
+            check_folder(run.folder, run.training)  # before any work is done
+    results: dict[tuple[str, int], PolicyResult] = {}
+    for number, result in run_jobs(do_run, runs, workers):
+        run, score = runs[number], result.score
+        results[run.method, run.training.seed] = result
+        said = f"return {score.mean_return:.2f}, success {score.success_rate:.0%}"
+        report(f"{len(results)} of {len(runs)}: {run.method}, seed {run.training.seed}: {said}")
     for method in study.methods:
-        records |= {(method, seed): records[study.trained_as(method), seed] for seed in study.seeds}
-    return Comparison(study=study, folder=folder, records=records)
-
-
-def tell(record: Record) -> str:
-    """Return a sentence on a run's result."""
-    return f"return {number(record, 'return'):.2f}, success {number(record, 'success_rate'):.0%}"
-
-
-def number(record: Record, key: str) -> float:
-    """Return a number of a run's score."""
-    score = record["score"]
-    assert isinstance(score, dict)
-    return float(score[key])
+        results |= {(method, seed): results[study.trained_as(method), seed] for seed in study.seeds}
+    return Comparison(study=study, folder=folder, results=results)
 
 
 @dataclass(frozen=True)
@@ -214,21 +175,20 @@ class Comparison:
     Attributes:
         study: The comparison.
         folder: Folder of policies, learning curves and results.
-        records: Record of each method and seed.
+        results: Result of each method and seed.
     """
 
     study: Study
     folder: Path
-    records: Mapping[tuple[str, int], Record]
+    results: Mapping[tuple[str, int], PolicyResult]
 
-    def values(self, method: str, key: str = "return") -> np.ndarray:
-        """Return a score of each seed of a method on the target, shape (seeds,)."""
-        return np.array([number(self.records[method, seed], key) for seed in self.study.seeds])
+    def values(self, method: str, name: str = "mean_return") -> np.ndarray:
+        """Return one entry of `PolicyScore` for each seed of a method, shape (seeds,)."""
+        return np.array([getattr(self.results[method, seed].score, name) for seed in self.study.seeds], float)
 
     def diverged(self, method: str, when: str) -> np.ndarray:
         """Return the number of diverged episodes of each seed while `learning` or `judging`, shape (seeds,)."""
-        counts = [self.records[method, seed]["diverged"] for seed in self.study.seeds]
-        return np.array([count[when] for count in counts if isinstance(count, dict)])
+        return np.array([getattr(self.results[method, seed].diverged, when) for seed in self.study.seeds])
 
     def lost(self) -> list[str]:
         """Return sentences on methods with diverged episodes."""

@@ -11,7 +11,9 @@ from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.envs.loop.task_batch import TaskBatch
 from nas_data.errors import CheckpointError, OptionError
 from nas_data.policies.policy import Policy, find_policies, load_policy
+from nas_data.policies.result import PolicyScore
 from nas_data.simulators.base import Stepper
+from nas_data.typed_json import as_object
 
 SEED = 20180629  # seed of evaluation starts and goals; training seeds are hashed, so the episodes differ
 
@@ -50,16 +52,14 @@ class Returns:
         """Mean number of control steps."""
         return float(self.lengths.mean())
 
+    def summary(self) -> PolicyScore:
+        """Return the score over all episodes."""
+        median, diverged = float(np.median(self.returns)), int(self.diverged.sum())
+        return PolicyScore(self.mean_return, median, self.success_rate, self.mean_length, diverged, len(self.returns))
+
     def describe(self) -> dict[str, object]:
         """Return the score for JSON."""
-        return {
-            "return": self.mean_return,
-            "return_median": float(np.median(self.returns)),
-            "success_rate": self.success_rate,
-            "mean_length": self.mean_length,
-            "diverged": int(self.diverged.sum()),
-            "episodes": len(self.returns),
-        }
+        return as_object(self.summary())
 
 
 def roll_out(task: Task, stepper: Stepper, begin: Callable[[TaskBatch], Controller], seed: int = SEED) -> Returns:

@@ -3,7 +3,6 @@
 import csv
 import io
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
@@ -18,9 +17,10 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from nas_data.errors import CheckpointError
 from nas_data.policies.policy import CONFIG, MEAN, PROGRESS, VARIANCE, WEIGHTS
+from nas_data.whole_file import write_whole
 
 STATE = "training.safetensors"
-PARTIAL = ".part"  # suffix of a file that is being written
+PARTIAL = ".partial"  # suffix of a file that `write_whole` is writing
 STATISTICS = ("observation", "return")
 WEIGHT_PREFIX, OPTIMISER_PREFIX = "policy.", "optimiser."
 
@@ -62,14 +62,6 @@ def statistics(normalised: VecNormalize) -> tuple[RunningMeanStd, RunningMeanStd
     return normalised.obs_rms, normalised.ret_rms
 
 
-def write(path: Path, content: bytes) -> None:
-    """Write a file atomically."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.{os.getpid()}{PARTIAL}")
-    partial.write_bytes(content)
-    partial.replace(path)
-
-
 def is_vacant(folder: Path) -> bool:
     """Return whether a training may begin in a folder: it is new, or its first save was interrupted.
 
@@ -95,14 +87,14 @@ def save_policy(
     tensors = {name: tensor.contiguous() for name, tensor in ppo.policy.state_dict().items()}
     observation, _ = statistics(normalised)
     tensors |= {MEAN: torch.from_numpy(observation.mean.copy()), VARIANCE: torch.from_numpy(observation.var.copy())}
-    write(folder / WEIGHTS, save(tensors))
+    write_whole(folder / WEIGHTS, save(tensors))
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(field.name for field in fields(Row))
     table.writerows(astuple(row) for row in progress)
-    write(folder / PROGRESS, text.getvalue().encode())
+    write_whole(folder / PROGRESS, text.getvalue().encode())
     written = {**config, "frames": ppo.num_timesteps}
-    write(folder / CONFIG, (json.dumps(written, indent=2) + "\n").encode())
+    write_whole(folder / CONFIG, (json.dumps(written, indent=2) + "\n").encode())
 
 
 def save_state(ppo: PPO, normalised: VecNormalize, progress: list[Row], folder: Path) -> None:
@@ -115,7 +107,7 @@ def save_state(ppo: PPO, normalised: VecNormalize, progress: list[Row], folder: 
             value = np.array(getattr(running, part), dtype=np.float64)
             tensors[f"statistics.{name}.{part}"] = torch.from_numpy(value)
     tensors["progress"] = torch.tensor([astuple(row) for row in progress], dtype=torch.float64)
-    write(folder / STATE, save(tensors))
+    write_whole(folder / STATE, save(tensors))
 
 
 def resume(ppo: PPO, normalised: VecNormalize, progress: list[Row], folder: Path) -> None:

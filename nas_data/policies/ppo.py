@@ -1,17 +1,14 @@
 """Resumable PPO training in a folder; equal seeds give bit-equal results, with or without interruption."""
 
-import sys
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 from nas_data.errors import OutputExists
 from nas_data.policies import folder as files
 from nas_data.policies.learner import Learner, PolicyTraining
 from nas_data.policies.policy import CONFIG, read_config
+from nas_data.runs.progress import Calm, Report
 from nas_data.simulators.base import Stepper
-
-Report = Callable[[str], None]
 
 
 def train(training: PolicyTraining, folder: Path, report: Report | None = None, stepper: Stepper | None = None) -> Path:
@@ -103,26 +100,3 @@ def sentence(row: files.Row, training: PolicyTraining) -> str:
     return (
         f"{row.frames:,} of {total:,} frames, {scored}, {rate:,.0f} frames/s, {(total - row.frames) / rate:.0f} s left"
     )
-
-
-def to_stderr(message: str) -> None:
-    """Show a line of progress."""
-    print(message, file=sys.stderr, flush=True)
-
-
-class Calm:
-    """A report that passes on at most one sentence every few seconds."""
-
-    PAUSE = 2.0  # [s]
-
-    def __init__(self, report: Report = to_stderr, pause: float = PAUSE) -> None:
-        """Pass on to a report, after at least a pause [s]."""
-        self.report = report
-        self.pause = pause
-        self.next = 0.0
-
-    def __call__(self, message: str) -> None:
-        """Report a sentence, unless the last one is too recent."""
-        if time.monotonic() >= self.next:
-            self.next = time.monotonic() + self.pause
-            self.report(message)

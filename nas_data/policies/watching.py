@@ -1,6 +1,5 @@
 """Progress of a study's trainings and remaining time, read from the files of the workers."""
 
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -9,6 +8,7 @@ from pathlib import Path
 from nas_data.errors import CheckpointError
 from nas_data.policies.compare import Study
 from nas_data.policies.policy import read_progress
+from nas_data.runs.progress import repeating, spoken
 
 PAUSE = 10.0  # [s] between two lines of progress
 
@@ -24,25 +24,19 @@ def watching(study: Study, folder: Path, report: Callable[[str], None], pause: f
         pause: Time between two lines [s].
     """
     folders = [folder / method / f"seed{seed}" for method in study.trained for seed in study.seeds]
-    over, total, first = threading.Event(), study.frames * len(folders), count_frames(folders)
-    began = time.monotonic()
+    total, first = study.frames * len(folders), count_frames(folders)
+    began, before = time.monotonic(), first
 
-    def watch() -> None:
-        before = first
-        while not over.wait(pause):
-            done = min(float(total), count_frames(folders))
-            if done > before:
-                left = (total - done) / (done - first) * (time.monotonic() - began)
-                report(f"{len(folders)} policies: {done / total:.0%} of {total:,} control steps, {spoken(left)} left")
-            before = done
+    def speak() -> None:
+        nonlocal before
+        done = min(float(total), count_frames(folders))
+        if done > before:
+            left = (total - done) / (done - first) * (time.monotonic() - began)
+            report(f"{len(folders)} policies: {done / total:.0%} of {total:,} control steps, {spoken(left)} left")
+        before = done
 
-    thread = threading.Thread(target=watch, daemon=True)
-    thread.start()
-    try:
+    with repeating(speak, pause):
         yield
-    finally:
-        over.set()
-        thread.join()
 
 
 def count_frames(folders: list[Path]) -> float:
@@ -56,10 +50,3 @@ def frames_learned(folder: Path) -> float:
         return float(read_progress(folder)["frames"][-1])
     except CheckpointError:
         return 0.0
-
-
-def spoken(seconds: float) -> str:
-    """Return a duration as text."""
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

@@ -3,17 +3,17 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
+from typing import Self
 
 import numpy as np
 
 from nas_data.dataset.incremental_writer import IncrementalWriter
 from nas_data.dataset.provenance import Provenance, read_provenance
 from nas_data.errors import ArmError
-from nas_data.hardware.arms.base import Arm, Driver
+from nas_data.hardware.arms.base import Arm, Driver, Registers
 from nas_data.recorders.arm_dataset import to_dataset
 from nas_data.recorders.arm_motion import ArmEpisode, ArmMotion
 from nas_data.recorders.arm_plan import MotionPlan
-from nas_data.recorders.arm_settings import Settings
 from nas_data.recorders.arm_tally import RecordingStats
 from nas_data.recorders.guarded import GuardedArm, Setup
 from nas_data.recorders.retry import TRANSIENT_ERRORS
@@ -52,6 +52,30 @@ def check_arm(driver: Driver) -> None:
         arm.check()
     finally:
         arm.close()
+
+
+class Settings:
+    """History of the servos' settings during a recording: the registers, with the first episode for which they hold."""
+
+    def __init__(self, known: Mapping[int, Registers] | None = None) -> None:
+        self._known = dict(known or {})
+
+    @classmethod
+    def of(cls, target: Mapping[str, object] | None) -> Self:
+        """Read the history from a recording's provenance."""
+        stored = (target or {}).get("registers")
+        entries = stored if isinstance(stored, list) else []
+        return cls({int(entry["from_episode"]): entry["joints"] for entry in entries})
+
+    def record(self, episode: int, registers: Registers) -> None:
+        """Add the registers read before an episode; entries of this and of later episodes are dropped."""
+        self._known = {number: known for number, known in self._known.items() if number < episode}
+        if not self._known or self._known[max(self._known)] != registers:
+            self._known[episode] = registers
+
+    def to_json(self) -> list[dict[str, object]]:
+        """Return the history for provenance: each entry has its first episode and the registers of each joint."""
+        return [{"from_episode": number, "joints": known} for number, known in sorted(self._known.items())]
 
 
 class RecordingJob:

@@ -39,43 +39,70 @@ class RecordingStats:
         return cls(**{key: int(known.get(key, 0)) for key in asdict(cls())})
 
 
-def summary(dataset: Dataset, tally: RecordingStats) -> dict[str, object]:
-    """Return the quality figures of a recording: counts, shares, rate [Hz], longest step [s], [°C] and [V]."""
-    times = dataset.columns[TIME][:, 0]
-    steps = np.concatenate([np.diff(times[rows]) for rows in dataset.episodes()] or [np.array([])])
-    late, repeated = (int(dataset.columns[key].sum()) for key in (LATE, REPEATED))
-    return {
-        "late": late,
-        "late_share": late / dataset.n_frames,
-        "repeated": repeated,
-        "repeated_share": repeated / dataset.n_frames,
-        "rate": float(1 / steps.mean()) if len(steps) else dataset.fps,
-        "longest_step": float(steps.max()) if len(steps) else 0.0,
-        "coldest": float(dataset.columns[TEMPERATURE].min()),
-        "warmest": float(dataset.columns[TEMPERATURE].max()),
-        "lowest_voltage": float(dataset.columns[VOLTAGE].min()),
-        **asdict(tally),
-    }
+@dataclass(frozen=True)
+class RecordingQuality:
+    """Quality of a recording.
 
+    Attributes:
+        late: Number of late readings.
+        late_share: Share of late readings.
+        repeated: Number of readings that repeat the previous one while the arm moves.
+        repeated_share: Share of repeated readings.
+        rate: Mean rate by the recorder's clock [Hz].
+        longest_step: Longest time between two readings [s].
+        coldest: Lowest temperature of a servo [°C].
+        warmest: Highest temperature of a servo [°C].
+        lowest_voltage: Lowest supply voltage [V].
+        stats: Counts over all sittings.
+    """
 
-def describe_stats(numbers: Mapping[str, object]) -> list[str]:
-    """Return the quality figures as lines of text."""
-    lines = [
-        f"{numbers['late']} late readings ({_float(numbers, 'late_share'):.3%}), {numbers['repeated']} repeated, "
-        f"{numbers['missed']} missed; {numbers['anew']} episodes recorded anew, {numbers['retries']} readings tried "
-        "again",
-        f"{_float(numbers, 'rate'):.2f} Hz by the clock, longest step {_float(numbers, 'longest_step') * 1e3:.1f} ms; "
-        f"servos up to {_float(numbers, 'warmest'):.0f} °C, supply down to {_float(numbers, 'lowest_voltage'):.1f} V, "
-        f"{numbers['pauses']} pauses to cool",
-    ]
-    share = _float(numbers, "repeated_share")
-    if share > SUSPICIOUS:
-        lines.append(
-            f"warning: {share:.0%} of the readings repeat the one before while the arm moves: what answers renews its "
-            f"registers at about {_float(numbers, 'rate') * (1 - share):.0f} Hz; check the adapter's latency timer."
+    late: int
+    late_share: float
+    repeated: int
+    repeated_share: float
+    rate: float
+    longest_step: float
+    coldest: float
+    warmest: float
+    lowest_voltage: float
+    stats: RecordingStats
+
+    @classmethod
+    def of(cls, dataset: Dataset, stats: RecordingStats) -> Self:
+        """Compute the quality of the recorded episodes."""
+        times = dataset.columns[TIME][:, 0]
+        steps = np.concatenate([np.diff(times[rows]) for rows in dataset.episodes()] or [np.array([])])
+        late, repeated = (int(dataset.columns[key].sum()) for key in (LATE, REPEATED))
+        return cls(
+            late=late,
+            late_share=late / dataset.n_frames,
+            repeated=repeated,
+            repeated_share=repeated / dataset.n_frames,
+            rate=float(1 / steps.mean()) if len(steps) else dataset.fps,
+            longest_step=float(steps.max()) if len(steps) else 0.0,
+            coldest=float(dataset.columns[TEMPERATURE].min()),
+            warmest=float(dataset.columns[TEMPERATURE].max()),
+            lowest_voltage=float(dataset.columns[VOLTAGE].min()),
+            stats=stats,
         )
-    return lines
 
+    def to_json(self) -> dict[str, object]:
+        """Return all figures and counts for JSON."""
+        return {**{key: value for key, value in vars(self).items() if key != "stats"}, **asdict(self.stats)}
 
-def _float(numbers: Mapping[str, object], key: str) -> float:
-    return float(str(numbers[key]))
+    def lines(self) -> list[str]:
+        """Return the figures as lines of text."""
+        stats = self.stats
+        lines = [
+            f"{self.late} late readings ({self.late_share:.3%}), {self.repeated} repeated, {stats.missed} missed; "
+            f"{stats.anew} episodes recorded anew, {stats.retries} readings tried again",
+            f"{self.rate:.2f} Hz by the clock, longest step {self.longest_step * 1e3:.1f} ms; servos up to "
+            f"{self.warmest:.0f} °C, supply down to {self.lowest_voltage:.1f} V, {stats.pauses} pauses to cool",
+        ]
+        if self.repeated_share > SUSPICIOUS:
+            lines.append(
+                f"warning: {self.repeated_share:.0%} of the readings repeat the one before while the arm moves: what "
+                f"answers renews its registers at about {self.rate * (1 - self.repeated_share):.0f} Hz; check the "
+                "adapter's latency timer."
+            )
+        return lines

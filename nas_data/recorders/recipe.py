@@ -12,9 +12,8 @@ from nas_data.envs.base import find_task, find_task_file
 from nas_data.excitations.babbling import Babbling
 from nas_data.excitations.base import Excitation
 from nas_data.excitations.ramps import Ramps
-from nas_data.recorders.environment import draw_environment_starts
 from nas_data.recorders.readings import Readings
-from nas_data.recorders.session import PlaybackProtocol, RecordingSession, Target, as_stored
+from nas_data.recorders.session import PlaybackProtocol, RecordingSession, Target, as_stored, draw_environment_starts
 from nas_data.recorders.simulated import record, to_dataset
 from nas_data.simulators.engines import load_simulator
 

@@ -75,6 +75,13 @@ class PlaybackProtocol:
         if self.seed < 0:
             raise OptionError(f"--seed is {self.seed}; it must be 0 or more.")
 
+    def signal(self) -> dict[str, object]:
+        """Return the command signal for provenance."""
+        played = self.excitation.to_json()
+        if self.file:
+            played = {"file": self.file.name, "sha256": hashlib.sha256(self.file.read_bytes()).hexdigest()}
+        return {**played, "start": self.start, "joints": list(self.joints)}
+
 
 def check_amount(episodes: int, seconds: float, longest: float) -> None:
     """Refuse episodes that cannot be recorded.
@@ -135,24 +142,16 @@ class RecordingSession:
 
     def provenance(self, blind: bool = False) -> Provenance:
         """Return the provenance of the dataset; `blind` omits the target's effects."""
-        file = self.protocol.file
-        signal = (
-            {"file": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest()}
-            if file
-            else self.protocol.excitation.to_json()
-        )
+        environment = self.protocol.environment
+        own = {"start": "environment", "environment": environment} if environment else {}
         return Provenance(
             how="simulated",
             robot=self.target.robot.name,
             target={**self.target.describe(blind), "settled": self.settled},
-            signal={**signal, "start": self.protocol.start, "joints": list(self.protocol.joints)} | self._environment(),
+            signal={**self.protocol.signal(), **own},
             seeds=(self.protocol.seed,),
             contiguous=True,
         )
-
-    def _environment(self) -> dict[str, object]:
-        environment = self.protocol.environment
-        return {"start": "environment", "environment": environment} if environment else {}
 
 
 def as_stored(commands: np.ndarray) -> np.ndarray:
@@ -171,8 +170,6 @@ def draw_commands(target: Target, protocol: PlaybackProtocol, rng: np.random.Gen
         return commands
     steps = max(1, round(protocol.seconds / simulator.period))
     if protocol.environment:
-        from nas_data.recorders.environment import draw_actions
-
         return draw_actions(protocol.environment, protocol.excitation, protocol.episodes, steps, rng)
     low, high = excitable_limits(low, high, simulator.joints, simulator.kinds, simulator.slides)
     radians = command_radians(simulator, low, high)
@@ -199,8 +196,6 @@ def resting(target: Target, protocol: PlaybackProtocol) -> np.ndarray:
 def draw_starts(target: Target, protocol: PlaybackProtocol, episodes: int, rng: np.random.Generator) -> np.ndarray:
     """Return the first state of each episode, shape (E, 2n + m): an environment's own, or a pose at rest."""
     if protocol.environment:
-        from nas_data.recorders.environment import draw_environment_starts
-
         return draw_environment_starts(protocol.environment, episodes, rng)
     poses = draw_poses(target, protocol, episodes, rng)
     states = np.concatenate([poses, np.zeros_like(poses)], axis=1)
@@ -227,3 +222,34 @@ def draw_poses(target: Target, protocol: PlaybackProtocol, episodes: int, rng: n
     middle, span = (low + high) / 2, (high - low) / 2
     drawn = middle + RESET_SHARE * span * rng.uniform(-1, 1, (episodes, len(joints)))
     return np.where(resting(target, protocol), np.array(target.robot.rest or np.zeros(len(joints))), drawn)
+
+
+def draw_actions(
+    environment: str, excitation: Excitation, episodes: int, steps: int, rng: np.random.Generator
+) -> list[np.ndarray]:
+    """Draw the commands of an excitation in the action space.
+
+    Args:
+        environment: Name of the environment.
+        excitation: Signal, scaled to the whole action space.
+        episodes: Number of episodes, E.
+        steps: Control steps of each, T.
+        rng: Source of randomness.
+
+    Returns:
+        Positions [rad] or torques [N·m] of each episode, shape (T, n).
+    """
+    from nas_data.envs.base import find_task  # loads gymnasium, which few recordings need
+
+    task = find_task(environment)
+    low, high = task.action_space.low.astype(float), task.action_space.high.astype(float)
+    return [task.command(rows) for rows in excitation.commands(rng, episodes, steps, task.period, low, high)]
+
+
+def draw_environment_starts(environment: str, episodes: int, rng: np.random.Generator) -> np.ndarray:
+    """Draw initial states, shape (E, 2n + m): positions [rad], velocities [rad/s], then states of objects."""
+    from nas_data.envs.base import find_task  # loads gymnasium, which few recordings need
+
+    task = find_task(environment)
+    starts = [task.start(rng) for _ in range(episodes)]
+    return np.stack([np.concatenate([start.state, start.objects]) for start in starts])

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from nas_data.joint_units import HINGE, JointUnit
-from nas_data.reports.style import WIDTH, Stroke, house_style, legend_above, strokes
+from nas_data.reports.style import WIDTH, Stroke, house_style, legend_above, make_logarithmic, strokes
 
 HEADROOM = 2.0  # times the largest median or baseline: one seed that went astray must not squash all others
 TITLES = {"open_loop": "open loop", "one_step": "one step"}
@@ -73,40 +73,21 @@ def top(curves: Sequence[AblationCurve], baselines: Sequence[float], scale: floa
 def draw_curve(axes: Axes, name: str, curve: AblationCurve, look: Stroke, scale: float) -> None:
     """Draw a predictor's median and the band between its extremes; where a seed diverged, there is no band."""
     low, median, high = (scale * np.where(np.isfinite(v), v, np.nan) for v in (curve.low, curve.median, curve.high))
-    axes.fill_between(curve.amounts, low, high, color=look.colour, alpha=0.16, linewidth=0, zorder=look.order)
-    axes.plot(
-        curve.amounts,
-        median,
-        label=name,
-        color=look.colour,
-        linestyle=look.line,
-        linewidth=look.width,
-        marker="o",
-        markersize=3.5,
-        zorder=look.order + 10,
-    )
+    axes.fill_between(curve.amounts, low, high, **look.area())
+    axes.plot(curve.amounts, median, label=name, marker="o", markersize=3.5, **look.curve(10))
 
 
 def draw_line(axes: Axes, name: str, error: float, look: Stroke) -> None:
     """Draw a baseline, which needs no data, as a line across, its error as shown."""
     if np.isfinite(error) and error > 0:
-        axes.axhline(
-            error,
-            label=name,
-            color=look.colour,
-            linestyle=look.line,
-            linewidth=look.width,
-            zorder=look.order,
-        )
+        axes.axhline(error, label=name, **look.curve())
 
 
 def label(axes: Axes, amounts: Sequence[float]) -> None:
     """Give both axes logarithmic scales; the horizontal one is marked at the amounts that were tried."""
     axes.set_xscale("log")
-    axes.set_yscale("log")
+    make_logarithmic(axes)
     margin = 1.05 * (amounts[-1] / amounts[0]) ** 0.05
     axes.set_xlim(amounts[0] / margin, amounts[-1] * margin)  # not from the curves, which may all have diverged
     axes.set_xticks(amounts, [f"{amount:.3g}" for amount in amounts])
     axes.xaxis.set_minor_formatter(NullFormatter())
-    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    axes.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")

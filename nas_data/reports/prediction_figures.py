@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from nas_data.reports.style import WIDTH, house_style, legend_above, strokes
+from nas_data.reports.style import WIDTH, house_style, legend_above, make_logarithmic, strokes
 
 FLOOR = 0.1  # [deg] below the resolution of usual servos; a logarithm needs some floor
 QUARTILES = (0.25, 0.5, 0.75)
@@ -33,12 +33,10 @@ def trajectory(
         if command is not None:
             curves["command"] = command
         for name, values in curves.items():
-            look = looks[name]
-            style = {"color": look.colour, "linestyle": look.line, "linewidth": look.width, "zorder": look.order}
             drawn = "steps-pre" if name == "command" else "default"
-            above.plot(time, np.degrees(values), label=name, drawstyle=drawn, **style)
+            above.plot(time, np.degrees(values), label=name, drawstyle=drawn, **looks[name].curve())
             if name in predicted:
-                below.plot(time, np.degrees(values - measured), **style)
+                below.plot(time, np.degrees(values - measured), **looks[name].curve())
         below.axhline(0.0, color="black", linewidth=1.0)
         above.set_ylabel(f"position of {joint} [°]")
         below.set_ylabel("error [°]")
@@ -66,32 +64,13 @@ def growth(errors: Mapping[str, Sequence[np.ndarray]], period: float) -> Figure:
         axes = figure.subplots()
         for name, (low, middle, high) in curves.items():
             time = period * np.arange(1, len(middle) + 1)
-            look = looks[name]
-            axes.fill_between(
-                time,
-                low.clip(max=edge),
-                high.clip(max=edge),
-                color=look.colour,
-                alpha=0.16,
-                linewidth=0,
-                zorder=look.order,
-            )
-            axes.plot(
-                time,
-                middle,
-                label=name,
-                color=look.colour,
-                linestyle=look.line,
-                linewidth=look.width,
-                zorder=look.order + 10,
-            )
-        axes.set_yscale("log")
+            axes.fill_between(time, low.clip(max=edge), high.clip(max=edge), **looks[name].area())
+            axes.plot(time, middle, label=name, **looks[name].curve(10))
+        make_logarithmic(axes)
         axes.set_ylim(FLOOR, edge)
         axes.set_ylabel("position error, RMS of joints [°]")
         axes.set_xlabel("time since the start of the rollout [s]")
         axes.set_xlim(0.0, period * max(len(episode) for episodes in errors.values() for episode in episodes))
-        axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        axes.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")
         legend_above(figure, axes)
     return figure
 

@@ -103,7 +103,7 @@ def over_frames(name: str, seeds: Sequence[LearningCurve], what: str, factor: fl
 
 def target_chart(groups: Mapping[str, Sequence[PolicyRun]]) -> list[Chart]:
     """Return every policy's mean return on the target: a row a method, a dot a seed; nothing where none was judged."""
-    returns = {method: scores(runs, "return") for method, runs in groups.items()}
+    returns = {method: scores(runs) for method, runs in groups.items()}
     returns = {method: values for method, values in returns.items() if len(values)}
     if not returns:
         return []
@@ -131,7 +131,7 @@ def policies_table(groups: Mapping[str, Sequence[PolicyRun]], extra: Mapping[str
         groups: Policies of each method.
         extra: Mean return and success rate of what needs no learning, by name.
     """
-    judged = any(len(scores(runs, "return")) for runs in groups.values())
+    judged = any(len(scores(runs)) for runs in groups.values())
     headers = ["learned on", "return: median", "success", "lowest … highest", "seeds", "distance closed"]
     rows = [method_row(method, runs, groups, judged) for method, runs in groups.items()]
     rows += [
@@ -152,7 +152,7 @@ def method_row(
 ) -> tuple[str, ...]:
     """Return a method's row of the table of policies."""
     if judged:
-        returns, success = scores(runs, "return"), scores(runs, "success_rate")
+        returns, success = scores(runs), scores(runs, "success_rate")
     else:
         returns = np.array([last(run.curve.returns) for run in runs])
         success = np.array([last(run.curve.success) for run in runs])
@@ -178,7 +178,7 @@ def format_share(method: str, groups: Mapping[str, Sequence[PolicyRun]]) -> str:
     """Return the share of the distance from source to expert that a method closes, as text."""
     if method in (SOURCE_METHOD, EXPERT_METHOD) or not {SOURCE_METHOD, EXPERT_METHOD} <= set(groups):
         return ""
-    values, source, expert = (scores(groups[name], "return") for name in (method, SOURCE_METHOD, EXPERT_METHOD))
+    values, source, expert = (scores(groups[name]) for name in (method, SOURCE_METHOD, EXPERT_METHOD))
     return str(share(values, source, expert)) if len(values) and len(source) and len(expert) else ""
 
 

@@ -10,8 +10,9 @@ import numpy as np
 
 from nas_data.errors import CheckpointError
 from nas_data.joint_units import HINGE, JointUnit, display_unit
-from nas_data.policies.compare import EXPERT_METHOD, RESULT, SOURCE_METHOD, read_result
+from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD
 from nas_data.policies.policy import CONFIG, PROGRESS, read_config, read_progress
+from nas_data.policies.result import PolicyScore, read_result
 from nas_data.visible_files import visible
 
 HISTORY, CHECKPOINT = "history.json", "checkpoint"
@@ -90,7 +91,7 @@ class PolicyRun:
         frames: Control steps it learned from.
         curve: How it learned.
         seconds: Time that it took [s].
-        judged: Its mean return and success rate on the target; None where it was not judged.
+        judged: Its score on the target; None if it was not evaluated.
     """
 
     folder: Path
@@ -100,7 +101,7 @@ class PolicyRun:
     frames: int
     curve: LearningCurve
     seconds: float
-    judged: Mapping[str, float] | None
+    judged: PolicyScore | None
 
 
 @dataclass(frozen=True)
@@ -192,7 +193,7 @@ def read_policy(folder: Path) -> PolicyRun:
     Raises:
         CheckpointError: a file is missing or damaged.
     """
-    config, progress = read_config(folder), read_progress(folder)
+    config, progress, result = read_config(folder), read_progress(folder), read_result(folder)
     try:
         curve = LearningCurve(progress["frames"], progress["mean_return"], progress["success_rate"])
         plant = config["plant"]
@@ -205,7 +206,7 @@ def read_policy(folder: Path) -> PolicyRun:
             frames=int(progress["frames"][-1]),
             curve=curve,
             seconds=float(progress["seconds"][-1]),
-            judged=read_score(folder),
+            judged=result.score if result else None,
         )
     except (KeyError, AssertionError, ValueError, TypeError) as error:
         raise CheckpointError(f"{folder} is a damaged policy ({error!r}); train it again.") from None
@@ -221,15 +222,6 @@ def method_of(plant: Mapping[str, object]) -> str:
     return SOURCE_METHOD if plant["dynamics"] == "source" else EXPERT_METHOD
 
 
-def read_score(folder: Path) -> dict[str, float] | None:
-    """Return how a policy did on the target; None where it was not judged."""
-    record = read_result(folder) if (folder / RESULT).is_file() else None
-    score = record.get("score") if record else None
-    if not isinstance(score, dict):
-        return None
-    return {key: float(score[key]) for key in ("return", "success_rate", "episodes")}
-
-
-def scores(runs: Sequence[PolicyRun], key: str) -> np.ndarray:
-    """Return a score of each policy that was judged, shape (policies,)."""
-    return np.array([run.judged[key] for run in runs if run.judged is not None])
+def scores(runs: Sequence[PolicyRun], name: str = "mean_return") -> np.ndarray:
+    """Return one entry of `PolicyScore` for each evaluated policy, shape (policies,)."""
+    return np.array([getattr(run.judged, name) for run in runs if run.judged is not None])

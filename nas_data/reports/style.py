@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import matplotlib.style
 from matplotlib.axes import Axes
@@ -37,6 +38,15 @@ class Stroke:
     width: float = 1.8
     order: int = 2
 
+    def curve(self, lift: int = 0) -> dict[str, Any]:
+        """Return matplotlib's options of a curve, lifted in the drawing order."""
+        order = self.order + lift
+        return {"color": self.colour, "linestyle": self.line, "linewidth": self.width, "zorder": order}
+
+    def area(self) -> dict[str, Any]:
+        """Return matplotlib's options of an area."""
+        return {"color": self.colour, "alpha": 0.16, "linewidth": 0, "zorder": self.order}
+
 
 STROKES = {
     "measured": Stroke(BLACK, "-", 2.4, 3),
@@ -66,6 +76,13 @@ def strokes(names: Sequence[str]) -> dict[str, Stroke]:
     unknown = [name for name in names if name not in STROKES]
     spare = {name: Stroke(OTHERS[number % len(OTHERS)]) for number, name in enumerate(unknown)}
     return {name: STROKES.get(name) or spare[name] for name in names}
+
+
+def make_logarithmic(axes: Axes) -> None:
+    """Make the vertical axis logarithmic, with plain numbers."""
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.yaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")
 
 
 def legend_above(figure: Figure, axes: Axes, columns: int = 6) -> None:

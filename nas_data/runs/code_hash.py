@@ -6,12 +6,14 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+from nas_data import registry
+
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT.name
 # They store, refuse, show or tell.
 APART = (
     "cli", "commands", "dataset", "errors", "gap.showing", "mjcf.engine_warnings", "registry", "reports",
-    "runs.environment_info", "whole_file",
+    "runs.environment_info", "runs.progress", "whole_file",
 )  # fmt: skip
 # Each of their functions imports what one option needs. Whoever asks for a hash names the options that are taken.
 CHOOSING = ("envs.loop.dynamics_spec", "simulators.engines")
@@ -128,3 +130,18 @@ def imported_modules(statement: ast.stmt) -> Iterator[str]:
 def is_ours(module: str) -> bool:
     """Return whether a module belongs to this package."""
     return module.split(".")[0] == PACKAGE
+
+
+def gap_modules() -> tuple[str, ...]:
+    """Return the modules that determine a gap report: the workflow, every effect, and every audit of recordings."""
+    return ("nas_data.gap.workflow", *effect_modules(), *files("gap.finding.audits"))
+
+
+def effect_modules() -> tuple[str, ...]:
+    """Return the modules of all effects."""
+    return files("effects")
+
+
+def files(folder: str) -> tuple[str, ...]:
+    """Return the modules of a plug-in folder."""
+    return tuple(f"nas_data.{folder}.{name}" for name in registry.names(folder))

@@ -12,13 +12,12 @@ from typing import Generic, Protocol, TypeVar
 from nas_data.dataset.provenance import now
 from nas_data.errors import OutputExists
 from nas_data.runs.environment_info import commit
+from nas_data.runs.progress import Report
 from nas_data.whole_file import write_whole
 
 PLAN = "plan.json"
 STAGES = "stages"
 WIDTH, INDENT = 110, " " * 6  # line width and indentation of progress messages
-
-Report = Callable[[str], None]
 
 
 class Described(Protocol):

@@ -1,12 +1,12 @@
 """Parallel stages: each runs in its own process as soon as its dependencies are finished."""
 
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic
 
 from nas_data.runs.parallel import run_jobs
+from nas_data.runs.progress import say
 from nas_data.runs.stages import (
     INDENT,
     Plan,
@@ -79,13 +79,8 @@ def prerequisites(stages: Sequence[Stage[Plan]]) -> Mapping[int, Sequence[int]]:
 
 def do_part(stage: Stage[Plan], part: Part[Plan]) -> None:
     """Run a stage with one thread; print its title and result on stderr, each with its name."""
-    work = Work(part.plan, part.folder, show, part.name, threads=1)
+    work = Work(part.plan, part.folder, say, part.name, threads=1)
     work.report(introduction(stage.title, stage))
     done = do(stage, work)
     lines = [f"{stage.title}: took {done.seconds:.0f} s", *(f"{INDENT}{line}" for line in done.said)]
     work.report("\n".join(lines))
-
-
-def show(line: str) -> None:
-    """Show a line of progress on stderr, which all processes share."""
-    print(line, file=sys.stderr, flush=True)

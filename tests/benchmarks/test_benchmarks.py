@@ -16,9 +16,8 @@ from hypothesis import strategies as st
 from support.dataset_samples import recorded
 
 from nas_data.benchmarks import rounds
-from nas_data.benchmarks.gym_arm import GymArm
 from nas_data.benchmarks.pairing import BareRollouts
-from nas_data.benchmarks.recording import EFFECTS, check_equal
+from nas_data.benchmarks.recording import EFFECTS, GymArm, check_equal
 from nas_data.benchmarks.result import SECONDS, BenchmarkResult
 from nas_data.benchmarks.rounds import Ratio, take_turns
 from nas_data.cli import main

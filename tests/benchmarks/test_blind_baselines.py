@@ -8,6 +8,7 @@ import pytest
 from support.blind_samples import arms, positions, shorten, steps
 
 from nas_data import registry
+from nas_data.benchmarks.blind.answer import HiddenEntry, SealedAnswer
 from nas_data.benchmarks.blind.baselines import one_step, phi, sysid
 from nas_data.benchmarks.blind.baselines.base import find_baseline
 from nas_data.benchmarks.blind.case import Episodes
@@ -18,6 +19,7 @@ from nas_data.benchmarks.blind.settings.xl320 import SENSOR
 from nas_data.benchmarks.blind.truth import Base, Hidden, Truth
 from nas_data.benchmarks.blind.write import ANSWER, DATASET, NOMINAL, write_case
 from nas_data.dataset.layout import read_json
+from nas_data.typed_json import from_json
 
 
 @pytest.fixture(scope="module")
@@ -71,13 +73,13 @@ def test_the_learned_residual_names_nothing_and_predicts(weak_servo, monkeypatch
 
 def test_who_knows_the_answer_leaves_least(weak_servo):
     fresh = Fresh.load(weak_servo, arms()[0].joints)
-    answer = read_json(weak_servo / ANSWER)
+    answer = from_json(SealedAnswer, read_json(weak_servo / ANSWER))
     errors = fresh.errors_of_models(weak_servo, weak_servo / NOMINAL)
     least = least_error(weak_servo, answer, fresh)
     assert fresh.floor < least < 0.5 * errors["before"]
-    assert least_error(weak_servo, {**answer, "effects": []}, fresh) == pytest.approx(errors["before"], rel=0.1)
-    play = {"effect": "backlash", "joint": "m3", "parameters": {"half_width": 0.01}}
-    rubs = {"effect": "load_friction", "joint": "m3", "parameters": {"ratio": 0.3}}
-    assert least_error(weak_servo, {**answer, "effects": [rubs]}, fresh) > least
-    for beyond in ([{"effect": "cable", "joint": "m3"}], [play, rubs]):  # beside play no file can hold it
-        assert least_error(weak_servo, {**answer, "effects": beyond}, fresh) is None
+    assert least_error(weak_servo, replace(answer, effects=()), fresh) == pytest.approx(errors["before"], rel=0.1)
+    play = HiddenEntry("backlash", "m3", {"half_width": 0.01}, 5.0, "m3")
+    rubs = HiddenEntry("load_friction", "m3", {"ratio": 0.3}, 5.0, "m3")
+    assert least_error(weak_servo, replace(answer, effects=(rubs,)), fresh) > least
+    for beyond in ((HiddenEntry("cable", "m3", {}, 5.0, "m3"),), (play, rubs)):  # beside play no file can hold it
+        assert least_error(weak_servo, replace(answer, effects=beyond), fresh) is None

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.blind_samples import INDEPENDENT, entry_of, know_everything, know_nothing, report_of, shorten
+from support.blind_samples import INDEPENDENT, answered, entry_of, know_everything, know_nothing, report_of, shorten
 
 from nas_data.benchmarks.blind.benchmark import BlindPlan, run
 from nas_data.benchmarks.blind.case import FAMILIES, Identity
@@ -91,8 +91,8 @@ def test_outside_the_catalogue_the_gains_are_still_to_be_named():
         "marked_joint": "j1",
     }
     cogs = {"effect": "cogging", "joint": "j1", "parameters": {"torque": 0.1}, "mark": 9.0, "marked_joint": "j1"}
-    answer = {"family": "outside", "joints": ["j1"], "base": {"stiffness": [1.0]}, "effects": [gain, cogs]}
+    answer = answered([gain, cogs], family="outside", joints=["j1"])
     rest = [{"joint": "j1", "ratio_to_noise": 4.0, "goes_with": "position"}]
     found = grade_names(answer, report_of([entry_of("servo_stiffness", "j1", {"factor": 0.1})], "unexplained", rest))
-    assert found["exact"] and found["verdict_right"] and found["unexplained_joint_named"]
-    assert not grade_names(answer, report_of([], "unexplained", rest))["exact"]
+    assert found.exact and found.verdict_right and found.unexplained_joint_named
+    assert not grade_names(answer, report_of([], "unexplained", rest)).exact

@@ -2,29 +2,27 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.blind_samples import entry_of, know_everything, know_nothing, report_of, shorten
+from support.blind_samples import answered, entry_of, know_everything, know_nothing, report_of, shorten
 
 from nas_data.benchmarks.blind.benchmark import BlindPlan, run
 from nas_data.benchmarks.blind.code import case_code
-from nas_data.benchmarks.blind.grade import grade_names
-from nas_data.benchmarks.blind.print_tables import print_tables
+from nas_data.benchmarks.blind.grade import ConfidenceGrade, grade_names
 from nas_data.benchmarks.blind.resimulate import Delivered
 from nas_data.benchmarks.blind.run_case import store_record
-from nas_data.benchmarks.blind.tables import reliability, tables
+from nas_data.benchmarks.blind.tables import print_tables, reliability, tables
 from nas_data.cli import main
 from nas_data.errors import DatasetInvalid, ModelFileError, OutputExists, UnknownName
 from nas_data.runs.environment_info import commit
 
-ANSWER = {
-    "family": "two",
-    "effects": [
-        {"effect": "backlash", "joint": "m3", "parameters": {"half_width": 0.02}, "mark": 5.0, "marked_joint": "m3"},
-        {"effect": "payload", "joint": None, "parameters": {"mass": 0.05}, "mark": 9.0, "marked_joint": "m2"},
-    ],
-}
+HIDDEN = [
+    {"effect": "backlash", "joint": "m3", "parameters": {"half_width": 0.02}, "mark": 5.0, "marked_joint": "m3"},
+    {"effect": "payload", "joint": None, "parameters": {"mass": 0.05}, "mark": 9.0, "marked_joint": "m2"},
+]
+ANSWER = answered(HIDDEN, family="two")
 RIGHT = [entry_of("payload", None, {"mass": 0.055}), entry_of("backlash", "m3", {"half_width": 0.02})]
 
 
@@ -34,73 +32,73 @@ def grade(effects, verdict="explained", answer=ANSWER, unexplained=None):
 
 def test_the_right_names_in_any_order_are_exact():
     found = grade(RIGHT)
-    assert found["exact"] and not found["confident_wrong"] and found["verdict_right"]
-    errors = {row["parameter"]: row["relative_error"] for row in found["parameters"]}
+    assert found.exact and not found.confident_wrong and found.verdict_right
+    errors = {row.parameter: row.relative_error for row in found.parameters}
     assert errors == {"half_width": 0.0, "mass": pytest.approx(0.1)}
-    assert all(row["covered"] for row in found["parameters"])
+    assert all(row.covered for row in found.parameters)
 
 
 def test_a_gain_is_relative_to_the_model_handed_over_not_to_the_plant():
     """The plant's own gain is 8 % low, the hidden factor doubles it: a report can only say 1.84."""
-    answer = {
-        "family": "one",
-        "joints": ["m1", "m2"],
-        "base": {"stiffness": [1.0, 0.92]},
-        "effects": [{"effect": "servo_stiffness", "joint": "m2", "parameters": {"factor": 2.0}, "mark": 5.0}],
-    }
+    ones = [1.0, 1.0]
+    answer = answered(
+        [{"effect": "servo_stiffness", "joint": "m2", "parameters": {"factor": 2.0}}],
+        joints=["m1", "m2"],
+        base={"mass": ones, "damping": ones, "armature": ones, "stiffness": [1.0, 0.92]},
+    )
     found = grade([entry_of("servo_stiffness", "m2", {"factor": 1.84})], answer=answer)
-    assert found["parameters"][0]["relative_error"] == pytest.approx(0.0)
+    assert found.parameters[0].relative_error == pytest.approx(0.0)
 
 
 def test_one_effect_of_the_whole_arm_stands_for_one_in_every_joint():
     def hidden(joint, torque):
         parameters = {"torque": torque}
-        return {"effect": "coulomb_friction", "joint": joint, "parameters": parameters, "mark": 5.0}
+        return {"effect": "coulomb_friction", "joint": joint, "parameters": parameters}
 
     effects = [hidden("m1", 0.1), hidden("m2", 0.125)]
-    answer = {"family": "every", "joints": ["m1", "m2"], "effects": effects}
+    answer = answered(effects, family="every", joints=["m1", "m2"])
     whole = entry_of("coulomb_friction", None, {"torque": 0.1})
     found = grade([whole], answer=answer)
-    assert found["exact"] and found["verdict_right"] and found["named"] == [("coulomb_friction", None)]
-    assert [row["relative_error"] for row in found["parameters"]] == pytest.approx([0.0, 0.2])
-    assert found["confidences"] == [{"confidence": 0.95, "right": True}]
-    each = [entry_of("coulomb_friction", joint, {"torque": 0.1}) for joint in answer["joints"]]
-    assert grade(each, answer=answer)["exact"]
-    assert not grade(each[:1], answer=answer)["exact"]
-    assert not grade([whole, each[0]], answer=answer)["exact"]  # the same joint twice
-    assert not grade([whole], answer={**answer, "joints": ["m1", "m2", "m3"]})["exact"]  # the third has none
-    assert not grade([entry_of("viscous_friction", None, {"coefficient": 0.1})], answer=answer)["exact"]
+    assert found.exact and found.verdict_right and found.named == (("coulomb_friction", None),)
+    assert [row.relative_error for row in found.parameters] == pytest.approx([0.0, 0.2])
+    assert found.confidences == (ConfidenceGrade(0.95, True),)
+    each = [entry_of("coulomb_friction", joint, {"torque": 0.1}) for joint in answer.joints]
+    assert grade(each, answer=answer).exact
+    assert not grade(each[:1], answer=answer).exact
+    assert not grade([whole, each[0]], answer=answer).exact  # the same joint twice
+    assert not grade([whole], answer=replace(answer, joints=("m1", "m2", "m3"))).exact  # the third has none
+    assert not grade([entry_of("viscous_friction", None, {"coefficient": 0.1})], answer=answer).exact
 
 
 def test_the_right_effect_in_a_wrong_joint_is_confidently_wrong():
     found = grade([RIGHT[0], entry_of("backlash", "m4", {"half_width": 0.02})])
-    assert not found["exact"] and found["confident_wrong"]
-    assert found["wrong_joint"] == [("backlash", "m4")]
+    assert not found.exact and found.confident_wrong
+    assert found.wrong_joint == (("backlash", "m4"),)
 
 
 def test_a_wrong_name_with_a_doubt_is_not_confidently_wrong():
     found = grade([*RIGHT, entry_of("deadband", "m1", {"half_width": 0.1}, confidence=0.6)])
-    assert not found["exact"] and not found["confident_wrong"]
-    assert found["extra"] == [("deadband", "m1")]
+    assert not found.exact and not found.confident_wrong
+    assert found.extra == (("deadband", "m1"),)
 
 
 def test_a_true_effect_listed_beside_a_wrong_one_is_seen():
     found = grade([RIGHT[0], entry_of("coulomb_friction", "m3", {"torque": 0.1}, beside=["backlash"])])
-    assert found["listed_beside"] == [("backlash", "m3")]
-    assert found["confident_wrong"] and not found["confident_wrong_without_the_true_one_beside"]
+    assert found.listed_beside == (("backlash", "m3"),)
+    assert found.confident_wrong and not found.confident_wrong_without_the_true_one_beside
 
 
 def test_saying_nothing_is_an_abstention():
     found = grade([], "unexplained")
-    assert found["abstained"] and not found["confident_wrong"] and len(found["missing"]) == 2
+    assert found.abstained and not found.confident_wrong and len(found.missing) == 2
 
 
 def test_outside_the_catalogue_every_name_is_wrong_and_the_joint_is_wanted():
-    answer = {**ANSWER, "family": "outside", "effects": [{**ANSWER["effects"][0], "effect": "cogging"}]}
+    answer = answered([{**HIDDEN[0], "effect": "cogging"}], family="outside")
     named = grade([RIGHT[1]], "explained", answer)
-    assert named["confident_wrong"] and not named["exact"] and not named["unexplained_joint_named"]
+    assert named.confident_wrong and not named.exact and not named.unexplained_joint_named
     honest = grade([], "unexplained", answer, [{"joint": "m3", "ratio_to_noise": 4.0, "goes_with": "position"}])
-    assert honest["exact"] and honest["verdict_right"] and honest["unexplained_joint_named"]
+    assert honest.exact and honest.verdict_right and honest.unexplained_joint_named
 
 
 @pytest.mark.parametrize("report", [{}, {"effects": 3}, {"effects": [{"effect": "payload"}]}])

@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from support.blind_samples import drawn, entry_of, know_everything, report_of, shorten
+from support.blind_samples import answered, drawn, entry_of, know_everything, report_of, shorten
 
 from nas_data import registry
 from nas_data.benchmarks.blind.benchmark import BlindPlan, run
@@ -20,6 +20,7 @@ from nas_data.cli import main
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
 from nas_data.errors import UnknownName
+from nas_data.typed_json import as_object
 
 # of `fingerprint`, computed before there were settings
 BEFORE = [
@@ -40,7 +41,7 @@ def _short(monkeypatch):
 
 def fingerprint(case: Case) -> str:
     """Return a hash of all that is drawn: names, numbers to six digits, commands, readings in quanta."""
-    answer = case.answer()
+    answer = as_object(case.answer())
     told = [rounded(answer[key]) for key in ("case", "arm", "joints", "excitation", "effects", "base")]
     digest = hashlib.sha256(json.dumps(told).encode())
     if case.arm.name == "random_arm":
@@ -178,9 +179,9 @@ def test_every_baseline_answers_on_other_arms(setting, tmp_path, monkeypatch):
 
 def test_a_place_that_is_not_reported_is_the_centre_of_mass():
     hidden = {"effect": "payload", "joint": None, "parameters": {"mass": 0.2, "x": 0.03, "y": 0.0, "z": 0.04}}
-    answer = {"family": "one", "effects": [{**hidden, "mark": 9.0, "marked_joint": "j1"}]}
+    answer = answered([hidden])
     found = grade_names(answer, report_of([entry_of("payload", None, {"mass": 0.2})], "explained"))
-    errors = {row["parameter"]: row["relative_error"] for row in found["parameters"]}
+    errors = {row.parameter: row.relative_error for row in found.parameters}
     assert errors == pytest.approx({"mass": 0.0, "x": 0.6, "y": 0.0, "z": 0.8})
 
 

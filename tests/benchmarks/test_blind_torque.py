@@ -6,15 +6,23 @@ from itertools import product
 import mujoco
 import numpy as np
 import pytest
-from support.blind_samples import INDEPENDENT, entry_of, followed, know_everything, know_nothing, report_of, shorten
+from support.blind_samples import (
+    INDEPENDENT,
+    answered,
+    entry_of,
+    followed,
+    know_everything,
+    know_nothing,
+    report_of,
+    shorten,
+)
 
 from nas_data.benchmarks.blind.arms import NominalArm
 from nas_data.benchmarks.blind.benchmark import BlindPlan, run
-from nas_data.benchmarks.blind.case import Identity
+from nas_data.benchmarks.blind.case import Identity, equals_of
 from nas_data.benchmarks.blind.draw import draw_case
 from nas_data.benchmarks.blind.following import reach_of
-from nas_data.benchmarks.blind.grade import grade_names
-from nas_data.benchmarks.blind.indistinct import equals_of
+from nas_data.benchmarks.blind.grade import ConfidenceGrade, grade_names
 from nas_data.benchmarks.blind.plants.base import chain_of, find_plant
 from nas_data.benchmarks.blind.plants.body import PlantBody, stack_arms
 from nas_data.benchmarks.blind.plants.constants import Constants
@@ -225,10 +233,10 @@ def test_one_inertia_with_two_names_may_have_either():
     for gravity in (0, -9.81):
         constants = Constants.of(mujoco.MjModel.from_xml_string(model.format(gravity)))
         names.append(equals_of(constants, hidden))
-    assert names == [[("payload", None)], []]
-    entry = {**hidden.to_json(), "mark": 9.0, "marked_joint": "x", "equals": names[0]}
-    answer = {"family": "one", "joints": ["x"], "effects": [entry]}
+    assert names == [(("payload", None),), None]
+    entry = {**vars(hidden), "equals": names[0]}
+    answer = answered([entry], joints=["x"])
     report = report_of([entry_of("payload", None, {"mass": 0.4})], "explained")
     found = grade_names(answer, report)
-    assert found["exact"] and found["confidences"] == [{"confidence": 0.95, "right": True}]
-    assert not grade_names({**answer, "effects": [{**entry, "equals": []}]}, report)["exact"]
+    assert found.exact and found.confidences == (ConfidenceGrade(0.95, True),)
+    assert not grade_names(answered([{**entry, "equals": []}], joints=["x"]), report).exact

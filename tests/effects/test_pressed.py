@@ -151,3 +151,15 @@ def test_a_pad_is_refused_where_it_would_rub_something_else():
         arm(make_effect("backlash", "m2", {"half_width": 0.02}), pressed(0.3, "m2"))
     with pytest.raises(ModelFileError, match="already"):
         arm(pressed(0.3, "m2"), pressed(0.3, "m2"))
+
+
+def test_a_servo_that_inherits_its_joints_range_keeps_it_when_a_pad_drives_it():
+    """The tendon that the servo then pulls has no range, and the file would not compile."""
+    spec = Lever().spec(STEP)
+    spec.joint("j").range, spec.joint("j").limited = (-1.0, 1.5), mujoco.mjtLimited.mjLIMITED_TRUE
+    spec.actuators[0].inheritrange = 0.5
+    inherited = spec.copy().compile().actuator_ctrlrange[0]
+    add_effects(spec, [pressed(0.1)])
+    model = mujoco.MjModel.from_xml_string(spec.to_xml())
+    assert model.actuator_ctrlrange[0] == pytest.approx(inherited)
+    assert inherited == pytest.approx([-0.375, 0.875])

@@ -17,11 +17,12 @@ from nas_data.envs.ergo_reacher import TASK
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import CheckpointError, OutputExists, SimulationDiverged, WorkerLost
 from nas_data.policies import evaluate, learner
-from nas_data.policies.compare import Study, compare, read_result
+from nas_data.policies.compare import Study, compare
 from nas_data.policies.folder import STATE, save_policy
 from nas_data.policies.learner import Hyperparameters, Learner, PolicyTraining
 from nas_data.policies.policy import CONFIG, WEIGHTS, find_policies, load_policy, read_progress
 from nas_data.policies.ppo import train
+from nas_data.policies.result import read_result
 from nas_data.policies.share import share
 from nas_data.runs.parallel import run_jobs
 
@@ -311,11 +312,11 @@ def test_a_comparison_does_each_run_once_and_goes_on(tmp_path, monkeypatch):
     second = compare(study, tmp_path, report=told.append)
     assert len(counted) == 1
     assert without_times(second) == without_times(first)
-    assert read_result(removed.parent)["score"] == first.records["expert", 1]["score"]
+    assert read_result(removed.parent).score == first.results["expert", 1].score
 
 
 def without_times(comparison):
-    return {run: {**record, "judging": None} for run, record in comparison.records.items()}
+    return {run: replace(result, judging=None) for run, result in comparison.results.items()}
 
 
 def count(function, calls):
@@ -373,7 +374,7 @@ def test_bad_input_is_one_sentence_and_writes_nothing(tmp_path, monkeypatch, cap
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("left", [(STATE,), (STATE, WEIGHTS), (WEIGHTS,), (f".{STATE}.17.part",)])
+@pytest.mark.parametrize("left", [(STATE,), (STATE, WEIGHTS), (WEIGHTS,), (f".{STATE}.17.partial",)])
 def test_a_training_killed_at_its_first_save_begins_anew(tmp_path, left):
     frames = Learner.SEGMENT * BRIEF.rollout
     learn(tmp_path / "whole", frames, hyperparameters=BRIEF)

@@ -37,7 +37,7 @@ from nas_data.policies.rollouts import recorded
 from nas_data.policies.rollouts.keyboard import EVENT, KEY_EVENT, KEY_S, Keyboard
 from nas_data.policies.rollouts.robot_stepper import RobotStepper
 from nas_data.policies.rollouts.rollout import judgements
-from nas_data.policies.rollouts.two_arms import make_two_arm_planner
+from nas_data.policies.rollouts.two_arm_planner import make_two_arm_planner
 from nas_data.recorders.guarded import GuardedArm, Setup
 from nas_data.recorders.path_planner import PathPlanner
 from nas_data.recorders.schedule import SteppedClock

@@ -18,8 +18,7 @@ from nas_data.hardware.xl320.units import TICK
 from nas_data.policies.rollouts.approach import Approach
 from nas_data.policies.rollouts.arm_setup import CLEARANCE, ArmSetup, make_path_planner
 from nas_data.policies.rollouts.robot_stepper import RobotStepper, RolloutTally
-from nas_data.policies.rollouts.two_arm_planner import TwoArmPlanner
-from nas_data.policies.rollouts.two_arms import make_two_arm_planner
+from nas_data.policies.rollouts.two_arm_planner import TwoArmPlanner, make_two_arm_planner
 from nas_data.recorders.guarded import Setup
 from nas_data.recorders.schedule import SteppedClock
 

@@ -23,8 +23,8 @@ from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
 from nas_data.effects.base import make_effect
 from nas_data.hardware.arms.line import Register
+from nas_data.recorders.arm import Settings
 from nas_data.recorders.arm_dataset import LATE, LOAD, TEMPERATURE, VOLTAGE
-from nas_data.recorders.arm_settings import Settings
 from nas_data.recorders.lerobot_arm import LeRobotDriver
 from nas_data.robots.so101_follower import QUANTUM
 from nas_data.simulators.mujoco import MujocoSimulator

@@ -13,6 +13,7 @@ from hypothesis.extra.numpy import arrays
 from matplotlib.colors import to_hex, to_rgb
 from support.command_samples import nas
 from support.first_order_arm import FirstOrderArm
+from support.policy_samples import scored
 from support.recording_samples import paired_pendulum
 from support.training_samples import TINY, train
 
@@ -20,7 +21,6 @@ from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.errors import CheckpointError
 from nas_data.joint_units import HINGE
 from nas_data.policies import learner, ppo
-from nas_data.policies.compare import RESULT
 from nas_data.reports.charts import thin
 from nas_data.reports.page import (
     Chart,
@@ -102,9 +102,7 @@ def test_error_growth_draws_the_median_between_the_quartiles():
 
 def learned(method, *curves, judged=()):
     """Return policies of a method, one a seed."""
-    scores = [{"return": value, "success_rate": 0.5, "episodes": 10} for value in judged] or [None] * max(
-        1, len(curves)
-    )
+    scores = [scored(value).score for value in judged] or [None] * max(1, len(curves))
     seeds = list(curves) or [curve(-1, -1)] * len(scores)
     return [
         PolicyRun(Path(method), method, seed, "Arm", 300, one, 1.0, score)
@@ -268,8 +266,7 @@ def a_policy(folder: Path, seed: int, plant="ErgoReacher", dynamics="source", sc
     training = learner.PolicyTraining(DynamicsSpec(plant, dynamics), seed, 512, SMALL)
     ppo.train(training, folder, lambda _: None, FirstOrderArm(SMALL.arms))
     if score is not None:
-        record = {"score": {"return": score, "success_rate": 0.5, "episodes": 10}}
-        (folder / RESULT).write_text(json.dumps(record))
+        scored(score).write(folder)
 
 
 @pytest.fixture(scope="module")
@@ -299,7 +296,7 @@ def test_runs_are_read_as_they_were_written(runs):
     groups = found.groups()
     assert list(groups) == ["expert", "source"]
     assert [(run.seed, run.frames) for run in groups["source"]] == [(0, 512), (1, 512)]
-    assert [run.judged["return"] for run in groups["source"]] == [-2.0, -3.0]
+    assert [run.judged.mean_return for run in groups["source"]] == [-2.0, -3.0]
 
 
 def test_a_run_named_twice_counts_once(runs):

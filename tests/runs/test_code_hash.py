@@ -14,7 +14,7 @@ from nas_data.policies.compare import Run, Study, compare
 from nas_data.policies.learner import Hyperparameters, PolicyTraining
 from nas_data.policies.policy import CONFIG
 from nas_data.runs import code_hash, environment_info
-from nas_data.runs.gap_code import gap_modules
+from nas_data.runs.code_hash import gap_modules
 from nas_data.studies.experiments.pipeline.learning import TRAINED_BY
 
 SMALL = Hyperparameters(arms=2, rollout=32, minibatches=2, epochs=1)
@@ -184,7 +184,7 @@ def test_a_study_refuses_policies_of_other_code_and_leaves_them_alone(tmp_path, 
     with pytest.raises(OutputExists, match="other code of nas_data"):
         compare(study, tmp_path, report=lambda _: None)
     assert (tmp_path / "source/seed0" / CONFIG).read_bytes() == held
-    assert first.records["source", 0]["question"]["code"]
+    assert first.results["source", 0].question["code"]
 
 
 def test_other_code_that_judges_judges_a_kept_policy_again(tmp_path, edited):

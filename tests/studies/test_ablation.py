@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from nas_data import registry
 from nas_data.dataset.dataset import Dataset
 from nas_data.errors import OptionError
+from nas_data.models.presets import preset
 from nas_data.models.split import select_frames
 from nas_data.reports.ablation_figure import AblationCurve, error_over_amount
 from nas_data.reports.style import to_png
@@ -19,10 +20,13 @@ from nas_data.studies.ablation.amount import Amount, parse
 from nas_data.studies.ablation.executors.base import FOLDER as EXECUTORS
 from nas_data.studies.ablation.executors.base import find_executor
 from nas_data.studies.ablation.inflation import Inflation
-from nas_data.studies.ablation.kinds.base import ModelKind, find_kind, kinds
+from nas_data.studies.ablation.kinds.base import FOLDER as KINDS
+from nas_data.studies.ablation.kinds.base import ModelKind, find_kind
+from nas_data.studies.ablation.results import TrainingData, TrialResult
 from nas_data.studies.ablation.subsets import divide, draw
 from nas_data.studies.ablation.summary import ENOUGH, Spread, SweepSummary
 from nas_data.studies.ablation.table import markdown, rows, text
+from nas_data.studies.ablation.trial import Config
 from nas_data.studies.ablation.write import write
 
 RATE = 5.0  # [Hz] a low rate: stretches of ten seconds in short columns
@@ -130,11 +134,11 @@ def test_what_is_no_amount_is_refused(word):
 # kinds and executors
 
 
-@pytest.mark.parametrize("name", kinds())
+@pytest.mark.parametrize("name", registry.names(KINDS))
 def test_every_kind_of_the_folder_has_a_name_of_its_own(name):
     kind = find_kind(name)
     assert isinstance(kind, ModelKind)
-    assert sum(find_kind(other).label == kind.label for other in kinds()) == 1
+    assert sum(find_kind(other).label == kind.label for other in registry.names(KINDS)) == 1
     assert kind.needs_source or not (kind.names or kind.needs_pairs)
 
 
@@ -157,12 +161,9 @@ def result(kind, amount, seed, degrees, baseline=10.0, unit="episodes"):
         }
 
     count = 40 if amount == "all" else amount
-    return {
-        "question": {"config": {"kind": kind, "amount": amount, "unit": unit, "seed": seed}},
-        "training_data": {"episodes": count, "minutes": count, "frames": 100 * count},
-        "open_loop": errors(1.0),
-        "one_step": errors(0.1),
-    }
+    config = Config(kind, Amount.of(amount, unit), seed, preset("fast"), 0.2)
+    data = TrainingData(episodes=count, frames=100 * count, minutes=float(count))
+    return config, TrialResult(training_data=data, open_loop=errors(1.0), one_step=errors(0.1))
 
 
 def swept():
@@ -224,7 +225,7 @@ def test_the_median_is_numpys_and_infinite_where_half_diverged(values):
 
 
 def test_failed_trials_are_told_and_do_not_count(tmp_path):
-    failed = {"question": result("delta", 30, 1, 1.0)["question"], "failed": "The arm fell over."}
+    failed = (result("delta", 30, 1, 1.0)[0], TrialResult(failed="The arm fell over."))
     found = SweepSummary.of([*swept(), failed])
     assert found.cells == SweepSummary.of(swept()).cells
     assert found.failed == ["delta, 30 episodes, seed 1: The arm fell over."]

@@ -31,9 +31,11 @@ from nas_data.studies.ablation.inflation import Inflation, Probe, cost, inflatio
 from nas_data.studies.ablation.inflation import read as read_inflation
 from nas_data.studies.ablation.kinds.base import Lesson, find_kind
 from nas_data.studies.ablation.material import SweepData
+from nas_data.studies.ablation.results import TrialResult
 from nas_data.studies.ablation.subsets import divide, draw
 from nas_data.studies.ablation.sweep import open_sweep, run_sweep
 from nas_data.studies.ablation.trial import UNFINISHED, do_trial
+from nas_data.typed_json import from_json
 
 SAMPLE = Path(__file__).parents[2] / "datasets/ergojr_sample"
 
@@ -60,8 +62,9 @@ def test_the_same_question_has_the_same_answer_to_the_last_bit(place, tmp_path):
 
 def test_a_result_tells_all_that_it_depends_on_and_all_errors(place, tmp_path):
     (trial,) = planned(place, tmp_path, kinds=("delta",), amounts=(Amount(3, "episodes"),), seeds=(5,))
-    record = do_trial(trial)
-    assert json.loads(trial.path.read_text()) == json.loads(json.dumps(record))
+    result = do_trial(trial)
+    record = json.loads(trial.path.read_text())
+    assert from_json(TrialResult, record) == result
     config, content = record["question"]["config"], record["question"]["content"]
     assert (config["kind"], config["amount"], config["unit"], config["seed"]) == ("delta", 3, "episodes", 5)
     assert config["options"]["seed"] == 5 and config["options"]["updates"] == 2
@@ -117,11 +120,11 @@ def test_normalisation_and_weights_know_nothing_of_what_is_not_in_the_subset(pla
 
 
 def test_all_trials_of_a_seed_meet_the_same_held_out_episodes(place, tmp_path):
-    records = [do_trial(trial) for trial in planned(place, tmp_path, seeds=(0, 1))]
-    by_seed = {seed: [r for r in records if r["question"]["config"]["seed"] == seed] for seed in (0, 1)}
+    results = [(trial.config.seed, do_trial(trial)) for trial in planned(place, tmp_path, seeds=(0, 1))]
+    by_seed = {seed: [result for other, result in results if other == seed] for seed in (0, 1)}
     for loop in ("one_step", "open_loop"):
         for baseline in ("source", "hold", "command"):
-            told = {seed: {json.dumps(r[loop][baseline]) for r in found} for seed, found in by_seed.items()}
+            told = {seed: {json.dumps(r.predictors(loop)[baseline]) for r in found} for seed, found in by_seed.items()}
             assert len(told[0]) == len(told[1]) == 1
             assert told[0] != told[1]
 
@@ -130,15 +133,15 @@ def test_results_by_other_code_are_not_used_and_not_removed(place, tmp_path, edi
     told = []
     swept = planned(place, tmp_path, amounts=(Amount(2, "episodes"),))
     first = run_sweep(swept, here_and_now, 1, False, told.append)
-    assert all(record["commit"] == commit() and len(record["question"]["code"]) == 64 for record in first)
+    assert all(result.commit == commit() for result in first)
+    assert all(len(trial.code) == 64 for trial in swept)
     edited("nas_data.models.training", "class ModelTraining", "class Renamed")
     again = planned(place, tmp_path, amounts=(Amount(2, "episodes"),))
     assert not {trial.path for trial in swept} & {trial.path for trial in again}
     second = run_sweep(again, here_and_now, 1, False, told.append)
     assert "2 of these trials have results by other code of nas_data, which are kept and not used" in told
-    assert {record["question"]["code"] for record in second} == {trial.code for trial in again}
     assert len(answers(tmp_path)) == 4
-    assert run_sweep(again, here_and_now, 1, False, told.append) == json.loads(json.dumps(second))
+    assert run_sweep(again, here_and_now, 1, False, told.append) == second
 
 
 def test_only_code_that_decides_a_kind_makes_its_trials_other_ones(place, tmp_path, edited):
@@ -190,7 +193,7 @@ def test_no_trial_is_done_twice_and_a_sweep_can_grow(place, tmp_path):
     grown = run_sweep(planned(place, tmp_path, seeds=(0, 1)), counting, 1, False, silent)
     assert [len(keys) for keys in asked] == [6, 0, 6]
     assert not set(asked[0]) & set(asked[2])
-    assert json.loads(json.dumps(first)) == again == grown[:6]
+    assert first == again == grown[:6]
 
 
 def test_a_result_that_cannot_be_trusted_is_made_again(place, tmp_path):
@@ -276,7 +279,7 @@ def test_a_failed_trial_is_recorded_with_its_sentence_and_can_be_retried(place, 
     (record,) = answers(Path("run")).values()
     assert "at least two are needed" in record["failed"]
     done_again = []
-    monkeypatch.setattr(trials, "learn_and_judge", lambda *_: done_again.append(1) or {"failed": "Again."})
+    monkeypatch.setattr(trials, "learn_and_judge", lambda *_: done_again.append(1) or TrialResult(failed="Again."))
     assert "1 of them failed; --retry does them again" in nas(*command).err
     assert not done_again
     assert "Again." in nas(*command, "--retry").out
@@ -291,9 +294,9 @@ def test_a_fault_of_ours_ends_one_trial_and_keeps_its_traceback(place, tmp_path,
         return plain(trial, folder) if trial is not waiting[1] else {}["friction"]
 
     monkeypatch.setattr(trials, "learn_and_judge", faulty)
-    records = run_sweep(waiting, here_and_now, 1, False, silent)
-    assert ["failed" in record for record in records] == [False, True, False]
-    assert records[1]["failed"] == "KeyError: 'friction'." and "faulty" in "".join(records[1]["traceback"])
+    results = run_sweep(waiting, here_and_now, 1, False, silent)
+    assert [result.failed for result in results] == [None, "KeyError: 'friction'.", None]
+    assert "faulty" in "".join(results[1].traceback)
 
 
 def test_only_what_trains_is_measured_for_the_cost_of_a_second_worker(place, tmp_path):

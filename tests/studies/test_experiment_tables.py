@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.experiment_samples import tiny
+from support.policy_samples import scored
 
 from nas_data.envs.base import find_task
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
@@ -14,6 +15,7 @@ from nas_data.envs.pusher import TORQUE
 from nas_data.errors import JobsFailed, OptionError, UnknownName
 from nas_data.policies.compare import Comparison, Study
 from nas_data.policies.intervals import median_interval
+from nas_data.policies.result import DivergedEpisodes
 from nas_data.policies.share import stake
 from nas_data.recorders.recipe import CommandKind, Recipe
 from nas_data.reports.prediction_figures import growth, quartiles
@@ -24,8 +26,7 @@ from nas_data.studies.experiments.pipeline.authors import RETURNS, remarks
 from nas_data.studies.experiments.pipeline.compare_methods import hyperparameters
 from nas_data.studies.experiments.pipeline.dynamics import describe_dynamics
 from nas_data.studies.experiments.pipeline.methods import METHODS
-from nas_data.studies.experiments.pipeline.naming import stem_of
-from nas_data.studies.experiments.pipeline.run import conduct
+from nas_data.studies.experiments.pipeline.run import conduct, stem_of
 from nas_data.studies.experiments.pipeline.sizes import FULL, PPO
 from nas_data.studies.experiments.pipeline.table_notes import describe_paired, describe_return_differences, on_intervals
 
@@ -35,16 +36,9 @@ ENDS = ("expert", "source")
 def comparison(**returns):
     """A comparison of methods with given returns of each seed."""
     seeds = range(len(next(iter(returns.values()))))
-    records = {
-        (method, seed): {
-            "score": {"return": values[seed], "success_rate": 0.0},
-            "diverged": {"learning": 0, "judging": 0},
-        }
-        for method, values in returns.items()
-        for seed in seeds
-    }
+    results = {(method, seed): scored(values[seed]) for method, values in returns.items() for seed in seeds}
     return Comparison(
-        Study(DynamicsSpec("Pusher"), dict.fromkeys(returns, DynamicsSpec("Pusher")), tuple(seeds)), None, records
+        Study(DynamicsSpec("Pusher"), dict.fromkeys(returns, DynamicsSpec("Pusher")), tuple(seeds)), None, results
     )
 
 
@@ -287,7 +281,7 @@ def test_named_and_phi_is_compared_with_phi_alone_seed_by_seed():
 def test_episodes_that_left_all_bounds_are_told_by_method():
     found = comparison(nas=[-70.0, -60.0], source=[-70.0, -60.0])
     assert found.lost() == []
-    found.records["nas", 1]["diverged"].update(learning=1200, judging=3)
+    found.results["nas", 1] = replace(found.results["nas", 1], diverged=DivergedEpisodes(1200, 3))
     (sentence,) = found.lost()
     assert sentence.startswith("nas: 1,200 episodes while learning and 3 while judged left all bounds")
     assert found.describe()["methods"]["nas"]["diverged"] == {"learning": [0, 1200], "judging": [0, 3]}

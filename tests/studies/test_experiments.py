@@ -20,13 +20,12 @@ from nas_data.errors import OptionError, OutputExists, UnknownName
 from nas_data.gap.side_by_side import shares_cores
 from nas_data.gap.write_model import write_effects
 from nas_data.studies.experiments import figure6
-from nas_data.studies.experiments.base import Experiment, experiments, find_experiment
+from nas_data.studies.experiments.base import FOLDER, Experiment, find_experiment
 from nas_data.studies.experiments.figure6 import smallest
 from nas_data.studies.experiments.pipeline import authors, sample_size, stages
 from nas_data.studies.experiments.pipeline.artifacts import Artifacts, MaterialPlan
 from nas_data.studies.experiments.pipeline.methods import METHODS, needs_of
-from nas_data.studies.experiments.pipeline.naming import stem_of
-from nas_data.studies.experiments.pipeline.run import conduct
+from nas_data.studies.experiments.pipeline.run import conduct, stem_of
 from nas_data.studies.experiments.pipeline.sizes import FULL, QUICK, RECORDINGS
 from nas_data.studies.experiments.table1 import PREDICTORS, differences, statistics
 
@@ -465,7 +464,7 @@ def test_what_one_model_lost_is_made_again_and_the_other_kept(folder, tmp_path):
 # --- the registry, names and numbers
 
 
-@pytest.mark.parametrize("name", experiments())
+@pytest.mark.parametrize("name", registry.names(FOLDER))
 def test_every_file_of_the_folder_is_an_experiment_with_a_command(name):
     experiment = find_experiment(name)
     assert isinstance(experiment, Experiment)
@@ -484,7 +483,7 @@ def test_other_environments_have_other_files(tmp_path):
 
 
 def test_the_experiments_of_the_paper_are_there():
-    assert set(experiments()) >= {"figure4", "figure5", "figure6", "figure8", "table1"}
+    assert set(registry.names(FOLDER)) >= {"figure4", "figure5", "figure6", "figure8", "table1"}
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from nas_data.benchmarks.blind.answer import SealedAnswer
 from nas_data.benchmarks.blind.arms import NominalArm, ergojr, random_arm
 from nas_data.benchmarks.blind.case import Case, Identity
 from nas_data.benchmarks.blind.conditions import Conditions
@@ -22,6 +23,7 @@ from nas_data.benchmarks.blind.tape import Tape
 from nas_data.benchmarks.blind.truth import Base, Truth
 from nas_data.effects.base import add_effects, make_effect
 from nas_data.robots.base import read_spec
+from nas_data.typed_json import from_json
 
 PERIOD = 0.01  # [s]
 
@@ -148,3 +150,17 @@ def reference(
             rows.append(data.qpos.copy())
         shown.append(rows)
     return np.array(shown)
+
+
+def answered(effects: list[dict], **more) -> SealedAnswer:
+    """Return a sealed answer that hides some effects; the other entries are arbitrary unless given."""
+    sensor = {"noise": 0.0, "quantum": 0.0, "floor": 0.001}
+    conditions = {"rate": 100.0, "seconds": 3.0, "episodes": 2, "fresh": 2, "settle": 0.5, "signal": "steps"}
+    ones = [1.0, 1.0]
+    whole = {
+        "case": "one", "family": "one", "plant": "mujoco", "number": 0, "seed": 0, "faint": False, "setting": "xl320",
+        "arm": "arm", "joints": [], "excitation": "steps", "conditions": {**conditions, "sensor": sensor},
+        "base": {"mass": ones, "damping": ones, "armature": ones, "stiffness": ones},
+    }  # fmt: skip
+    hidden = [{"mark": 5.0, "marked_joint": entry["joint"] or "", **entry} for entry in effects]
+    return from_json(SealedAnswer, {**whole, **more, "effects": hidden})

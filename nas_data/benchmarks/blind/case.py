@@ -5,16 +5,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nas_data.benchmarks.blind.answer import HiddenEntry, SealedAnswer
 from nas_data.benchmarks.blind.arms import NominalArm
 from nas_data.benchmarks.blind.conditions import Conditions
-from nas_data.benchmarks.blind.indistinct import equals_of
+from nas_data.benchmarks.blind.findings import Name
 from nas_data.benchmarks.blind.plants.constants import Constants
-from nas_data.benchmarks.blind.truth import Truth
+from nas_data.benchmarks.blind.truth import Hidden, Truth
 from nas_data.errors import UnknownName
 
 EVERY = "every"  # family whose effect hides in every joint
 # how many effects of the contract's table hide in a case of each family
 FAMILIES = {"none": 0, "one": 1, "two": 2, "three": 3, "outside": 1, EVERY: 1}
+ALIKE = 1e-6  # of the torque limit: gravity torque on an axis that gravity does not load
 DEFAULT = "xl320"  # setting whose cases are named without it, as they were before there were others
 
 
@@ -110,21 +112,38 @@ class Case:
     recorded: Episodes
     fresh: Episodes
 
-    def answer(self) -> dict[str, object]:
+    def answer(self) -> SealedAnswer:
         """Return the sealed answer."""
         constants = Constants.of(self.arm.model())
-        effects = [
-            {**hidden.to_json(), "mark": mark, "marked_joint": joint}
-            | ({"equals": others} if (others := equals_of(constants, hidden)) else {})
+        effects = tuple(
+            HiddenEntry(**vars(hidden), mark=mark, marked_joint=joint, equals=equals_of(constants, hidden))
             for hidden, mark, joint in zip(self.truth.hidden, self.marks, self.marked_joints, strict=True)
-        ]
-        return {
-            "case": self.identity.name,
+        )
+        return SealedAnswer(
+            case=self.identity.name,
             **vars(self.identity),
-            "arm": self.arm.name,
-            "joints": list(self.arm.joints),
-            "excitation": self.conditions.signal,
-            "conditions": self.conditions.to_json(),
-            "effects": effects,
-            "base": self.truth.base.to_json(),
-        }
+            arm=self.arm.name,
+            joints=self.arm.joints,
+            excitation=self.conditions.signal,
+            conditions=self.conditions,
+            effects=effects,
+            base=self.truth.base,
+        )
+
+
+def equals_of(constants: Constants, hidden: Hidden) -> tuple[Name, ...] | None:
+    """Return other names of a hidden effect that no recording could distinguish from it; None if there are none.
+
+    On a single axis that gravity does not load, a payload and a rotor inertia are one inertia.
+    """
+    if len(constants.joints) > 1 or hidden.effect not in ("payload", "rotor_inertia") or gravity_acts(constants):
+        return None
+    return (("rotor_inertia", constants.joints[0]),) if hidden.effect == "payload" else (("payload", None),)
+
+
+def gravity_acts(constants: Constants) -> bool:
+    """Whether gravity acts along a slide's axis, or turns a hinge, of an arm of one joint."""
+    axis = constants.turns[0] @ constants.axes[0]
+    weight = constants.masses[0] * constants.gravity
+    along, across = weight @ axis, np.linalg.norm(np.cross(axis, weight))
+    return bool(abs(along if constants.sliding[0] else across) > ALIKE * constants.force[0, 1])

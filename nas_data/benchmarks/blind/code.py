@@ -10,8 +10,7 @@ from nas_data.benchmarks.blind.plants.base import SUFFIX
 from nas_data.benchmarks.blind.sampling import SCREEN
 from nas_data.benchmarks.blind.settings.base import find_setting
 from nas_data.errors import OutputExists
-from nas_data.runs.code_hash import code_hash
-from nas_data.runs.gap_code import gap_modules
+from nas_data.runs.code_hash import code_hash, gap_modules
 
 Record: TypeAlias = Mapping[str, object]  # of a finished case
 

@@ -65,7 +65,3 @@ class Conditions:
     def steps(self) -> int:
         """Control periods in an episode."""
         return round(self.seconds * self.rate)
-
-    def to_json(self) -> dict[str, object]:
-        """Return the conditions as the answer holds them."""
-        return {**vars(self), "sensor": vars(self.sensor)}

@@ -1,12 +1,14 @@
-"""What a report claims and what is true, in one form: effects by name and joint."""
+"""Gap report in the contract's form, as far as it is graded."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from nas_data.errors import DatasetInvalid
+from nas_data.typed_json import FormError, from_json
 
 Name = tuple[str, str | None]  # effect, joint; None for the whole arm
+SAME = ""  # joint of an alternative that names none: the joint of the effect beside it
 
 
 @dataclass(frozen=True)
@@ -16,7 +18,7 @@ class ReportedEffect:
     Attributes:
         name: Effect and joint.
         parameters: Parameter → value.
-        intervals: Parameter → its 95 % interval, where one is given.
+        intervals: Parameter → its 95 % interval, if one is given.
         confidence: Between 0 and 1.
         alternatives: Effects listed beside it.
     """
@@ -28,38 +30,70 @@ class ReportedEffect:
     alternatives: tuple[Name, ...]
 
 
-def read_findings(report: Mapping[str, object]) -> list[ReportedEffect]:
-    """Read the effects of a report.
+@dataclass(frozen=True)
+class ParameterEntry:
+    """Parameter of an effect in a report; a number that is not finite is null."""
 
-    Raises:
-        DatasetInvalid: it has not the contract's form.
-    """
-    try:
-        return [finding_of(entry) for entry in read_list(report["effects"])]
-    except (KeyError, TypeError, ValueError) as error:
-        raise DatasetInvalid(f"The report has not the contract's form: {error!r}.") from None
+    value: float | None
+    interval95: tuple[float | None, float | None] | None = None
 
 
-def finding_of(entry: Mapping[str, object]) -> ReportedEffect:
-    """Read one effect."""
-    joint = entry["joint"]
-    values, intervals = {}, {}
-    for key, item in mapping(entry["parameters"]).items():
-        values[key] = number(mapping(item)["value"])
-        if (interval := mapping(item).get("interval95")) is not None:
-            low, high = (number(end, math.inf) for end in sequence(interval))
-            intervals[key] = (low, high)
-    beside = [
-        (str(other["effect"]), text(other.get("joint", joint))) for other in read_list(entry.get("alternatives") or [])
-    ]
-    return ReportedEffect(
-        (str(entry["effect"]), text(joint)), values, intervals, number(entry["confidence"]), tuple(beside)
-    )
+@dataclass(frozen=True)
+class AlternativeEntry:
+    """Alternative to an effect in a report."""
+
+    effect: str
+    joint: str | None = SAME
 
 
-def text(value: object) -> str | None:
-    """Return a joint's name or None."""
-    return None if value is None else str(value)
+@dataclass(frozen=True)
+class EffectEntry:
+    """Effect in a report."""
+
+    effect: str
+    joint: str | None
+    parameters: Mapping[str, ParameterEntry]
+    confidence: float | None
+    alternatives: tuple[AlternativeEntry, ...] | None = None
+
+    def claim(self) -> ReportedEffect:
+        """Return the entry with plain numbers."""
+        intervals = {key: one.interval95 for key, one in self.parameters.items() if one.interval95 is not None}
+        return ReportedEffect(
+            (self.effect, self.joint),
+            {key: number(one.value) for key, one in self.parameters.items()},
+            {key: (number(low, math.inf), number(high, math.inf)) for key, (low, high) in intervals.items()},
+            number(self.confidence),
+            tuple((one.effect, self.joint if one.joint == SAME else one.joint) for one in self.alternatives or ()),
+        )
+
+
+@dataclass(frozen=True)
+class UnexplainedEntry:
+    """Joint with an unexplained gap in a report."""
+
+    joint: str | None = None
+
+
+@dataclass(frozen=True)
+class ReportEntries:
+    """The graded entries of a report."""
+
+    effects: tuple[EffectEntry, ...]
+    verdict: str | None = None
+    unexplained: tuple[UnexplainedEntry, ...] | None = None
+
+    @classmethod
+    def of(cls, report: Mapping[str, object]) -> "ReportEntries":
+        """Read a report.
+
+        Raises:
+            DatasetInvalid: it does not have the contract's form.
+        """
+        try:
+            return from_json(cls, report)
+        except FormError as error:
+            raise DatasetInvalid(f"The report has not the contract's form: {error}.") from None
 
 
 def number(value: object, missing: float = math.nan) -> float:
@@ -72,15 +106,3 @@ def mapping(value: object) -> Mapping[str, object]:
     if not isinstance(value, Mapping):
         raise TypeError(f"an object is needed, given {value!r}")
     return value
-
-
-def sequence(value: object) -> Sequence[object]:
-    """Return a JSON list."""
-    if not isinstance(value, list | tuple):
-        raise TypeError(f"a list is needed, given {value!r}")
-    return value
-
-
-def read_list(value: object) -> list[Mapping[str, object]]:
-    """Return a JSON list of objects."""
-    return [mapping(item) for item in sequence(value)]

@@ -1,20 +1,12 @@
-"""Grading one case: what the report says against the sealed answer."""
+"""Grade of a case: the report compared with the sealed answer."""
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
+from nas_data.benchmarks.blind.answer import HiddenEntry, SealedAnswer
 from nas_data.benchmarks.blind.catalogue import OUTSIDE
-from nas_data.benchmarks.blind.findings import (
-    Name,
-    ReportedEffect,
-    mapping,
-    number,
-    read_findings,
-    read_list,
-    sequence,
-    text,
-)
+from nas_data.benchmarks.blind.findings import Name, ReportedEffect, ReportEntries
 
 CONFIDENT = 0.8  # from here on a wrong name is the worst outcome
 ABOVE_FLOOR = frozenset({"unexplained", "partly_explained"})
@@ -22,141 +14,178 @@ PLACE = frozenset("xyz")  # of a payload; where none is reported, it is at the l
 RIGHT_VERDICTS = {"none": frozenset({"none", "retuned"}), "outside": ABOVE_FLOOR}
 
 
-def grade_names(answer: Mapping[str, object], report: Mapping[str, object]) -> dict[str, object]:
+@dataclass(frozen=True)
+class NamesGrade:
+    """Named effects compared with the hidden ones.
+
+    Attributes:
+        exact: Whether they are the same.
+        missing: Hidden effects that are not named.
+        extra: Named effects that are not hidden.
+        wrong_joint: Extra names whose effect is hidden in another joint.
+        listed_beside: Missing names that are listed as alternatives.
+        abstained: Whether nothing is named although something is hidden.
+        confident_wrong: Whether a wrong name has a high confidence.
+        confident_wrong_without_the_true_one_beside: The same, without a missing name among its alternatives.
+    """
+
+    exact: bool
+    missing: tuple[Name, ...]
+    extra: tuple[Name, ...]
+    wrong_joint: tuple[Name, ...]
+    listed_beside: tuple[Name, ...]
+    abstained: bool
+    confident_wrong: bool
+    confident_wrong_without_the_true_one_beside: bool
+
+
+@dataclass(frozen=True)
+class ConfidenceGrade:
+    """Confidence of a finding, and whether it is right."""
+
+    confidence: float
+    right: bool
+
+
+@dataclass(frozen=True)
+class ParameterGrade:
+    """Error of a parameter relative to its true size, and whether its interval covers the truth, if it has one."""
+
+    effect: str
+    parameter: str
+    relative_error: float
+    covered: bool | None
+
+
+@dataclass(frozen=True)
+class CaseGrade(NamesGrade):
+    """Grade of a report.
+
+    Attributes:
+        true: Hidden effects.
+        named: Named effects.
+        marks: Mark of each hidden effect.
+        verdict: Verdict of the report.
+        verdict_right: Whether the verdict is right.
+        confidences: Confidence of each finding.
+        parameters: Parameters of the effects that are named rightly.
+        unexplained_joint_named: Whether the report marks the joint of an effect outside the catalogue as unexplained;
+            None if there is no such effect.
+    """
+
+    true: tuple[Name, ...]
+    named: tuple[Name, ...]
+    marks: tuple[float, ...]
+    verdict: str | None
+    verdict_right: bool
+    confidences: tuple[ConfidenceGrade, ...]
+    parameters: tuple[ParameterGrade, ...]
+    unexplained_joint_named: bool | None
+
+
+def grade_names(answer: SealedAnswer, report: Mapping[str, object]) -> CaseGrade:
     """Compare a report with the answer of its case.
 
     Args:
-        answer: As `answer.json` holds it.
-        report: As the contract has it.
-
-    Returns:
-        What `tables` needs: names, confidences, parameter errors, verdict.
+        answer: The sealed answer.
+        report: Content of `report.json`.
 
     Raises:
-        DatasetInvalid: the report has not the contract's form.
+        DatasetInvalid: the report does not have the contract's form.
     """
-    hidden = read_list(answer["effects"])
-    beyond = [entry for entry in hidden if entry["effect"] in OUTSIDE]
-    inside = [entry for entry in hidden if entry not in beyond]
-    true = [name_of(entry) for entry in inside]
-    findings = read_findings(report)
-    named = [finding.name for finding in findings]
-    meant = [in_words_of(inside, answer, finding) for finding in findings]
+    entries = ReportEntries.of(report)
+    beyond = [entry for entry in answer.effects if entry.effect in OUTSIDE]
+    inside = [entry for entry in answer.effects if entry not in beyond]
+    true = [entry.name for entry in inside]
+    findings = [entry.claim() for entry in entries.effects]
+    meant = [translate(inside, answer.joints, finding) for finding in findings]
     all_meant = [finding for group in meant for finding in group]
-    return {
-        "true": [name_of(entry) for entry in hidden],
-        "named": named,
-        "marks": [number(entry["mark"]) for entry in hidden],
-        "verdict": report.get("verdict"),
-        "verdict_right": is_verdict_right("outside" if beyond else "one" if inside else "none", report.get("verdict")),
-        **compare_names(true, all_meant),
-        "confidences": [
-            {"confidence": finding.confidence, "right": all(part.name in true for part in parts)}
+    unexplained = {entry.joint for entry in entries.unexplained or ()}
+    return CaseGrade(
+        **vars(compare_names(true, all_meant)),
+        true=tuple(entry.name for entry in answer.effects),
+        named=tuple(finding.name for finding in findings),
+        marks=tuple(entry.mark for entry in answer.effects),
+        verdict=entries.verdict,
+        verdict_right=is_verdict_right("outside" if beyond else "one" if inside else "none", entries.verdict),
+        confidences=tuple(
+            ConfidenceGrade(finding.confidence, all(part.name in true for part in parts))
             for finding, parts in zip(findings, meant, strict=True)
-        ],
-        "parameters": parameter_errors([as_the_model_sees(entry, answer) for entry in inside], all_meant),
-        "unexplained_joint_named": joint_named(beyond, report) if beyond else None,
-    }
+        ),
+        parameters=tuple(parameter_errors([as_the_model_sees(entry, answer) for entry in inside], all_meant)),
+        unexplained_joint_named=any(entry.marked_joint in unexplained for entry in beyond) if beyond else None,
+    )
 
 
-def in_words_of(
-    hidden: Sequence[Mapping[str, object]], answer: Mapping[str, object], finding: ReportedEffect
-) -> list[ReportedEffect]:
-    """Return a finding by the names of what hides, where it says the same in others.
+def translate(hidden: Sequence[HiddenEntry], joints: Sequence[str], finding: ReportedEffect) -> list[ReportedEffect]:
+    """Return a finding under the names of the hidden effects, if it says the same in other names.
 
-    One of the whole arm says it of each joint, where the effect hides in every one; and some effects have two names.
+    An effect of the whole arm stands for the effect in each joint, if it is hidden in every one. Some effects have two
+    names.
     """
-    true, (effect, joint) = [name_of(entry) for entry in hidden], finding.name
+    true, (effect, joint) = [entry.name for entry in hidden], finding.name
     if finding.name in true:
         return [finding]
-    everywhere = [(effect, str(name)) for name in sequence(answer.get("joints", []))]
+    everywhere = [(effect, name) for name in joints]
     if joint is None and everywhere and all(name in true for name in everywhere):
         return [replace(finding, name=name) for name in everywhere]
-    same = [name_of(entry) for entry in hidden if finding.name in other_names(entry)]
+    same = [entry.name for entry in hidden if finding.name in (entry.equals or ())]
     return [replace(finding, name=name, parameters={}, intervals={}) for name in same] or [finding]
 
 
-def other_names(entry: Mapping[str, object]) -> list[Name]:
-    """Return what else an entry of the answer may be called."""
-    pairs = [sequence(pair) for pair in sequence(entry.get("equals", []))]
-    return [(str(effect), text(joint)) for effect, joint in pairs]
-
-
-def name_of(entry: Mapping[str, object]) -> Name:
-    """Return effect and joint of an entry of the answer."""
-    return str(entry["effect"]), text(entry["joint"])
-
-
-def compare_names(true: Sequence[Name], findings: Sequence[ReportedEffect]) -> dict[str, object]:
-    """Return where the names agree and where not."""
+def compare_names(true: Sequence[Name], findings: Sequence[ReportedEffect]) -> NamesGrade:
+    """Compare named effects with the hidden ones."""
     named = [finding.name for finding in findings]
-    missing = [name for name in true if name not in named]
-    extra = [name for name in named if name not in true]
-    wrong = [finding for finding in findings if finding.name not in true]
+    missing = tuple(name for name in true if name not in named)
+    extra = tuple(name for name in named if name not in true)
+    sure = [finding for finding in findings if finding.name not in true and finding.confidence >= CONFIDENT]
     beside = {name for finding in findings for name in finding.alternatives}
-    return {
-        "exact": sorted(map(str, true)) == sorted(map(str, named)),
-        "missing": missing,
-        "extra": extra,
-        "wrong_joint": [name for name in extra if name[0] in {effect for effect, _ in missing}],
-        "listed_beside": [name for name in missing if name in beside],
-        "abstained": bool(true) and not named,
-        "confident_wrong": any(finding.confidence >= CONFIDENT for finding in wrong),
-        "confident_wrong_without_the_true_one_beside": any(
-            finding.confidence >= CONFIDENT and not set(finding.alternatives) & set(missing) for finding in wrong
-        ),
-    }
+    return NamesGrade(
+        exact=sorted(map(str, true)) == sorted(map(str, named)),
+        missing=missing,
+        extra=extra,
+        wrong_joint=tuple(name for name in extra if name[0] in {effect for effect, _ in missing}),
+        listed_beside=tuple(name for name in missing if name in beside),
+        abstained=bool(true) and not named,
+        confident_wrong=bool(sure),
+        confident_wrong_without_the_true_one_beside=any(not set(one.alternatives) & set(missing) for one in sure),
+    )
 
 
-def is_verdict_right(family: str, verdict: object) -> bool:
-    """Whether a verdict suits a family; base errors make a retuning right where nothing hides."""
+def is_verdict_right(family: str, verdict: str | None) -> bool:
+    """Return whether a verdict suits a family; base errors make a retuning right if nothing is hidden."""
     return verdict in RIGHT_VERDICTS.get(family, frozenset({"explained"}))
 
 
-def parameter_errors(
-    hidden: Sequence[Mapping[str, object]], findings: Sequence[ReportedEffect]
-) -> list[dict[str, object]]:
-    """Return the error of each parameter of each effect that was named rightly, relative to its true size."""
-    by_name = {finding.name: finding for finding in findings}
-    rows: list[dict[str, object]] = []
+def parameter_errors(hidden: Sequence[HiddenEntry], findings: Sequence[ReportedEffect]) -> list[ParameterGrade]:
+    """Return the error of each parameter of each effect that is named rightly, relative to its true size."""
+    by_name = {finding.name: finding for finding in findings if finding.parameters}
+    rows = []
     for entry in hidden:
-        finding = by_name.get(name_of(entry))
-        true = {key: number(value) for key, value in mapping(entry["parameters"]).items()}
-        for key, value in true.items() if finding and finding.parameters else ():
+        finding = by_name.get(entry.name)
+        for key, value in entry.parameters.items() if finding else ():
             assert finding is not None
             found = finding.parameters.get(key, 0.0 if key in PLACE else math.nan)
             interval = finding.intervals.get(key)
-            rows.append(
-                {
-                    "effect": entry["effect"],
-                    "parameter": key,
-                    "relative_error": abs(found - value) / size(str(entry["effect"]), true, key),
-                    "covered": None if interval is None else interval[0] <= value <= interval[1],
-                }
-            )
+            covered = None if interval is None else interval[0] <= value <= interval[1]
+            error = abs(found - value) / size(entry.effect, entry.parameters, key)
+            rows.append(ParameterGrade(entry.effect, key, error, covered))
     return rows
 
 
-def as_the_model_sees(entry: Mapping[str, object], answer: Mapping[str, object]) -> Mapping[str, object]:
-    """Return a hidden effect with a gain that is relative to the model handed over, as the contract has it.
+def as_the_model_sees(entry: HiddenEntry, answer: SealedAnswer) -> HiddenEntry:
+    """Return a hidden effect with a gain relative to the given model, as the contract defines it.
 
-    The plant's own gain is off, too, and no data tells the two factors apart.
+    The plant's own gain differs from the model's as well, and no data separate the two factors.
     """
-    if entry["effect"] != "servo_stiffness":
+    if entry.effect != "servo_stiffness" or entry.joint is None:
         return entry
-    own = sequence(mapping(answer["base"])["stiffness"])[sequence(answer["joints"]).index(entry["joint"])]
-    factor = number(mapping(entry["parameters"])["factor"]) * number(own)
-    return {**entry, "parameters": {"factor": factor}}
+    own = answer.base.stiffness[answer.joints.index(entry.joint)]
+    return replace(entry, parameters={"factor": entry.parameters["factor"] * own})
 
 
 def size(effect: str, true: Mapping[str, float], key: str) -> float:
-    """Return what an error is relative to: a tilt's whole angle, a place's whole distance, for parts may be zero."""
+    """Return the reference of a relative error; parts of a tilt or of a place may be zero, so the whole counts."""
     if effect == "base_tilt":
         return math.hypot(*true.values())
     return math.hypot(*(true[axis] for axis in PLACE if axis in true)) if key in PLACE else abs(true[key])
-
-
-def joint_named(hidden: Sequence[Mapping[str, object]], report: Mapping[str, object]) -> bool:
-    """Whether the joint that shows what cannot be named stands under `unexplained`."""
-    joints = {text(entry.get("joint")) for entry in read_list(report.get("unexplained") or [])}
-    return any(entry["marked_joint"] in joints for entry in hidden)

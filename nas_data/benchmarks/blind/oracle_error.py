@@ -1,17 +1,15 @@
 """What is left of a case by who knows the answer: the true effects and base, in a model file like any other."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from nas_data.benchmarks.blind.findings import mapping, number, read_list, sequence
+from nas_data.benchmarks.blind.answer import SealedAnswer
 from nas_data.benchmarks.blind.fresh import Fresh
 from nas_data.benchmarks.blind.plants.mujoco_plant import multiply
-from nas_data.benchmarks.blind.truth import Base
 from nas_data.benchmarks.blind.write import NOMINAL
-from nas_data.effects.base import Effect, Scales, add_effects, from_json, joint_actuator
+from nas_data.effects.base import Effect, Scales, add_effects, joint_actuator, make_effect
 from nas_data.effects.edits.series import measured_tendon
 from nas_data.effects.edits.servo import stiffness, torque_limits
 from nas_data.errors import ModelFileError, UnknownName
@@ -21,7 +19,7 @@ LEAN = 0.5  # [rad] of error at which a servo without limits gives a large torqu
 FINE = 0.0005  # [s] physics step at which what a step costs is below the noise
 
 
-def least_error(folder: Path, answer: Mapping[str, object], fresh: Fresh) -> float | None:
+def least_error(folder: Path, answer: SealedAnswer, fresh: Fresh) -> float | None:
     """Return the RMSE [rad] on the fresh episodes of a case's model with the true effects, at the true base.
 
     Fresh episodes start at the first measured pose, whatever was commanded before. Who names everything rightly still
@@ -31,15 +29,12 @@ def least_error(folder: Path, answer: Mapping[str, object], fresh: Fresh) -> flo
         None where the answer is outside the catalogue, or beyond a model file.
     """
     try:
-        effects = [from_json(entry) for entry in read_list(answer["effects"])]
+        effects = [make_effect(entry.effect, entry.joint, entry.parameters) for entry in answer.effects]
     except UnknownName:
         return None
     spec = mujoco.MjSpec.from_file(str(folder / NOMINAL))
     spec.option.timestep = min(spec.option.timestep, FINE)
-    base = {
-        name: tuple(number(value) for value in sequence(values)) for name, values in mapping(answer["base"]).items()
-    }
-    multiply(spec, fresh.joints, Base(**base))
+    multiply(spec, fresh.joints, answer.base)
     forms = [effect.written(sizes(spec, effect, fresh)) for effect in effects]
     try:
         add_effects(spec, [form for form in forms if form is not None])

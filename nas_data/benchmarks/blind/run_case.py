@@ -9,18 +9,20 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from nas_data.benchmarks.blind.answer import SealedAnswer
 from nas_data.benchmarks.blind.baselines.base import find_baseline
 from nas_data.benchmarks.blind.case import Identity
 from nas_data.benchmarks.blind.code import baseline_code, case_code
 from nas_data.benchmarks.blind.draw import draw_case
-from nas_data.benchmarks.blind.findings import Name, mapping
+from nas_data.benchmarks.blind.findings import mapping
 from nas_data.benchmarks.blind.fresh import Fresh
 from nas_data.benchmarks.blind.grade import compare_names, grade_names
 from nas_data.benchmarks.blind.oracle_error import least_error
-from nas_data.benchmarks.blind.write import ANSWER, DATASET, NOMINAL, write_case
+from nas_data.benchmarks.blind.write import DATASET, NOMINAL, write_case
 from nas_data.dataset.layout import read_json
 from nas_data.dataset.staging import write_synced
 from nas_data.runs.environment_info import commit
+from nas_data.typed_json import as_object, finite
 
 Investigate = Callable[[Path, Path, Path], None]  # dataset, nominal model, folder of the report
 Record = dict[str, object]
@@ -62,11 +64,13 @@ class Judge:
         for name in (DATASET, *((FOUND,) if known is None else ())):
             shutil.rmtree(folder / name, ignore_errors=True)
         write_case(case, folder)
-        answer = read_json(folder / ANSWER)
+        answer = case.answer()
         fresh = Fresh.load(folder, case.arm.joints)
         record = known or {
-            **{key: answer[key] for key in ("case", "family", "plant", "number", "seed", "faint", "setting")},
-            **{key: answer[key] for key in ("arm", "excitation")},
+            "case": answer.case,
+            **vars(identity),
+            "arm": answer.arm,
+            "excitation": answer.excitation,
             "code": case_code(identity),
             "commit": commit(),
             "drawing_seconds": drawing,
@@ -85,7 +89,7 @@ class Judge:
         return [name for name in self.baselines if name not in answered]
 
 
-def examine(folder: Path, answer: Record, fresh: Fresh, investigate: Investigate) -> Record:
+def examine(folder: Path, answer: SealedAnswer, fresh: Fresh, investigate: Investigate) -> Record:
     """Run the workflow under test and grade what it leaves; only `report.json` and `model.xml` count."""
     found = folder / FOUND
     began = time.monotonic()
@@ -93,20 +97,24 @@ def examine(folder: Path, answer: Record, fresh: Fresh, investigate: Investigate
     seconds = time.monotonic() - began
     grade = grade_names(answer, read_json(found / REPORT))
     errors = {**fresh.errors_of_models(folder, found / MODEL), LEAST: least_error(folder, answer, fresh)}
-    return {**grade, "seconds": seconds, "fresh": errors}
+    return {**as_object(grade), "seconds": seconds, "fresh": errors}
 
 
-def baseline(name: str, folder: Path, answer: Record, fresh: Fresh) -> Record:
+def baseline(name: str, folder: Path, answer: SealedAnswer, fresh: Fresh) -> Record:
     """Run one baseline and grade what it names, and its prediction of the fresh episodes."""
     began = time.monotonic()
     claim = find_baseline(name)(folder / DATASET, folder / NOMINAL)
     seconds = time.monotonic() - began
-    hidden = answer["effects"] if answer["family"] != "outside" else []
-    assert isinstance(hidden, list)
-    true: list[Name] = [(entry["effect"], entry["joint"]) for entry in hidden]
+    true = [entry.name for entry in answer.effects] if answer.family != "outside" else []
     errors = {"after": fresh.error(claim.predict), "floor": fresh.floor}
     named = [finding.name for finding in claim.findings]
-    return {**compare_names(true, claim.findings), "true": true, "named": named, "seconds": seconds, "fresh": errors}
+    return {
+        **as_object(compare_names(true, claim.findings)),
+        "true": true,
+        "named": named,
+        "seconds": seconds,
+        "fresh": errors,
+    }
 
 
 def attempt(work: Callable[[], Record]) -> Record:
@@ -130,8 +138,6 @@ def read_record(path: Path) -> Record | None:
 
 def store_record(path: Path, record: Record) -> Record:
     """Store a finished case and return it as it reads back, whole or not at all on the disk."""
-    from nas_data.typed_json import finite
-
     text = json.dumps(finite(record), indent=1, allow_nan=False)
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_suffix(".unfinished")

@@ -1,7 +1,7 @@
-"""Drawing what hides in a case: effects, their places and their sizes, until the mark of each can be seen."""
+"""Draw the hidden effects of a case, until the measured positions show each of them."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 
@@ -11,7 +11,6 @@ from nas_data.benchmarks.blind.arms import NominalArm
 from nas_data.benchmarks.blind.case import EVERY, FAMILIES, Identity
 from nas_data.benchmarks.blind.catalogue import EVERYWHERE
 from nas_data.benchmarks.blind.conditions import Conditions
-from nas_data.benchmarks.blind.effect_size import Marks, measure_marks, out_of_sight
 from nas_data.benchmarks.blind.plants.base import find_plant
 from nas_data.benchmarks.blind.plants.constants import Constants
 from nas_data.benchmarks.blind.settings.base import CaseSetting
@@ -24,7 +23,23 @@ SCREEN = "numpy"  # plant on which what is outside the catalogue is tried first:
 TRIES = 3  # sizes of an effect before another effect is drawn
 UNLIKE = 1.3  # of the sizes of an effect that every joint has: the largest over the smallest, at most
 
+Show = Callable[[Sequence[Truth]], np.ndarray]  # truths → states (len(truths), E, T + 1, 2n)
 Group = tuple[Hidden, ...]  # one effect, in one place or in every joint
+
+
+@dataclass(frozen=True)
+class Marks:
+    """Size of each hidden effect in the positions, from simulations with and without it.
+
+    Attributes:
+        values: RMS change of the position over all episodes, as a multiple of the noise floor, one for each effect.
+        joints: Joint of each value: the effect's own, or the one with the largest change for effects of the whole arm.
+        states: Simulation with all effects, positions [rad] then velocities [rad/s], shape (E, T + 1, 2n).
+    """
+
+    values: tuple[float, ...]
+    joints: tuple[str, ...]
+    states: np.ndarray
 
 
 class Hider:
@@ -161,3 +176,23 @@ def number_groups(groups: Sequence[Group], first: int) -> list[set[int]]:
     """Return which numbers the effects of each group have, counted from the first on."""
     ends = np.cumsum([first, *map(len, groups)]).tolist()
     return [set(range(begin, end)) for begin, end in pairwise(ends)]
+
+
+def measure_marks(show: Show, truth: Truth, joints: Sequence[str], floor: float) -> Marks:
+    """Simulate with all hidden effects, and without each of them; the floor is in radians."""
+    played = show([truth, *(truth.without(index) for index in range(len(truth.hidden)))])
+    positions = played[..., : len(joints)]
+    changes = [np.sqrt(np.square(positions[0] - without).mean(axis=(0, 1))) / floor for without in positions[1:]]
+    seen = [mark(change, joints, hidden.joint) for change, hidden in zip(changes, truth.hidden, strict=True)]
+    return Marks(tuple(value for value, _ in seen), tuple(joint for _, joint in seen), played[0])
+
+
+def mark(change: np.ndarray, joints: Sequence[str], joint: str | None) -> tuple[float, str]:
+    """Return the mark of an effect and its joint, from the change in each joint."""
+    row = int(np.argmax(change)) if joint is None else joints.index(joint)
+    return float(change[row]), joints[row]
+
+
+def out_of_sight(marks: Sequence[float], least: float, most: float) -> list[int]:
+    """Return the effects whose mark is below the least or above the most, or not finite."""
+    return [index for index, value in enumerate(marks) if not (least <= value <= most and value < np.inf)]

@@ -1,4 +1,4 @@
-"""The tables of the blind benchmark: rates by family and plant, confusions, reliability of confidence, power."""
+"""Tables of the blind benchmark: rates by family and plant, confusions, reliability of confidence, power."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -6,12 +6,26 @@ from itertools import pairwise
 
 import numpy as np
 
-from nas_data.benchmarks.blind.findings import mapping, number, read_list, sequence, text
+from nas_data.benchmarks.blind.findings import mapping, number
 from nas_data.benchmarks.blind.run_case import Record
 
 CONFIDENCES = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
 MARKS = (0.3, 1.0, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0)
 NOTHING = "nothing"
+PERCENT = ("exact", "confident_wrong", "abstained", "verdict_right", "covered", "unexplained_joint_named")
+TITLES = {
+    "families": "Families (before, rest: median error on fresh episodes / noise floor; least: with the answer)",
+    "confusions": "What was named where one effect hides, or none",
+    "reliability": "Is the confidence true?",
+    "power": "Found by size of the mark [noise floors]",
+    "baselines": "Baselines on the same cases",
+}
+SHORT = {
+    "confident_wrong": "conf. wrong", "verdict_right": "verdict ok", "rest_over_floor": "rest",
+    "least_over_floor": "least",
+    "before_over_floor": "before", "parameter_error": "param. error", "unexplained_joint_named": "joint of rest",
+    "seconds": "s",
+}  # fmt: skip
 
 Row = dict[str, object]
 
@@ -98,7 +112,7 @@ def confusions(records: Sequence[Record]) -> list[Row]:
 
 def effect_of(name: object) -> str:
     """Return the effect of a stored name, a list of effect and joint."""
-    return str(text(sequence(name)[0]))
+    return str(sequence(name)[0])
 
 
 def reliability(records: Sequence[Record]) -> list[Row]:
@@ -157,3 +171,49 @@ def baseline_row(name: str, family: str, answers: Sequence[Mapping[str, object]]
         "rest_over_floor": median(rest(answer) for answer in done),
         "seconds": median(number(answer["seconds"]) for answer in done),
     }
+
+
+def sequence(value: object) -> Sequence[object]:
+    """Return a JSON list."""
+    if not isinstance(value, list | tuple):
+        raise TypeError(f"a list is needed, given {value!r}")
+    return value
+
+
+def read_list(value: object) -> list[Mapping[str, object]]:
+    """Return a JSON list of objects."""
+    return [mapping(item) for item in sequence(value)]
+
+
+def print_tables(found: Mapping[str, Sequence[Row]]) -> str:
+    """Return all tables that have rows, with their titles."""
+    return "\n\n".join(f"{TITLES[name]}\n{align_columns(rows)}" for name, rows in found.items() if rows)
+
+
+def align_columns(rows: Sequence[Row]) -> str:
+    """Return rows of the same keys as columns; the words left, the numbers right."""
+    keys = list(rows[0])
+    cells = [[SHORT.get(key, key) for key in keys], *([cell(key, row[key]) for key in keys] for row in rows)]
+    widths = [max(len(line[column]) for line in cells) for column in range(len(keys))]
+    worded = [isinstance(rows[0][key], str | Mapping) for key in keys]
+    lines = [
+        "  ".join(
+            f"{word:<{width}}" if left else f"{word:>{width}}"
+            for word, width, left in zip(line, widths, worded, strict=True)
+        ).rstrip()
+        for line in cells
+    ]
+    return "\n".join(lines)
+
+
+def cell(key: str, value: object) -> str:
+    """Return one value as a person reads it."""
+    if value is None:
+        return "–"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {count}" for name, count in mapping(value).items())
+    if isinstance(value, str | int):
+        return str(value)
+    if key in PERCENT or key == "right":
+        return f"{number(value):.0%}"
+    return f"{number(value):.3g}"

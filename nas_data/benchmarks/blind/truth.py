@@ -22,10 +22,6 @@ class Hidden:
     joint: str | None
     parameters: Mapping[str, float]
 
-    def to_json(self) -> dict[str, object]:
-        """Return the effect as the answer holds it."""
-        return {"effect": self.effect, "joint": self.joint, "parameters": dict(self.parameters)}
-
 
 @dataclass(frozen=True)
 class Base:
@@ -54,10 +50,6 @@ class Base:
         """Draw each factor uniformly."""
         drawn = rng.uniform(1 - BASE_SHARE, 1 + BASE_SHARE, (4, joints)).tolist()
         return cls(*(tuple(row) for row in drawn))
-
-    def to_json(self) -> dict[str, object]:
-        """Return the factors as the answer holds them."""
-        return {name: list(values) for name, values in vars(self).items()}
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from nas_data.dataset.features import (
 from nas_data.dataset.provenance import Provenance
 from nas_data.dataset.transitions import estimate_velocities
 from nas_data.dataset.write import write
+from nas_data.typed_json import as_object
 
 DATASET, NOMINAL, ANSWER, FRESH = "dataset", "nominal.xml", "answer.json", "fresh.npz"
 
@@ -39,7 +40,7 @@ def write_case(case: Case, folder: Path) -> None:
     fresh = case.fresh
     kept = {name: getattr(fresh, name) for name in ("commands", "positions", "readings", "poses", "starts")}
     np.savez_compressed(folder / FRESH, **kept, rate=case.conditions.rate)
-    (folder / ANSWER).write_text(json.dumps(case.answer(), indent=1), encoding="utf-8")
+    (folder / ANSWER).write_text(json.dumps(as_object(case.answer()), indent=1), encoding="utf-8")
 
 
 def provenance(case: Case) -> Provenance:

@@ -102,4 +102,6 @@ def distance(one: Simulator, other: Simulator) -> float:
 def checkpoint_sha256(folder: Path) -> str:
     """Return a hash of a checkpoint's configuration and weights."""
     names = (checkpoints.CONFIG, checkpoints.WEIGHTS)
-    return hashlib.sha256(b"".join((checkpoints.find_checkpoint(folder) / name).read_bytes() for name in names)).hexdigest()
+    return hashlib.sha256(
+        b"".join((checkpoints.find_checkpoint(folder) / name).read_bytes() for name in names)
+    ).hexdigest()

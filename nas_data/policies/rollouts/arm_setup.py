@@ -12,8 +12,7 @@ from nas_data.errors import OptionError
 from nas_data.policies.rollouts.approach import Approach
 from nas_data.policies.rollouts.keyboard import Keyboard
 from nas_data.policies.rollouts.robot_stepper import AHEAD, RobotStepper, RolloutTally
-from nas_data.policies.rollouts.two_arm_planner import TwoArmPlanner
-from nas_data.policies.rollouts.two_arms import make_two_arm_planner
+from nas_data.policies.rollouts.two_arm_planner import TwoArmPlanner, make_two_arm_planner
 from nas_data.recorders.arm_motion import ArmMotion
 from nas_data.recorders.guarded import GuardedArm, Setup
 from nas_data.recorders.path_planner import PathPlanner

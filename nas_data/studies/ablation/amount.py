@@ -57,7 +57,7 @@ def parse(texts: Sequence[str], unit: Unit) -> tuple[Amount, ...]:
 
 
 def words(texts: Sequence[str]) -> list[str]:
-    """Split what stands between commas."""
+    """Split texts at commas."""
     return [word.strip() for text in texts for word in text.split(",") if word.strip()]
 
 

@@ -1,29 +1,29 @@
-"""What must hold before a sweep begins, so that hours are not spent on what cannot be."""
+"""Checks of a sweep's plan before it starts."""
 
+from nas_data import registry
+from nas_data.dataset.content import episode_hashes
 from nas_data.dataset.dataset import Dataset
-from nas_data.dataset.episode_hash import episode_hashes
 from nas_data.dataset.features import ACTION, STATE
 from nas_data.dataset.versions import check_paired
 from nas_data.errors import DatasetInvalid, JointMismatch, ModelFileError, OptionError
 from nas_data.pairing import check_fits, check_source
 from nas_data.simulators.engines import ENGINES
 from nas_data.sources import SourceModel
-from nas_data.studies.ablation.kinds.base import ModelKind, find_kind
-from nas_data.studies.ablation.kinds.base import kinds as all_kinds
+from nas_data.studies.ablation.kinds.base import FOLDER, ModelKind, find_kind
 from nas_data.studies.ablation.naming import read_named
 from nas_data.studies.ablation.subsets import check_enough
 from nas_data.studies.ablation.sweep import SweepPlan
 
 
 def check(plan: SweepPlan) -> None:
-    """Refuse a plan that cannot be carried out.
+    """Refuse a plan that cannot be run.
 
     Raises:
-        NasError: says what is wrong, and what would be right.
+        NasError: says what is wrong, and the remedy.
     """
     check_seeds(plan)
     if not plan.kinds:
-        raise OptionError(f"--kinds names none; give some of {', '.join(all_kinds())}, with commas between.")
+        raise OptionError(f"--kinds names none; give some of {', '.join(registry.names(FOLDER))}, with commas between.")
     kinds = {name: find_kind(name) for name in plan.kinds}
     dataset = plan.material.read()
     check_held_out(plan, dataset)
@@ -37,13 +37,13 @@ def check(plan: SweepPlan) -> None:
 
 
 def check_seeds(plan: SweepPlan) -> None:
-    """Refuse seeds that are negative or named twice."""
+    """Refuse negative and repeated seeds."""
     if not plan.seeds or min(plan.seeds) < 0 or len(set(plan.seeds)) < len(plan.seeds):
         raise OptionError(f"--seeds are {', '.join(map(str, plan.seeds))}; give different numbers, 0 or more.")
 
 
 def check_held_out(plan: SweepPlan, dataset: Dataset) -> None:
-    """Refuse a share that is none, and a single episode that would both train and judge."""
+    """Refuse a share out of range, and a single episode, which cannot be both training and held-out data."""
     if plan.held_out is None:
         return
     if not 0 < plan.held_out < 1:
@@ -56,7 +56,7 @@ def check_held_out(plan: SweepPlan, dataset: Dataset) -> None:
 
 
 def check_sources(plan: SweepPlan, dataset: Dataset, kinds: dict[str, ModelKind]) -> None:
-    """Refuse kinds whose source or pairs are missing."""
+    """Refuse kinds without the source or the pairs that they need."""
     material, source = plan.material, plan.material.source()
     for name, kind in kinds.items():
         if kind.needs_pairs:
@@ -74,7 +74,7 @@ def check_sources(plan: SweepPlan, dataset: Dataset, kinds: dict[str, ModelKind]
 
 
 def check_naming(plan: SweepPlan, dataset: Dataset, source: SourceModel, kind: str) -> None:
-    """Refuse a source in which nothing can be named, or given effects that are another robot's."""
+    """Refuse a source that naming does not support, and given effects of another robot."""
     if plan.material.effects is not None:
         read_named(plan.material.effects, source, dataset)
     elif source.engine != ENGINES[0] or source.effects:
@@ -86,7 +86,7 @@ def check_naming(plan: SweepPlan, dataset: Dataset, source: SourceModel, kind: s
 
 
 def check_test(plan: SweepPlan, dataset: Dataset, test: Dataset) -> None:
-    """Refuse a test dataset of another robot, or with episodes that train."""
+    """Refuse a test dataset of another robot, or one that shares episodes with the training data."""
     name = plan.material.test
     mine, other = ((d.joints, d.kinds, round(d.fps, 1)) for d in (dataset, test))
     if mine != other:

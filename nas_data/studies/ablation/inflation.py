@@ -5,7 +5,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from nas_data.dataset.layout import read_json
 from nas_data.models.threads import one_thread
 from nas_data.studies.ablation.kinds.base import find_kind
 from nas_data.studies.ablation.trial import UNFINISHED, Trial, prepare
+from nas_data.typed_json import from_json
 from nas_data.whole_file import write_whole
 
 FILE = "inflation.json"
@@ -62,9 +63,6 @@ class Inflation:
         return {**asdict(self), "cpu_inflation": self.factor, "work_ratio": self.work}
 
 
-NUMBERS = tuple(field.name for field in fields(Inflation))
-
-
 @dataclass(frozen=True)
 class Probe:
     """A timing probe: a short training.
@@ -85,7 +83,7 @@ def read(folder: Path) -> Inflation | None:
     path = folder / FILE
     if not path.is_file():
         return None
-    return Inflation(**{key: value for key, value in read_json(path).items() if key in NUMBERS})  # type: ignore[arg-type]
+    return from_json(Inflation, read_json(path))
 
 
 def keep(folder: Path, found: Inflation | None) -> None:

@@ -1,17 +1,20 @@
 """Errors of a predictor on held-out episodes, with the baselines source, hold and command."""
 
+from collections.abc import Mapping
+
 from nas_data.dataset.dataset import Dataset
 from nas_data.metrics import Errors
 from nas_data.models.evaluation import MODEL, Evaluation, evaluate
 from nas_data.sources import SourceModel
 from nas_data.studies.ablation.kinds.base import Learned
+from nas_data.studies.ablation.results import PredictorErrors, TrialResult
 from nas_data.typed_json import finite
 
 SOURCE = "source"
 BASELINES = (SOURCE, "hold", "command")
 
 
-def judge(kind: str, learned: Learned, plain: SourceModel | None, held: Dataset) -> dict[str, object]:
+def judge(kind: str, learned: Learned, plain: SourceModel | None, held: Dataset) -> TrialResult:
     """Compare predictions of a predictor and of the baselines with measurements.
 
     Args:
@@ -21,17 +24,16 @@ def judge(kind: str, learned: Learned, plain: SourceModel | None, held: Dataset)
         held: Held-out transitions.
 
     Returns:
-        `one_step` and `open_loop`, the errors [rad] by predictor: overall, mean of the episodes, per joint, per
-        episode; null after divergence.
+        A result with the errors by predictor, and their unit.
     """
     with_model = evaluation(learned.source, learned, held)
     own = SOURCE if learned.model is None else MODEL[learned.model.kind]
     without = with_model if learned.source is plain else evaluation(plain, Learned(None, plain), held)
-    return {
-        "unit": with_model.open_loop[own].unit.si,
-        "one_step": described(kind, with_model.one_step[own], without.one_step),
-        "open_loop": described(kind, with_model.open_loop[own], without.open_loop),
-    }
+    return TrialResult(
+        unit=with_model.open_loop[own].unit.si,
+        one_step=describe(kind, with_model.one_step[own], without.one_step),
+        open_loop=describe(kind, with_model.open_loop[own], without.open_loop),
+    )
 
 
 def evaluation(source: SourceModel | None, learned: Learned, held: Dataset) -> Evaluation:
@@ -40,6 +42,7 @@ def evaluation(source: SourceModel | None, learned: Learned, held: Dataset) -> E
     return evaluate(held, simulator, learned.model)
 
 
-def described(kind: str, own: Errors, baselines: dict[str, Errors]) -> object:
-    """Return errors by predictor for JSON."""
-    return finite({kind: own.to_json(), **{name: baselines[name].to_json() for name in BASELINES if name in baselines}})
+def describe(kind: str, own: Errors, baselines: Mapping[str, Errors]) -> PredictorErrors:
+    """Return the errors of a predictor and of the baselines for JSON."""
+    errors = {kind: own, **{name: baselines[name] for name in BASELINES if name in baselines}}
+    return {name: {key: finite(value) for key, value in one.to_json().items()} for name, one in errors.items()}

@@ -1,7 +1,7 @@
-"""What a sweep works on: datasets, source and effects, where they lie and what they hold."""
+"""Input of a sweep: datasets, source and effects, with their location and content hashes."""
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from nas_data.dataset.content import content_hash
@@ -16,13 +16,13 @@ from nas_data.studies.ablation.subsets import divide
 
 @dataclass(frozen=True)
 class Content:
-    """What identifies the data, on whatever machine they lie.
+    """Identity of the data, independent of the machine.
 
     Attributes:
-        dataset: Content hash.
-        test: Content hash of the dataset that judges, where it is another.
-        source: SHA-256 of the source's model, with its engine and effects; None without a source.
-        effects: SHA-256 of the named effects that were given.
+        dataset: Content hash of the dataset.
+        test: Content hash of the held-out dataset; None if episodes of the first one are held out.
+        source: SHA-256 of the source's model, engine and effects; None without a source.
+        effects: SHA-256 of the given named effects; None without.
     """
 
     dataset: str
@@ -31,21 +31,20 @@ class Content:
     effects: str | None
 
     def to_json(self, named: bool = True) -> dict[str, str | None]:
-        """Return it; without effects for a trial that names none."""
-        effects = self.effects if named else None
-        return {"dataset": self.dataset, "test": self.test, "source": self.source, "effects": effects}
+        """Return the hashes for JSON; without effects for a trial that names none."""
+        return asdict(self if named else replace(self, effects=None))
 
 
 @dataclass(frozen=True)
 class SweepData:
-    """Where the data of a sweep lie.
+    """Location of the data of a sweep.
 
     Attributes:
         root: Folder of the dataset.
-        test: Folder of the dataset that judges; None where episodes of the first do.
-        model: Source model given; None for the one kept with the dataset.
-        engine: Engine given.
-        effects: A gap report's folder, or its effects.json, to be used instead of naming.
+        test: Folder of the held-out dataset; None if episodes of the first one are held out.
+        model: Source model; None for the one kept with the dataset.
+        engine: Engine of the source; None for the one of the pairing.
+        effects: Folder of a gap report, or its effects.json, to use instead of naming.
     """
 
     root: Path
@@ -59,7 +58,7 @@ class SweepData:
         return as_transitions(read(self.root))[0]
 
     def source(self) -> SourceModel | None:
-        """Return the source; None where none was given and none is kept."""
+        """Return the source; None if none is given and the dataset keeps none."""
         try:
             return locate_source(self.model, (), [self.root], self.engine)
         except ModelFileError:
@@ -68,7 +67,7 @@ class SweepData:
             return None
 
     def divide(self, dataset: Dataset, share: float | None, seed: int) -> tuple[list[int], Dataset]:
-        """Return the training episodes, and what judges: the test dataset, or a share of the episodes."""
+        """Return the training episodes, and the held-out data: the test dataset, or a share of the episodes."""
         if self.test is not None:
             return list(range(dataset.n_episodes)), as_transitions(read(self.test))[0]
         assert share is not None
@@ -76,7 +75,7 @@ class SweepData:
         return train, dataset.select(held)
 
     def content(self) -> Content:
-        """Return what the data hold now."""
+        """Return the identity of the present data."""
         return Content(
             dataset=content_hash(read(self.root)),
             test=None if self.test is None else content_hash(read(self.test)),
@@ -93,7 +92,7 @@ class SweepData:
         return hashlib.sha256("\n".join(told).encode()).hexdigest()
 
     def check(self, content: Content) -> None:
-        """Raise DatasetInvalid where the data are no longer those that a sweep began with."""
+        """Raise DatasetInvalid if the data changed since a sweep began."""
         changed = [key for key, value in self.content().to_json().items() if value != content.to_json()[key]]
         if changed:
             raise DatasetInvalid(
@@ -102,6 +101,6 @@ class SweepData:
 
 
 def file_hash(path: Path) -> str:
-    """Return the SHA-256 of an effects file, or of the one in a gap report's folder."""
+    """Return the SHA-256 of an effects file, or of the one in a gap report."""
     file = path / EFFECTS if path.is_dir() else path
     return hashlib.sha256(file.read_bytes()).hexdigest()

@@ -28,10 +28,6 @@ class NamedSource:
     effects: tuple[Effect, ...]
     retuned: Mapping[str, float]
 
-    def to_json(self) -> dict[str, object]:
-        """Return effects and base parameters for JSON."""
-        return {"effects": [effect.to_json() for effect in self.effects], "retuned": dict(self.retuned)}
-
 
 def name_effects(data: Dataset, source: SourceModel, root: Path) -> NamedSource:
     """Name the effects that a source lacks.

@@ -1,4 +1,4 @@
-"""The page of a sweep: how much data is enough, errors over the amount of data, and every cell in a table."""
+"""HTML page of a sweep: the sufficient amount of data, errors over the amount, and a table."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,7 +12,7 @@ from nas_data.studies.ablation.kinds.base import find_kind
 from nas_data.studies.ablation.summary import JSON, Cell, SweepSummary
 from nas_data.studies.ablation.table import HEADERS, rows
 
-WIDER = 1.05  # by which the axis of amounts goes beyond them
+WIDER = 1.05  # margin factor of the axis of amounts
 TITLES = {"open_loop": "open loop", "one_step": "one step"}
 
 
@@ -26,7 +26,7 @@ def page_of_folder(folder: Path) -> HtmlPage:
 
 
 def build(summary: SweepSummary, name: str) -> HtmlPage:
-    """Return the page of a sweep, called by a name."""
+    """Return the page of a sweep with a name."""
     drawn: list[Block] = [errors_chart(summary, loop) for loop in TITLES] if summary.cells else []
     what = f"Position RMSE on held-out episodes, mean of the episodes [{summary.shown.shown}]; spread over seeds."
     sections = [
@@ -39,7 +39,7 @@ def build(summary: SweepSummary, name: str) -> HtmlPage:
 
 
 def errors_chart(summary: SweepSummary, loop: str) -> Chart:
-    """Return the errors of each kind over the amount of data, and of what learns nothing as lines across."""
+    """Return the errors of each kind over the amount of data, with the baselines as horizontal lines."""
     labels = {kind: find_kind(kind).label for kind in summary.cells}
     looks = strokes([*labels.values(), *summary.baselines])
     traces = [
@@ -65,7 +65,7 @@ def errors_chart(summary: SweepSummary, loop: str) -> Chart:
 
 
 def curve(cells: Sequence[Cell], loop: str, name: str, look: Stroke, factor: float) -> list[Trace]:
-    """Return a kind's median error over its amounts, and the band between its extremes."""
+    """Return a kind's median error over the amounts, with a band from minimum to maximum."""
     sizes = np.array([cell.size for cell in cells])
     spreads = [cell.errors[loop] for cell in cells]
     rows = factor * np.array([(spread.ends[0], spread.median, spread.ends[1]) for spread in spreads]).T

@@ -1,55 +1,79 @@
-"""What a trial's record says."""
+"""Result of a trial, as its file holds it."""
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from nas_data.joint_units import JointUnit, display_unit
-from nas_data.studies.ablation.amount import Amount
-from nas_data.studies.ablation.trial import Record
 
-METRIC = "mean_of_episodes"  # every held-out episode counts alike, however long
+METRIC = "mean_of_episodes"  # every held-out episode has equal weight, whatever its length
+OPTIONAL = {"optional": True}
 
-
-def config(record: Record) -> dict[str, object]:
-    """Return the configuration of a trial from its result."""
-    question = record["question"]
-    assert isinstance(question, dict)
-    found = question["config"]
-    assert isinstance(found, dict)
-    return found
+PredictorErrors = Mapping[str, Mapping[str, object]]
+"""`Errors.to_json` by predictor; null after divergence."""
 
 
-def amount_of(record: Record) -> Amount:
-    """Return the amount that a trial was asked to learn from."""
-    word, unit = config(record)["amount"], config(record)["unit"]
-    return Amount.of(word, "minutes" if unit == "minutes" else "episodes")
+@dataclass(frozen=True)
+class TrainingData:
+    """Subset that a trial learned from.
+
+    Attributes:
+        episodes: Number of episodes, or of stretches cut from them.
+        frames: Number of transitions.
+        minutes: Duration [min].
+        runs: First frame of each stretch, and the frame after its last.
+    """
+
+    episodes: int
+    frames: int
+    minutes: float
+    runs: tuple[tuple[int, int], ...] = ()
 
 
-def size(record: Record) -> float:
-    """Return how much a trial learned from, in the unit of its amount."""
-    data = record["training_data"]
-    assert isinstance(data, dict)
-    return float(data[amount_of(record).unit])
+@dataclass(frozen=True, kw_only=True)
+class TrialResult:
+    """Result of a trial.
 
+    Attributes:
+        failed: Why it failed, as a sentence; None if it succeeded.
+        traceback: Traceback of an unexpected error.
+        training_data: Subset that it learned from.
+        unit: SI unit of the errors.
+        one_step: One-step errors by predictor.
+        open_loop: Open-loop errors by predictor.
+        effects: Named effects, if the kind names any.
+        retuned: Factors of base parameters by name, likewise.
+        commit: Commit of this package; None if unknown.
+        packages: Versions of the installed packages.
+        wall_seconds: Wall time [s].
+        cpu_seconds: Processor time [s].
+    """
 
-def predictors(record: Record, loop: str) -> dict[str, dict[str, object]]:
-    """Return the errors of a trial by predictor."""
-    found = record[loop]
-    assert isinstance(found, dict)
-    return found
+    failed: str | None = field(default=None, metadata=OPTIONAL)
+    traceback: tuple[str, ...] | None = field(default=None, metadata=OPTIONAL)
+    training_data: TrainingData | None = field(default=None, metadata=OPTIONAL)
+    unit: str | None = field(default=None, metadata=OPTIONAL)
+    one_step: PredictorErrors | None = field(default=None, metadata=OPTIONAL)
+    open_loop: PredictorErrors | None = field(default=None, metadata=OPTIONAL)
+    effects: tuple[Mapping[str, object], ...] | None = field(default=None, metadata=OPTIONAL)
+    retuned: Mapping[str, float] | None = field(default=None, metadata=OPTIONAL)
+    commit: str | None = None
+    packages: Mapping[str, str] = field(default_factory=dict)
+    wall_seconds: float = 0.0
+    cpu_seconds: float = 0.0
 
+    @property
+    def shown(self) -> JointUnit:
+        """Display unit of errors: that of hinges, or of slides if the arm has no hinges."""
+        return display_unit(str(self.unit))
 
-def error(record: Record, loop: str, name: str | None = None) -> float:
-    """Return an error [rad] of a trial's own predictor, or a baseline's; infinite where it diverged."""
-    value = predictors(record, loop)[name or str(config(record)["kind"])][METRIC]
-    return math.inf if value is None else float(str(value))
+    def predictors(self, loop: str) -> PredictorErrors:
+        """Return the errors by predictor, `one_step` or `open_loop`."""
+        found = self.one_step if loop == "one_step" else self.open_loop
+        assert found is not None  # the trial succeeded
+        return found
 
-
-def unit_of(record: Record) -> JointUnit:
-    """Return how the errors of a trial are shown: those of hinges, or of slides on an arm without hinges."""
-    return display_unit(str(record.get("unit")))
-
-
-def failure(record: Record) -> str:
-    """Say which trial could not be done, and why."""
-    entry = config(record)
-    return f"{entry['kind']}, {amount_of(record)}, seed {entry['seed']}: {record['failed']}"
+    def error(self, loop: str, predictor: str) -> float:
+        """Return the error [rad] of a predictor; infinite after divergence."""
+        value = self.predictors(loop)[predictor][METRIC]
+        return math.inf if value is None else float(str(value))

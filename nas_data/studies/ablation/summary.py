@@ -13,12 +13,14 @@ from nas_data.joint_units import HINGE, JointUnit, display_unit
 from nas_data.studies.ablation.amount import Amount, Unit
 from nas_data.studies.ablation.judging import BASELINES
 from nas_data.studies.ablation.kinds.base import find_kind
-from nas_data.studies.ablation.results import amount_of, config, error, failure, predictors, size, unit_of
-from nas_data.studies.ablation.trial import Record
+from nas_data.studies.ablation.results import TrialResult
+from nas_data.studies.ablation.trial import Config
 
 JSON = "ablation.json"
 ENOUGH = 0.05  # relative excess of the median error over the best one at a sufficient amount
 LOOPS = ("open_loop", "one_step")
+
+Outcome = tuple[Config, TrialResult]
 
 
 @dataclass(frozen=True)
@@ -90,18 +92,17 @@ class SweepSummary:
     shown: JointUnit = HINGE
 
     @classmethod
-    def of(cls, records: Sequence[Record]) -> "SweepSummary":
-        """Gather the results of trials."""
-        good = [record for record in records if "failed" not in record]
-        configs = [config(record) for record in records]
-        kinds = dict.fromkeys(str(entry["kind"]) for entry in configs)
-        gathered = {kind: gather(kind, [r for r in good if config(r)["kind"] == kind]) for kind in kinds}
+    def of(cls, outcomes: Sequence[Outcome]) -> "SweepSummary":
+        """Summarise the results of trials."""
+        good = [(config, result) for config, result in outcomes if result.failed is None]
+        kinds = dict.fromkeys(config.kind for config, _ in outcomes)
+        gathered = {kind: gather(kind, [(c, result) for c, result in good if c.kind == kind]) for kind in kinds}
         return cls(
-            unit="minutes" if configs[0]["unit"] == "minutes" else "episodes",
+            unit=outcomes[0][0].amount.unit,
             cells={kind: cells for kind, cells in gathered.items() if cells},
             baselines=baselines(good),
-            failed=[failure(record) for record in records if "failed" in record],
-            shown=unit_of(good[0]) if good else HINGE,
+            failed=[f"{c.kind}, {c.amount}, seed {c.seed}: {found.failed}" for c, found in outcomes if found.failed],
+            shown=good[0][1].shown if good else HINGE,
         )
 
     @classmethod
@@ -138,19 +139,19 @@ class SweepSummary:
     def sentence(self) -> str:
         """Return a sentence on the sufficient amount of data."""
         enough = self.enough()
-        parts = [self._told(kind, enough.get(kind)) for kind in self.cells]
+        parts = [self._describe(kind, enough.get(kind)) for kind in self.cells]
         head = f"Smallest amount of data whose median open-loop error is within {ENOUGH:.0%} of the kind's best: "
         return head + "; ".join(parts) + "." if parts else "No trial succeeded."
 
-    def _told(self, kind: str, cell: Cell | None) -> str:
+    def _describe(self, kind: str, cell: Cell | None) -> str:
         label, cells = find_kind(kind).label, self.cells[kind]
         if cell is None:
             return f"{label} diverges with every amount"
         top = best(cells)
         error, least = (self._text(one.errors["open_loop"].median) for one in (cell, top))
-        told = f"{label} {cell.text} ({error}" + (")" if cell is top else f"; {least} with {top.text})")
-        told += ", the most that was tried, so that more may help" if cell is cells[-1] and len(cells) > 1 else ""
-        return told + self._beaten_by(top)
+        text = f"{label} {cell.text} ({error}" + (")" if cell is top else f"; {least} with {top.text})")
+        text += ", the most that was tried, so that more may help" if cell is cells[-1] and len(cells) > 1 else ""
+        return text + self._beaten_by(top)
 
     def _beaten_by(self, cell: Cell) -> str:
         """Return a sentence on baselines that are as good as the best of a kind; empty if there are none."""
@@ -201,23 +202,24 @@ def read_spreads(entry: Mapping[str, Mapping[str, Sequence[float | None]]]) -> d
     }
 
 
-def gather(kind: str, records: Sequence[Record]) -> list[Cell]:
-    """Return a kind's cells, from small to large."""
-    groups: dict[Amount, list[Record]] = {}
-    for record in records:
-        groups.setdefault(amount_of(record), []).append(record)
+def gather(kind: str, outcomes: Sequence[Outcome]) -> list[Cell]:
+    """Return a kind's cells, by ascending size."""
+    groups: dict[Amount, list[TrialResult]] = {}
+    for config, result in outcomes:
+        groups.setdefault(config.amount, []).append(result)
     cells = []
     for amount, members in groups.items():
-        errors = {loop: Spread(tuple(error(record, loop) for record in members)) for loop in LOOPS}
-        cells.append(Cell(kind, amount, float(np.median([size(record) for record in members])), errors))
+        errors = {loop: Spread(tuple(result.error(loop, kind) for result in members)) for loop in LOOPS}
+        sizes = [getattr(result.training_data, amount.unit) for result in members]
+        cells.append(Cell(kind, amount, float(np.median(sizes)), errors))
     return sorted(cells, key=lambda cell: (cell.size, cell.amount))
 
 
-def baselines(records: Sequence[Record]) -> dict[str, dict[str, Spread]]:
-    """Return the errors of the baselines, one per seed, as all trials of a seed share the held-out episodes."""
-    by_seed = {config(record)["seed"]: record for record in records}
-    names = [name for name in BASELINES if all(name in predictors(r, "open_loop") for r in by_seed.values())]
+def baselines(outcomes: Sequence[Outcome]) -> dict[str, dict[str, Spread]]:
+    """Return the errors of the baselines, one per seed: all trials of a seed have the same held-out episodes."""
+    by_seed = {config.seed: result for config, result in outcomes}
+    names = [name for name in BASELINES if all(name in one.predictors("open_loop") for one in by_seed.values())]
     return {
-        name: {loop: Spread(tuple(error(record, loop, name) for record in by_seed.values())) for loop in LOOPS}
+        name: {loop: Spread(tuple(result.error(loop, name) for result in by_seed.values())) for loop in LOOPS}
         for name in (names if by_seed else [])
     }

@@ -2,23 +2,26 @@
 
 import json
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from filelock import FileLock, Timeout
 
 from nas_data.errors import OutputExists
 from nas_data.models.presets import TrainingOptions
+from nas_data.runs.progress import spoken
 from nas_data.studies.ablation.amount import Amount
-from nas_data.studies.ablation.code import trial_code
 from nas_data.studies.ablation.executors.base import Executor
 from nas_data.studies.ablation.inflation import Cost, Probe, cost, inflation_of, keep, order, probes
 from nas_data.studies.ablation.material import Content, SweepData
-from nas_data.studies.ablation.progress import SweepProgress
-from nas_data.studies.ablation.trial import TRIALS, UNFINISHED, Config, Record, Trial, do_trial
+from nas_data.studies.ablation.results import TrialResult
+from nas_data.studies.ablation.trial import TRIALS, UNFINISHED, Config, Trial, do_trial, trial_code
+from nas_data.typed_json import from_json
 from nas_data.visible_files import visible
 from nas_data.whole_file import write_whole
 
@@ -71,7 +74,7 @@ class SweepPlan:
 
 def run_sweep(
     trials: Sequence[Trial], executor: Executor, workers: int, retry: bool, say: Callable[[str], None]
-) -> list[Record]:
+) -> list[TrialResult]:
     """Run the unfinished trials, and return all results in order.
 
     Results of other code stay in the folder and are not used. With several workers, the cost of parallel work is
@@ -84,54 +87,53 @@ def run_sweep(
         retry: Whether to repeat failed trials.
         say: Called with a sentence for each result.
     """
-    records = {number: record for number, trial in enumerate(trials) if (record := done(trial, retry)) is not None}
-    waiting = [number for number in range(len(trials)) if number not in records]
+    results = {number: result for number, trial in enumerate(trials) if (result := read_result(trial, retry))}
+    waiting = [number for number in range(len(trials)) if number not in results]
     measuring = probes([trials[number] for number in waiting], workers, trials[0].folder) if waiting else []
     jobs: list[Trial | Probe] = [*measuring, *(trials[number] for number in waiting)]
     costs: dict[int, Cost | None] = {}
-    clock = SweepProgress([trials[number].config for number in waiting], workers, len(trials))
+    progress = SweepProgress([trials[number].config for number in waiting], workers, len(trials))
     if others := count_other_code(trials):
         say(f"{others} of these trials have results by other code of nas_data, which are kept and not used")
-    say(clock.begin(sum("failed" in record for record in records.values())))
+    say(progress.begin(sum(result.failed is not None for result in results.values())))
     if measuring:
         say(f"first a short training with {workers} workers and with one, to see what another costs")
-    for place, found in executor(do_job, jobs, workers, order(len(measuring), len(jobs))):
-        if place < len(measuring):
-            costs[place] = found
+    for index, found in executor(do_job, jobs, workers, order(len(measuring), len(jobs))):
+        if index < len(measuring):
+            costs[index] = found
             if len(costs) == len(measuring):
                 keep(trials[0].folder, inflation_of([costs[probe] for probe in range(len(measuring))]))
         else:
-            number = waiting[place - len(measuring)]
-            records[number] = found
-            say(clock.tell(trials[number].config, found))
-    return [records[number] for number in range(len(trials))]
+            number = waiting[index - len(measuring)]
+            results[number] = found
+            say(progress.describe(trials[number].config, found))
+    return [results[number] for number in range(len(trials))]
 
 
 def do_job(job: Trial | Probe) -> Any:
-    """Do a trial, or measure; returns a record or a cost."""
+    """Do a trial, or measure a probe; return a result or a cost."""
     return cost(job) if isinstance(job, Probe) else do_trial(job)
 
 
-def done(trial: Trial, retry: bool) -> Record | None:
-    """Return a trial's stored result; None if there is no valid one, or if a failed one shall be repeated."""
+def read_result(trial: Trial, retry: bool) -> TrialResult | None:
+    """Return a trial's stored result; None if there is no valid one, or a failed one is to be repeated."""
     try:
         record = json.loads(trial.path.read_text(encoding="utf-8"))
+        result = from_json(TrialResult, record)
     except (OSError, ValueError):
         return None
-    if not isinstance(record, dict) or record.get("question") != trial.question:
-        return None
-    return None if retry and "failed" in record else record
+    return None if record.get("question") != trial.question or (retry and result.failed) else result
 
 
 def count_other_code(trials: Sequence[Trial]) -> int:
-    """Return how many of some trials have a result by other code, or by code that is not known."""
+    """Return the number of trials with a result by other code, or by unknown code."""
     asked = {spell(trial.question): trial.code for trial in trials}
     found = [read_question(path) for path in visible(trials[0].folder / TRIALS, "*.json")]
     return len({key for question in found if (key := spell(question)) in asked and question.get("code") != asked[key]})
 
 
-def read_question(path: Path) -> Record:
-    """Return what a result is the answer to; nothing where that cannot be read."""
+def read_question(path: Path) -> Mapping[str, object]:
+    """Return the question of a stored result; empty if it is damaged."""
     try:
         question = json.loads(path.read_text(encoding="utf-8"))["question"]
     except (OSError, ValueError, LookupError, TypeError):
@@ -139,13 +141,59 @@ def read_question(path: Path) -> Record:
     return question if isinstance(question, dict) else {}
 
 
-def spell(question: Record) -> str:
+def spell(question: Mapping[str, object]) -> str:
     """Return a question as text, without its code."""
     return json.dumps({key: value for key, value in question.items() if key != "code"}, sort_keys=True)
 
 
+class SweepProgress:
+    """Progress of a sweep: each result as it arrives, and the remaining time."""
+
+    def __init__(self, waiting: Sequence[Config], workers: int, total: int) -> None:
+        """Start counting.
+
+        Args:
+            waiting: Trials to run.
+            workers: Number of parallel trials.
+            total: Number of trials of the sweep, finished ones included.
+        """
+        self.waiting = list(waiting)
+        self.workers = max(1, min(workers, len(waiting)))
+        self.total = total
+        self.took: dict[str, list[float]] = defaultdict(list)
+
+    def begin(self, failed: int) -> str:
+        """Return the number of trials to run as text."""
+        before = self.total - len(self.waiting)
+        known = f"{before} of {self.total} trials were done before" if before else f"{self.total} trials"
+        again = f" ({failed} of them failed; --retry does them again)" if failed else ""
+        return f"{known}{again}; {len(self.waiting)} to do with {self.workers} worker{'s' * (self.workers > 1)}"
+
+    def describe(self, config: Config, result: TrialResult) -> str:
+        """Return a trial's result, the number of finished trials, and the remaining time as text."""
+        self.waiting.remove(config)
+        seconds = result.wall_seconds
+        self.took[config.kind].append(seconds)
+        found = f"failed: {result.failed}" if result.failed else format_error(config.kind, result)
+        left = f", about {spoken(self.left())} left" if self.waiting else ""
+        head = f"{self.total - len(self.waiting)} of {self.total}: {config.kind}, {config.amount}, seed {config.seed}"
+        return f"{head}: {found} ({seconds:.0f} s{left})"
+
+    def left(self) -> float:
+        """Return the remaining time [s], estimated from finished trials of each kind."""
+        every = [seconds for took in self.took.values() for seconds in took]
+        return sum(float(np.mean(self.took.get(c.kind) or every)) for c in self.waiting) / self.workers
+
+
+def format_error(kind: str, result: TrialResult) -> str:
+    """Return the errors of a trial's own predictor as text."""
+    loop, step = (result.error(way, kind) for way in ("open_loop", "one_step"))
+    text = result.shown.text
+    return f"open loop {text(loop, 3) if np.isfinite(loop) else 'diverged'}, one step {text(step, 4)}"
+
+
 @contextmanager
-def open_sweep(folder: Path, identity: dict[str, object]) -> Iterator[None]:
+def open_sweep(folder: Path, identity: Mapping[str, object]) -> Iterator[None]:
     """Lock a sweep's folder: a new one, or that of the same sweep.
 
     Raises:
@@ -164,7 +212,7 @@ def open_sweep(folder: Path, identity: dict[str, object]) -> Iterator[None]:
         shutil.rmtree(folder / UNFINISHED, ignore_errors=True)
 
 
-def check_same(folder: Path, identity: dict[str, object]) -> None:
+def check_same(folder: Path, identity: Mapping[str, object]) -> None:
     """Raise OutputExists if a folder holds another sweep or something else."""
     entries = {path.name for path in folder.iterdir()} - {LOCK, UNFINISHED} if folder.is_dir() else set()
     if not entries and not folder.is_file():
@@ -180,5 +228,5 @@ def check_same(folder: Path, identity: dict[str, object]) -> None:
 
 
 def short(value: object) -> str:
-    """Return a value as it can be told apart, hashes by their beginning."""
+    """Return a value for an error message; hashes are shortened."""
     return value[:8] if isinstance(value, str) else "none" if value is None else str(value)

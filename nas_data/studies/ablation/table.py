@@ -1,4 +1,4 @@
-"""The table of a sweep: median and spread over seeds, the baselines below."""
+"""Table of a sweep: median and spread over seeds, with the baselines in the last rows."""
 
 import math
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ HEADERS = ("learned", "from", "seeds", "open loop: median", "min … max", "one 
 
 
 def rows(summary: SweepSummary) -> list[tuple[str, ...]]:
-    """Return the rows of the table, errors in the unit in which they are shown."""
+    """Return the rows of the table, errors in their display unit."""
     learned = [
         (find_kind(kind).label, cell.text, *cells(cell.errors["open_loop"], cell.errors["one_step"], summary.shown))
         for kind, found in summary.cells.items()
@@ -26,12 +26,12 @@ def rows(summary: SweepSummary) -> list[tuple[str, ...]]:
 
 
 def cells(open_loop: Spread, one_step: Spread, unit: JointUnit) -> tuple[str, ...]:
-    """Return seeds, then median and ends of both errors."""
+    """Return the number of seeds, and median and extremes of both errors."""
     return (str(len(open_loop.values)), *format_median(open_loop, 3, unit), *format_median(one_step, 4, unit))
 
 
 def format_median(spread: Spread, digits: int, unit: JointUnit) -> tuple[str, str]:
-    """Return the median, and the ends where they differ, in a unit."""
+    """Return the median, and the extremes if they differ, in a unit."""
     low, high = (number(value, digits, unit) for value in spread.ends)
     return number(spread.median, digits, unit), "" if low == high else f"{low} … {high}"
 
@@ -48,7 +48,7 @@ def text(summary: SweepSummary) -> str:
 
 
 def markdown(summary: SweepSummary, notes: Sequence[str]) -> str:
-    """Return the table and some sentences as Markdown."""
+    """Return the table and notes as Markdown."""
     lines = ["| " + " | ".join(row) + " |" for row in (HEADERS, ["---"] * len(HEADERS), *rows(summary))]
     what = "degrees" if summary.shown is HINGE else "millimetres"
     head = f"Position RMSE on held-out episodes, mean of the episodes, in {what}; spread over seeds."

@@ -7,6 +7,7 @@ from nas_data.models.lstm import DynamicsModel, Kind
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.run import TrainingRun
 from nas_data.models.training import ModelTraining
+from nas_data.runs.progress import silence
 from nas_data.simulators.base import Simulator
 
 
@@ -26,8 +27,4 @@ def train(
         DatasetInvalid: there is too little to train on.
     """
     training = ModelTraining(kind, data, options, simulator, device="cpu")
-    return TrainingRun(training, folder / "training", silent).run()
-
-
-def silent(_: str) -> None:
-    """Report nothing, as several trials run at once."""
+    return TrainingRun(training, folder / "training", silence).run()

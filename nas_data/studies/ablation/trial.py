@@ -6,7 +6,6 @@ import shutil
 import tempfile
 import time
 import traceback
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -18,19 +17,20 @@ from nas_data.errors import NasError, WorkerLost
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.split import select_frames
 from nas_data.models.threads import one_thread
+from nas_data.runs.code_hash import code_hash, effect_modules
 from nas_data.runs.environment_info import commit
+from nas_data.sources import SourceModel
 from nas_data.studies.ablation.amount import Amount
-from nas_data.studies.ablation.code import trial_code
 from nas_data.studies.ablation.judging import judge
-from nas_data.studies.ablation.kinds.base import Lesson, find_kind
+from nas_data.studies.ablation.kinds.base import FOLDER, Lesson, find_kind
 from nas_data.studies.ablation.material import Content, SweepData
+from nas_data.studies.ablation.results import TrainingData, TrialResult
 from nas_data.studies.ablation.subsets import Run, draw
+from nas_data.typed_json import as_object
 from nas_data.whole_file import write_whole
 
 SCHEMA = 1
 TRIALS, UNFINISHED = "trials", ".unfinished"
-
-Record = dict[str, object]
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Config:
     held_out: float | None
 
     def to_json(self) -> dict[str, object]:
-        """Return it; without options where nothing is trained."""
+        """Return the settings for JSON; the options are null if nothing is trained."""
         options = replace(self.options, seed=self.seed)
         return {
             "kind": self.kind,
@@ -100,11 +100,23 @@ class Trial:
         return self.folder / TRIALS / f"{self.key}.json"
 
 
-def do_trial(trial: Trial) -> Record:
-    """Do a trial and write its result; one that cannot be done is recorded with the reason.
+def trial_code(kind: str, source: SourceModel | None) -> str:
+    """Return the hash of the code that draws the subset, learns from it and evaluates the result.
+
+    Args:
+        kind: Name of the kind.
+        source: Plain source; None if there is none.
+    """
+    effects = effect_modules() if find_kind(kind).names else ()  # every effect that may be named
+    moves = () if source is None else source.modules()
+    return code_hash(__name__, f"nas_data.{FOLDER}.{kind}", *moves, *effects)
+
+
+def do_trial(trial: Trial) -> TrialResult:
+    """Do a trial and write its result; if it fails, the result says why.
 
     Raises:
-        DatasetInvalid: the data are no longer those that the sweep began with.
+        DatasetInvalid: the data changed since the sweep began.
         WorkerLost: this process has other code than the one that began the sweep.
     """
     trial.material.check(trial.content)
@@ -114,25 +126,25 @@ def do_trial(trial: Trial) -> Record:
     folder = Path(tempfile.mkdtemp(prefix=f"{trial.key}-", dir=workplace))
     wall, cpu = time.perf_counter(), time.process_time()
     try:
-        found: Mapping[str, object] = learn_and_judge(trial, folder)
-    except Exception as error:  # whatever it is, the other trials of a sweep of hours can go on
+        found = learn_and_judge(trial, folder)
+    except Exception as error:  # the other trials of the sweep go on, whatever the error
         found = failure(error)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-    record: Record = {
-        "question": trial.question,
-        **found,
-        "commit": commit(),
-        "packages": package_versions(),
-        "wall_seconds": time.perf_counter() - wall,
-        "cpu_seconds": time.process_time() - cpu,
-    }
+    result = replace(
+        found,
+        commit=commit(),
+        packages=package_versions(),
+        wall_seconds=time.perf_counter() - wall,
+        cpu_seconds=time.process_time() - cpu,
+    )
+    record = {"question": trial.question, **as_object(result)}
     write_whole(trial.path, (json.dumps(record, indent=1, allow_nan=False) + "\n").encode())
-    return record
+    return result
 
 
 def check_code(trial: Trial) -> None:
-    """Refuse to do a trial by other code than its result would be filed under.
+    """Refuse a trial if this process has other code than the one that began the sweep.
 
     Raises:
         WorkerLost: the code was edited since the sweep began, or another machine has another version.
@@ -144,42 +156,41 @@ def check_code(trial: Trial) -> None:
         )
 
 
-def failure(error: Exception) -> Record:
-    """Return an error as a sentence; one that is no user's fault with its traceback."""
+def failure(error: Exception) -> TrialResult:
+    """Return the result of a failed trial, with the traceback of an unexpected error."""
     if isinstance(error, NasError):
-        return {"failed": str(error)}
+        return TrialResult(failed=str(error))
     text = " ".join(str(error).split()).rstrip(".") or "no reason given"
-    return {"failed": f"{type(error).__name__}: {text}.", "traceback": traceback.format_exception(error)}
+    lines = tuple(traceback.format_exception(error))
+    return TrialResult(failed=f"{type(error).__name__}: {text}.", traceback=lines)
 
 
-def learn_and_judge(trial: Trial, folder: Path) -> Record:
-    """Draw the subset, learn from it, predict what was held out.
+def learn_and_judge(trial: Trial, folder: Path) -> TrialResult:
+    """Draw the subset, learn from it, and predict the held-out episodes.
 
     Args:
-        trial: What to do.
+        trial: The trial.
         folder: Empty folder for working files.
     """
     lesson, held, runs = prepare(trial, folder)
+    data = lesson.data
     with one_thread(), threadpool_limits(1):
         learned = find_kind(trial.config.kind).learn(lesson)
-        errors = judge(trial.config.kind, learned, lesson.source, held)
-    return {
-        "training_data": {
-            "episodes": len(runs),
-            "frames": lesson.data.n_frames,
-            "minutes": lesson.data.n_frames / lesson.data.fps / 60,
-            "runs": runs,
-        },
-        **errors,
-        **(learned.named.to_json() if learned.named else {}),
-    }
+        judged = judge(trial.config.kind, learned, lesson.source, held)
+    named = learned.named
+    return replace(
+        judged,
+        training_data=TrainingData(len(runs), data.n_frames, data.n_frames / data.fps / 60, tuple(runs)),
+        effects=tuple(effect.to_json() for effect in named.effects) if named else None,
+        retuned=dict(named.retuned) if named else None,
+    )
 
 
 def prepare(trial: Trial, folder: Path) -> tuple[Lesson, Dataset, list[Run]]:
-    """Return what a trial learns from, the transitions that judge, and the subset's runs of rows.
+    """Return the input of a kind, the held-out transitions, and the runs of frames of the subset.
 
     Args:
-        trial: What to do.
+        trial: The trial.
         folder: Empty folder for working files.
     """
     config, material = trial.config, trial.material

@@ -1,4 +1,4 @@
-"""The files in which a sweep ends: `ablation.json`, the table as Markdown, and the figure."""
+"""Result files of a sweep: `ablation.json`, the table as Markdown, and the figure."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -18,16 +18,16 @@ TABLE, FIGURE = "ablation.md", "ablation.png"
 
 
 def write(folder: Path, summary: SweepSummary, more: Mapping[str, object], notes: Sequence[str]) -> dict[str, Path]:
-    """Write all three; the figure only where a trial succeeded.
+    """Write all three; the figure only if a trial succeeded.
 
     Args:
-        folder: The sweep's.
-        summary: What was found.
+        folder: Folder of the sweep.
+        summary: Its summary.
         more: Further entries of the JSON file.
         notes: Sentences below the table.
 
     Returns:
-        The files by what they are.
+        The files by kind.
     """
     files = {"result": folder / JSON, "table": folder / TABLE}
     content = finite({"schema": 1, **summary.to_json(), **more})

@@ -1,11 +1,9 @@
-"""The demo's third stage: φ and ψ learn side by side, and are compared with the names on fresh episodes."""
+"""Third stage of the demo: φ and ψ are trained in parallel, and compared with the names on held-out episodes."""
 
 import json
 import os
-import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from safetensors.numpy import load_file, save
@@ -17,13 +15,14 @@ from nas_data.models.evaluation import MODEL, Evaluation, evaluate
 from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions
 from nas_data.runs.parallel import run_jobs
-from nas_data.runs.stages import INDENT, Report, StageResult
+from nas_data.runs.progress import Report, say
+from nas_data.runs.stages import INDENT, StageResult
 from nas_data.sources import find_source
 from nas_data.studies.demo.naming import named_dynamics
 from nas_data.studies.demo.plan import Demo
 from nas_data.studies.demo.recording import HELDOUT, TRAIN, newest
 from nas_data.studies.experiments.pipeline.learning import ModelJob, train_model
-from nas_data.studies.experiments.pipeline.trajectories import PREDICTORS, compare_models
+from nas_data.studies.experiments.pipeline.trajectories import PREDICTORS, combine, compare_models
 from nas_data.whole_file import write_whole
 
 FOLDERS: dict[Kind, str] = {"delta": "models/phi", "forward": "models/psi"}
@@ -32,26 +31,25 @@ ERRORS = "models/errors.json"
 NAMES = "source + names"
 SHOWN = (*MODEL.values(), NAMES, *PREDICTORS[len(MODEL) :])  # in the order of tables
 
-Kept = TypeVar("Kept")
 ErrorTable = dict[str, dict[str, float]]
 """RMSE [rad] by predictor, then by joint; `all` is over all joints."""
 
 
 def learn(job: ModelJob) -> list[dict[str, float]]:
-    """Train one of the two models, and say which it is."""
+    """Train one of the two models; its name is part of each progress line."""
     return train_model(job, reporter("φ" if job.kind == "delta" else "ψ"))
 
 
 def reporter(name: str) -> Report:
-    """Return a report that says which of the two models, trained side by side, a line is about."""
-    return lambda line: print(f"{INDENT}{name}  {line}", file=sys.stderr, flush=True)
+    """Return a report that prints the model's name in each line."""
+    return lambda line: say(f"{INDENT}{name}  {line}")
 
 
 def learn_models(demo: Demo) -> StageResult:
-    """Train both models and compare them, and the source with the names, on the held-out episodes."""
+    """Train both models, and compare them and the source with named effects on the held-out episodes."""
     train, heldout = newest(demo, TRAIN), newest(demo, HELDOUT)
     options: dict[Kind, TrainingOptions] = {"delta": demo.plan.delta, "forward": demo.plan.forward}
-    threads = 1 if cores() > 1 else None  # side by side, a core each
+    threads = 1 if cores() > 1 else None  # one core for each model
     jobs = [ModelJob(kind, train, options[kind], demo.folder / FOLDERS[kind], threads) for kind in FOLDERS]
     histories = {jobs[number].kind: rows for number, rows in run_jobs(learn, jobs, cores())}
     dataset = read(heldout)
@@ -76,24 +74,19 @@ def learn_models(demo: Demo) -> StageResult:
 
 
 def with_names(evaluation: Evaluation, named: Evaluation) -> Evaluation:
-    """Return an evaluation with the source that has the names beside the others.
+    """Return an evaluation that includes the source with named effects.
 
     Args:
-        evaluation: Of φ, ψ and what needs no learning.
-        named: Of the source with the names, on the same episodes.
+        evaluation: Evaluation of φ, ψ and the baselines.
+        named: Evaluation of the source with named effects, on the same episodes.
     """
-
-    def merge(others: Mapping[str, Kept], own: Mapping[str, Kept]) -> dict[str, Kept]:
-        both = {**others, NAMES: own["source"]}
-        return {name: both[name] for name in SHOWN if name in both}
-
-    left = {NAMES: named.diverged["source"]} if "source" in named.diverged else {}
-    return Evaluation(
-        merge(evaluation.one_step, named.one_step),
-        merge(evaluation.open_loop, named.open_loop),
-        merge(evaluation.rollouts, named.rollouts),
-        {**evaluation.diverged, **left},
+    renamed = Evaluation(
+        {NAMES: named.one_step["source"]},
+        {NAMES: named.open_loop["source"]},
+        {NAMES: named.rollouts["source"]},
+        {NAMES: named.diverged["source"]} if "source" in named.diverged else {},
     )
+    return combine(renamed, evaluation, SHOWN)
 
 
 def table_of(errors: Mapping[str, Errors]) -> ErrorTable:
@@ -102,13 +95,13 @@ def table_of(errors: Mapping[str, Errors]) -> ErrorTable:
 
 
 def load_errors(path: Path) -> dict[str, ErrorTable]:
-    """Return the errors of one step and in open loop that the stage kept."""
+    """Return the stored one-step and open-loop errors."""
     errors: dict[str, ErrorTable] = json.loads(path.read_text(encoding="utf-8"))
     return errors
 
 
 def save_rollouts(evaluation: Evaluation, dataset: Dataset, path: Path) -> None:
-    """Keep the positions [rad] of every open-loop rollout for the pictures, each predictor's of shape (E, T, n)."""
+    """Store the positions [rad] of all open-loop rollouts for the charts, shape (E, T, n) for each predictor."""
     n = len(dataset.joints)
     rows = list(dataset.episodes())
     curves = {"measured": [dataset.next_states[row] for row in rows], **evaluation.rollouts}
@@ -117,11 +110,11 @@ def save_rollouts(evaluation: Evaluation, dataset: Dataset, path: Path) -> None:
 
 
 def load_rollouts(path: Path) -> dict[str, np.ndarray]:
-    """Return positions [rad] of shape (E, T, n): measured, and by predictor in the order of tables."""
+    """Return the stored positions [rad], shape (E, T, n): measured, then by predictor in the order of tables."""
     kept = load_file(path)
     return {name: kept[name] for name in ("measured", *SHOWN) if name in kept}
 
 
 def cores() -> int:
-    """Return how many cores this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0))

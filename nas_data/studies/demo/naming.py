@@ -1,4 +1,4 @@
-"""The demo's second stage: `nas gap` names the missing effects from the recording alone."""
+"""Second stage of the demo: `nas gap` names the missing effects from the recording alone."""
 
 import textwrap
 from dataclasses import replace
@@ -14,7 +14,7 @@ from nas_data.gap.showing.page_words import effect_title, join_items
 from nas_data.gap.summary import shrinking, summary
 from nas_data.gap.workflow import investigate
 from nas_data.gap.write_model import EFFECTS
-from nas_data.policies.ppo import Calm
+from nas_data.runs.progress import Calm
 from nas_data.runs.stages import INDENT, WIDTH, StageResult
 from nas_data.studies.demo.plan import Demo
 from nas_data.studies.demo.recording import DATASETS, TRAIN, newest

@@ -1,4 +1,4 @@
-"""The demo's last stage: one page with charts, tables, and what they rest on."""
+"""Last stage of the demo: a page with charts, tables, and the facts behind them."""
 
 from collections.abc import Mapping, Sequence
 
@@ -34,7 +34,7 @@ LEAD = (
     "A simulator of a robot arm is never quite right. From recordings of the arm, a network φ learns what it gets "
     "wrong, nas gap can name what it lacks, and policies then learn in the corrected simulator."
 )
-LEARNERS = ("source", "source + φ", "ψ", NAMES)  # whose trajectories are drawn; hold and command are in the tables
+LEARNERS = ("source", "source + φ", "ψ", NAMES)  # predictors in the trajectory chart; hold and command are in tables
 
 
 def write_page(demo: Demo) -> StageResult:
@@ -59,17 +59,17 @@ def write_page(demo: Demo) -> StageResult:
 
 
 def joints_with(plan: DemoPlan, effect: str) -> list[str]:
-    """Return the joints of the target that an effect sits in."""
+    """Return the joints in which the target has an effect."""
     return [item.joint for item in plan.task.effects(plan.dynamics) if item.name() == effect and item.joint]
 
 
 def in_short(demo: Demo) -> list[str]:
-    """Return what the stages came to, whoever comes off best."""
+    """Return the summaries of the stages."""
     return [line for name in ("names", "models", "policies") for line in read_stage(name, demo.folder).summary]
 
 
 def about(plan: DemoPlan) -> list[str]:
-    """Return what was done, in plain words."""
+    """Return a description of the demo."""
     play, slow = joints_with(plan, "backlash"), joints_with(plan, "speed_limit")
     held = ", ".join(f"{hold:g}" for hold in plan.holds)
     return [
@@ -87,7 +87,7 @@ def about(plan: DemoPlan) -> list[str]:
 
 
 def names_blocks(demo: Demo) -> list[Block]:
-    """Return what `nas gap` found, beside what hides there, and how the gap shrinks."""
+    """Return the effects that `nas gap` named beside the hidden ones, and the errors before and after."""
     folder = demo.folder / GAP
     if named_dynamics(demo) is None:
         asked = "Nothing was named and nothing retuned." if demo.plan.named else "Not searched for: nas demo --names."
@@ -110,7 +110,7 @@ def names_blocks(demo: Demo) -> list[Block]:
 
 
 def names_table(plan: DemoPlan, report: GapReport) -> HtmlTable:
-    """Return a row for each effect that hides in the target or was named."""
+    """Return a table with a row for each hidden or named effect."""
     hidden = {(effect.name(), effect.joint): effect for effect in plan.task.effects(plan.dynamics)}
     named = {(effect.name, effect.joint): effect for effect in report.effects}
     rows = []
@@ -135,7 +135,7 @@ def names_table(plan: DemoPlan, report: GapReport) -> HtmlTable:
 
 
 def predictions(demo: Demo) -> Chart:
-    """Return the chart of one joint of one episode, both chosen by a rule."""
+    """Return the chart of one joint in one episode; the caption says how both are chosen."""
     plan, curves = demo.plan, load_rollouts(demo.folder / ROLLOUTS)
     joints = plan.task.joints
     candidates = [joints.index(joint) for joint in joints_with(plan, "backlash")]
@@ -159,7 +159,7 @@ def predictions(demo: Demo) -> Chart:
 
 
 def errors_blocks(demo: Demo) -> list[Block]:
-    """Return how errors grow over a rollout, and the tables of errors."""
+    """Return the chart of errors over a rollout, and the tables of errors."""
     curves = load_rollouts(demo.folder / ROLLOUTS)
     n = len(demo.plan.task.joints)
     measured = curves.pop("measured")
@@ -194,14 +194,14 @@ def errors_blocks(demo: Demo) -> list[Block]:
 
 
 def error_table(errors: Mapping[str, Mapping[str, float]], note: str) -> HtmlTable:
-    """Return RMSE in degrees: a row a predictor, a column a joint, all joints last."""
+    """Return a table of RMSE in degrees: a row for each predictor, a column for each joint, all joints last."""
     headers = ["", *next(iter(errors.values()))]
     rows = [(name, *(f"{np.degrees(value):.2f}" for value in row.values())) for name, row in errors.items()]
     return HtmlTable(headers, rows, note)
 
 
 def policies_blocks(demo: Demo, runs: Runs) -> Sequence[Block]:
-    """Return what is asked of the policies, how they learned and how they do on the target."""
+    """Return the task of the policies, their learning curves and their scores on the target."""
     plan, groups = demo.plan, runs.groups()
     task = Text(
         "The task: bring the tip of the arm to a random point within a second. The reward of each step is minus the "
@@ -225,7 +225,7 @@ def policies_blocks(demo: Demo, runs: Runs) -> Sequence[Block]:
 
 
 def facts(demo: Demo) -> dict[str, str]:
-    """Return what the page rests on: machine, times, data, seeds, versions."""
+    """Return the facts behind the page: machine, times, data, seeds, versions."""
     plan, machine = demo.plan, hardware()
     stages = {name: read_stage(name, demo.folder) for name in ("record", "names", "models", "policies")}
     versions = machine["versions"]

@@ -1,44 +1,22 @@
-"""The demo's stages in their order; what a stage needs is imported when it has something to do."""
+"""Stages of the demo."""
 
+from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 
-from nas_data.runs.stages import Done, Report, Stage, StageResult, run_stages
+from nas_data.runs.progress import Report
+from nas_data.runs.stages import Done, Stage, StageResult, run_stages
 from nas_data.studies.demo.plan import Demo, DemoPlan
 
 
-def record(demo: Demo) -> StageResult:
-    """Do the first stage."""
-    from nas_data.studies.demo.recording import record_pairs
+def late(module: str, function: str) -> Callable[[Demo], StageResult]:
+    """Return the function of a stage; its module, with heavy libraries, is imported when the stage runs."""
 
-    return record_pairs(demo)
+    def run(demo: Demo) -> StageResult:
+        result: StageResult = getattr(import_module(f"nas_data.studies.demo.{module}"), function)(demo)
+        return result
 
-
-def name_gap(demo: Demo) -> StageResult:
-    """Do the second stage."""
-    from nas_data.studies.demo.naming import name_effects
-
-    return name_effects(demo)
-
-
-def learn_gap(demo: Demo) -> StageResult:
-    """Do the third stage."""
-    from nas_data.studies.demo.learning import learn_models
-
-    return learn_models(demo)
-
-
-def learn_task(demo: Demo) -> StageResult:
-    """Do the fourth stage."""
-    from nas_data.studies.demo.policies import learn_policies
-
-    return learn_policies(demo)
-
-
-def show(demo: Demo) -> StageResult:
-    """Do the last stage."""
-    from nas_data.studies.demo.page import write_page
-
-    return write_page(demo)
+    return run
 
 
 STAGES = (
@@ -48,7 +26,7 @@ STAGES = (
         "An arm of six servos (Poppy Ergo Jr) is moved to random targets and measured. It stands in for a real robot: "
         "two of its joints have play and its servos have a speed limit, of which the plain simulator knows nothing. "
         "That simulator is then set to every measured state and asked where the same command would lead.",
-        record,
+        late("recording", "record_pairs"),
         ("datasets",),
     ),
     Stage(
@@ -57,7 +35,7 @@ STAGES = (
         "Where --names asks for it, `nas gap` is given episodes of the recording and the plain simulator, and is not "
         "told what differs. It finds where the two disagree, names the effects that the simulator lacks, and adds them "
         "to its model.",
-        name_gap,
+        late("naming", "name_effects"),
         ("gap",),
     ),
     Stage(
@@ -67,7 +45,7 @@ STAGES = (
         "simulator. Both are trained on their own rollouts. 'validation' is the error of such rollouts [rad]; "
         "* marks the best so far, which is kept. Then both are compared with the simulator, and "
         "with one that has the names, if any.",
-        learn_gap,
+        late("learning", "learn_models"),
         ("models",),
     ),
     Stage(
@@ -76,20 +54,20 @@ STAGES = (
         "The task is to reach a point with the arm's tip. Policies learn it by PPO on the target (expert), in the "
         "plain simulator (source), in the simulator corrected by φ (augmented), in ψ (forward) and, if there are "
         "names, in the simulator with them (named). Then each is judged on the target.",
-        learn_task,
+        late("policies", "learn_policies"),
         ("policies",),
     ),
-    Stage("page", "Show", "Charts and tables go on one page.", show, ("report.html",)),
+    Stage("page", "Show", "Charts and tables go on one page.", late("page", "write_page"), ("report.html",)),
 )
 
 
 def run_demo(plan: DemoPlan, folder: Path, report: Report) -> dict[str, Done]:
-    """Run every stage that is not done yet.
+    """Run the unfinished stages.
 
     Args:
-        plan: Sizes.
-        folder: Where everything goes; a finished stage in it is kept.
-        report: Told of progress in lines for people.
+        plan: Sizes of the demo.
+        folder: Folder of all results; finished stages are kept.
+        report: Called with lines of progress.
 
     Raises:
         OutputExists: the folder holds something else, or a demo of other sizes.

@@ -1,4 +1,4 @@
-"""The demo's fourth stage: policies are trained on the target, the source, and the learned or named models."""
+"""Fourth stage of the demo: policies are trained on the target, the source, and the learned or named models."""
 
 import json
 from pathlib import Path

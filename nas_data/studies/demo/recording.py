@@ -1,4 +1,4 @@
-"""The demo's first stage: recordings of the target, paired with the source's predictions."""
+"""First stage of the demo: recordings of the target, paired with the source's predictions."""
 
 from pathlib import Path
 

@@ -132,11 +132,6 @@ class Experiment:
     methods: tuple[str, ...] = ()
 
 
-def experiments() -> tuple[str, ...]:
-    """Return the names of all experiments."""
-    return registry.names(FOLDER)
-
-
 def find_experiment(name: str) -> Experiment:
     """Return an experiment by its name.
 

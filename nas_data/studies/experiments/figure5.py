@@ -2,12 +2,11 @@
 
 from nas_data.environment_ids import environment_name
 from nas_data.envs.base import find_task_file
-from nas_data.policies.intervals import median_interval
-from nas_data.reports.experiment_figures import Panel, returns_by_method
+from nas_data.reports.experiment_figures import returns_by_method
 from nas_data.reports.style import to_png
 from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request
-from nas_data.studies.experiments.pipeline.authors import RETURNS, remarks
-from nas_data.studies.experiments.pipeline.compare_methods import compare_methods, describe, table
+from nas_data.studies.experiments.pipeline.authors import remarks
+from nas_data.studies.experiments.pipeline.compare_methods import compare_methods, describe, panel, table
 
 
 def run(request: Request) -> ExperimentResult:
@@ -19,16 +18,7 @@ def run(request: Request) -> ExperimentResult:
         frames, judged = comparison.study.frames, comparison.study.episodes
         title = f"{name}, {request.target_text}: return on the target, {frames:,} frames, {judged} episodes a policy"
         tables.append(table(material, comparison, title))
-        authors = RETURNS.get(find_task_file(environment), {})
-        returns = {method: comparison.values(method) for method in comparison.study.methods}
-        panels.append(
-            Panel(
-                name,
-                returns,
-                {method: median_interval(values) for method, values in returns.items()},
-                {method: numbers.values for method, numbers in authors.items()},
-            )
-        )
+        panels.append(panel(comparison, name))
         data[name] = describe(material, comparison)
     picture = to_png(returns_by_method(panels, "mean return on the target", request.sizes.quick))
     return ExperimentResult(tables, remarks(request.environments), {"environments": data}, {"": picture})

@@ -8,13 +8,13 @@ import numpy as np
 
 from nas_data.envs.base import find_task_file
 from nas_data.errors import OptionError
-from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Comparison, number
+from nas_data.policies.compare import EXPERT_METHOD, SOURCE_METHOD, Comparison
 from nas_data.policies.evaluate import summarise_spread
 from nas_data.policies.intervals import kind_of, median_text
-from nas_data.policies.watching import spoken
 from nas_data.reports.experiment_figures import return_over_count
 from nas_data.reports.style import to_png
 from nas_data.runs.parallel import run_jobs
+from nas_data.runs.progress import spoken
 from nas_data.runs.stages import INDENT
 from nas_data.studies.ablation.summary import ENOUGH
 from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request, ResultTable
@@ -25,6 +25,7 @@ from nas_data.studies.experiments.pipeline.dynamics import dynamics_of
 from nas_data.studies.experiments.pipeline.sample_size import LEARNED, LEARNED_ON, CountJob, do_count
 from nas_data.studies.experiments.pipeline.stages import describe_stages
 from nas_data.studies.experiments.pipeline.table_notes import NAS, on_intervals
+from nas_data.typed_json import to_json
 
 ENDS = (EXPERT_METHOD, SOURCE_METHOD)  # lower and upper reference of the curves
 ONE_RECORDING = (
@@ -123,14 +124,15 @@ def sweep(
     returns = {method: np.full((len(counts), len(sizes.seeds)), np.nan) for method in methods}
     runs: list[dict[str, object]] = []
     began = time.monotonic()
-    for done, (place, records) in enumerate(run_jobs(do_count, jobs, request.workers), start=1):
-        job = jobs[place]
-        for method, record in records.items():
-            returns[method][counts.index(job.count), sizes.seeds.index(job.seed)] = number(record, "return")
-            took = {key: record[key] for key in ("learning_seconds", "wall_seconds", "cpu_seconds", "judging")}
-            runs.append({"method": method, "count": job.count, "seed": job.seed, **took})
+    for done, (index, results) in enumerate(run_jobs(do_count, jobs, request.workers), start=1):
+        job = jobs[index]
+        for method, (result, seconds) in results.items():
+            returns[method][counts.index(job.count), sizes.seeds.index(job.seed)] = result.score.mean_return
+            took = {key: to_json(getattr(result, key)) for key in ("wall_seconds", "cpu_seconds", "judging")}
+            identity = {"method": method, "count": job.count, "seed": job.seed}
+            runs.append({**identity, "learning_seconds": seconds, **took})
         left = (time.monotonic() - began) / done * (len(jobs) - done)
-        reached = ", ".join(f"{method} {number(record, 'return'):.2f}" for method, record in records.items())
+        reached = ", ".join(f"{method} {result.score.mean_return:.2f}" for method, (result, _) in results.items())
         told = f"{done} of {len(jobs)}: {job.count} trajectories, seed {job.seed}: return {reached}"
         request.report(f"{INDENT}{told}, about {spoken(left)} left")
     return returns, runs

@@ -4,13 +4,12 @@ from dataclasses import replace
 
 from nas_data.environment_ids import environment_name
 from nas_data.envs.base import find_task_file
-from nas_data.policies.intervals import median_interval
-from nas_data.reports.experiment_figures import Panel, returns_by_method
+from nas_data.reports.experiment_figures import returns_by_method
 from nas_data.reports.style import to_png
 from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request
 from nas_data.studies.experiments.pipeline.artifacts import NAMES
-from nas_data.studies.experiments.pipeline.authors import RETURNS, remarks
-from nas_data.studies.experiments.pipeline.compare_methods import compare_methods, describe, table
+from nas_data.studies.experiments.pipeline.authors import remarks
+from nas_data.studies.experiments.pipeline.compare_methods import compare_methods, describe, panel, table
 from nas_data.studies.experiments.pipeline.methods import METHODS
 from nas_data.studies.experiments.pipeline.sequence import predict_heldout
 
@@ -34,10 +33,7 @@ def run(request: Request) -> ExperimentResult:
         frames = comparison.study.frames
         title = f"{name}, {request.target_text}: mean return of an episode on the target, {frames:,} frames"
         tables.append(table(material, comparison, title))
-        returns = {method: comparison.values(method) for method in comparison.study.methods}
-        intervals = {method: median_interval(values) for method, values in returns.items()}
-        authors = {method: numbers.values for method, numbers in RETURNS.get(find_task_file(environment), {}).items()}
-        panels.append(Panel(name, returns, intervals, authors))
+        panels.append(panel(comparison, name))
         data[name] = {**describe(material, comparison), "response": found.describe()}
     picture = to_png(returns_by_method(panels, "mean return of an episode", request.sizes.quick))
     return ExperimentResult(tables, notes, {"environments": data}, {"": picture, **pictures})

@@ -13,6 +13,7 @@ from nas_data.models.presets import preset
 from nas_data.models.run import TrainingRun
 from nas_data.models.training import ModelTraining
 from nas_data.pairing import pair
+from nas_data.runs.progress import silence
 from nas_data.simulators.mujoco import MujocoSimulator
 
 # free running for about a minute on one core, in smaller steps than the preset's; the closed-form shortcut is left
@@ -27,7 +28,7 @@ def answer(dataset: Path, model: Path) -> Claim:
     options = preset("fast", **SMALL)
     training = ModelTraining("delta", pair(recorded, simulator), options, simulator)
     with tempfile.TemporaryDirectory() as folder:
-        learned = TrainingRun(training, Path(folder) / "phi", report=lambda line: None).run()
+        learned = TrainingRun(training, Path(folder) / "phi", report=silence).run()
     return Claim((), lambda commands, first: roll_out_corrected(simulator, learned, commands, first))
 
 

@@ -1,4 +1,4 @@
-"""The same drives on PyBullet's multibody: its dynamics and its integration, our servos, friction and transmissions."""
+"""A plant in PyBullet: its dynamics and integration, with our servos, friction and transmissions."""
 
 import tempfile
 from contextlib import ExitStack
@@ -10,7 +10,6 @@ from nas_data.benchmarks.blind.plants.base import Feedback, in_groups, pad_comma
 from nas_data.benchmarks.blind.plants.body import PlantBody, stack_arms
 from nas_data.benchmarks.blind.plants.motion import PlantState
 from nas_data.benchmarks.blind.plants.servo_model import LEAD, REFRESH, Drive
-from nas_data.benchmarks.blind.plants.urdf import to_urdf
 from nas_data.simulators.bullet_world import import_pybullet, silence
 
 UNBOUNDED = 1e5  # [rad/s] PyBullet's own bound, 100 rad/s, is no physics
@@ -19,7 +18,7 @@ UNBOUNDED = 1e5  # [rad/s] PyBullet's own bound, 100 rad/s, is no physics
 def simulate(
     bodies: list[PlantBody], commands: np.ndarray, starts: np.ndarray, period: float, feedback: Feedback | None
 ) -> np.ndarray:
-    """Return states (C, E, T + 1, 2n) of C arms alike under commands (E, T, n) from states (E, 2n)."""
+    """Return states (C, E, T + 1, 2n) of C similar arms under commands (E, T, n) from states (E, 2n)."""
     episodes, steps, n = commands.shape
     first = np.concatenate([starting(body, starts) for body in bodies])
     drive = Drive.of(stack_arms(bodies, episodes))
@@ -42,7 +41,7 @@ play = player(in_groups(simulate))
 
 
 def move(motion: PlantState, worlds: "list[BulletArms]", episodes: int) -> None:
-    """Move on by `REFRESH`: the drives in their small steps, then one step of each world with their mean torques."""
+    """Step by `REFRESH`: the drives in small steps, then each world once with their mean torques."""
     rows = [slice(first, first + episodes) for first in range(0, len(motion.q), episodes)]
     mass, bias = together([world.dynamics(world.v) for world in worlds])
     before, (_, middle) = motion.v, motion.middle()
@@ -50,7 +49,7 @@ def move(motion: PlantState, worlds: "list[BulletArms]", episodes: int) -> None:
         motion.advance(*together([world.dynamics(middle[part]) for world, part in zip(worlds, rows, strict=True)]))
     else:
         motion.advance(mass, bias)
-    # what the drives gave the links on average, less what their rotors took, which PyBullet knows nothing of
+    # mean torque of the drives on the links, without that on their rotors, which PyBullet does not have
     torques = (mass @ ((motion.v - before) / REFRESH)[..., None])[..., 0] + bias
     motion.q, motion.v = together([world.step(torques[part]) for world, part in zip(worlds, rows, strict=True)])
 
@@ -65,7 +64,7 @@ class BulletArms:
     """One arm per episode in one PyBullet world, where they pass through each other."""
 
     def __init__(self, body: PlantBody, starts: np.ndarray) -> None:
-        """Load the arms and put them where they start: angles [rad], then speeds [rad/s], shape (E, 2n).
+        """Load the arms in their first states: angles [rad], then speeds [rad/s], shape (E, 2n).
 
         Raises:
             MissingPackage: PyBullet is not installed.
@@ -128,3 +127,49 @@ class BulletArms:
             bullet.setJointMotorControl2(arm, joint, bullet.VELOCITY_CONTROL, force=0, physicsClientId=client)
             bullet.resetJointState(arm, joint, angle, speed, physicsClientId=client)
         return arm
+
+
+def to_urdf(body: PlantBody) -> str:
+    """Write an arm as URDF: link 0 is the fixed base, joint k carries link k; no shapes, no limits, no rotors."""
+    parts = ['<robot name="arm">', link(0, 0.0, np.zeros(3), np.zeros((3, 3)))]
+    for row in range(len(body.masses)):
+        parts.append(link(row + 1, body.masses[row], body.centres[row], body.inertias[row]))
+        parts.append(joint(row + 1, body, row))
+    return "\n".join([*parts, "</robot>"])
+
+
+def link(number: int, mass: float, centre: np.ndarray, inertia: np.ndarray) -> str:
+    """Write a link with its mass [kg], centre of mass [m] and inertia about it [kg m²], turned to principal axes."""
+    moments, axes = np.linalg.eigh(inertia)
+    axes = axes * np.sign(np.linalg.det(axes))  # a rotation, not a mirror
+    ixx, iyy, izz = (repr(float(moment)) for moment in moments)
+    return (
+        f'<link name="l{number}"><inertial>{origin(centre, axes)}<mass value="{float(mass)!r}"/>'
+        f'<inertia ixx="{ixx}" iyy="{iyy}" izz="{izz}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    )
+
+
+def joint(number: int, body: PlantBody, row: int) -> str:
+    """Write the hinge or slide that carries a link; a lower limit above the upper one is none."""
+    kind = "prismatic" if body.sliding[row] else "continuous"
+    limit = '<limit lower="1" upper="-1" effort="0" velocity="0"/>' if body.sliding[row] else ""
+    return (
+        f'<joint name="q{number}" type="{kind}"><parent link="l{number - 1}"/><child link="l{number}"/>'
+        f'{origin(body.offsets[row], body.turns[row])}<axis xyz="{numbers(body.axes[row])}"/>{limit}</joint>'
+    )
+
+
+def origin(place: np.ndarray, turn: np.ndarray) -> str:
+    """Write a place [m] and a rotation matrix as URDF's roll, pitch and yaw about fixed axes."""
+    level = float(np.hypot(turn[0, 0], turn[1, 0]))
+    pitch = np.arctan2(-turn[2, 0], level)
+    if level > 1e-9:
+        roll, yaw = np.arctan2(turn[2, 1], turn[2, 2]), np.arctan2(turn[1, 0], turn[0, 0])
+    else:  # gimbal lock: only the difference of roll and yaw is determined
+        roll, yaw = np.arctan2(-turn[1, 2], turn[1, 1]), 0.0
+    return f'<origin xyz="{numbers(place)}" rpy="{numbers(np.array([roll, pitch, yaw]))}"/>'
+
+
+def numbers(values: np.ndarray) -> str:
+    """Return numbers that read back as the same doubles."""
+    return " ".join(repr(float(value)) for value in values)

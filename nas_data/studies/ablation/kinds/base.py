@@ -80,11 +80,6 @@ class ModelKind:
     names: bool = False
 
 
-def kinds() -> tuple[str, ...]:
-    """Return the names of all kinds."""
-    return registry.names(FOLDER)
-
-
 def find_kind(name: str) -> ModelKind:
     """Return a kind by its name.
 

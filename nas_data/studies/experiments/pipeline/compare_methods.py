@@ -11,6 +11,7 @@ from nas_data.policies.intervals import kind_of, median_interval, median_text
 from nas_data.policies.learner import Hyperparameters
 from nas_data.policies.share import share_heading
 from nas_data.policies.watching import watching
+from nas_data.reports.experiment_figures import Panel
 from nas_data.runs.stages import INDENT
 from nas_data.studies.experiments.base import Request, ResultTable
 from nas_data.studies.experiments.pipeline.artifacts import Artifacts
@@ -20,6 +21,7 @@ from nas_data.studies.experiments.pipeline.methods import METHODS, needs_of, tar
 from nas_data.studies.experiments.pipeline.sizes import Sizes
 from nas_data.studies.experiments.pipeline.stages import describe_stages
 from nas_data.studies.experiments.pipeline.table_notes import describe_paired, notes
+from nas_data.typed_json import to_json
 
 
 def headers(seeds: int) -> tuple[str, ...]:
@@ -97,6 +99,14 @@ def table(material: Artifacts, comparison: Comparison, title: str) -> ResultTabl
     return ResultTable(title, headers(len(comparison.study.seeds)), rows, notes(material, comparison))
 
 
+def panel(comparison: Comparison, environment: str) -> Panel:
+    """Return the returns on an environment for the figure, with the authors' numbers next to ours."""
+    returns = {method: comparison.values(method) for method in comparison.study.methods}
+    intervals = {method: median_interval(values) for method, values in returns.items()}
+    authors = RETURNS.get(find_task_file(environment), {})
+    return Panel(environment, returns, intervals, {method: numbers.values for method, numbers in authors.items()})
+
+
 def row(comparison: Comparison, environment: str, method: str) -> Sequence[str]:
     """Return one method's row."""
     returns, closed = comparison.values(method), comparison.share_closed(method)
@@ -124,9 +134,9 @@ def describe(material: Artifacts, comparison: Comparison) -> dict[str, object]:
             "method": method,
             "seed": seed,
             "result": f"{comparison.policy_folder(method, seed).relative_to(comparison.folder)}/result.json",
-            **{key: record[key] for key in ("wall_seconds", "cpu_seconds", "judging", "diverged")},
+            **{key: to_json(getattr(result, key)) for key in ("wall_seconds", "cpu_seconds", "judging", "diverged")},
         }
-        for (method, seed), record in sorted(comparison.records.items())
+        for (method, seed), result in sorted(comparison.results.items(), key=lambda pair: pair[0])
     ]
     return {
         **comparison.describe(),

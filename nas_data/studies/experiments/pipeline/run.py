@@ -12,8 +12,7 @@ from nas_data.errors import OptionError, UnknownName
 from nas_data.runs.environment_info import commit, versions
 from nas_data.runs.parallel import combine_errors
 from nas_data.studies.experiments.base import Experiment, ExperimentResult, Request, find_experiment
-from nas_data.studies.experiments.pipeline.methods import check_methods
-from nas_data.studies.experiments.pipeline.naming import stem_of
+from nas_data.studies.experiments.pipeline.methods import METHODS, check_methods
 from nas_data.typed_json import finite
 from nas_data.whole_file import write_whole
 
@@ -135,3 +134,25 @@ def check(experiment: Experiment, request: Request) -> None:
     for option, value in (("--frames", sizes.frames), ("--workers", request.workers)):
         if value < 1:
             raise OptionError(f"{option} is {value}; it must be 1 or more.")
+
+
+def stem_of(name: str, request: Request) -> str:
+    """Return the name of an experiment's files, without their endings."""
+    names = request.environments
+    usual = len(names) > 1 and names == find_experiment(name).environments
+    quick = [request.sizes.name] if request.sizes.quick else []
+    return "-".join([name, *(() if usual else names), request.target, *quick, *part_of(request)])
+
+
+def part_of(request: Request) -> list[str]:
+    """Return words for differences from the whole experiment; none for the whole."""
+    ours, whole = request.sizes, request.whole or request.sizes
+    words = []
+    if request.methods and set(request.methods) != set(METHODS):
+        order = dict.fromkeys([*METHODS, *sorted(request.methods)])
+        words += ["methods", *(method for method in order if method in request.methods)]
+    for option in ("seeds", "counts"):
+        values = getattr(ours, option)
+        words += [option, *map(str, values)] if values != getattr(whole, option) else []
+    words += ["frames", str(ours.frames)] if ours.frames != whole.frames else []
+    return [*words, *(["ppo", ours.ppo] if ours.ppo != whole.ppo else [])]

@@ -23,16 +23,18 @@ from nas_data.gap.write_model import EFFECTS
 from nas_data.models.lstm import Kind
 from nas_data.models.presets import TrainingOptions
 from nas_data.models.split import select_frames
-from nas_data.policies.compare import Record, Run, do_run, silence
+from nas_data.policies.compare import Run, do_run
 from nas_data.policies.learner import Hyperparameters, PolicyTraining
+from nas_data.policies.result import PolicyResult
+from nas_data.runs.progress import silence
 from nas_data.studies.ablation.amount import Amount
 from nas_data.studies.ablation.subsets import draw
 from nas_data.studies.experiments.pipeline.artifacts import DATASETS, NAMED, NAMES, PHI, PHI_NAMED, PSI, Artifacts
-from nas_data.studies.experiments.pipeline.code import naming_code
 from nas_data.studies.experiments.pipeline.learning import ModelJob, read_record, train_model
 from nas_data.studies.experiments.pipeline.methods import METHODS, on_source, target
 from nas_data.studies.experiments.pipeline.pairs import pair_again
 from nas_data.studies.experiments.pipeline.sizes import FOR_FEW
+from nas_data.studies.experiments.pipeline.stages import naming_code
 from nas_data.whole_file import write_whole
 
 SUBSET = "subset"
@@ -164,13 +166,13 @@ LEARNED_ON = {name: method.learned_on for name, method in METHODS.items()} | {
 }
 
 
-def do_count(job: CountJob) -> dict[str, Record]:
+def do_count(job: CountJob) -> dict[str, tuple[PolicyResult, float]]:
     """Build the models and the policy of each method, and evaluate it; finished results are read.
 
     Returns:
-        The policy's record by method, with `learning_seconds`: time for training φ or ψ and for naming [s].
+        By method, the policy's result, and the time for training φ or ψ and for naming [s].
     """
-    records = {}
+    results = {}
     for method in job.methods:
         plant, seconds = LEARNED[method](job)
         run = Run(
@@ -182,5 +184,5 @@ def do_count(job: CountJob) -> dict[str, Record]:
             quiet=True,
             dataset=job.material.content_hash,
         )
-        records[method] = {**do_run(run), "learning_seconds": seconds}
-    return records
+        results[method] = do_run(run), seconds
+    return results

@@ -7,11 +7,13 @@ from pathlib import Path
 from nas_data.dataset import versions
 from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
+from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.gap import workflow
 from nas_data.gap.named import Named
 from nas_data.models.lstm import Kind
-from nas_data.policies.ppo import Calm
-from nas_data.runs.stages import INDENT, Report, Stage, StageResult, Work, read_done, run_stages
+from nas_data.runs.code_hash import code_hash, effect_modules, gap_modules
+from nas_data.runs.progress import Calm, Report
+from nas_data.runs.stages import INDENT, Stage, StageResult, Work, read_done, run_stages
 from nas_data.runs.stages_side_by_side import Part, do_part, run_side_by_side
 from nas_data.studies.experiments.pipeline.artifacts import (
     DATASETS,
@@ -24,12 +26,6 @@ from nas_data.studies.experiments.pipeline.artifacts import (
     TRAIN,
     Artifacts,
     MaterialPlan,
-)
-from nas_data.studies.experiments.pipeline.code import (
-    learning_code,
-    learning_on_names_code,
-    naming_code,
-    recording_code,
 )
 from nas_data.studies.experiments.pipeline.learning import ModelJob, train_model
 from nas_data.studies.experiments.pipeline.pairs import Predictor, pair_again, record_and_pair
@@ -104,6 +100,34 @@ def learn_on_names(job: Job) -> StageResult:
     pairs = pair_again(material.train, plan.source_with(material.named), NAMED, job.folder, DATASETS)
     model = ModelJob("delta", job.folder / pairs.path, plan.delta, job.folder / PHI_NAMED, job.threads)
     return run_training(model, "φ on the names", job)
+
+
+def source_modules(plan: MaterialPlan) -> tuple[str, ...]:
+    """Return the modules that determine the source's motion."""
+    return DynamicsSpec(plan.recipe.environment, plan.source).modules()
+
+
+def recording_code(plan: MaterialPlan) -> str:
+    """Return the hash of the code that records the target and pairs it with the source."""
+    recipe = plan.recipe
+    target = DynamicsSpec(recipe.environment, recipe.dynamics, engine=recipe.engine).modules()
+    return code_hash(*target, *source_modules(plan), "nas_data.studies.experiments.pipeline.pairs")
+
+
+def learning_code(plan: MaterialPlan) -> str:
+    """Return the hash of the code that trains φ and ψ."""
+    return code_hash(*source_modules(plan), "nas_data.models.run")
+
+
+def naming_code(plan: MaterialPlan) -> str:
+    """Return the hash of the code that names effects: the search and all effects."""
+    return code_hash(*source_modules(plan), *gap_modules())
+
+
+def learning_on_names_code(plan: MaterialPlan) -> str:
+    """Return the hash of the code that pairs the source with named effects, and trains φ on it."""
+    pairing = (*effect_modules(), "nas_data.gap.named", "nas_data.studies.experiments.pipeline.pairs")
+    return code_hash(*source_modules(plan), *pairing, "nas_data.models.run")
 
 
 STAGES = {  # in parallel runs, stages with dependents come first, then the longest ones

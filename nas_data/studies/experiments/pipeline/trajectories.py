@@ -1,6 +1,6 @@
-"""φ, ψ and what needs no learning, compared on the same episodes."""
+"""φ, ψ and the baselines, compared on the same episodes."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -23,16 +23,19 @@ def compare_models(dataset: Dataset, source: Simulator, delta: Path, forward: Pa
         forward: Checkpoint of ψ.
     """
     phi, psi = (checkpoint.load_frozen(checkpoint.find_checkpoint(folder)) for folder in (delta, forward))
-    first, second = evaluate(dataset, source, phi), evaluate(dataset, None, psi)
+    return combine(evaluate(dataset, source, phi), evaluate(dataset, None, psi), PREDICTORS)
+
+
+def combine(one: Evaluation, other: Evaluation, order: Sequence[str]) -> Evaluation:
+    """Return two evaluations on the same episodes as one, with its predictors in order; the first takes precedence."""
+
+    def merge(first: Mapping[str, Kept], second: Mapping[str, Kept]) -> dict[str, Kept]:
+        both = {**second, **first}
+        return {name: both[name] for name in order if name in both}
+
     return Evaluation(
-        in_order(first.one_step, second.one_step),
-        in_order(first.open_loop, second.open_loop),
-        in_order(first.rollouts, second.rollouts),
-        {**second.diverged, **first.diverged},
+        merge(one.one_step, other.one_step),
+        merge(one.open_loop, other.open_loop),
+        merge(one.rollouts, other.rollouts),
+        {**other.diverged, **one.diverged},
     )
-
-
-def in_order(one: Mapping[str, Kept], other: Mapping[str, Kept]) -> dict[str, Kept]:
-    """Return what two evaluations hold, in the order of tables."""
-    both = {**other, **one}
-    return {name: both[name] for name in PREDICTORS if name in both}

@@ -1,0 +1,85 @@
+"""Result of a policy's training and evaluation, as `result.json` holds it."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from nas_data.typed_json import as_object, from_json
+from nas_data.whole_file import write_whole
+
+RESULT = "result.json"
+
+
+@dataclass(frozen=True)
+class PolicyScore:
+    """Score over the episodes of an evaluation.
+
+    Attributes:
+        mean_return: Mean return.
+        return_median: Median return.
+        success_rate: Share of episodes that reached the goal.
+        mean_length: Mean number of control steps.
+        diverged: Number of episodes that ended because the simulation diverged.
+        episodes: Number of episodes.
+    """
+
+    mean_return: float = field(metadata={"key": "return"})
+    return_median: float
+    success_rate: float
+    mean_length: float
+    diverged: int
+    episodes: int
+
+
+@dataclass(frozen=True)
+class EvaluationTime:
+    """Wall time and processor time of an evaluation [s]."""
+
+    wall_seconds: float
+    cpu_seconds: float
+
+
+@dataclass(frozen=True)
+class DivergedEpisodes:
+    """Number of diverged episodes in the training and in the evaluation."""
+
+    learning: int
+    judging: int
+
+
+@dataclass(frozen=True)
+class PolicyResult:
+    """Result of one method with one seed.
+
+    Attributes:
+        question: What the result depends on; see `Run.question`.
+        circumstances: Versions, commit and files behind it.
+        score: Score on the target.
+        returns: Return of each episode.
+        wall_seconds: Wall time of the training [s].
+        cpu_seconds: Processor time of the training [s].
+        judging: Time of the evaluation.
+        diverged: Diverged episodes.
+    """
+
+    question: Mapping[str, object]
+    circumstances: Mapping[str, object]
+    score: PolicyScore
+    returns: tuple[float, ...]
+    wall_seconds: float
+    cpu_seconds: float
+    judging: EvaluationTime
+    diverged: DivergedEpisodes
+
+    def write(self, folder: Path) -> None:
+        """Write the result into the folder of the policy."""
+        write_whole(folder / RESULT, (json.dumps(as_object(self), indent=1) + "\n").encode())
+
+
+def read_result(folder: Path) -> PolicyResult | None:
+    """Return the result in the folder of a policy; None if there is no valid one."""
+    try:
+        return from_json(PolicyResult, json.loads((folder / RESULT).read_text(encoding="utf-8")))
+    except (OSError, ValueError):
+        return None
