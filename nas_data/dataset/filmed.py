@@ -14,6 +14,8 @@ from nas_data.dataset.carried import CarriedSource
 from nas_data.dataset.videos import VIDEO_PATH, VideoPlace
 from nas_data.errors import DatasetInvalid
 
+SHORT, LARGE = 4, 16  # [bytes] of the size of a box in an MP4 file; of a header with a 64-bit size
+
 
 class FilmedSource(CarriedSource):
     """A dataset with salvaged rows whose only pass-through features are videos."""
@@ -87,10 +89,26 @@ def frames_of(path: Path) -> int:
 
     if not path.is_file():
         raise DatasetInvalid(f"{path.name} is missing")
-    frames = 0
     try:
-        with av.open(str(path)) as container:
-            frames = container.streams.video[0].frames
-    except (av.FFmpegError, LookupError):  # a file that was cut off has no directory of its frames
-        raise DatasetInvalid(f"{path.name} is not a whole video") from None
-    return frames
+        if is_whole(path):
+            with av.open(str(path)) as container:
+                return int(container.streams.video[0].frames)
+    except (av.FFmpegError, LookupError):  # it holds no video
+        pass
+    raise DatasetInvalid(f"{path.name} is not a whole video")
+
+
+def is_whole(path: Path) -> bool:
+    """Whether the boxes of an MP4 file end where the file ends; one that was cut off may still be opened."""
+    end, length = 0, path.stat().st_size
+    with path.open("rb") as stream:
+        while end < length:
+            stream.seek(end)
+            header = stream.read(LARGE)
+            size = int.from_bytes(header[:SHORT], "big")
+            if size == 1:  # a 64-bit size follows the name
+                size = int.from_bytes(header[2 * SHORT : LARGE], "big")
+            if size < 2 * SHORT:
+                return False
+            end += size
+    return end == length

@@ -21,7 +21,7 @@ from nas_data.gap.finding.torque_off import TORQUE, run_and_fall, until_driven_a
 from nas_data.gap.gains import REGISTER, with_relative_gains
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.problem import Problem
-from nas_data.simulators.mujoco import SERVOS, MujocoSimulator
+from nas_data.simulators.mujoco import SERVO_GROUP, MujocoSimulator
 
 RESULTS = Path(__file__).parents[2] / "docs/results"
 MODEL = RESULTS / "xl330.xml"
@@ -135,7 +135,7 @@ def test_a_released_joint_rubs_by_its_load():
 
 def test_switching_off_leaves_the_simulator_as_it_was():
     simulator = swung(())
-    assert (simulator.unpowered.actuator_group == SERVOS).all()
+    assert (simulator.unpowered.actuator_group == SERVO_GROUP).all()
     assert (simulator.model.actuator_group == 0).all()
     assert simulator.model.opt.disableactuator == 0
 

@@ -236,7 +236,7 @@ def test_the_status_level_says_what_is_answered(chain, level, answers):
 
 
 def test_a_damaged_or_unknown_instruction_is_answered_with_its_error(chain):
-    (damaged,) = chain.respond(Packet(1, Instruction.PING, sound=False))
+    (damaged,) = chain.respond(Packet(1, Instruction.PING, is_valid=False))
     assert decode(damaged.content).parameters == b"\x03"
     assert answer(chain, 1, 0x77) == (2, b"")
 

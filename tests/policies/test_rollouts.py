@@ -288,7 +288,7 @@ def test_where_one_arm_fails_both_are_left_without_torque(capsys):
 def test_ctrl_c_makes_the_arm_safe_and_keeps_what_is_finished(capsys, words):
     """In real time on an idle machine only: a busy one does not keep the rate, and `verify` says so."""
     reacher = policy("ErgoReacher", (0.3, -0.2, 0.2, 0.1))
-    with VirtualBus(Options(honest=False, lockstep=bool(words))) as bus:
+    with VirtualBus(Options(wire_delay=False, lockstep=bool(words))) as bus:
         options = [reacher, "--on", "ergojr", "--port", bus.port, "--record", "rolled", *words]
         command = [sys.executable, "-m", "nas_data", "policy", "evaluate", *options]
         process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
