@@ -11,7 +11,6 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.foreign import warn
 from nas_data.dataset.origin import Origin
 from nas_data.errors import LogError, OptionError
-from nas_data.importing.against_model import check as check_against_model
 from nas_data.importing.calibration import middles_of, motors_of, read_calibration
 from nas_data.importing.lerobot import (
     CALIBRATION_ATTACHMENT,
@@ -26,6 +25,7 @@ from nas_data.importing.map_file import load_map, parse_map
 from nas_data.importing.section import MapSection
 from nas_data.recorders.logs import Import
 from nas_data.recorders.logs import import_logs as import_by_map
+from nas_data.robots.against_model import check as check_against_model
 from nas_data.runs.progress import silence
 
 LEROBOT = "lerobot"
@@ -133,7 +133,8 @@ def read_logs(request: ImportRequest) -> Imported:
             kept = {CALIBRATION_ATTACHMENT: request.calibration.read_bytes()}
             result = replace(result, attachments={**result.attachments, **kept})
     if request.model is not None:
-        doubts = check_against_model(result.dataset, request.model, find_middles(mapping, request.calibration))
+        middles = find_middles(mapping, request.calibration)
+        doubts = check_against_model(result.dataset, request.model, middles, result.findings)
         result = replace(result, findings=(*result.findings, *doubts))
     if request.cut is not None:
         result = replace(result, dataset=cut_every(result.dataset, request.cut))

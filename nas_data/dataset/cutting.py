@@ -33,7 +33,7 @@ def cut_every(dataset: Dataset, seconds: float) -> Dataset:
     """Cut episodes into parts of a given length [s]; the remainder stays with the last part.
 
     Raises:
-        OptionError: the parts would be shorter than three frames.
+        OptionError: the parts would be shorter than three frames, or no episode is as long as two of them.
     """
     size = round(seconds * dataset.fps)
     if not np.isfinite(seconds) or size < SHORTEST:
@@ -44,6 +44,12 @@ def cut_every(dataset: Dataset, seconds: float) -> Dataset:
     starts = [
         start for frames in dataset.episodes() for start in range(frames.start + size, frames.stop - size + 1, size)
     ]
+    if not starts:
+        most = int(dataset.lengths.max())
+        raise OptionError(
+            f"No episode is as long as two parts of {seconds:g} s; the longest has {most / dataset.fps:.4g} s: give at "
+            f"most {most // 2 / dataset.fps:.4g} s."
+        )
     return cut_at(dataset, starts)
 
 

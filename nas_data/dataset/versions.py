@@ -30,6 +30,8 @@ def resolve(path: Path) -> Path:
     found = list_versions(path)
     if found:
         return found[-1]
+    if path.is_file():
+        raise DatasetNotFound(f"{path} is a file, no dataset; import it first: nas import {path} --map MAP.toml.")
     reason = f"it has no {INFO} and no versions" if path.is_dir() else "there is no such folder"
     raise DatasetNotFound(f"There is no dataset at {path}: {reason}; give a dataset's folder or datasets/NAME.")
 

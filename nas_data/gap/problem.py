@@ -75,9 +75,10 @@ class Problem:
         kept = until_driven_again(transitions)
         evidence = EpisodeBatch.of(kept)
         if len(evidence) < 2:
+            half = evidence.counts.sum() // 2 * evidence.period
             raise DatasetInvalid(
                 f"{root} has {len(evidence)} episode; at least two are needed, one to fit and one to judge by: "
-                f"record more, or cut it in time: nas split {root} --seconds 3."
+                f"record more, or cut it in time: nas split {root} --seconds {half:.4g}."
             )
         as_given = Nominal.load(model, evidence)
         check_fits(transitions, as_given.simulator())

@@ -15,13 +15,13 @@ from nas_data.dataset.transitions import as_transitions
 from nas_data.effects.base import parse
 from nas_data.errors import DatasetInvalid, JointMismatch
 from nas_data.gap.workflow import rms
-from nas_data.importing.against_model import check
 from nas_data.joint_units import display_unit, mean_of_kind, table_unit, unit_at
 from nas_data.metrics import Errors, table
 from nas_data.pairing import pair
 from nas_data.recorders.logs import import_logs
 from nas_data.reports.run_sections import models_section
 from nas_data.reports.runs import ModelRun
+from nas_data.robots.against_model import check
 from nas_data.robots.base import find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
 

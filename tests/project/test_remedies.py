@@ -135,7 +135,7 @@ FAULTS = {
     "silent register": Fault("velocity = 'derive'", log(dq=np.zeros_like), map_text(), map_text(velocity='"derive"')),
     "sign": Fault("correct 'sign'", log(dq=np.negative), map_text(), map_text(register=TURNED)),
     "register unit": Fault("correct the unit", log(dq=np.degrees), map_text(extra=FAST), map_text(register=IN_DEGREES)),
-    "rows": Fault("sort the rows", log(t=swapped_rows), map_text(), map_text(), log()),
+    "rows": Fault("sort them", log(t=swapped_rows), map_text(), map_text(), log()),
     "order": Fault(
         "name them in this order",
         with_names,

@@ -24,7 +24,10 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     back = row_numbers(recording.rows[1:], steps < 0)
     if back:
         what = f"the time goes back in {rows_text(back)}"
-        remedy = "sort the rows, or split the log there"
+        remedy = (
+            "if a new take begins there, name the column that numbers them in [read.episode], or give each take a file "
+            "of its own; if rows are out of order within a take, sort them"
+        )
         return [AuditFinding("time_backwards", recording.label, what, remedy, back, error=True)]
     found = []
     repeated = row_numbers(recording.rows[1:], steps == 0)

@@ -1,4 +1,4 @@
-"""Comparison of an imported dataset with a model: joints whose sign or zero contradicts limits or gravity.
+"""Comparison of a dataset with a model: joints whose sign or zero contradicts limits or gravity.
 
 A servo with a position gain holds a posture with a position error: gain · (command − position) equals the gravity
 torque at rest. A joint with the wrong sign in the map shows the opposite sign. A wrong zero changes the loads of its
@@ -22,24 +22,33 @@ MARGIN = 0.1  # [rad] tolerated difference between the calibration of a real arm
 CENTRE_MARGIN = 0.35  # [rad] tolerated difference between the middles of their ranges: 20°
 STILL = 0.02  # [rad/s] and [rad per row] below which a servo holds its position
 FEWEST = 30  # such rows needed to compare with gravity
-SPREAD = 0.2  # least gravity torque of a loaded joint over the largest one; slides: gravity force
+SPREAD = 0.2  # least gravity torque in a loaded row over the joint's largest one; slides: gravity force
+CARRYING = 0.05  # least such maximum of a loaded joint over that of all joints
 LOADED = 2.0  # least ratio of position errors to the step of a servo
 CONTRADICTION = -0.5  # correlation below which a joint contradicts gravity
 MOST, FEW = 2000, 200  # rows for which loads are computed: for signs, and for each tried zero
 OFFSET, SMALLEST = np.pi / 36, 0.2  # [rad] step between tried zeros, and smallest reported change
 MISFIT = 0.2  # unexplained share of the servos' errors that suggests a wrong zero; friction may cause as much …
 MISFIT_RATIO = 0.25  # … but then no other zero reduces it to this share
+MAP_ERRORS = ("command_sign", "joints_swapped")  # checks without a model that tell wrong signs and columns
 HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 TICK = 2 * np.pi / 4096  # [rad]
 
 
-def check(dataset: Dataset, model: str | Path, middles: Mapping[str, float] | None = None) -> list[AuditFinding]:
+def check(
+    dataset: Dataset,
+    model: str | Path,
+    middles: Mapping[str, float] | None = None,
+    known: Sequence[AuditFinding] = (),
+) -> list[AuditFinding]:
     """Compare an imported dataset with a model.
 
     Args:
         dataset: Transitions with 2n-states.
         model: An MJCF or URDF file, or a robot's name.
         middles: Position of the middle of joints' calibrated ranges in the map, if known [rad; m].
+        known: What was found without a model. Where it says that signs or columns are wrong, limits and gravity are
+            not compared: they would suggest other causes.
 
     Raises:
         ModelFileError, UnknownName: the model cannot be used.
@@ -55,6 +64,8 @@ def check(dataset: Dataset, model: str | Path, middles: Mapping[str, float] | No
         if joint not in names
     ]
     found += [finding for joint in joints for finding in _kind(dataset, compiled, joint)]
+    if any(finding.check in MAP_ERRORS for finding in known):
+        return found
     found += [finding for joint in joints for finding in _limits(dataset, compiled, joint)]
     found += [finding for joint in joints for finding in _middle(dataset, compiled, joint, (middles or {}).get(joint))]
     if (not dataset.commands_positions) or len(joints) < len(dataset.joints):
@@ -118,21 +129,19 @@ def _middle(dataset: Dataset, model: mujoco.MjModel, joint: str, middle: float |
 
 def _gravity(dataset: Dataset, model: mujoco.MjModel) -> list[AuditFinding]:
     """Report joints whose position errors contradict the model's gravity, or agree with it only at another zero."""
-    rows = _resting(dataset, np.array([radian_at(dataset, model, joint) for joint in dataset.joints]))
-    if len(rows) < FEWEST:
-        return []
-    resting = _RestingRows.of(dataset, model, rows)
-    found = []
-    for index in resting.loaded:
-        joint, correlation = dataset.joints[index], resting.correlation(resting.pull)[index]
-        if correlation <= CONTRADICTION:
-            what = (
-                f"{joint} hangs upwards: where it rests, its command lies on the side to which the model's gravity "
-                f"pulls (correlation {correlation:.2f})"
-            )
-            remedy = f"check sign and zero of {joint} in the map"
-            found.append(AuditFinding("model_gravity", "the dataset", what, remedy))
-    return found or resting.check_zeros(dataset.joints)
+    resting = _RestingRows.of(dataset, model)
+    return [] if resting is None else resting.check_signs(dataset.joints) or resting.check_zeros(dataset.joints)
+
+
+def check_signs(dataset: Dataset, model: mujoco.MjModel) -> list[AuditFinding]:
+    """Report joints whose position errors at rest contradict the model's gravity.
+
+    Args:
+        dataset: Transitions with 2n-states whose commands are positions.
+        model: Compiled model with all of its joints.
+    """
+    resting = _RestingRows.of(dataset, model)
+    return [] if resting is None else resting.check_signs(dataset.joints)
 
 
 def _resting(dataset: Dataset, radians: np.ndarray) -> np.ndarray:
@@ -166,19 +175,23 @@ class _RestingRows:
     loaded: tuple[int, ...]
 
     @classmethod
-    def of(cls, dataset: Dataset, model: mujoco.MjModel, rows: np.ndarray) -> "_RestingRows":
-        """Compute the loads in some rows of a dataset."""
+    def of(cls, dataset: Dataset, model: mujoco.MjModel) -> "_RestingRows | None":
+        """Compute the loads in the rows of a dataset in which it rests; None where these are too few."""
+        rows = _resting(dataset, np.array([radian_at(dataset, model, joint) for joint in dataset.joints]))
+        if len(rows) < FEWEST:
+            return None
         rows = rows[:: max(1, len(rows) // MOST)]
         qpos = np.array([model.joint(joint).qposadr[0] for joint in dataset.joints])
         dofs = np.array([model.joint(joint).dofadr[0] for joint in dataset.joints])
         positions = dataset.states[rows, : len(dataset.joints)].astype(float)
         held, pull = dataset.commands[rows] - positions, gravity(model, qpos, dofs, positions)
+        own = np.abs(pull).max(axis=0)
         largest = np.empty(len(dataset.joints))
         for _, members in kinds_of(dataset.joints, dataset.slides):
-            largest[members] = np.abs(pull[:, members]).max(initial=0.0)
+            largest[members] = own[members].max(initial=0.0)
         loaded = []
         for index, joint in enumerate(dataset.joints):
-            loaded_rows = np.abs(pull[:, index]) > SPREAD * largest[index]
+            loaded_rows = np.abs(pull[:, index]) > max(SPREAD * own[index], CARRYING * largest[index])
             step = TICK * radian_at(dataset, model, joint)
             if loaded_rows.sum() >= FEWEST and np.abs(held[loaded_rows, index]).mean() >= LOADED * step:
                 loaded.append(index)
@@ -188,6 +201,19 @@ class _RestingRows:
         """Return the correlation of the servos' errors with loads of shape (N, n), for each joint, shape (n,)."""
         lengths = np.linalg.norm(pull, axis=0) * np.linalg.norm(self.held, axis=0)
         return np.asarray((pull * self.held).sum(axis=0) / np.maximum(lengths, 1e-300))
+
+    def check_signs(self, joints: Sequence[str]) -> list[AuditFinding]:
+        """Report joints whose position errors have the opposite sign of the loads."""
+        found, correlations = [], self.correlation(self.pull)
+        for index in self.loaded:
+            if correlations[index] <= CONTRADICTION:
+                what = (
+                    f"{joints[index]} hangs upwards: where it rests, its command lies on the side to which the model's "
+                    f"gravity pulls (correlation {correlations[index]:.2f})"
+                )
+                remedy = f"check sign and zero of {joints[index]} in the map"
+                found.append(AuditFinding("model_gravity", "the dataset", what, remedy))
+        return found
 
     def check_zeros(self, joints: Sequence[str]) -> list[AuditFinding]:
         """Report a joint whose zero, if changed, would explain position errors that the loads leave unexplained."""

@@ -1,0 +1,21 @@
+"""Signs: whether a resting joint is held against the model's gravity, or hangs upwards."""
+
+from nas_data.gap.finding.audits.base import Examined, join_names
+from nas_data.gap.finding.torque_off import while_driven
+from nas_data.gap.report_parts import Check
+from nas_data.robots.against_model import check_signs
+
+NAME = "signs"
+
+
+def check(examined: Examined) -> Check:
+    """Compare the position errors of resting servos with the model's gravity."""
+    dataset = examined.dataset
+    if not dataset.commands_positions:
+        return Check(NAME, "Not compared with gravity: the commands are no positions.")
+    found = check_signs(while_driven(dataset), examined.nominal.spec.copy().compile())
+    if not found:
+        return Check(NAME, "No joint that rests contradicts the model's gravity.")
+    what = join_names([finding.what for finding in found])
+    remedy = "Check sign and zero of these joints in the map, or their axis in the model, before you look for effects."
+    return Check(NAME, f"{what[0].upper()}{what[1:]}. {remedy}", ok=False)

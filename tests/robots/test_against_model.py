@@ -1,0 +1,65 @@
+"""A recording that contradicts gravity is reported, at import and by `nas gap find`, also in a joint that bears little."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from nas_data.dataset.audits.base import AuditFinding
+from nas_data.dataset.dataset import Dataset
+from nas_data.robots.against_model import check, check_signs
+
+# The shoulder holds 3 N·m at most, the elbow 0.3 N·m.
+ARM = """<mujoco><option timestep="0.002" integrator="implicitfast"/><compiler angle="radian"/><worldbody><body>
+<joint name="shoulder" axis="0 1 0" damping="1"/><geom type="capsule" size=".03" fromto="0 0 0 .3 0 0" mass="1"/>
+<body pos=".3 0 0"><joint name="elbow" axis="0 1 0" damping=".1"/>
+<geom type="capsule" size=".02" fromto="0 0 0 .2 0 0" mass=".3"/></body></body></worldbody><actuator>
+<position joint="shoulder" kp="40" kv="2"/><position joint="elbow" kp="4" kv=".2"/></actuator></mujoco>"""
+RATE, HOLD, POSES = 50, 75, 8
+
+
+@pytest.fixture
+def arm(tmp_path):
+    (tmp_path / "arm.xml").write_text(ARM)
+    return tmp_path / "arm.xml"
+
+
+def recorded(signs: tuple[float, float]) -> Dataset:
+    """Poses that the arm holds, as an arm whose joints count with these signs reports them."""
+    model = mujoco.MjModel.from_xml_string(ARM)
+    data, rng = mujoco.MjData(model), np.random.default_rng(3)
+    positions, commands = [], []
+    for pose in rng.uniform(-1.2, 1.2, (POSES, 2)):
+        for _ in range(HOLD):
+            positions.append(data.qpos.copy())
+            commands.append(pose)
+            data.ctrl[:] = pose
+            mujoco.mj_step(model, data, 10)
+    return Dataset.from_arrays(
+        np.array(positions) * signs, np.array(commands) * signs, rate=RATE, joints=("shoulder", "elbow")
+    )
+
+
+@pytest.mark.parametrize(("signs", "wrong"), [((1, 1), ""), ((-1, 1), "shoulder"), ((1, -1), "elbow")])
+def test_a_sign_that_contradicts_gravity_is_found(arm, signs, wrong):
+    found = check_signs(recorded(signs), mujoco.MjModel.from_xml_string(ARM))
+    assert any(finding.what.startswith(f"{wrong} hangs upwards") for finding in found) if wrong else found == []
+
+
+def test_where_a_sign_differs_from_the_commands_no_other_cause_is_suggested(arm):
+    known = AuditFinding("command_sign", "the dataset", "the shoulder moves against its command")
+    assert check(recorded((-1, 1)), arm)
+    assert check(recorded((-1, 1)), arm, known=[known]) == []
+
+
+def test_gap_find_says_that_a_joint_hangs_upwards(arm):
+    from nas_data.dataset.cutting import cut_every
+    from nas_data.gap.finding.find import find
+    from nas_data.gap.problem import Problem
+
+    for signs, ok in (((1, 1), True), ((1, -1), False)):
+        dataset = cut_every(recorded(signs), 1.5)
+        problem = Problem.of(dataset, arm, arm.parent)
+        found = find(dataset, problem.evidence, problem.as_given, problem.train.floor, problem.overlaps)
+        (signs_found,) = [entry for entry in found.audit if entry.check == "signs"]
+        assert signs_found.ok is ok
+        assert ("elbow hangs upwards" in signs_found.finding) is not ok
