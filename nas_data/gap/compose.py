@@ -120,7 +120,7 @@ def described(finding: Finding, nominal: Nominal, whole: bool = False) -> NamedE
 
 def alternative(effect: Effect, error: float) -> Alternative:
     """Return what came second as the report lists it."""
-    numbers = {p.name: float(getattr(effect, p.name)) for p in effect.sought}
+    numbers = {p.name: float(getattr(effect, p.name)) for p in effect.free_parameters}
     return Alternative(name=effect.name(), joint=effect.joint, parameters=numbers, heldout_error_after=error)
 
 
@@ -237,7 +237,7 @@ def write_series(folder: Path, problem: Problem, naming: Naming, outcome: HeldOu
         "retuned": outcome.retuned,
         "plain": outcome.plain,
         "after": outcome.after,
-        "counts": evidence.counts,
+        "counts": evidence.mask,
         "floor": held.floor,
         "slides": np.array(held.nominal.slides, dtype=str),
     }

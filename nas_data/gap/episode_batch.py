@@ -19,10 +19,11 @@ SHORTEST = 10  # control steps below which an episode says nothing about dynamic
 WINDOW = 5.0  # [s] into which longer episodes are cut: errors of a servoed arm do not grow with time
 WHOLE = 1.5  # times as long an episode may be and is not cut
 STILLER = 0.5  # [s] around an even spacing in which the stillest moment is taken as a window's start
-# what there is of each episode
+# fields with one entry for each episode
 PARTS = (
-    "starts", "commands", "measured", "counts", "numbers", "speeds", "told", "doubts", "rates", "holds", "gains",
-    "driven", "objects", "earlier",
+    "initial_positions", "commands", "measured", "mask", "numbers", "initial_velocities", "estimated_velocities",
+    "velocity_deviations", "measured_velocities", "initial_loads", "gains", "torque_off_from", "objects",
+    "earlier_commands",
 )  # fmt: skip
 
 
@@ -33,60 +34,66 @@ class EpisodeBatch:
     Attributes:
         joints: Names of the measured joints.
         period: Control period [s].
-        starts: First measured positions [rad], shape (E, n).
-        commands: Shape (E, T, n); the last one repeated where an episode is shorter.
-        measured: Positions after each command [rad], shape (E, T, n).
-        counts: Whether a row was recorded, shape (E, T).
+        initial_positions: First measured positions [rad; m], shape (E, n).
+        commands: Commands, shape (E, T, n); the last one is repeated after the end of a shorter episode.
+        measured: Positions after each command [rad; m], shape (E, T, n).
+        mask: Whether a row was recorded, shape (E, T).
         numbers: Numbers of the episodes in the dataset, shape (E,).
-        speeds: Velocities [rad/s] at the start, shape (E, n); zero where an episode starts at rest.
-        told: The same as the recording tells them; `speeds` may be nearer to what a model makes of the motion.
-        doubts: Standard deviations of `told` [rad/s], shape (E, n); 0 where an episode starts at rest.
-        rates: Measured velocities after each command [rad/s], shape (E, T, n); NaN where none were measured.
-        noise: Standard deviation of the position readings [rad], shape (n,).
-        holds: What held each joint before, which nobody measured (a `InitialLoad`), shape (E, n).
-        gains: Position gain of each joint's servo as a multiple of the model's, shape (E, n).
-        driven: Rows after which the torque was off and the arm fell, shape (E,); T where it stayed on.
-        earlier: Commands of the control periods before the first, shape (E, L, n); NaN where not known.
+        initial_velocities: Velocities at the start of a rollout [rad/s; m/s], shape (E, n); 0 for a start at rest.
+        estimated_velocities: Their estimates from the recording [rad/s; m/s], shape (E, n). A fit may move
+            `initial_velocities` within the uncertainty of these.
+        velocity_deviations: Standard deviations of `estimated_velocities` [rad/s; m/s], shape (E, n); 0 for a start at
+            rest.
+        measured_velocities: Velocities after each command [rad/s; m/s], shape (E, T, n); NaN if not measured.
+        noise: Standard deviation of the position readings [rad; m], shape (n,).
+        initial_loads: Assumed `InitialLoad` of each joint, which is not measured, shape (E, n).
+        gains: Position gain of each servo relative to the model's, shape (E, n).
+        torque_off_from: Row from which the servos are switched off, shape (E,); T if they stay on.
+        earlier_commands: Commands of the L control periods before the first row, shape (E, L, n); NaN if not known.
         objects: Measured states of the model's objects before each command, shape (E, T, m); m is 0 without objects.
     """
 
     joints: tuple[str, ...]
     period: float
-    starts: np.ndarray
+    initial_positions: np.ndarray
     commands: np.ndarray
     measured: np.ndarray
-    counts: np.ndarray
+    mask: np.ndarray
     numbers: np.ndarray
-    speeds: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
-    told: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
-    doubts: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
-    rates: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 0)))
+    initial_velocities: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    estimated_velocities: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    velocity_deviations: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    measured_velocities: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 0)))
     noise: np.ndarray = field(default_factory=lambda: np.empty(0))
-    holds: np.ndarray = field(default_factory=lambda: np.empty((0, 0), int))
+    initial_loads: np.ndarray = field(default_factory=lambda: np.empty((0, 0), int))
     gains: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
-    driven: np.ndarray = field(default_factory=lambda: np.empty(0, int))
+    torque_off_from: np.ndarray = field(default_factory=lambda: np.empty(0, int))
     objects: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 0)))
-    earlier: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 0)))
+    earlier_commands: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 0)))
 
     def __post_init__(self) -> None:
-        if not self.speeds.size:
-            object.__setattr__(self, "speeds", np.zeros_like(self.starts, dtype=float))
-        if not self.told.size:
-            object.__setattr__(self, "told", self.speeds)
-        if not self.doubts.size:
-            object.__setattr__(self, "doubts", np.zeros_like(self.speeds))
-        if not self.rates.size:
-            object.__setattr__(self, "rates", np.full(self.commands.shape, np.nan))
+        if not self.initial_velocities.size:
+            object.__setattr__(self, "initial_velocities", np.zeros_like(self.initial_positions, dtype=float))
+        if not self.estimated_velocities.size:
+            object.__setattr__(self, "estimated_velocities", self.initial_velocities)
+        if not self.velocity_deviations.size:
+            object.__setattr__(self, "velocity_deviations", np.zeros_like(self.initial_velocities))
+        if not self.measured_velocities.size:
+            object.__setattr__(self, "measured_velocities", np.full(self.commands.shape, np.nan))
         if not self.noise.size:
             object.__setattr__(self, "noise", np.zeros(len(self.joints)))
-        if not self.holds.size:
-            object.__setattr__(self, "holds", np.full(self.starts.shape, InitialLoad.WEIGHT))
+        if not self.initial_loads.size:
+            object.__setattr__(self, "initial_loads", np.full(self.initial_positions.shape, InitialLoad.GRAVITY))
         if not self.gains.size:
-            object.__setattr__(self, "gains", np.ones(self.starts.shape))
-        if not self.driven.size:
-            object.__setattr__(self, "driven", np.full(len(self.starts), self.commands.shape[1]))
-        if not self.earlier.size:
-            object.__setattr__(self, "earlier", np.full((len(self.starts), 0, self.starts.shape[1]), np.nan))
+            object.__setattr__(self, "gains", np.ones(self.initial_positions.shape))
+        if not self.torque_off_from.size:
+            object.__setattr__(self, "torque_off_from", np.full(len(self.initial_positions), self.commands.shape[1]))
+        if not self.earlier_commands.size:
+            object.__setattr__(
+                self,
+                "earlier_commands",
+                np.full((len(self.initial_positions), 0, self.initial_positions.shape[1]), np.nan),
+            )
         if not self.objects.size:
             object.__setattr__(self, "objects", np.empty((*self.commands.shape[:2], 0)))
 
@@ -114,26 +121,26 @@ class EpisodeBatch:
         return cls(
             joints=dataset.joints,
             period=1 / dataset.fps,
-            starts=np.stack([dataset.states[part.start, :n] for part in rows]).astype(float),
+            initial_positions=np.stack([dataset.states[part.start, :n] for part in rows]).astype(float),
             commands=np.stack([lengthen(dataset.commands[part], longest) for part in rows]),
             measured=np.stack([lengthen(dataset.next_states[part, :n], longest) for part in rows]),
-            counts=np.stack([np.arange(longest) < part.stop - part.start for part in rows]),
+            mask=np.stack([np.arange(longest) < part.stop - part.start for part in rows]),
             numbers=np.array(chosen),
-            speeds=begun.values[chosen],
-            doubts=begun.deviations[chosen],
-            rates=np.where(begun.derived, np.nan, rates),
+            initial_velocities=begun.values[chosen],
+            velocity_deviations=begun.deviations[chosen],
+            measured_velocities=np.where(begun.derived, np.nan, rates),
             noise=begun.noise,
             gains=relative_gains(dataset)[chosen],
-            driven=np.where(driven < lengths, driven, longest),
+            torque_off_from=np.where(driven < lengths, driven, longest),
         )
 
     def __len__(self) -> int:
-        return len(self.starts)
+        return len(self.initial_positions)
 
     @property
     def initial(self) -> np.ndarray:
         """First states, positions [rad] then velocities [rad/s], then the objects', shape (E, 2n + m)."""
-        return np.concatenate([self.starts, self.speeds, self.objects[:, 0]], axis=1)
+        return np.concatenate([self.initial_positions, self.initial_velocities, self.objects[:, 0]], axis=1)
 
     def with_objects(self, dataset: Dataset, simulator: Simulator) -> "EpisodeBatch":
         """Return the episodes with what was measured of a model's objects.
@@ -148,7 +155,7 @@ class EpisodeBatch:
 
     def begun(self, holds: np.ndarray | InitialLoad) -> "EpisodeBatch":
         """Return the episodes with what held the joints before."""
-        return replace(self, holds=np.broadcast_to(np.asarray(holds), self.starts.shape))
+        return replace(self, initial_loads=np.broadcast_to(np.asarray(holds), self.initial_positions.shape))
 
     def select(self, episodes: Sequence[int] | np.ndarray) -> "EpisodeBatch":
         """Return some of the episodes, by their place here."""
@@ -162,19 +169,19 @@ class EpisodeBatch:
             self,
             commands=self.commands[:, early],
             measured=self.measured[:, early],
-            counts=self.counts[:, early],
-            rates=self.rates[:, early],
-            driven=np.minimum(self.driven, rows),
+            mask=self.mask[:, early],
+            measured_velocities=self.measured_velocities[:, early],
+            torque_off_from=np.minimum(self.torque_off_from, rows),
             objects=self.objects[:, early],
         )
 
     def errors(self, predicted: np.ndarray) -> np.ndarray:
         """Return predicted minus measured positions [rad], shape (E, T, n); zero beyond an episode's end."""
-        return np.where(self.counts[..., None], predicted - self.measured, 0.0)
+        return np.where(self.mask[..., None], predicted - self.measured, 0.0)
 
     def mean_squares(self, predicted: np.ndarray) -> np.ndarray:
         """Return the mean squared error of each episode and joint [rad²], shape (E, n)."""
-        return np.asarray((self.errors(predicted) ** 2).sum(1) / self.counts.sum(1)[:, None])
+        return np.asarray((self.errors(predicted) ** 2).sum(1) / self.mask.sum(1)[:, None])
 
 
 def lengthen(rows: np.ndarray, steps: int) -> np.ndarray:
@@ -222,7 +229,7 @@ def thin_evenly(count: int, wanted: int) -> np.ndarray:
 
 def stretches(evidence: EpisodeBatch, number: int, steps: int) -> list[tuple[int, int]]:
     """Return an episode's number and the first row of each stretch of some steps that it is cut into."""
-    last = max(0, int(evidence.counts[number].sum()) - steps)
+    last = max(0, int(evidence.mask[number].sum()) - steps)
     count = max(1, round((last + steps) / steps))
     offsets = np.linspace(0, last, count).round().astype(int)
     return [(number, stillest(evidence, number, int(offset), last)) for offset in offsets]
@@ -249,15 +256,15 @@ def velocities(evidence: EpisodeBatch, episode: int) -> np.ndarray:
 def velocity_before(evidence: EpisodeBatch, episode: int, row: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the velocities before a row's command and their standard deviations [rad/s], shape (n,) each."""
     if row == 0:
-        return evidence.speeds[episode], evidence.doubts[episode]
-    length, rate = int(evidence.counts[episode].sum()), 1 / evidence.period
-    positions = np.concatenate([evidence.starts[episode][None], evidence.measured[episode, :length]])
+        return evidence.initial_velocities[episode], evidence.velocity_deviations[episode]
+    length, rate = int(evidence.mask[episode].sum()), 1 / evidence.period
+    positions = np.concatenate([evidence.initial_positions[episode][None], evidence.measured[episode, :length]])
     fitted = [
         fit_velocity(positions[:, joint], row, float(evidence.noise[joint]), rate)
         for joint in range(len(evidence.joints))
     ]
     values, doubts = np.array(fitted).T
-    measured = evidence.rates[episode, row - 1]
+    measured = evidence.measured_velocities[episode, row - 1]
     told = np.isfinite(measured)
     return np.where(told, measured, values), doubts
 
@@ -266,21 +273,21 @@ def window(evidence: EpisodeBatch, episode: int, first: int, steps: int) -> Epis
     """Return a stretch of one episode."""
     rows = slice(first, first + steps)
     part = evidence.select([episode])
-    start = part.starts if first == 0 else part.measured[:, first - 1]
+    start = part.initial_positions if first == 0 else part.measured[:, first - 1]
     speed, doubt = (values[None] for values in velocity_before(evidence, episode, first))
     return replace(
         part,
-        starts=start,
+        initial_positions=start,
         commands=part.commands[:, rows],
         measured=part.measured[:, rows],
-        counts=part.counts[:, rows],
-        speeds=speed,
-        told=speed,
-        doubts=doubt,
-        rates=part.rates[:, rows],
-        driven=np.clip(part.driven - first, 0, steps),
+        mask=part.mask[:, rows],
+        initial_velocities=speed,
+        estimated_velocities=speed,
+        velocity_deviations=doubt,
+        measured_velocities=part.measured_velocities[:, rows],
+        torque_off_from=np.clip(part.torque_off_from - first, 0, steps),
         objects=part.objects[:, rows],
-        earlier=commands_before(part, first),
+        earlier_commands=commands_before(part, first),
     )
 
 

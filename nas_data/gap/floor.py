@@ -49,7 +49,7 @@ def step_errors(dataset: Dataset, simulator: Simulator) -> np.ndarray:
 
 def joint_floor(evidence: "EpisodeBatch", joint: int, most: float) -> float:
     """Return the floor of one joint [rad], given what it is at most beyond a few roundings."""
-    readings = [row[seen, joint] for row, seen in zip(evidence.measured, evidence.counts, strict=True)]
+    readings = [row[seen, joint] for row, seen in zip(evidence.measured, evidence.mask, strict=True)]
     step = resolution(readings)
     rounding = step / np.sqrt(12.0)
     noise = min(noise_of_differences(readings, order, step) for order in ODD)

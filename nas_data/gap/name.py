@@ -158,7 +158,9 @@ def judge(search: Search, kept: Hypothesis, final: Final, number: int) -> tuple[
     fewer = (search.without(kept, number), search.null, search.nominal)  # of which the last runs on every episode
     without = next(h for h in fewer if h and h.is_sound)
     ranked = fitted_rivals(search, kept, number)
-    twins = [h for twin in effect.twins(effect.joint) if (h := search.rival(rest.adding(twin), kept)) and h.is_sound]
+    twins = [
+        h for twin in effect.equivalents(effect.joint) if (h := search.rival(rest.adding(twin), kept)) and h.is_sound
+    ]
     joints = judged_joints(search, effect)
     confidence = surety(search, kept, ranked, without)
     finding = Finding(

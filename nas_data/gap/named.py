@@ -11,7 +11,7 @@ from nas_data.effects.base import Effect, read_effects
 from nas_data.errors import JointMismatch, OptionError
 from nas_data.gap.nominal_parameters import apply_base, base_parameters
 from nas_data.gap.write_model import EFFECTS, read_factors
-from nas_data.mjcf.bake_inertia import explicit
+from nas_data.mjcf.bake_inertia import bake_inertia
 from nas_data.robots.base import Robot
 
 
@@ -65,7 +65,7 @@ class Named:
     def _check(self, robot: Robot, joints: Sequence[str]) -> None:
         spec = robot.spec()
         known = {joint.name for joint in spec.joints}
-        base = {parameter.name for parameter in base_parameters(explicit(spec), joints)}
+        base = {parameter.name for parameter in base_parameters(bake_inertia(spec), joints)}
         strange = [f"the joint '{effect.joint}'" for effect in self.effects if effect.joint not in {None, *known}]
         strange += [f"the parameter '{name}'" for name in self.retuned if name not in base]
         if strange:
@@ -93,6 +93,6 @@ class RetunedRobot(Robot):
 
     def spec(self) -> mujoco.MjSpec:
         """Return a fresh, editable model."""
-        spec = explicit(super().spec())
+        spec = bake_inertia(super().spec())
         apply_base(spec, base_parameters(spec, self.measured), self.factors)
         return spec

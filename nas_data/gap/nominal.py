@@ -14,10 +14,10 @@ from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.integrator import FINE, make_implicit, whole_step
 from nas_data.gap.nominal_parameters import NominalParameter, apply_base, base_parameters
 from nas_data.gap.side_by_side import shares_cores
-from nas_data.mjcf.bake_inertia import explicit
-from nas_data.mjcf.strip_meshes import colliding_shapes, meshless, needs_files
+from nas_data.mjcf.bake_inertia import bake_inertia
+from nas_data.mjcf.strip_meshes import colliding_shapes, needs_files, strip_meshes
 from nas_data.robots.base import Robot, find_robot, slide_joints
-from nas_data.simulators.lock_joints import hold_others
+from nas_data.simulators.lock_joints import lock_unmeasured_joints
 from nas_data.simulators.mujoco import MujocoSimulator
 
 
@@ -67,7 +67,7 @@ class Nominal:
         """
         robot = find_robot(model)
         MujocoSimulator(robot, evidence.period, evidence.joints)  # says what is wrong with the model, if anything
-        spec = explicit(robot.spec())
+        spec = bake_inertia(robot.spec())
         fix_derived_values(spec)
         spec.option.timestep = whole_step(evidence.period, spec.option.timestep)
         bases = [f"The base '{base}' would fall; it is held where the model has it." for base in robot.bases]
@@ -134,7 +134,7 @@ class Nominal:
         """
         predicted = np.zeros(evidence.measured.shape)
         for nominal, chosen in self.by_gain(evidence):
-            rows = evidence.counts & np.isin(np.arange(len(evidence.counts)), chosen)[:, None]
+            rows = evidence.mask & np.isin(np.arange(len(evidence.mask)), chosen)[:, None]
             continues = np.broadcast_to(np.arange(rows.shape[1]) > 0, rows.shape)[rows]
             stepped = nominal.simulator().predict(states[rows], evidence.commands[rows], continues)
             predicted[rows] = stepped[:, : len(self.joints)]
@@ -149,8 +149,8 @@ class Nominal:
         self, evidence: EpisodeBatch, effects: Sequence[Effect], factors: Mapping[str, float] | None = None
     ) -> np.ndarray:
         """Roll the episodes out at the model's own gain; see `predict`."""
-        driven = None if (evidence.driven >= evidence.commands.shape[1]).all() else evidence.driven
-        start = evidence.initial, evidence.commands, evidence.holds, driven, evidence.earlier
+        driven = None if (evidence.torque_off_from >= evidence.commands.shape[1]).all() else evidence.torque_off_from
+        start = evidence.initial, evidence.commands, evidence.initial_loads, driven, evidence.earlier_commands
         rolled = self.simulator(effects, factors).rollout(*start)
         return rolled[..., : len(self.joints)]
 
@@ -170,7 +170,7 @@ class Nominal:
 
 def adapt(spec: mujoco.MjSpec, joints: Sequence[str], period: float) -> tuple[str, ...]:
     """Make of a model what recording and effects take it to be; return what was changed, a sentence each."""
-    changed, held = make_implicit(spec, period), hold_others(spec, joints)
+    changed, held = make_implicit(spec, period), lock_unmeasured_joints(spec, joints)
     still = f"Held at their reference, as the recording lacks them: {', '.join(held)}." if held else ""
     return tuple(note for note in (changed, still) if note)
 
@@ -199,4 +199,4 @@ def with_timestep(nominal: Nominal, timestep: float) -> Nominal:
 def without_meshes(spec: mujoco.MjSpec) -> mujoco.MjSpec:
     """Return a model without the meshes that touch nothing; the model itself where it has none, or some touch."""
     touches = not spec.option.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CONTACT) and colliding_shapes(spec)
-    return spec if touches or not needs_files(spec) else meshless(spec)
+    return spec if touches or not needs_files(spec) else strip_meshes(spec)

@@ -12,7 +12,7 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.gap.nominal import Nominal
-from nas_data.mjcf.unique_name import free_name
+from nas_data.mjcf.unique_name import unique_name
 from nas_data.pairing import pair as pair_transitions
 
 DEEP = 0.001  # [m] by which shapes overlap; at rest a soft contact yields by less
@@ -106,7 +106,7 @@ def without_contacts(nominal: Nominal, pairs: Collection[Pair]) -> Nominal:
                 spec.delete(pair)
         for pair in sorted(pairs):
             for body in (spec.bodies[number] for number in pair):
-                body.name = body.name or free_name(spec.body, "body")
+                body.name = body.name or unique_name(spec.body, "body")
             spec.add_exclude(bodyname1=spec.bodies[pair[0]].name, bodyname2=spec.bodies[pair[1]].name)
 
     return nominal.changed(exclude)

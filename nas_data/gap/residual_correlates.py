@@ -25,9 +25,9 @@ def goes_with(evidence: EpisodeBatch, errors: np.ndarray, joint: int, slides: Co
     Returns:
         `position`, `speed`, `direction`, `acceleration`, `command`, `other joints` or `time`.
     """
-    seen = evidence.counts[:, 2:-2].ravel()
+    seen = evidence.mask[:, 2:-2].ravel()
     wanted = errors[:, 2:-2, joint].ravel()[seen]
-    travel = np.ptp(evidence.measured[evidence.counts], axis=0)
+    travel = np.ptp(evidence.measured[evidence.mask], axis=0)
     moving = MOVING * float(radians_at(evidence.joints, slides, travel)[joint])
     found = quantities(evidence, joint, moving)
     shares = {name: explained_variance(wanted, rows[seen]) for name, rows in found.items()}

@@ -135,7 +135,7 @@ def written_forms(problem: Problem, final: Final) -> Iterator[list[Effect]]:
     for torque, speed in SIZES:
         made = [replace(own, torque=torque * own.torque, speed=speed * own.speed) for own in sizes]
         pairs = zip(final.effects, made, strict=True)
-        forms = [effect if effect.joint is None else effect.written(own) for effect, own in pairs]
+        forms = [effect if effect.joint is None else effect.written_form(own) for effect, own in pairs]
         known = [form for form in forms if form is not None]
         if len(known) == len(forms):
             yield known
@@ -145,19 +145,19 @@ def usual_hold(task: FitTask, final: Final) -> InitialLoad:
     """Return whether the weight or nothing loads a model best at the start of all episodes alike."""
     effects, factors = final.effects, dict(final.factors)
     if not task.nominal.simulator(effects, factors).remembers:
-        return InitialLoad.WEIGHT
+        return InitialLoad.GRAVITY
 
     def misfit(hold: InitialLoad) -> float:
         predicted = task.rolled.predict(task.evidence.begun(hold), effects, factors)
         return task.misfit(predicted + task.correction)
 
-    return min((InitialLoad.WEIGHT, InitialLoad.NOTHING), key=misfit)
+    return min((InitialLoad.GRAVITY, InitialLoad.UNLOADED), key=misfit)
 
 
 def stand_ins(problem: Problem, final: Final) -> Final:
     """Return a hypothesis of effects that edits alone express: the nearest to those named, fitted."""
     sizes = zip(final.effects, scales_of_effects(problem, final), strict=True)
-    near = [effect if effect.joint is None else effect.native(own) for effect, own in sizes]
+    near = [effect if effect.joint is None else effect.nearest_in_model(own) for effect, own in sizes]
     description = Description(tuple(effect for effect in near if effect is not None))
     return finish(problem.train, description, dict(final.factors), rounds=1)
 

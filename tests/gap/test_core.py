@@ -26,7 +26,7 @@ from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters
 from nas_data.gap.verdict import verdict
 from nas_data.gap.write_model import write_model
-from nas_data.mjcf.bake_inertia import explicit
+from nas_data.mjcf.bake_inertia import bake_inertia
 from nas_data.recorders.recipe import Recipe
 from nas_data.robots.base import find_robot
 from nas_data.simulators.initial_states import InitialLoad
@@ -165,7 +165,7 @@ def test_every_episode_is_fitted_or_held_out(count: int):
 def test_windows_are_stretches_of_the_recording():
     evidence = commanded(2, seconds=20)
     evidence = EpisodeBatch(
-        JOINTS, 0.01, evidence.starts, evidence.commands, evidence.commands, evidence.counts, np.arange(2)
+        JOINTS, 0.01, evidence.initial_positions, evidence.commands, evidence.commands, evidence.mask, np.arange(2)
     )
     cut = windows(evidence, 2400)
     assert cut.commands.shape == (4, 500, 6)
@@ -184,7 +184,7 @@ def test_short_episodes_are_no_evidence():
 def test_writing_out_inertias_changes_nothing():
     evidence = commanded()
     nominal = Nominal.load("ergojr", evidence)
-    plain = MujocoSimulator.load("ergojr", 0.01).rollout(evidence.initial, evidence.commands, evidence.holds)
+    plain = MujocoSimulator.load("ergojr", 0.01).rollout(evidence.initial, evidence.commands, evidence.initial_loads)
     assert np.array_equal(nominal.predict(evidence), plain[..., :6])
 
 
@@ -199,7 +199,7 @@ def test_each_base_parameter_moves_the_robot():
 
 
 def test_masses_of_welded_bodies_belong_to_the_joint_that_moves_them():
-    spec = explicit(find_robot("ergojr_penholder").spec())
+    spec = bake_inertia(find_robot("ergojr_penholder").spec())
     bodies = [body for p in base_parameters(spec, JOINTS) if p.kind == "mass" for body in p.bodies]
     model = spec.compile()
     moving = [model.body(i).name for i in range(1, model.nbody) if model.body_weldid[i] and model.body_mass[i] > 0]
@@ -213,13 +213,13 @@ def test_a_settled_arm_stays_where_it_is(effects: tuple[str, ...]):
     simulator = MujocoSimulator.load("ergojr", 0.01, effects=[parse(text) for text in effects])
     pose = np.array([0.2, 0.6, -0.4, 0.1, 0.5, -0.3])
     state = np.concatenate([pose, np.zeros(6)])[None]
-    full = simulator.settled(state, np.full((1, 6), InitialLoad.WEIGHT))
+    full = simulator.settled(state, np.full((1, 6), InitialLoad.GRAVITY))
     data = mujoco.MjData(simulator.model)
     mujoco.mj_setState(simulator.model, data, full[0], int(mujoco.mjtState.mjSTATE_FULLPHYSICS))
     assert np.allclose(simulator.layout.measure(data.qpos, data.qvel)[:6], pose, atol=1e-9)
     mujoco.mj_forward(simulator.model, data)
     held = pose + data.qfrc_bias[simulator.layout.dof] / 0.336
-    moved = simulator.rollout(state, np.tile(held, (1, 50, 1)), np.full((1, 6), InitialLoad.WEIGHT))[0, :, :6]
+    moved = simulator.rollout(state, np.tile(held, (1, 50, 1)), np.full((1, 6), InitialLoad.GRAVITY))[0, :, :6]
     assert np.abs(moved - pose).max() < 2e-3
 
 

@@ -107,7 +107,7 @@ def test_the_open_loop_gap_is_the_one_that_evaluate_reports(effects: tuple[str, 
     whole = recording(("viscous_friction:joint=m2,coefficient=0.1",))
     dataset = replace(whole, lengths=np.full(whole.n_frames // rows, rows))
     evidence = EpisodeBatch.of(dataset)
-    assert (evidence.speeds != 0).any() == (rows < STEPS)
+    assert (evidence.initial_velocities != 0).any() == (rows < STEPS)
     plain = Nominal.load("ergojr", evidence)
     model, _ = write_model(tmp_path, plain, [parse(text) for text in effects], {})
     found = find(dataset, evidence, Nominal.load(model, evidence), noise_floor(evidence))

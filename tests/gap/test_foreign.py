@@ -51,8 +51,8 @@ def test_no_row_is_evidence_twice_over(lengths: list[int], rows: int):
     cut = windows(evidence, rows)
     firsts = list(zip(cut.numbers.tolist(), cut.measured[:, 0, 0].tolist(), strict=True))
     assert len(set(firsts)) == len(firsts)
-    assert cut.counts.sum() <= 1.5 * evidence.counts.sum()
-    if rows >= 2 * evidence.counts.size:
+    assert cut.mask.sum() <= 1.5 * evidence.mask.sum()
+    if rows >= 2 * evidence.mask.size:
         assert set(cut.numbers) == set(range(len(lengths)))  # none is left out while there is room
 
 
@@ -147,6 +147,6 @@ def test_a_torque_limit_is_never_sought_above_what_the_model_gives(share: float,
     nominal = Nominal.load(tmp_path / "arm.xml", evidence)
     size = scales(nominal, evidence, nominal.predict(evidence))[0]
     guess = parse(f"torque_limit:joint=a,torque={share * size.torque}")
-    found = stretch_effect(guess, stretch, guess.idle(size))
+    found = stretch_effect(guess, stretch, guess.vanishing_value(size))
     assert 0 < found.torque < size.torque <= 2.0
-    assert stretch_effect(guess, 1.0, guess.idle(size)).torque == pytest.approx(guess.torque)
+    assert stretch_effect(guess, 1.0, guess.vanishing_value(size)).torque == pytest.approx(guess.torque)

@@ -79,22 +79,28 @@ def test_the_physics_steps_of_a_recording_are_told_after_both_were_fitted(fine: 
 def test_starts_move_within_their_doubt_towards_what_explains_the_motion(off: float):
     """Velocities are told wrong by so many of their standard deviations."""
     nominal, evidence = played(arm())
-    true, doubts = np.full(evidence.starts.shape, 0.4), np.full(evidence.starts.shape, 0.1)
-    truth = nominal.predict(replace(evidence, speeds=true))
+    true, doubts = np.full(evidence.initial_positions.shape, 0.4), np.full(evidence.initial_positions.shape, 0.1)
+    truth = nominal.predict(replace(evidence, initial_velocities=true))
     told = true + off * doubts
-    task = FitTask(nominal, replace(evidence, measured=truth, speeds=told, told=told, doubts=doubts), np.full(2, 1e-4))
+    task = FitTask(
+        nominal,
+        replace(
+            evidence, measured=truth, initial_velocities=told, estimated_velocities=told, velocity_deviations=doubts
+        ),
+        np.full(2, 1e-4),
+    )
     begun = task.with_initial_velocity((), {}).evidence
-    assert np.all(np.abs(begun.speeds - told) <= FURTHEST * doubts + 1e-12)
-    apart = np.abs(begun.speeds - true).max()
+    assert np.all(np.abs(begun.initial_velocities - told) <= FURTHEST * doubts + 1e-12)
+    apart = np.abs(begun.initial_velocities - true).max()
     assert apart < 0.5 * np.abs(told - true).max() + 1e-3 or abs(off) > FURTHEST
     assert task.misfit(nominal.predict(begun)) <= task.misfit(nominal.predict(task.evidence)) + 1e-9
-    assert np.array_equal(begun.told, told)
+    assert np.array_equal(begun.estimated_velocities, told)
     again = replace(task, evidence=begun).with_initial_velocity((), {}).evidence
-    assert np.allclose(again.speeds, begun.speeds), "what was told does not wander"
+    assert np.allclose(again.initial_velocities, begun.initial_velocities), "what was told does not wander"
 
 
 def test_what_begins_at_rest_stays_at_rest():
     nominal, evidence = played(arm(), ["viscous_friction:joint=j2,coefficient=0.03"])
     effects = (parse("backlash:joint=j1,half_width=0.02"),)
     begun = FitTask(nominal, evidence, np.full(2, 1e-4)).with_initial_velocity(effects, {}).evidence
-    assert np.array_equal(begun.speeds, np.zeros_like(begun.speeds))
+    assert np.array_equal(begun.initial_velocities, np.zeros_like(begun.initial_velocities))

@@ -40,8 +40,13 @@ def test_a_plain_fit_adds_what_the_model_lacks_to_an_arm_that_begins_in_motion()
     effects = [f"{kind}:joint={joint},{value}" for joint in ("j1", "j2") for kind, value in FRICTION]
     model = arm(motors=True, damping=0.0, armature=0.001)
     nominal, evidence = played(model, size=0.05, seconds=0.9)
-    speeds = np.random.default_rng(1).uniform(-2, 2, evidence.starts.shape)
-    started = replace(evidence, speeds=speeds, told=speeds, doubts=np.full(speeds.shape, 1e-3))
+    speeds = np.random.default_rng(1).uniform(-2, 2, evidence.initial_positions.shape)
+    started = replace(
+        evidence,
+        initial_velocities=speeds,
+        estimated_velocities=speeds,
+        velocity_deviations=np.full(speeds.shape, 1e-3),
+    )
     truth = nominal.predict(started, [parse(text) for text in effects])
     search = Search.begin(*tasks(nominal, replace(started, measured=truth)))
     found = {(effect.name(), effect.joint): effect for effect in fit_plain(search).effects}
@@ -119,7 +124,7 @@ def test_a_recording_cut_out_of_a_motion_tells_both_frictions_of_a_spindle(tmp_p
     model = tmp_path / "model.xml"
     model.write_text(SPINDLE)
     problem = Problem.of(dataset, model, tmp_path)
-    assert np.abs(problem.evidence.speeds).max() > 4
+    assert np.abs(problem.evidence.initial_velocities).max() > 4
     effects = name(problem.train, problem.held).final.effects
     assert names(effects) == [("coulomb_friction", "spindle"), ("viscous_friction", "spindle")]
     sizes = {effect.name(): getattr(effect, effect.parameters[0].name) for effect in effects}

@@ -31,10 +31,10 @@ def played(effect: Effect, hold: InitialLoad) -> tuple[Nominal, EpisodeBatch]:
     """What the ErgoJr with an effect measures from poses that it held in one way."""
     evidence = commanded(episodes=4)
     poses = np.random.default_rng(1).uniform(-0.5, 0.5, (4, 6))
-    evidence = replace(evidence, starts=poses).begun(hold)
+    evidence = replace(evidence, initial_positions=poses).begun(hold)
     nominal = Nominal.load("ergojr", evidence)
     positions = nominal.predict(evidence, [effect])
-    return nominal, replace(evidence, measured=np.round(positions / QUANTUM) * QUANTUM).begun(InitialLoad.WEIGHT)
+    return nominal, replace(evidence, measured=np.round(positions / QUANTUM) * QUANTUM).begun(InitialLoad.GRAVITY)
 
 
 @pytest.mark.parametrize("hold", list(InitialLoad))
@@ -46,20 +46,20 @@ def test_the_start_is_told_by_the_first_second(text: str, hold: InitialLoad):
     assumed = np.sqrt(evidence.mean_squares(nominal.predict(evidence, [effect])))[:, 1] / FLOOR[1]
     rest = np.sqrt(told.evidence.mean_squares(nominal.predict(told.evidence, [effect])))[:, 1] / FLOOR[1]
     assert np.all(rest < 1.5)
-    assert hold != InitialLoad.NOTHING or (assumed > 1.5).any(), "the assumption matters, or this test shows nothing"
+    assert hold != InitialLoad.UNLOADED or (assumed > 1.5).any(), "the assumption matters, or this test shows nothing"
 
 
 def test_a_model_without_memory_has_one_start():
     effect = parse("coulomb_friction:joint=m2,torque=0.02")
-    nominal, evidence = played(effect, InitialLoad.NOTHING)
+    nominal, evidence = played(effect, InitialLoad.UNLOADED)
     task = FitTask(nominal, evidence, FLOOR)
     assert not nominal.simulator([effect]).remembers
-    assert (task.with_initial_load([effect], {}).evidence.holds == InitialLoad.WEIGHT).all()
+    assert (task.with_initial_load([effect], {}).evidence.holds == InitialLoad.GRAVITY).all()
     positions = [nominal.predict(evidence.begun(hold), [effect]) for hold in InitialLoad]
     assert all(np.array_equal(positions[0], other) for other in positions)
 
 
-@pytest.mark.parametrize("hold", [InitialLoad.WEIGHT, InitialLoad.NOTHING])
+@pytest.mark.parametrize("hold", [InitialLoad.GRAVITY, InitialLoad.UNLOADED])
 def test_how_all_episodes_began_is_told_by_the_fitted_ones(hold: InitialLoad):
     effect = parse("joint_compliance:joint=m2,stiffness=0.8")
     nominal, evidence = played(effect, hold)
@@ -92,7 +92,9 @@ def test_the_true_target_of_a_scene_leaves_what_its_sensors_leave(name: str, mos
     problem, effects = scene(name), find_task(name).effects("backlash")
     evidence = problem.evidence
     assert np.all(errors(problem, evidence, effects) < 1.1 * most)
-    at_rest = replace(evidence, speeds=np.zeros_like(evidence.speeds), objects=evidence.objects[..., :0])
+    at_rest = replace(
+        evidence, initial_velocities=np.zeros_like(evidence.initial_velocities), objects=evidence.objects[..., :0]
+    )
     assert np.max(errors(problem, at_rest, effects)) > 5 * most, "starts make no difference: this test shows nothing"
 
 
@@ -131,6 +133,6 @@ def test_settled_under_nothing_is_at_rest_objects_and_all(name: str):
     problem, effects = scene(name), find_task(name).effects("backlash")
     evidence = problem.evidence.select([0, 1])
     simulator = problem.train.nominal.simulator(effects)
-    holds = np.full(evidence.starts.shape, InitialLoad.NOTHING)
+    holds = np.full(evidence.initial_positions.shape, InitialLoad.UNLOADED)
     rested, settled = simulator.rest(evidence.initial), simulator.settled(evidence.initial, holds)
     np.testing.assert_allclose(settled, rested, atol=1e-9)

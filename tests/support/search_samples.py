@@ -72,7 +72,9 @@ def played(
     empty = EpisodeBatch(joints, 1 / RATE, np.zeros((episodes, len(joints))), told, told, counts, np.arange(episodes))
     truth = loaded(target or model, empty).predict(empty, [parse(text) for text in effects], factors)
     seen = truth + rng.normal(0, NOISE, truth.shape)
-    return loaded(model, empty), EpisodeBatch(joints, 1 / RATE, empty.starts, told, seen, counts, np.arange(episodes))
+    return loaded(model, empty), EpisodeBatch(
+        joints, 1 / RATE, empty.initial_positions, told, seen, counts, np.arange(episodes)
+    )
 
 
 def loaded(model: str, evidence: EpisodeBatch) -> Nominal:

@@ -43,10 +43,10 @@ def as_evidence(nominal: Nominal, commands: Sequence[np.ndarray], pose: np.ndarr
     return EpisodeBatch(
         joints=nominal.joints,
         period=nominal.period,
-        starts=np.tile(pose, (len(commands), 1)),
+        initial_positions=np.tile(pose, (len(commands), 1)),
         commands=stacked,
         measured=np.zeros_like(stacked),
-        counts=np.stack([np.arange(longest) < len(rows) for rows in commands]),
+        mask=np.stack([np.arange(longest) < len(rows) for rows in commands]),
         numbers=np.arange(len(commands)),
     )
 

@@ -105,7 +105,7 @@ def read_intervals(path: Path, effects: Sequence[Effect]) -> Intervals:
     values = {
         (effect.name(), effect.joint, parameter.name): float(getattr(effect, parameter.name))
         for effect in effects
-        for parameter in effect.sought
+        for parameter in effect.free_parameters
     }
     return {
         key: (low, high)
@@ -136,7 +136,7 @@ def _of_joint(
     value = _numbers(spec, joint, effects)
     low, high, known = dict(value), dict(value), set()
     for place, effect in enumerate(effects):
-        for parameter in effect.sought:
+        for parameter in effect.free_parameters:
             ends = intervals.get((effect.name(), joint, parameter.name))
             if ends is None:
                 continue
@@ -156,7 +156,7 @@ def _of_joint(
 
 def _of_effect(spec: mujoco.MjSpec, effect: Effect, intervals: Intervals, slide: bool) -> list[Quantity]:
     """Return an effect's own numbers; nothing for an effect of one number that can be read in its joint."""
-    several = len(effect.sought) > 1
+    several = len(effect.free_parameters) > 1
     if effect.joint is not None and not several:
         before, after = (_numbers(spec, effect.joint, effects).values() for effects in ([], [effect]))
         if not all(math.isclose(*pair, rel_tol=ROUNDING) for pair in zip(before, after, strict=True)):
@@ -169,7 +169,7 @@ def _of_effect(spec: mujoco.MjSpec, effect: Effect, intervals: Intervals, slide:
             float(getattr(effect, parameter.name)),
             intervals.get((effect.name(), effect.joint, parameter.name)),
         )
-        for parameter in effect.sought
+        for parameter in effect.free_parameters
     ]
 
 

@@ -51,7 +51,7 @@ class Condition:
 
 def conditions(setting: ConditionInputs) -> tuple[Condition, ...]:
     """Return every condition, rows that were not recorded in no bin."""
-    counts = setting.recorded.evidence.counts[..., None]
+    counts = setting.recorded.evidence.mask[..., None]
     found = (make(setting) for make in CONDITIONS)
     return tuple(Condition(c.name, c.bins, np.where(counts, c.labels, -1), c.whole_episodes) for c in found)
 
@@ -85,7 +85,7 @@ def direction(setting: ConditionInputs) -> Condition:
 def load(setting: ConditionInputs) -> Condition:
     """Divide rows by the torque that holds the posture; a joint that gravity never loads is in no bin."""
     size = np.abs(setting.loads.posture)
-    labels = terciles(size, setting.recorded.evidence.counts[..., None], SMALLEST_LOAD)
+    labels = terciles(size, setting.recorded.evidence.mask[..., None], SMALLEST_LOAD)
     return Condition("load", ("light", "medium", "heavy"), labels)
 
 
@@ -94,7 +94,7 @@ def command_size(setting: ConditionInputs) -> Condition:
     evidence = setting.recorded.evidence
     positional = setting.nominal.simulator().layout.inputs.positional
     size = np.abs(evidence.commands - np.where(positional, setting.recorded.positions, 0.0))
-    return Condition("command size", ("small", "medium", "large"), terciles(size, evidence.counts[..., None]))
+    return Condition("command size", ("small", "medium", "large"), terciles(size, evidence.mask[..., None]))
 
 
 def saturation(setting: ConditionInputs) -> Condition:

@@ -28,7 +28,7 @@ def find_joint_gaps(
     repeats = repeatability(evidence, floor)
     one_step = rmse(evidence, stepped)
     one_step_hold = rmse(evidence, recorded.positions)
-    open_loop_hold = rmse(evidence, np.broadcast_to(evidence.starts[:, None], predicted.shape))
+    open_loop_hold = rmse(evidence, np.broadcast_to(evidence.initial_positions[:, None], predicted.shape))
     return {
         joint: JointGap(
             floor=float(floor[place]),
@@ -47,4 +47,4 @@ def find_joint_gaps(
 
 def rmse(evidence: EpisodeBatch, predicted: np.ndarray) -> np.ndarray:
     """Return the root mean squared error of each joint over all recorded rows [rad], shape (n,)."""
-    return np.asarray(np.sqrt((evidence.errors(predicted) ** 2).sum((0, 1)) / evidence.counts.sum()))
+    return np.asarray(np.sqrt((evidence.errors(predicted) ** 2).sum((0, 1)) / evidence.mask.sum()))

@@ -32,7 +32,7 @@ def find_loads(nominal: Nominal, recorded: RecordedRows) -> Loads:
     """Put the model into every measured state, with the command given there."""
     simulator = nominal.simulator()
     simulator.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-    counts = recorded.evidence.counts
+    counts = recorded.evidence.mask
     states = np.concatenate([recorded.positions, recorded.motion], axis=-1)[counts]
     posture, force = torques(simulator, states, recorded.evidence.commands[counts])
     low, high = torque_limits(simulator)

@@ -59,4 +59,4 @@ class RecordedRows:
 
     def moving(self, floor: np.ndarray) -> np.ndarray:
         """Return in which rows a joint surely moved, for noise floors [rad] (n,); shape (E, T, n)."""
-        return np.asarray((np.abs(self.moved) > STILL * floor) & self.evidence.counts[..., None])
+        return np.asarray((np.abs(self.moved) > STILL * floor) & self.evidence.mask[..., None])

@@ -63,7 +63,7 @@ def measure(
         return None
     rmse, rest = (float(np.sqrt(squared[rows].mean())) for rows in (here, there))
     compare = chance_between if condition.whole_episodes else chance_within
-    visible = squared[evidence.counts].mean() > (VISIBLE * floor) ** 2
+    visible = squared[evidence.mask].mean() > (VISIBLE * floor) ** 2
     return Bin(
         joint=evidence.joints[joint],
         regime=condition.name,

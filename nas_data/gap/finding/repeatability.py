@@ -13,7 +13,7 @@ def repeatability(evidence: EpisodeBatch, floor: np.ndarray) -> np.ndarray | Non
     """Return the standard deviation between repeats of the same commands [rad], shape (n,); None without repeats."""
     squares, freedom = np.zeros(len(floor)), 0
     for group in repeats(evidence, floor):
-        counts = evidence.counts[group[0]]
+        counts = evidence.mask[group[0]]
         measured = evidence.measured[group][:, counts]
         squares += ((measured - measured.mean(0)) ** 2).sum((0, 1))
         freedom += (len(group) - 1) * int(counts.sum())
@@ -24,12 +24,16 @@ def repeats(evidence: EpisodeBatch, floor: np.ndarray) -> list[list[int]]:
     """Return groups of episodes that were given the same commands from the same pose."""
     groups: dict[bytes, list[int]] = defaultdict(list)
     for episode in range(len(evidence)):
-        rows = evidence.commands[episode, evidence.counts[episode]]
+        rows = evidence.commands[episode, evidence.mask[episode]]
         groups[rows.astype(np.float32).tobytes()].append(episode)
     found = []
     for group in groups.values():
-        middle = np.median(evidence.starts[group], axis=0)
-        near = [episode for episode in group if (np.abs(evidence.starts[episode] - middle) <= SAME_START * floor).all()]
+        middle = np.median(evidence.initial_positions[group], axis=0)
+        near = [
+            episode
+            for episode in group
+            if (np.abs(evidence.initial_positions[episode] - middle) <= SAME_START * floor).all()
+        ]
         if len(near) > 1:
             found.append(near)
     return found

@@ -43,7 +43,7 @@ def about_motion(recorded: RecordedRows, floor: np.ndarray) -> list[str]:
 def about_time(recorded: RecordedRows) -> list[str]:
     """Say where the recording is too short, or has several rates."""
     said = []
-    seconds = float(recorded.evidence.counts.sum()) * recorded.evidence.period
+    seconds = float(recorded.evidence.mask.sum()) * recorded.evidence.period
     if seconds < SHORT:
         said.append(f"The recording lasts {seconds:.2g} s, which is too short to tell effects apart: record a minute.")
     steps = periods(recorded)
@@ -67,7 +67,7 @@ def periods(recorded: RecordedRows) -> np.ndarray | None:
 
 def episode_rates(recorded: RecordedRows, steps: np.ndarray) -> np.ndarray:
     """Return each episode's rate over the dataset's, shape (E,)."""
-    pairs = zip(steps, recorded.evidence.counts[:, 1:], strict=True)
+    pairs = zip(steps, recorded.evidence.mask[:, 1:], strict=True)
     medians = [float(np.median(row[seen])) if seen.any() else 1.0 for row, seen in pairs]
     return 1 / np.maximum(np.array(medians), 1e-3)
 

@@ -160,7 +160,7 @@ def deviations(task: FitTask, found: Fit) -> tuple[np.ndarray, np.ndarray]:
     Errors of a rollout are alike for a while (`CORRELATION`); in the curvature, so many rows count as one.
     """
     size, episodes = len(found.jacobian), len(task.evidence)
-    weights = task.weights(found.predicted) * task.evidence.counts[..., None]
+    weights = task.weights(found.predicted) * task.evidence.mask[..., None]
     rows = (found.jacobian * weights).reshape(size, episodes, -1)
     flat = rows.reshape(size, -1)
     inverse = np.linalg.inv(flat @ flat.T + np.diag(found.parameters.prior(found.theta) ** 2) + 1e-9 * np.eye(size))
@@ -196,4 +196,4 @@ def values(
         low, high = interval.get(parameter.name, (value, value))
         return {"value": value, "unit": unit_at(parameter.unit, effect.joint in slides), "interval95": [low, high]}
 
-    return {parameter.name: entry(parameter) for parameter in effect.sought}
+    return {parameter.name: entry(parameter) for parameter in effect.free_parameters}

@@ -145,7 +145,7 @@ def reach_of_joints(task: FitTask, parameters: FreeParameters) -> Reach:
 
 def measure_reach(task: FitTask, parameters: FreeParameters, predicted: np.ndarray, jacobian: np.ndarray) -> Reach:
     """Return which joints each parameter of the model moves, by its name: those with a share of its whole effect."""
-    weights = task.weights(predicted) * task.evidence.counts[..., None]
+    weights = task.weights(predicted) * task.evidence.mask[..., None]
     sizes = np.sqrt(((jacobian * weights) ** 2).sum((1, 2)))
     shares = sizes / np.maximum(np.linalg.norm(sizes, axis=1, keepdims=True), 1e-300)
     names = (label[0] for label in parameters.labels)
@@ -224,7 +224,7 @@ def broyden(jacobian: np.ndarray, change: np.ndarray, moved: np.ndarray) -> np.n
 
 def normal_equations(task: FitTask, predicted: np.ndarray, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return Jᵀ W J and Jᵀ W e of the weighted errors, shapes (size, size) and (size,)."""
-    weights = task.weights(predicted) * task.evidence.counts[..., None]
+    weights = task.weights(predicted) * task.evidence.mask[..., None]
     rows = (jacobian * weights).reshape(len(jacobian), -1)
     errors = (task.evidence.errors(predicted) * weights).ravel()
     return rows @ rows.T, rows @ errors

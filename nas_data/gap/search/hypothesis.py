@@ -74,7 +74,7 @@ class Description:
 
 def effect_cost(effect: Effect) -> float:
     """Return what one effect must bring [nats]."""
-    further = DETAIL_PRICE * max(0, len(effect.sought) - 1)
+    further = DETAIL_PRICE * max(0, len(effect.free_parameters) - 1)
     return PRICE + further + (0.0 if effect.in_model else HOOK_PRICE)
 
 
@@ -112,7 +112,7 @@ class Hypothesis:
     def text(self) -> str:
         """Say it in a line."""
         parts = [
-            f"{e.name()}({e.joint or 'arm'}: {', '.join(f'{getattr(e, p.name):.4g}' for p in e.sought)})"
+            f"{e.name()}({e.joint or 'arm'}: {', '.join(f'{getattr(e, p.name):.4g}' for p in e.free_parameters)})"
             for e in self.effects
         ]
         parts += [f"{name} × {self.fit.factors[name]:.3g}" for name in sorted(self.description.freed)]
@@ -140,7 +140,7 @@ def is_beyond_prior(h: Hypothesis, base: NominalParameter) -> bool:
 
 def frees_base_parameter(h: Hypothesis, effect: Effect) -> bool:
     """Whether a parameter of the model that went beyond what a real arm's does may stand for an effect."""
-    kind = effect.replaces or effect.strains
+    kind = effect.replaces or effect.distorts
     near = [base for base in h.fit.parameters.base if base.kind == kind and effect.joint in (None, base.joint)]
     return any(is_beyond_prior(h, base) for base in near)
 

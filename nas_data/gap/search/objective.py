@@ -146,12 +146,12 @@ class FitTask:
         early = evidence.first(max(1, round(BEGINNING / evidence.period)))
         try:
             if not self.nominal.simulator(effects, factors).remembers:
-                return replace(self, evidence=evidence.begun(InitialLoad.WEIGHT))
+                return replace(self, evidence=evidence.begun(InitialLoad.GRAVITY))
             rolled = [self.rolled.predict(early.begun(hold), effects, factors) for hold in InitialLoad]
         except ModelFileError:
             return self
         squares = np.stack([early.mean_squares(predicted) for predicted in rolled]) + self.floor**2
-        squares[InitialLoad.WEIGHT] *= FAMILIAR
+        squares[InitialLoad.GRAVITY] *= FAMILIAR
         return replace(self, evidence=evidence.begun(squares.argmin(0)))
 
     def with_initial_velocity(self, effects: Sequence[Effect], factors: dict[str, float]) -> "FitTask":
@@ -160,8 +160,8 @@ class FitTask:
         One Gauss-Newton step of v₀ on ½ Σ w² e² + ½ Σ ((v₀ − v̂₀) / σ)² for each episode by itself; it counts in those
         where it lowers that sum. Episodes that begin at rest stay at rest.
         """
-        told = replace(self.evidence, speeds=self.evidence.told)
-        moving = np.flatnonzero((told.doubts > 0).any(axis=1))
+        told = replace(self.evidence, initial_velocities=self.evidence.estimated_velocities)
+        moving = np.flatnonzero((told.velocity_deviations > 0).any(axis=1))
         if not len(moving):
             return replace(self, evidence=told)
         part = told.select(moving)
@@ -169,23 +169,25 @@ class FitTask:
             predicted = self.rolled.predict(part, effects, factors)
             slopes = np.zeros((len(part.joints), *predicted.shape))
             for joint in range(len(part.joints)):
-                if (part.doubts[:, joint] > 0).any():
-                    shift = np.zeros(part.speeds.shape)
-                    shift[:, joint] = np.maximum(part.doubts[:, joint], 1e-6)
-                    other = self.rolled.predict(replace(part, speeds=part.speeds + shift), effects, factors)
+                if (part.velocity_deviations[:, joint] > 0).any():
+                    shift = np.zeros(part.initial_velocities.shape)
+                    shift[:, joint] = np.maximum(part.velocity_deviations[:, joint], 1e-6)
+                    other = self.rolled.predict(
+                        replace(part, initial_velocities=part.initial_velocities + shift), effects, factors
+                    )
                     slopes[joint] = (other - predicted) / shift[:, joint][:, None, None]
             weights = self.weights(predicted, part)
-            step = velocity_steps(part.errors(predicted) * weights, slopes * weights, part.doubts)
-            moved = replace(part, speeds=part.speeds + step)
+            step = velocity_steps(part.errors(predicted) * weights, slopes * weights, part.velocity_deviations)
+            moved = replace(part, initial_velocities=part.initial_velocities + step)
             reached = self.rolled.predict(moved, effects, factors)
         except ModelFileError:
             return replace(self, evidence=told)
         cost = ((part.errors(predicted) * weights) ** 2).sum((1, 2))
-        prior = ((step / np.where(part.doubts > 0, part.doubts, np.inf)) ** 2).sum(1)
+        prior = ((step / np.where(part.velocity_deviations > 0, part.velocity_deviations, np.inf)) ** 2).sum(1)
         better = ((part.errors(reached) * weights) ** 2).sum((1, 2)) + prior < cost
-        speeds = told.speeds.copy()
+        speeds = told.initial_velocities.copy()
         speeds[moving] += np.where(better[:, None], step, 0.0)
-        return replace(self, evidence=replace(told, speeds=speeds))
+        return replace(self, evidence=replace(told, initial_velocities=speeds))
 
     def corrected(self, effects: Sequence[Effect], factors: dict[str, float]) -> "FitTask":
         """Return the task with its rollouts' physics steps, and what the recording's would change at a hypothesis.
@@ -249,7 +251,7 @@ class FitTask:
     @property
     def observations(self) -> np.ndarray:
         """How many independent observations an episode is worth, shape (E, 1)."""
-        return np.asarray(self.evidence.counts.sum(1)[:, None] * self.evidence.period / CORRELATION)
+        return np.asarray(self.evidence.mask.sum(1)[:, None] * self.evidence.period / CORRELATION)
 
     def misfit(self, predicted: np.ndarray | None) -> float:
         """Return half the log of the mean squared error, summed over episodes and joints, each by its observations.

@@ -79,7 +79,7 @@ class FreeParameters:
             alike = self._alike(effect) if effect.name() in self.shared else (place,)
             if alike[0] != place:
                 continue
-            for parameter in effect.sought:
+            for parameter in effect.free_parameters:
                 own = float(getattr(effect, parameter.name))
                 found.append(FreeParameter(alike, parameter, parameter.neutral if parameter.spread else own))
         return tuple(found)

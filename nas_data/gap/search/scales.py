@@ -40,7 +40,7 @@ def joint_scales(
     inertia = float(model.dof_M0[model.joint(joint).dofadr[0]])
     speed = large_speed(evidence, index)
     radian = radian_of(nominal, model, evidence, index)
-    pulls = np.abs(servo_torques(nominal, evidence, predicted, index))[evidence.counts]
+    pulls = np.abs(servo_torques(nominal, evidence, predicted, index))[evidence.mask]
     ranges = (actuator.forcerange * float(actuator.gear[0]), element.actfrcrange)
     limit = min(float(np.abs(each).max()) or np.inf for each in ranges)
     torque = min(limit, float(np.percentile(pulls, 98)))
@@ -52,7 +52,7 @@ def radian_of(nominal: Nominal, model: mujoco.MjModel, evidence: EpisodeBatch, i
     """Return what stands for a radian at a joint: 1, or of a slide its range over π, its travel where it has none."""
     joint = nominal.joints[index]
     place = model.joint(joint).id
-    travel = np.ptp(evidence.measured[..., index][evidence.counts])
+    travel = np.ptp(evidence.measured[..., index][evidence.mask])
     reach = np.ptp(model.jnt_range[place]) if model.jnt_limited[place] else travel
     return float(radians_at([joint], nominal.slides, np.array([reach]))[0])
 
@@ -63,7 +63,9 @@ def servo_torques(nominal: Nominal, evidence: EpisodeBatch, predicted: np.ndarra
     A motor gives its command, a servo its gain times its error of position, or of speed.
     """
     simulator, joint = nominal.simulator(), nominal.joints[index]
-    commands, positions, starts = (rows[..., index] for rows in (evidence.commands, predicted, evidence.starts))
+    commands, positions, starts = (
+        rows[..., index] for rows in (evidence.commands, predicted, evidence.initial_positions)
+    )
     kind, gain = simulator.kinds[index], stiffness(nominal.spec, joint)
     if kind == EFFORT:
         return commands
@@ -85,4 +87,4 @@ def large_speed(evidence: EpisodeBatch, index: int) -> float:
     """Return the 98th percentile of a joint's measured speed over 50 ms [rad/s]."""
     gap = max(1, round(0.05 / evidence.period))
     moved = np.abs(evidence.measured[:, gap:, index] - evidence.measured[:, :-gap, index])
-    return float(np.percentile(moved[evidence.counts[:, gap:]], 98)) / (gap * evidence.period)
+    return float(np.percentile(moved[evidence.mask[:, gap:]], 98)) / (gap * evidence.period)

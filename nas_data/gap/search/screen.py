@@ -91,7 +91,7 @@ def screen(
             changes[identities[effect]] = change
 
     def estimated(effect: Effect) -> Candidate | None:
-        idle = effect.idle(by_joint[effect.joint]) if effect.joint else effect.parameters[0].neutral
+        idle = effect.vanishing_value(by_joint[effect.joint]) if effect.joint else effect.parameters[0].neutral
         if identities[effect] not in changes:
             return None
         return first_order(task, state, effect, idle, changes[identities[effect]])
@@ -129,7 +129,7 @@ def group_effects(task: FitTask, effects: Sequence[Effect]) -> list[list[Effect]
     """
     groups: list[tuple[list[Effect], np.ndarray]] = []
     for effect in effects:
-        known = effect.joint and effect.strains != "mass"  # which weighs on the joints that carry it
+        known = effect.joint and effect.distorts != "mass"  # which weighs on the joints that carry it
         seen = task.reach_of_joints.get(effect.joint) if known else None
         if seen is None:
             groups.append(([effect], np.ones(len(task.floor), bool)))
@@ -178,7 +178,7 @@ def first_order(task: FitTask, state: Fit, effect: Effect, idle: float, change: 
         idle: Value of its first parameter at which it ends to do anything.
         change: What it changes, shape (E, T, n).
     """
-    counts = task.evidence.counts[..., None]
+    counts = task.evidence.mask[..., None]
     errors = task.evidence.errors(state.predicted)
     guess = errors
     low, high = state.parameters.bounds()
@@ -188,7 +188,7 @@ def first_order(task: FitTask, state: Fit, effect: Effect, idle: float, change: 
     stretch = 1.0
     shift: np.ndarray = np.zeros(len(state.theta))
     for _ in range(3):
-        squares = (guess**2).sum(1) / task.evidence.counts.sum(1)[:, None]
+        squares = (guess**2).sum(1) / task.evidence.mask.sum(1)[:, None]
         weights = np.sqrt(task.evidence.period / CORRELATION / (task.tolerated + squares))[:, None] * counts
         rows = np.concatenate([(change * weights)[None], state.jacobian * weights]).reshape(len(shift) + 1, -1)
         square = rows @ rows.T + np.diag([1e-9, *prior**2])
@@ -196,7 +196,7 @@ def first_order(task: FitTask, state: Fit, effect: Effect, idle: float, change: 
         solved = solve_bounded(square, pull, 0.0, np.array([shortest, *low]), np.array([longest, *high]))
         stretch, shift = float(solved[0]), solved[1:]
         guess = (errors + stretch * change + np.tensordot(shift, state.jacobian, 1)) * counts
-    squares = (guess**2).sum(1) / task.evidence.counts.sum(1)[:, None]
+    squares = (guess**2).sum(1) / task.evidence.mask.sum(1)[:, None]
     misfit = float((0.5 * task.observations * np.log(task.tolerated + squares)).sum())
     misfit += float(0.5 * ((prior * (state.theta + shift)) ** 2).sum())
     return Candidate(stretch_effect(effect, stretch, idle), Score(misfit, task.objective), state.theta + shift)

@@ -210,7 +210,7 @@ class Search:
     @property
     def begins_in_motion(self) -> bool:
         """Whether some episode begins in motion."""
-        return bool((self.sub.evidence.doubts > 0).any())
+        return bool((self.sub.evidence.velocity_deviations > 0).any())
 
     @property
     def round(self) -> Round:

@@ -117,7 +117,7 @@ def names_table(plan: DemoPlan, report: GapReport) -> HtmlTable:
     for name, joint in {**hidden, **named}:
         there, found = hidden.get((name, joint)), named.get((name, joint))
         numbers = list(found.parameters.values()) if found else []
-        truth = [friendly(getattr(there, one.name), one.unit) for one in there.sought] if there else []
+        truth = [friendly(getattr(there, one.name), one.unit) for one in there.free_parameters] if there else []
         rows.append(
             (
                 f"{spoken(name)} in {joint or 'the whole arm'}",

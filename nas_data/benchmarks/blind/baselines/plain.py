@@ -21,7 +21,7 @@ def answer(dataset: Path, model: Path) -> Claim:
     simulator = nominal.simulator(plain.effects, plain.fit.factors)
 
     def predict(commands: np.ndarray, first: np.ndarray) -> np.ndarray:
-        holds = np.full((len(commands), commands.shape[2]), InitialLoad.WEIGHT)
+        holds = np.full((len(commands), commands.shape[2]), InitialLoad.GRAVITY)
         return simulator.rollout(first, commands, holds)[..., : commands.shape[2]]
 
     return Claim((), predict)

@@ -87,11 +87,11 @@ def shift_errors(examined: Examined, shift: int) -> np.ndarray:
     try:
         predicted = examined.nominal.predict(shift_commands(evidence, shift, positional))
     except ModelFileError:
-        return np.full(evidence.starts.shape, np.inf)
+        return np.full(evidence.initial_positions.shape, np.inf)
     rows = max(1, round(WINDOW / evidence.period))
     error = predicted - evidence.measured
-    moves = np.where(evidence.counts[:, rows:, None], error[:, rows:] - error[:, :-rows], 0.0)
-    seen = np.maximum(evidence.counts[:, rows:].sum(1), 1)[:, None]
+    moves = np.where(evidence.mask[:, rows:, None], error[:, rows:] - error[:, :-rows], 0.0)
+    seen = np.maximum(evidence.mask[:, rows:].sum(1), 1)[:, None]
     return np.sqrt((moves**2).sum(1) / seen) + np.finfo(float).eps
 
 
@@ -99,7 +99,7 @@ def shorten_episodes(evidence: EpisodeBatch) -> EpisodeBatch:
     """Return the beginnings of some episodes, enough to tell a shift."""
     chosen = np.unique(np.linspace(0, len(evidence) - 1, min(len(evidence), EPISODES)).round().astype(int))
     part, rows = evidence.select(chosen), slice(0, round(SECONDS / evidence.period))
-    return replace(part, commands=part.commands[:, rows], measured=part.measured[:, rows], counts=part.counts[:, rows])
+    return replace(part, commands=part.commands[:, rows], measured=part.measured[:, rows], mask=part.mask[:, rows])
 
 
 def shift_commands(evidence: EpisodeBatch, shift: int, positional: np.ndarray) -> EpisodeBatch:
@@ -108,7 +108,7 @@ def shift_commands(evidence: EpisodeBatch, shift: int, positional: np.ndarray) -
     Joints that are not commanded positions, `positional` (n,), had their first command.
     """
     commands, steps = evidence.commands, evidence.commands.shape[1]
-    before = np.where(positional, evidence.starts[:, None], commands[:, :1])
+    before = np.where(positional, evidence.initial_positions[:, None], commands[:, :1])
     if shift >= 0:
         moved = np.concatenate([np.repeat(before, shift, axis=1), commands[:, : steps - shift]], axis=1)
     else:

@@ -29,10 +29,10 @@ def names(evidence: EpisodeBatch, chosen: np.ndarray) -> str:
 
 def constant(evidence: EpisodeBatch) -> np.ndarray:
     """Return which joints were given one command all the time, shape (n,)."""
-    return np.asarray(np.ptp(evidence.commands[evidence.counts], axis=0) <= STEADY)
+    return np.asarray(np.ptp(evidence.commands[evidence.mask], axis=0) <= STEADY)
 
 
 def find_unmoved_joints(evidence: EpisodeBatch, floor: np.ndarray) -> np.ndarray:
     """Return which joints stay where they are in every episode, shape (n,)."""
-    span = np.ptp(np.concatenate([evidence.starts[:, None], evidence.measured], axis=1), axis=1)
+    span = np.ptp(np.concatenate([evidence.initial_positions[:, None], evidence.measured], axis=1), axis=1)
     return np.asarray(span.max(axis=0) <= STILL * floor)

@@ -14,7 +14,7 @@ ROUNDING = 1e-5  # [the commands' unit]; commands are stored as float32
 
 def check(examined: Examined) -> Check:
     """Name the joints at their limits."""
-    counts = examined.recorded.evidence.counts
+    counts = examined.recorded.evidence.mask
     saturated = examined.loads.saturated[counts].mean(axis=0)
     beyond = beyond_range(examined)[counts].mean(axis=0)
     said = []

@@ -16,7 +16,7 @@ def check(examined: Examined) -> Check:
     if not off.any():
         return Check(NAME, "The servos were powered in every row.")
     episodes = sum(bool(off[rows].any()) for rows in dataset.episodes())
-    kept = int(examined.recorded.evidence.counts.sum())
+    kept = int(examined.recorded.evidence.mask.sum())
     noun = "episode" if episodes == 1 else "episodes"
     return Check(
         NAME,

@@ -122,7 +122,7 @@ def fit_candidates(search: Search, kept: Hypothesis, around: Fit, candidates: Se
         return search.fitted(beside(kept, around, c), factors, around, steps=2)
 
     quick = side_by_side(fit_briefly, candidates)
-    ranked = sorted((h for h in quick if h and not h.effects[-1].is_twin), key=lambda h: h.score)
+    ranked = sorted((h for h in quick if h and not h.effects[-1].has_preferred_equivalent), key=lambda h: h.score)
     ahead = [h for h in ranked if h.score < ranked[0].score + FAR_BEHIND][:TRIED]
     thorough = side_by_side(lambda h: optional_parameters.apply(search, search.continued(h)), ahead)
     return sorted([*thorough, *ranked[len(ahead) :]], key=lambda h: h.score)

@@ -53,7 +53,7 @@ def scan_parameters(search: Search, h: Hypothesis, anyway: bool = False) -> Hypo
     parameters, theta = h.fit.parameters, h.fit.theta
     own = np.where(np.arange(parameters.size) < len(parameters.of_effects), theta, 0.0)
     task = search.sub.select(np.arange(0, len(search.sub.evidence), 2)).at_own_steps()
-    settled = replace(task, evidence=task.evidence.begun(InitialLoad.WEIGHT))
+    settled = replace(task, evidence=task.evidence.begun(InitialLoad.GRAVITY))
     before = loss(task, parameters, theta)
     starts = ((task, theta), (settled, own))
     ends = [scan(each, parameters, first, columns, scans) for each, first in starts]
@@ -81,7 +81,7 @@ def scanned_columns(search: Search, h: Hypothesis) -> list[int]:
 
 def is_chaotic(task: FitTask, h: Hypothesis) -> bool:
     """Whether starts off by less than encoders tell change rollouts of a hypothesis as other numbers might."""
-    nudged = replace(task, evidence=replace(task.evidence, starts=task.evidence.starts + NUDGE))
+    nudged = replace(task, evidence=replace(task.evidence, initial_positions=task.evidence.initial_positions + NUDGE))
     one, other = (each.predict(h.fit.parameters, h.fit.theta) for each in (task, nudged))
     if one is None or other is None:
         return False

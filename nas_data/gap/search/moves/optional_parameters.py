@@ -6,7 +6,7 @@ from nas_data.gap.search.search import Search
 
 def apply(search: Search, h: Hypothesis) -> Hypothesis:
     """Fit on with the optional parameters of all effects, and keep them where they are worth their price."""
-    effects = tuple(effect.detailed() for effect in h.effects)
+    effects = tuple(effect.with_optional_parameters() for effect in h.effects)
     if effects == h.effects:
         return h
     found = search.fitted(h.description.with_effects(effects), h.fit.factors, h.fit, jacobian_refreshes=1)

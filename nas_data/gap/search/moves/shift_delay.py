@@ -70,7 +70,7 @@ def fit_briefly(task: FitTask, near: Fit, effects: tuple[Effect, ...]) -> Fit | 
 def shifts(effects: tuple[Effect, ...], timestep: float) -> Iterator[tuple[Effect, ...]]:
     """Yield effects of which one has one parameter another number of physics steps [s] away."""
     for place, effect in enumerate(effects):
-        for parameter in effect.sought:
+        for parameter in effect.free_parameters:
             if parameter.name not in effect.stepwise:
                 continue
             own = {each.name: float(getattr(effect, each.name)) for each in effect.parameters}

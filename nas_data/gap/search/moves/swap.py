@@ -28,7 +28,9 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
         near = [c for c in found if c.effect.joint and effect.joint][:SWAPPED]
         others = [c for c in near if c.loss.over(reach) < FAR_BEHIND and c not in own] + own
         quick = side_by_side(partial(fit_briefly, search, rest), others)
-        ranked = sorted((o for o in quick if o and not o.effects[-1].is_twin), key=lambda other: other.score)
+        ranked = sorted(
+            (o for o in quick if o and not o.effects[-1].has_preferred_equivalent), key=lambda other: other.score
+        )
         best = search.continued(ranked[0]) if ranked else None
         if best and best.score < h.score:
             search.rivals.setdefault(key(best.effects[-1]), []).append(effect)
@@ -53,5 +55,7 @@ def doubtful(search: Search, h: Hypothesis) -> list[int]:
 def fit_briefly(search: Search, rest: Hypothesis, candidate: Candidate) -> Hypothesis | None:
     """Fit a candidate with its optional parameters for a few steps beside the effects that stay."""
     description = beside(rest, rest.fit, candidate)
-    description = description.with_effects([*description.effects[:-1], description.effects[-1].detailed()])
+    description = description.with_effects(
+        [*description.effects[:-1], description.effects[-1].with_optional_parameters()]
+    )
     return search.fitted(description, rest.fit.parameters.factors_at(candidate.theta), rest.fit, steps=3)
