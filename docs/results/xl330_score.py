@@ -17,7 +17,7 @@ from nas_data.gap.finding.torque_off import until_driven_again
 from nas_data.gap.floor import noise_floor
 from nas_data.gap.gains import with_relative_gains
 from nas_data.gap.nominal import Nominal, fine_timestep, with_timestep
-from nas_data.gap.search.final import finish
+from nas_data.gap.search.final import fit_final
 from nas_data.gap.search.fit import FitTask
 from nas_data.gap.write_model import read_factors
 
@@ -45,7 +45,9 @@ def errors(
 
 def refitted(evidence: EpisodeBatch) -> tuple[Sequence[Effect], Mapping[str, float]]:
     """Fit the authors' effects and the model's own numbers to other logs: what their form of friction can foresee."""
-    final = finish(FitTask(Nominal.load(MODEL, evidence), evidence, noise_floor(evidence)), read_effects(AUTHORS), {})
+    final = fit_final(
+        FitTask(Nominal.load(MODEL, evidence), evidence, noise_floor(evidence)), read_effects(AUTHORS), {}
+    )
     return final.effects, final.factors
 
 

@@ -41,15 +41,15 @@ class GapAdd(TakesModel):
         from nas_data.gap.output_folder import check_model
         from nas_data.gap.problem import Problem
         from nas_data.gap.score_model import score_model
-        from nas_data.gap.search.final import Final
+        from nas_data.gap.search.final import FinalFit
         from nas_data.joint_units import display_unit
 
         check_model(self.out, self.model)
         problem = Problem.load(self.dataset, self.actuated(self.model))
         named = Named.read(self.effects)
-        final = Final(named.effects, named.retuned, ())
+        final = FinalFit(named.effects, named.retuned, ())
         self.out.mkdir(parents=True, exist_ok=True)
-        outcome = score_model(problem, final, Final((), {}, ()), Final((), {}, ()), self.out)
+        outcome = score_model(problem, final, FinalFit((), {}, ()), FinalFit((), {}, ()), self.out)
         found = gap(problem.held, outcome)
         told = " and ".join(
             f"{unit.text(errors.before, 3)} before, {unit.text(errors.after, 3)} after"

@@ -32,7 +32,7 @@ from nas_data.gap.report_parts import (
 )
 from nas_data.gap.residual_correlates import goes_with
 from nas_data.gap.score_model import HeldOutResult
-from nas_data.gap.search.final import list_retuned, values
+from nas_data.gap.search.final import list_parameters, list_retuned
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.showing.series import SERIES
 from nas_data.gap.verdict import above, verdict
@@ -105,7 +105,7 @@ def described(finding: Finding, nominal: Nominal, whole: bool = False) -> NamedE
     """
     effect, slides = finding.effect, nominal.slides
     unit = joint_unit(effect.joint, slides) if effect.joint else kinds_of(nominal.joints, slides)[0][0]
-    found = values(effect, finding.interval, slides)
+    found = list_parameters(effect, finding.interval, slides)
     return NamedEffect(
         name=effect.name(),
         joint=effect.joint,

@@ -153,7 +153,7 @@ class EpisodeBatch:
         rows = [dataset.episode(int(number)) for number in self.numbers]
         return replace(self, objects=np.stack([lengthen(states[part], self.commands.shape[1]) for part in rows]))
 
-    def begun(self, holds: np.ndarray | InitialLoad) -> "EpisodeBatch":
+    def with_initial_loads(self, holds: np.ndarray | InitialLoad) -> "EpisodeBatch":
         """Return the episodes with what held the joints before."""
         return replace(self, initial_loads=np.broadcast_to(np.asarray(holds), self.initial_positions.shape))
 

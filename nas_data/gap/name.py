@@ -9,13 +9,13 @@ from threadpoolctl import threadpool_limits
 
 from nas_data.effects.base import Effect
 from nas_data.gap.search.choose import choose
-from nas_data.gap.search.final import Final, finish
-from nas_data.gap.search.hypothesis import Description, Hypothesis, key
-from nas_data.gap.search.moves.replace_by_rival import fitted_rivals
+from nas_data.gap.search.final import FinalFit, fit_final
+from nas_data.gap.search.hypothesis import Description, Hypothesis, effect_key
+from nas_data.gap.search.moves.replace_by_rival import fit_rivals
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.plain_fit import fit_plain
 from nas_data.gap.search.search import Search
-from nas_data.gap.search.tie_break import decide
+from nas_data.gap.search.tie_break import break_tie
 from nas_data.joint_units import kinds_of
 
 SHARPNESS = 4.0  # how fast doubt falls with the ratio of the runner-up's error to the winner's
@@ -68,21 +68,21 @@ class Naming:
     """
 
     findings: tuple[Finding, ...]
-    final: Final
-    null: Final
-    plain: Final
+    final: FinalFit
+    null: FinalFit
+    plain: FinalFit
     rivals: tuple[Hypothesis | None, ...]
     description: Description
     plain_description: Description
     stable: Mapping[str, bool]
 
-    def refitted(self, final: Final) -> "Naming":
+    def refitted(self, final: FinalFit) -> "Naming":
         """Return the same names with the parameters of another fit, which holds them and more."""
-        numbers = {key(effect): number for number, effect in enumerate(final.effects)}
+        numbers = {effect_key(effect): number for number, effect in enumerate(final.effects)}
         findings = [
             replace(finding, effect=final.effects[number], interval=final.intervals[number])
             for finding in self.findings
-            if (number := numbers.get(key(finding.effect))) is not None
+            if (number := numbers.get(effect_key(finding.effect))) is not None
         ]
         return replace(self, findings=tuple(findings), final=final, rivals=self.rivals[: len(findings)])
 
@@ -112,23 +112,23 @@ def name(train: FitTask, held: FitTask, say: Callable[[str], None] = lambda text
         say: Told what is going on.
     """
     search = Search.begin(train, held, say)
-    first = search.round
-    plain, fine = fit_plain(search), search.sub.fine
+    first = search.current_round
+    plain, fine = fit_plain(search), search.task.fine
     search.return_to(first)
-    train = replace(search.train, fine=search.sub.fine)
+    train = replace(search.train, fine=search.task.fine)
     kept = withdraw(search, choose(search, plain))
     say("comparing what is nearly as good")
-    kept = decide(search, train, kept)
-    null = Final((), search.null.fit.factors, ())
+    kept = break_tie(search, train, kept)
+    null = FinalFit((), search.null.fit.factors, ())
     say("last fit, on all training episodes")
-    final = finish(train, kept.description, kept.fit.factors)
+    final = fit_final(train, kept.description, kept.fit.factors)
     judged = []
     for number, effect in enumerate(kept.effects):
         say(f"judging {effect.name()} at {effect.joint or 'the arm'}, {number + 1} of {len(kept.effects)}")
         judged.append(judge(search, kept, final, number))
     order = sorted(range(len(judged)), key=lambda number: -judged[number][0].confidence)
     findings, rivals = [judged[number][0] for number in order], [judged[number][1] for number in order]
-    baseline = Final(plain.effects, plain.fit.factors, (), fine)
+    baseline = FinalFit(plain.effects, plain.fit.factors, (), fine)
     return Naming(
         tuple(findings), final, null, baseline, tuple(rivals), kept.description, plain.description, final.stable
     )
@@ -136,7 +136,7 @@ def name(train: FitTask, held: FitTask, say: Callable[[str], None] = lambda text
 
 def withdraw(search: Search, kept: Hypothesis) -> Hypothesis:
     """Take back the names in joints of which most stays unexplained: their cause is not in the catalogue."""
-    rest, null = search.ratio(kept), search.ratio(search.null)
+    rest, null = search.floor_ratios(kept), search.floor_ratios(search.null)
     joints = zip(search.train.nominal.joints, rest, null, strict=True)
     unknown = {joint for joint, left, before in joints if left > POOR and left > UNEXPLAINED * before}
     sound = tuple(effect for effect in kept.effects if effect.joint not in unknown)
@@ -144,22 +144,28 @@ def withdraw(search: Search, kept: Hypothesis) -> Hypothesis:
         return kept
     left = {effect.name() for effect in sound}
     description = Description(sound, kept.description.freed, kept.description.shared & left)
-    other = search.rival(description, kept) if sound else search.null
+    other = search.fit_rival(description, kept) if sound else search.null
     if other is None:
         return kept
     search.report(f"{', '.join(sorted(unknown))} not explained by any effect", other)
     return other
 
 
-def judge(search: Search, kept: Hypothesis, final: Final, number: int) -> tuple[Finding, Hypothesis | None]:
+def judge(search: Search, kept: Hypothesis, final: FinalFit, number: int) -> tuple[Finding, Hypothesis | None]:
     """Compare one effect with nothing and with its rivals; return the finding and the best rival's hypothesis."""
     effect = kept.effects[number]
-    rest = kept.description.without(number)
-    fewer = (search.without(kept, number), search.null, search.nominal)  # of which the last runs on every episode
-    without = next(h for h in fewer if h and h.is_sound)
-    ranked = fitted_rivals(search, kept, number)
+    rest = kept.description.without_effect(number)
+    fewer = (
+        search.without_effect(kept, number),
+        search.null,
+        search.nominal,
+    )  # of which the last runs on every episode
+    without = next(h for h in fewer if h and h.is_finite)
+    ranked = fit_rivals(search, kept, number)
     twins = [
-        h for twin in effect.equivalents(effect.joint) if (h := search.rival(rest.adding(twin), kept)) and h.is_sound
+        h
+        for twin in effect.equivalents(effect.joint)
+        if (h := search.fit_rival(rest.add_effects(twin), kept)) and h.is_finite
     ]
     joints = judged_joints(search, effect)
     confidence = surety(search, kept, ranked, without)
@@ -194,11 +200,11 @@ def surety(search: Search, kept: Hypothesis, ranked: Sequence[Hypothesis], witho
     A rival as good as the winner leaves one half; how true it is, the blind benchmark tells.
     """
     best = max(closeness(search, kept, other) for other in [*ranked, without])
-    rest = float(search.ratio(kept).max())
+    rest = float(search.floor_ratios(kept).max())
     return round(float((1 - 0.5 * best) * min(1.0, (ROUGH / rest) ** 0.5 if rest > ROUGH else 1.0)), 3)
 
 
 def closeness(search: Search, kept: Hypothesis, rival: Hypothesis) -> float:
     """Return how near a rival comes: 1 where it predicts held-out episodes as well in every joint, 0 far behind."""
-    lead = float(search.logs(rival, kept).mean(0).min())
+    lead = float(search.log_error_ratios(rival, kept).mean(0).min())
     return min(1.0, math.exp(SHARPNESS * lead))

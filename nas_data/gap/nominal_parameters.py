@@ -42,7 +42,7 @@ class NominalParameter:
     bodies: tuple[str, ...] = ()
     is_free: bool = False
 
-    def freely(self) -> "NominalParameter":
+    def with_free_prior(self) -> "NominalParameter":
         """Return the parameter as one that may be anything."""
         return replace(self, is_free=True)
 

@@ -33,6 +33,6 @@ def fit_plain_source(dataset: Dataset, model: str | Path, name: Path, say: Calla
     problem = Problem.of(dataset, model, name)
     search = Search.begin(problem.train, problem.held, say)
     plain = fit_plain(search)
-    task = replace(problem.train, fine=search.sub.fine)
+    task = replace(problem.train, fine=search.task.fine)
     nominal = with_timestep(problem.held.nominal, task.timestep)
     return nominal.simulator(plain.effects, plain.fit.factors)

@@ -11,10 +11,10 @@ from nas_data.errors import ModelFileError
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal, with_timestep
 from nas_data.gap.problem import Problem
-from nas_data.gap.search.final import Final, finish
+from nas_data.gap.search.final import FinalFit, fit_final
 from nas_data.gap.search.hypothesis import Description
 from nas_data.gap.search.objective import FitTask
-from nas_data.gap.search.scales import scales
+from nas_data.gap.search.scales import estimate_scales
 from nas_data.gap.write_model import MODEL, write_effects, write_model
 from nas_data.simulators.initial_states import InitialLoad
 
@@ -53,24 +53,24 @@ class HeldOutResult:
     learned: Mapping[str, float] | None = None
 
 
-def score_model(problem: Problem, final: Final, null: Final, plain: Final, folder: Path) -> HeldOutResult:
+def score_model(problem: Problem, final: FinalFit, null: FinalFit, plain: FinalFit, folder: Path) -> HeldOutResult:
     """Write the model and judge it by what the written file does on held-out episodes.
 
     Where the file can do without what runs between physics steps, it holds everything. Otherwise it holds what comes
     nearest; the error after is then that of the effects named, which `effects.json` holds, and the file's own is told
     beside it.
     """
-    task = replace(problem.train, fine=final.fine).with_initial_load(final.effects, dict(final.factors))
-    task = task.corrected(final.effects, dict(final.factors))
+    task = replace(problem.train, fine=final.fine).estimate_initial_loads(final.effects, dict(final.factors))
+    task = task.correct_timestep(final.effects, dict(final.factors))
     hold = usual_hold(task, final)
-    nominal, held = problem.held.nominal, problem.held.evidence.begun(hold)
+    nominal, held = problem.held.nominal, problem.held.evidence.with_initial_loads(hold)
     effects, factors = final.effects, dict(final.factors)
     named = with_timestep(nominal, task.timestep)
     whole = all(effect.in_model for effect in effects)
     if whole:
         write_model(folder, nominal, effects, factors, task.timestep)
     else:
-        whole = write_nearest(problem, final, folder, problem.train.evidence.begun(hold), named)
+        whole = write_nearest(problem, final, folder, problem.train.evidence.with_initial_loads(hold), named)
     write_effects(folder, effects, factors, whole, nominal.slides)
     written = Nominal.load(folder / MODEL, held).predict(held)
     return HeldOutResult(
@@ -84,15 +84,15 @@ def score_model(problem: Problem, final: Final, null: Final, plain: Final, folde
     )
 
 
-def predict_held(problem: Problem, final: Final) -> np.ndarray:
+def predict_held(problem: Problem, final: FinalFit) -> np.ndarray:
     """Return what a hypothesis predicts of the held-out episodes, at its physics step [rad], shape (E, T, n)."""
     task = replace(problem.train, fine=final.fine)
     nominal = with_timestep(problem.held.nominal, task.timestep)
-    held = problem.held.evidence.begun(usual_hold(task, final))
+    held = problem.held.evidence.with_initial_loads(usual_hold(task, final))
     return nominal.predict(held, final.effects, dict(final.factors))
 
 
-def write_nearest(problem: Problem, final: Final, folder: Path, fitted: EpisodeBatch, named: Nominal) -> bool:
+def write_nearest(problem: Problem, final: FinalFit, folder: Path, fitted: EpisodeBatch, named: Nominal) -> bool:
     """Write the model file that comes nearest to effects with hooks; return whether it does what they do.
 
     Args:
@@ -129,7 +129,7 @@ def write_nearest(problem: Problem, final: Final, folder: Path, fitted: EpisodeB
     return False
 
 
-def written_forms(problem: Problem, final: Final) -> Iterator[list[Effect]]:
+def written_forms(problem: Problem, final: FinalFit) -> Iterator[list[Effect]]:
     """Yield the effects as a file can hold them, made for several sizes; nothing where it cannot hold one of them."""
     sizes = scales_of_effects(problem, final)
     for torque, speed in SIZES:
@@ -141,30 +141,30 @@ def written_forms(problem: Problem, final: Final) -> Iterator[list[Effect]]:
             yield known
 
 
-def usual_hold(task: FitTask, final: Final) -> InitialLoad:
+def usual_hold(task: FitTask, final: FinalFit) -> InitialLoad:
     """Return whether the weight or nothing loads a model best at the start of all episodes alike."""
     effects, factors = final.effects, dict(final.factors)
     if not task.nominal.simulator(effects, factors).remembers:
         return InitialLoad.GRAVITY
 
     def misfit(hold: InitialLoad) -> float:
-        predicted = task.rolled.predict(task.evidence.begun(hold), effects, factors)
+        predicted = task.rollout_model.predict(task.evidence.with_initial_loads(hold), effects, factors)
         return task.misfit(predicted + task.correction)
 
     return min((InitialLoad.GRAVITY, InitialLoad.UNLOADED), key=misfit)
 
 
-def stand_ins(problem: Problem, final: Final) -> Final:
+def stand_ins(problem: Problem, final: FinalFit) -> FinalFit:
     """Return a hypothesis of effects that edits alone express: the nearest to those named, fitted."""
     sizes = zip(final.effects, scales_of_effects(problem, final), strict=True)
     near = [effect if effect.joint is None else effect.nearest_in_model(own) for effect, own in sizes]
     description = Description(tuple(effect for effect in near if effect is not None))
-    return finish(problem.train, description, dict(final.factors), rounds=1)
+    return fit_final(problem.train, description, dict(final.factors), rounds=1)
 
 
-def scales_of_effects(problem: Problem, final: Final) -> list[Scales]:
+def scales_of_effects(problem: Problem, final: FinalFit) -> list[Scales]:
     """Return what is big and small at the joint of each effect; at the first joint for those of the whole arm."""
     train = problem.train
-    sizes = scales(train.nominal, train.evidence, train.nominal.predict(train.evidence))
+    sizes = estimate_scales(train.nominal, train.evidence, train.nominal.predict(train.evidence))
     joints = train.nominal.joints
     return [sizes[joints.index(effect.joint) if effect.joint in joints else 0] for effect in final.effects]

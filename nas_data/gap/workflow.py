@@ -23,7 +23,7 @@ from nas_data.gap.problem import Problem
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_parts import GapFindings, MadeFrom, TriedExperiment
 from nas_data.gap.score_model import HeldOutResult, predict_held, score_model
-from nas_data.gap.search.final import Final, finish
+from nas_data.gap.search.final import FinalFit, fit_final
 from nas_data.gap.search.hypothesis import Description
 from nas_data.gap.showing.show import show
 from nas_data.gap.write_model import write_difference
@@ -134,14 +134,14 @@ def deliver(problem: Problem, naming: Naming, folder: Path, say: Say) -> tuple[N
         return naming, outcome
     say("the names alone predict held-out episodes worse than the plain fit or the model as given")
     train = replace(problem.train, fine=naming.final.fine)
-    description = naming.description.together_with(naming.plain_description)
-    both = finish(train, description, {**naming.plain.factors, **bound_factors(naming.final.factors, description)})
+    description = naming.description.merge(naming.plain_description)
+    both = fit_final(train, description, {**naming.plain.factors, **bound_factors(naming.final.factors, description)})
     if naming.findings and rms(held, predict_held(problem, both), scales) <= best:
         naming = naming.refitted(both)
         more = score_model(problem, both, naming.null, naming.plain, folder)
         return naming, replace(more, delivered="names and plain")
     plain_is_best = rms(held, outcome.plain, scales) <= rms(held, outcome.before, scales)
-    other = naming.plain if plain_is_best else Final((), {}, (), fine=False)
+    other = naming.plain if plain_is_best else FinalFit((), {}, (), fine=False)
     nameless = replace(naming, findings=(), rivals=(), final=other)
     chosen = problem if plain_is_best else problem.with_contacts()
     delivered = score_model(chosen, other, naming.null, naming.plain, folder)

@@ -86,7 +86,7 @@ class SettledStates:
             states: Positions [rad] then velocities [rad/s], shape (B, 2n), or with the objects' states (B, 2n + m).
                 Servos of objects hold the given positions.
             initial_loads: Initial load of each joint (an `InitialLoad`), shape (B, n).
-            earlier_commands: Commands of the L control periods before the start, in time order, shape (B, L, n). They fill
+            earlier_commands: Commands of the L control periods before the start in order, shape (B, L, n). They fill
                 the delay lines. NaN if the arm had settled before; no commands if None.
         """
         known = np.empty((len(states), 0, initial_loads.shape[1])) if earlier_commands is None else earlier_commands

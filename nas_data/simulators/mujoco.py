@@ -149,7 +149,7 @@ class MujocoSimulator:
             commands: Shape (B, T, n).
             initial_loads: Initial load of each joint (an `InitialLoad`), shape (B, n); no load if None.
             torque_off_from: Control steps after which the servos are switched off, shape (B,); never if None.
-            earlier_commands: Commands of the L control periods before the start, for delays, shape (B, L, n). Where they
+            earlier_commands: Commands of the L control periods before the start, shape (B, L, n). Where they
                 are unknown (NaN or None), an arm in motion is given its first command, an arm at rest the command that
                 holds it.
         """

@@ -13,7 +13,7 @@ from nas_data.errors import ModelFileError
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.nominal_parameters import base_parameters
-from nas_data.gap.search.scales import scales
+from nas_data.gap.search.scales import estimate_scales
 from nas_data.mjcf.bake_inertia import bake_inertia
 from nas_data.robots.base import find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
@@ -173,7 +173,7 @@ def test_a_payload_is_at_the_outermost_joint_in_whatever_order_actuators_are_lis
     full = bake_inertia(spec)
     nominal = Nominal(find_robot("ergojr"), full, full, order, 0.01, base_parameters(full, order))
     nominal = replace(nominal, robot=replace(nominal.robot, joints=order))
-    assert {each.mass for each in scales(nominal, evidence, evidence.measured)} == {0.7}
+    assert {each.mass for each in estimate_scales(nominal, evidence, evidence.measured)} == {0.7}
 
 
 def puck_contact(spec: mujoco.MjSpec) -> tuple[float, ...]:

@@ -253,7 +253,7 @@ def test_a_fit_recovers_effect_and_base(truth: str, start: str, name: str):
     nominal, evidence = measured(truth, {"m2.mass": 1.08, "m3.damping": 0.93})
     task = FitTask(nominal, evidence, noise_floor(evidence))
     parameters = FreeParameters((parse(start),), nominal.base)
-    found = fit(task, parameters, parameters.start(), steps=8)
+    found = fit(task, parameters, parameters.initial_theta(), steps=8)
     assert found is not None
     wanted = getattr(parse(truth), name)
     assert getattr(found.effects[0], name) == pytest.approx(wanted, rel=0.05)

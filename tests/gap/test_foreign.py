@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from nas_data.effects.base import add_effects, parse
 from nas_data.gap.episode_batch import EpisodeBatch, windows
 from nas_data.gap.nominal import Nominal
-from nas_data.gap.search.scales import scales
-from nas_data.gap.search.screen import STRETCHES, stretch_effect
+from nas_data.gap.search.scales import estimate_scales
+from nas_data.gap.search.screen import STRETCH_BOUNDS, stretch_effect
 from nas_data.gap.write_model import write_model
 
 ARM = """<mujoco><option timestep="{timestep}" integrator="implicitfast" gravity="0 0 0"/><worldbody>
@@ -139,13 +139,13 @@ def test_commands_go_to_the_servo_and_not_to_a_damper_before_it(tmp_path: Path):
 
 
 @pytest.mark.parametrize("share", [0.2, 0.45, 0.8])
-@pytest.mark.parametrize("stretch", [STRETCHES[0], 0.3, 1.0, STRETCHES[1]])
+@pytest.mark.parametrize("stretch", [STRETCH_BOUNDS[0], 0.3, 1.0, STRETCH_BOUNDS[1]])
 def test_a_torque_limit_is_never_sought_above_what_the_model_gives(share: float, stretch: float, tmp_path: Path):
     (tmp_path / "arm.xml").write_text(arm(SERVOS.format('kv="1" forcerange="-2 2"')))
     evidence = episodes([200, 200])
     evidence = EpisodeBatch(**{**vars(evidence), "commands": np.where(evidence.measured < 1e-2, 0.0, 1.5)})
     nominal = Nominal.load(tmp_path / "arm.xml", evidence)
-    size = scales(nominal, evidence, nominal.predict(evidence))[0]
+    size = estimate_scales(nominal, evidence, nominal.predict(evidence))[0]
     guess = parse(f"torque_limit:joint=a,torque={share * size.torque}")
     found = stretch_effect(guess, stretch, guess.vanishing_value(size))
     assert 0 < found.torque < size.torque <= 2.0

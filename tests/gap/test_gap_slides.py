@@ -14,7 +14,7 @@ from nas_data.excitations.triangle import Triangle
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.residual_correlates import goes_with
-from nas_data.gap.search.scales import scales
+from nas_data.gap.search.scales import estimate_scales
 from nas_data.gap.write_model import write_model
 from nas_data.joint_units import radians_at
 from nas_data.models.jacobians import POSITION_STEP, estimate_jacobians
@@ -67,7 +67,7 @@ def test_first_guesses_of_widths_are_parts_of_a_slides_range(effect):
 )
 def test_large_torques_are_torques_whatever_is_commanded(tmp_path, servos, size, largest):
     nominal, evidence, predicted = nominal_of(tmp_path, servos, swing(size))
-    found = scales(nominal, evidence, predicted)
+    found = estimate_scales(nominal, evidence, predicted)
     assert [one.radian for one in found] == pytest.approx(AT)
     torques = np.array([one.torque for one in found])
     if largest is None:

@@ -17,7 +17,7 @@ from nas_data.gap.finding.recorded import RecordedRows
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.problem import Problem
 from nas_data.gap.score_model import usual_hold
-from nas_data.gap.search.final import Final
+from nas_data.gap.search.final import FinalFit
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.write_model import write_model
 from nas_data.recorders.recipe import Recipe
@@ -31,10 +31,12 @@ def played(effect: Effect, hold: InitialLoad) -> tuple[Nominal, EpisodeBatch]:
     """What the ErgoJr with an effect measures from poses that it held in one way."""
     evidence = commanded(episodes=4)
     poses = np.random.default_rng(1).uniform(-0.5, 0.5, (4, 6))
-    evidence = replace(evidence, initial_positions=poses).begun(hold)
+    evidence = replace(evidence, initial_positions=poses).with_initial_loads(hold)
     nominal = Nominal.load("ergojr", evidence)
     positions = nominal.predict(evidence, [effect])
-    return nominal, replace(evidence, measured=np.round(positions / QUANTUM) * QUANTUM).begun(InitialLoad.GRAVITY)
+    return nominal, replace(evidence, measured=np.round(positions / QUANTUM) * QUANTUM).with_initial_loads(
+        InitialLoad.GRAVITY
+    )
 
 
 @pytest.mark.parametrize("hold", list(InitialLoad))
@@ -42,7 +44,7 @@ def played(effect: Effect, hold: InitialLoad) -> tuple[Nominal, EpisodeBatch]:
 def test_the_start_is_told_by_the_first_second(text: str, hold: InitialLoad):
     effect = parse(text)
     nominal, evidence = played(effect, hold)
-    told = FitTask(nominal, evidence, FLOOR).with_initial_load([effect], {})
+    told = FitTask(nominal, evidence, FLOOR).estimate_initial_loads([effect], {})
     assumed = np.sqrt(evidence.mean_squares(nominal.predict(evidence, [effect])))[:, 1] / FLOOR[1]
     rest = np.sqrt(told.evidence.mean_squares(nominal.predict(told.evidence, [effect])))[:, 1] / FLOOR[1]
     assert np.all(rest < 1.5)
@@ -54,8 +56,8 @@ def test_a_model_without_memory_has_one_start():
     nominal, evidence = played(effect, InitialLoad.UNLOADED)
     task = FitTask(nominal, evidence, FLOOR)
     assert not nominal.simulator([effect]).remembers
-    assert (task.with_initial_load([effect], {}).evidence.holds == InitialLoad.GRAVITY).all()
-    positions = [nominal.predict(evidence.begun(hold), [effect]) for hold in InitialLoad]
+    assert (task.estimate_initial_loads([effect], {}).evidence.holds == InitialLoad.GRAVITY).all()
+    positions = [nominal.predict(evidence.with_initial_loads(hold), [effect]) for hold in InitialLoad]
     assert all(np.array_equal(positions[0], other) for other in positions)
 
 
@@ -64,7 +66,7 @@ def test_how_all_episodes_began_is_told_by_the_fitted_ones(hold: InitialLoad):
     effect = parse("joint_compliance:joint=m2,stiffness=0.8")
     nominal, evidence = played(effect, hold)
     task = FitTask(nominal, evidence, FLOOR)
-    assert usual_hold(task, Final((effect,), {}, ())) == hold
+    assert usual_hold(task, FinalFit((effect,), {}, ())) == hold
 
 
 # Scenes
@@ -81,7 +83,7 @@ def scene(name: str, dynamics: str = "backlash") -> Problem:
 def errors(problem: Problem, evidence: EpisodeBatch, effects: tuple[Effect, ...]) -> np.ndarray:
     """Root mean squared error of each joint [rad], episodes begun as their first second tells, shape (n,)."""
     nominal = problem.train.nominal
-    begun = FitTask(nominal, evidence, problem.train.floor).with_initial_load(effects, {}).evidence
+    begun = FitTask(nominal, evidence, problem.train.floor).estimate_initial_loads(effects, {}).evidence
     return np.sqrt(begun.mean_squares(nominal.predict(begun, effects)).mean(axis=0))
 
 

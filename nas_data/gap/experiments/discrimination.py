@@ -11,7 +11,7 @@ from nas_data.gap.nominal import Nominal
 from nas_data.gap.nominal_parameters import NominalParameter, apply_base
 from nas_data.gap.search.fit import Fit, fit, measure_jacobian
 from nas_data.gap.search.objective import FitTask
-from nas_data.gap.search.parameters import FreeParameters, free_base
+from nas_data.gap.search.parameters import FreeParameters, select_free_base
 
 STEPS = 4  # Gauss-Newton steps by which the second rival follows; after two, it is still on its way
 
@@ -75,7 +75,7 @@ def separations(
     first = nominal.predict(evidence, leader.effects, leader.factors)
     task = FitTask(following(nominal, follower, concerned), replace(evidence, measured=first), floor)
     parameters = FreeParameters(follower.effects, free_parameters(nominal, follower, concerned))
-    start = parameters.start(dict(follower.factors))
+    start = parameters.initial_theta(dict(follower.factors))
     second = task.nominal.predict(evidence, follower.effects, parameters.factors_at(start))
     # found for all experiments in one batch: from here on, each has numbers of its own
     common = [column for column in range(parameters.size) if not is_concerned(parameters, column, concerned)]
@@ -91,9 +91,9 @@ def separations(
 
 def is_concerned(parameters: FreeParameters, column: int, concerned: Sequence[str]) -> bool:
     """Whether a number is that of an effect of a concerned joint, or of the arm."""
-    if column >= len(parameters.of_effects):
+    if column >= len(parameters.effect_parameters):
         return False
-    return any(effect.joint is None or effect.joint in concerned for effect in parameters.parameters_of(column))
+    return any(effect.joint is None or effect.joint in concerned for effect in parameters.effects_of(column))
 
 
 def mean_squares(task: FitTask, found: Fit | None) -> np.ndarray:
@@ -103,7 +103,7 @@ def mean_squares(task: FitTask, found: Fit | None) -> np.ndarray:
 
 def free_parameters(nominal: Nominal, rival: Rival, concerned: Sequence[str]) -> tuple[NominalParameter, ...]:
     """Return the base parameters by which a rival follows: masses, and what the concerned joints have."""
-    return tuple(p for p in free_base(nominal.base, rival.effects) if p.kind == "mass" or p.joint in concerned)
+    return tuple(p for p in select_free_base(nominal.base, rival.effects) if p.kind == "mass" or p.joint in concerned)
 
 
 def following(nominal: Nominal, rival: Rival, concerned: Sequence[str]) -> Nominal:

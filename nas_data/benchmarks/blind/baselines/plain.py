@@ -17,7 +17,7 @@ def answer(dataset: Path, model: Path) -> Claim:
     problem = Problem.load(dataset, str(model))
     search = Search.begin(problem.train, problem.held)
     plain = fit_plain(search)
-    nominal = with_timestep(problem.train.nominal, search.sub.timestep)
+    nominal = with_timestep(problem.train.nominal, search.task.timestep)
     simulator = nominal.simulator(plain.effects, plain.fit.factors)
 
     def predict(commands: np.ndarray, first: np.ndarray) -> np.ndarray:
