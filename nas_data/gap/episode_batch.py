@@ -1,4 +1,4 @@
-"""What was measured, as whole episodes: first pose, commands and the positions that followed."""
+"""Measured episodes as arrays: initial positions, commands, and the positions that followed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -9,16 +9,16 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.start_velocities import find_start_velocities, fit_velocity
 from nas_data.errors import DatasetInvalid
 from nas_data.gap.finding.torque_off import count_rows_with_torque
-from nas_data.gap.gains import relative_gains
+from nas_data.gap.gains import read_relative_gains
 from nas_data.pairing import object_states
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.initial_states import InitialLoad
 
-EARLIER = 0.5  # [s] of commands before a window that a delay may still hold
-SHORTEST = 10  # control steps below which an episode says nothing about dynamics
-WINDOW = 5.0  # [s] into which longer episodes are cut: errors of a servoed arm do not grow with time
-WHOLE = 1.5  # times as long an episode may be and is not cut
-STILLER = 0.5  # [s] around an even spacing in which the stillest moment is taken as a window's start
+DELAY_SECONDS = 0.5  # [s] of commands before a window that fill its delays
+MIN_ROWS = 10  # fewest control steps of an episode
+WINDOW = 5.0  # [s] length of windows; errors of a position-controlled arm do not grow with time
+MAX_UNCUT = 1.5  # window lengths up to which an episode is not cut
+STILL_SECONDS = 0.5  # [s] around an even spacing in which a window starts at the slowest row
 # fields with one entry for each episode
 PARTS = (
     "initial_positions", "commands", "measured", "mask", "numbers", "initial_velocities", "estimated_velocities",
@@ -99,38 +99,35 @@ class EpisodeBatch:
 
     @classmethod
     def of(cls, dataset: Dataset) -> "EpisodeBatch":
-        """Join a dataset's transitions into episodes, with their gains and how long the torque was on.
-
-        Args:
-            dataset: Transitions.
+        """Read a dataset's episodes, with their gains and the rows with the torque on.
 
         Raises:
             DatasetInvalid: no episode is long enough.
         """
         n = len(dataset.joints)
-        chosen = [index for index in range(dataset.n_episodes) if dataset.lengths[index] >= SHORTEST]
+        chosen = [index for index in range(dataset.n_episodes) if dataset.lengths[index] >= MIN_ROWS]
         if not chosen:
             raise DatasetInvalid(
-                f"No episode has {SHORTEST} frames; a gap cannot be named from isolated transitions: record episodes."
+                f"No episode has {MIN_ROWS} frames; a gap cannot be named from isolated transitions: record episodes."
             )
         rows = [dataset.episode(index) for index in chosen]
         longest = max(part.stop - part.start for part in rows)
         driven, lengths = count_rows_with_torque(dataset)[chosen], dataset.lengths[chosen]
         begun = find_start_velocities(dataset)
-        rates = np.stack([lengthen(dataset.next_states[part, n:], longest) for part in rows])
+        rates = np.stack([pad_rows(dataset.next_states[part, n:], longest) for part in rows])
         return cls(
             joints=dataset.joints,
             period=1 / dataset.fps,
             initial_positions=np.stack([dataset.states[part.start, :n] for part in rows]).astype(float),
-            commands=np.stack([lengthen(dataset.commands[part], longest) for part in rows]),
-            measured=np.stack([lengthen(dataset.next_states[part, :n], longest) for part in rows]),
+            commands=np.stack([pad_rows(dataset.commands[part], longest) for part in rows]),
+            measured=np.stack([pad_rows(dataset.next_states[part, :n], longest) for part in rows]),
             mask=np.stack([np.arange(longest) < part.stop - part.start for part in rows]),
             numbers=np.array(chosen),
             initial_velocities=begun.values[chosen],
             velocity_deviations=begun.deviations[chosen],
             measured_velocities=np.where(begun.derived, np.nan, rates),
             noise=begun.noise,
-            gains=relative_gains(dataset)[chosen],
+            gains=read_relative_gains(dataset)[chosen],
             torque_off_from=np.where(driven < lengths, driven, longest),
         )
 
@@ -139,26 +136,26 @@ class EpisodeBatch:
 
     @property
     def initial(self) -> np.ndarray:
-        """First states, positions [rad] then velocities [rad/s], then the objects', shape (E, 2n + m)."""
+        """Initial states: positions [rad; m], velocities [rad/s; m/s], then objects, shape (E, 2n + m)."""
         return np.concatenate([self.initial_positions, self.initial_velocities, self.objects[:, 0]], axis=1)
 
     def with_objects(self, dataset: Dataset, simulator: Simulator) -> "EpisodeBatch":
-        """Return the episodes with what was measured of a model's objects.
+        """Return the episodes with the measured states of a model's objects.
 
         Args:
-            dataset: Transitions that the episodes are from.
-            simulator: The model; where the dataset lacks one of its objects, they start in its reference posture.
+            dataset: Transitions of the episodes.
+            simulator: Model; objects that the dataset lacks start in their reference posture.
         """
         states = object_states(dataset, simulator)
         rows = [dataset.episode(int(number)) for number in self.numbers]
-        return replace(self, objects=np.stack([lengthen(states[part], self.commands.shape[1]) for part in rows]))
+        return replace(self, objects=np.stack([pad_rows(states[part], self.commands.shape[1]) for part in rows]))
 
     def with_initial_loads(self, holds: np.ndarray | InitialLoad) -> "EpisodeBatch":
-        """Return the episodes with what held the joints before."""
+        """Return the episodes with assumed initial loads, one for all or shape (E, n)."""
         return replace(self, initial_loads=np.broadcast_to(np.asarray(holds), self.initial_positions.shape))
 
     def select(self, episodes: Sequence[int] | np.ndarray) -> "EpisodeBatch":
-        """Return some of the episodes, by their place here."""
+        """Return some of the episodes, by index."""
         chosen = list(episodes)
         return replace(self, **{name: getattr(self, name)[chosen] for name in PARTS})
 
@@ -176,25 +173,25 @@ class EpisodeBatch:
         )
 
     def errors(self, predicted: np.ndarray) -> np.ndarray:
-        """Return predicted minus measured positions [rad], shape (E, T, n); zero beyond an episode's end."""
+        """Return predicted minus measured positions [rad; m], shape (E, T, n); 0 after an episode's end."""
         return np.where(self.mask[..., None], predicted - self.measured, 0.0)
 
     def mean_squares(self, predicted: np.ndarray) -> np.ndarray:
-        """Return the mean squared error of each episode and joint [rad²], shape (E, n)."""
+        """Return the mean squared error of each episode and joint [rad²; m²], shape (E, n)."""
         return np.asarray((self.errors(predicted) ** 2).sum(1) / self.mask.sum(1)[:, None])
 
 
-def lengthen(rows: np.ndarray, steps: int) -> np.ndarray:
-    """Repeat the last row up to a number of rows, as float64."""
+def pad_rows(rows: np.ndarray, steps: int) -> np.ndarray:
+    """Return rows as float64, with the last one repeated up to a number of rows."""
     return np.concatenate([rows, np.repeat(rows[-1:], steps - len(rows), axis=0)]).astype(float)
 
 
-def divide(evidence: EpisodeBatch, share: float = 1 / 3) -> tuple[EpisodeBatch, EpisodeBatch]:
-    """Divide episodes into those that are fitted and those held out, evenly over the recording.
+def split_episodes(evidence: EpisodeBatch, share: float = 1 / 3) -> tuple[EpisodeBatch, EpisodeBatch]:
+    """Split episodes into fitted and held-out ones, evenly over the recording.
 
     Args:
-        evidence: All episodes; at least two.
-        share: Part that is held out.
+        evidence: At least two episodes.
+        share: Share of held-out episodes.
     """
     count = len(evidence)
     held = max(1, round(share * count))
@@ -203,58 +200,58 @@ def divide(evidence: EpisodeBatch, share: float = 1 / 3) -> tuple[EpisodeBatch, 
     return evidence.select(rest), evidence.select(places)
 
 
-def windows(evidence: EpisodeBatch, rows: int, seconds: float = WINDOW) -> EpisodeBatch:
-    """Return stretches of about so many seconds, evenly over the recording, of `rows` rows in all.
+def cut_windows(evidence: EpisodeBatch, rows: int, seconds: float = WINDOW) -> EpisodeBatch:
+    """Return windows of a given length, evenly over the recording, with `rows` rows in total.
 
-    An episode gives as many stretches as it has room for side by side, at least one: what is counted twice would
-    only seem to be known better. Where no episode is much longer than a stretch, all stay whole.
+    Windows do not overlap by more than rounding, because overlapping data would appear more certain. Each episode gives
+    at least one window. Episodes stay whole if none is much longer than a window.
 
     Args:
         evidence: Episodes.
-        rows: How many rows are wanted at most; at least two stretches are returned if there are as many.
-        seconds: How long a stretch is to be [s].
+        rows: Largest number of rows in total; at least two windows are returned if possible.
+        seconds: Length of a window [s].
     """
     longest, steps = evidence.commands.shape[1], round(seconds / evidence.period)
-    if longest <= WHOLE * steps:
+    if longest <= MAX_UNCUT * steps:
         return evidence.select(thin_evenly(len(evidence), rows // longest))
-    places = [place for number in range(len(evidence)) for place in stretches(evidence, number, steps)]
+    places = [place for number in range(len(evidence)) for place in find_windows(evidence, number, steps)]
     chosen = [places[index] for index in thin_evenly(len(places), rows // steps)]
-    return join_episodes([window(evidence, number, first, steps) for number, first in chosen])
+    return join_episodes([cut_window(evidence, number, first, steps) for number, first in chosen])
 
 
 def thin_evenly(count: int, wanted: int) -> np.ndarray:
-    """Return which of a number of things to take where some are wanted, evenly spaced; at least two."""
+    """Return evenly spaced indices below `count`, about `wanted` but at least two."""
     return np.unique(np.linspace(0, count - 1, min(count, max(2, wanted))).round().astype(int))
 
 
-def stretches(evidence: EpisodeBatch, number: int, steps: int) -> list[tuple[int, int]]:
-    """Return an episode's number and the first row of each stretch of some steps that it is cut into."""
+def find_windows(evidence: EpisodeBatch, number: int, steps: int) -> list[tuple[int, int]]:
+    """Return the episode's number and first row of each window of an episode."""
     last = max(0, int(evidence.mask[number].sum()) - steps)
     count = max(1, round((last + steps) / steps))
     offsets = np.linspace(0, last, count).round().astype(int)
-    return [(number, stillest(evidence, number, int(offset), last)) for offset in offsets]
+    return [(number, find_stillest_row(evidence, number, int(offset), last)) for offset in offsets]
 
 
-def stillest(evidence: EpisodeBatch, episode: int, offset: int, last: int) -> int:
+def find_stillest_row(evidence: EpisodeBatch, episode: int, offset: int, last: int) -> int:
     """Return the row near an offset at which the joints move least."""
-    reach = round(STILLER / evidence.period)
+    reach = round(STILL_SECONDS / evidence.period)
     low, high = max(0, offset - reach), min(last, offset + reach)
     if low == 0:
         return 0  # an episode's own start is at rest
-    speeds = np.abs(velocities(evidence, episode)).max(1)
+    speeds = np.abs(compute_velocities(evidence, episode)).max(1)
     return low + int(speeds[low : high + 1].argmin())
 
 
-def velocities(evidence: EpisodeBatch, episode: int) -> np.ndarray:
-    """Return an episode's velocities by central differences over 100 ms [rad/s], shape (T, n)."""
+def compute_velocities(evidence: EpisodeBatch, episode: int) -> np.ndarray:
+    """Return an episode's velocities by central differences over 100 ms [rad/s; m/s], shape (T, n)."""
     reach = max(1, round(0.05 / evidence.period))
     rows = evidence.measured[episode]
     padded = np.concatenate([np.repeat(rows[:1], reach, 0), rows, np.repeat(rows[-1:], reach, 0)])
     return np.asarray((padded[2 * reach :] - padded[: -2 * reach]) / (2 * reach * evidence.period))
 
 
-def velocity_before(evidence: EpisodeBatch, episode: int, row: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the velocities before a row's command and their standard deviations [rad/s], shape (n,) each."""
+def estimate_velocity(evidence: EpisodeBatch, episode: int, row: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the velocities before a row and their standard deviations [rad/s; m/s], shape (n,) each."""
     if row == 0:
         return evidence.initial_velocities[episode], evidence.velocity_deviations[episode]
     length, rate = int(evidence.mask[episode].sum()), 1 / evidence.period
@@ -269,12 +266,12 @@ def velocity_before(evidence: EpisodeBatch, episode: int, row: int) -> tuple[np.
     return np.where(told, measured, values), doubts
 
 
-def window(evidence: EpisodeBatch, episode: int, first: int, steps: int) -> EpisodeBatch:
-    """Return a stretch of one episode."""
+def cut_window(evidence: EpisodeBatch, episode: int, first: int, steps: int) -> EpisodeBatch:
+    """Return a window of one episode."""
     rows = slice(first, first + steps)
     part = evidence.select([episode])
     start = part.initial_positions if first == 0 else part.measured[:, first - 1]
-    speed, doubt = (values[None] for values in velocity_before(evidence, episode, first))
+    speed, doubt = (values[None] for values in estimate_velocity(evidence, episode, first))
     return replace(
         part,
         initial_positions=start,
@@ -287,13 +284,13 @@ def window(evidence: EpisodeBatch, episode: int, first: int, steps: int) -> Epis
         measured_velocities=part.measured_velocities[:, rows],
         torque_off_from=np.clip(part.torque_off_from - first, 0, steps),
         objects=part.objects[:, rows],
-        earlier_commands=commands_before(part, first),
+        earlier_commands=select_earlier_commands(part, first),
     )
 
 
-def commands_before(episode: EpisodeBatch, row: int) -> np.ndarray:
-    """Return the commands of the control periods before a row of one episode, shape (1, L, n); NaN before its first."""
-    count = max(1, round(EARLIER / episode.period))
+def select_earlier_commands(episode: EpisodeBatch, row: int) -> np.ndarray:
+    """Return the commands before a row of one episode, shape (1, L, n); NaN before its first row."""
+    count = max(1, round(DELAY_SECONDS / episode.period))
     known = episode.commands[:, max(0, row - count) : row]
     if not row:
         return np.full((1, count, known.shape[2]), np.nan)
@@ -301,5 +298,5 @@ def commands_before(episode: EpisodeBatch, row: int) -> np.ndarray:
 
 
 def join_episodes(parts: Sequence[EpisodeBatch]) -> EpisodeBatch:
-    """Return episodes of the same number of rows as one."""
+    """Concatenate batches with equal numbers of rows."""
     return replace(parts[0], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in PARTS})

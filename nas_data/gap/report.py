@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nas_data.errors import OptionError, UnknownName
-from nas_data.gap.output_folder import ASSETS, FILES, FOLDERS, check_free, clear
+from nas_data.gap.output_folder import ASSETS, FILES, FOLDERS, check_free, clear_report
 from nas_data.gap.report_parts import (
     OPTIONAL,
     ArmGap,
@@ -95,9 +95,9 @@ class GapReport:
 
     def __str__(self) -> str:
         """Return what a person wants to read first, a few lines."""
-        from nas_data.gap.summary import findings
+        from nas_data.gap.summary import list_findings
 
-        return "\n".join(findings(self))
+        return "\n".join(list_findings(self))
 
     def to_json(self) -> dict[str, object]:
         """Return what `report.json` holds."""
@@ -153,7 +153,7 @@ class GapReport:
         folder = Path(folder)
         check_free(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        clear(folder)
+        clear_report(folder)
         for name, content in self.files.items():
             write_whole(folder / name, content)
         self.write(folder)

@@ -12,7 +12,7 @@ from support.start_samples import seen
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.start_velocities import CLEAR, StartVelocities, find_start_velocities, fit_velocity
-from nas_data.gap.episode_batch import EpisodeBatch, window
+from nas_data.gap.episode_batch import EpisodeBatch, cut_window
 from nas_data.pairing import initial_states
 
 QUANTUM = np.radians(0.29)  # [rad] XL-320
@@ -165,7 +165,7 @@ def test_windows_cut_out_of_an_episode_start_at_its_speed_there():
     positions, velocities = swings(100.0)
     evidence = EpisodeBatch.of(seen(positions, velocities, 100.0))
     for row in (20, 60, 130):
-        part = window(evidence, 3, row, 50)
+        part = cut_window(evidence, 3, row, 50)
         assert part.initial_velocities[0, 0] == pytest.approx(velocities[3, row], abs=0.05)
         assert abs(part.initial_velocities[0, 0] - velocities[3, row]) < CLEAR * part.velocity_deviations[0, 0]
         assert np.array_equal(part.estimated_velocities, part.initial_velocities)

@@ -12,7 +12,7 @@ from nas_data.effects.base import Effect, add_effects, find_effect
 from nas_data.errors import ModelFileError
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal
-from nas_data.gap.nominal_parameters import base_parameters
+from nas_data.gap.nominal_parameters import list_base_parameters
 from nas_data.gap.search.scales import estimate_scales
 from nas_data.mjcf.bake_inertia import bake_inertia
 from nas_data.robots.base import find_robot
@@ -171,7 +171,7 @@ def test_a_payload_is_at_the_outermost_joint_in_whatever_order_actuators_are_lis
     )
     spec.body("wrist_link").geoms[0].mass = 0.7
     full = bake_inertia(spec)
-    nominal = Nominal(find_robot("ergojr"), full, full, order, 0.01, base_parameters(full, order))
+    nominal = Nominal(find_robot("ergojr"), full, full, order, 0.01, list_base_parameters(full, order))
     nominal = replace(nominal, robot=replace(nominal.robot, joints=order))
     assert {each.mass for each in estimate_scales(nominal, evidence, evidence.measured)} == {0.7}
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nas_data.effects.base import add_effects, parse
-from nas_data.gap.episode_batch import EpisodeBatch, windows
+from nas_data.gap.episode_batch import EpisodeBatch, cut_windows
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.search.scales import estimate_scales
 from nas_data.gap.search.screen import STRETCH_BOUNDS, stretch_effect
@@ -48,7 +48,7 @@ def episodes(lengths: list[int], period: float = 0.01) -> EpisodeBatch:
 @settings(max_examples=60, deadline=None)
 def test_no_row_is_evidence_twice_over(lengths: list[int], rows: int):
     evidence = episodes(lengths)
-    cut = windows(evidence, rows)
+    cut = cut_windows(evidence, rows)
     firsts = list(zip(cut.numbers.tolist(), cut.measured[:, 0, 0].tolist(), strict=True))
     assert len(set(firsts)) == len(firsts)
     assert cut.mask.sum() <= 1.5 * evidence.mask.sum()
@@ -57,13 +57,13 @@ def test_no_row_is_evidence_twice_over(lengths: list[int], rows: int):
 
 
 def test_a_long_episode_leaves_room_for_the_short_ones():
-    cut = windows(episodes([300] * 19 + [2000]), 24_000)
+    cut = cut_windows(episodes([300] * 19 + [2000]), 24_000)
     assert sorted(cut.numbers.tolist()) == [*range(19), *[19] * 4]
 
 
 def test_episodes_hardly_longer_than_a_window_stay_whole():
     evidence = episodes([520] * 20)
-    assert windows(evidence, 24_000).commands.shape == evidence.commands.shape
+    assert cut_windows(evidence, 24_000).commands.shape == evidence.commands.shape
 
 
 @pytest.mark.parametrize("rate", [30, 50, 60, 100, 1000])

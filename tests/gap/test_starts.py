@@ -11,12 +11,12 @@ from support.evidence_samples import QUANTUM, commanded
 from nas_data.dataset.features import ENVIRONMENT
 from nas_data.effects.base import Effect, parse
 from nas_data.envs.base import find_task
-from nas_data.gap.episode_batch import EpisodeBatch, window
+from nas_data.gap.episode_batch import EpisodeBatch, cut_window
 from nas_data.gap.finding.joint_gaps import find_joint_gaps
 from nas_data.gap.finding.recorded import RecordedRows
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.problem import Problem
-from nas_data.gap.score_model import usual_hold
+from nas_data.gap.score_model import choose_initial_load
 from nas_data.gap.search.final import FinalFit
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.write_model import write_model
@@ -66,7 +66,7 @@ def test_how_all_episodes_began_is_told_by_the_fitted_ones(hold: InitialLoad):
     effect = parse("joint_compliance:joint=m2,stiffness=0.8")
     nominal, evidence = played(effect, hold)
     task = FitTask(nominal, evidence, FLOOR)
-    assert usual_hold(task, FinalFit((effect,), {}, ())) == hold
+    assert choose_initial_load(task, FinalFit((effect,), {}, ())) == hold
 
 
 # Scenes
@@ -125,7 +125,7 @@ def test_a_window_starts_with_the_objects_where_they_were_then():
     pushed = int(np.argmax([np.abs(rows[40] - rows[0]).max() for rows in pucks]))
     objects = pucks[pushed]
     assert np.abs(objects[40] - objects[0]).max() > 0.01, "no puck was touched: this test shows nothing"
-    part = window(problem.evidence, pushed, 40, 30)
+    part = cut_window(problem.evidence, pushed, 40, 30)
     assert np.array_equal(part.initial[0, 6:], objects[40])
     assert np.array_equal(part.objects[0], objects[40:70])
 

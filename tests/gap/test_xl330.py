@@ -16,8 +16,8 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import Feature
 from nas_data.effects.base import add_effects, parse, read_effects
 from nas_data.errors import DatasetInvalid, ModelFileError
-from nas_data.gap.episode_batch import EpisodeBatch, window
-from nas_data.gap.finding.torque_off import TORQUE, run_and_fall, until_driven_again
+from nas_data.gap.episode_batch import EpisodeBatch, cut_window
+from nas_data.gap.finding.torque_off import TORQUE, find_run_and_fall, keep_torque_on_and_fall
 from nas_data.gap.gains import REGISTER, with_relative_gains
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.problem import Problem
@@ -204,8 +204,8 @@ def test_evidence_goes_on_where_the_torque_is_off():
     found = EpisodeBatch.of(recorded([400, 400], on=60))
     assert found.torque_off_from.tolist() == [60, 60]
     assert found.commands.shape[1] == STEPS
-    assert window(found, 0, 50, 40).torque_off_from.tolist() == [10]
-    assert window(found, 1, 70, 40).torque_off_from.tolist() == [0]
+    assert cut_window(found, 0, 50, 40).torque_off_from.tolist() == [10]
+    assert cut_window(found, 1, 70, 40).torque_off_from.tolist() == [0]
     assert EpisodeBatch.of(recorded([400, 400])).torque_off_from.tolist() == [STEPS, STEPS]
 
 
@@ -213,7 +213,7 @@ def test_evidence_goes_on_where_the_torque_is_off():
 @settings(max_examples=60, deadline=None)
 def test_an_episode_is_kept_from_its_longest_drive_to_the_next(on: list[bool]):
     powered = np.array(on)
-    rows = np.flatnonzero(run_and_fall(powered))
+    rows = np.flatnonzero(find_run_and_fall(powered))
     assert bool(len(rows)) == powered.any()
     if len(rows):
         count = int(np.append(powered[rows], False).argmin())
@@ -226,7 +226,7 @@ def test_an_episode_is_kept_from_its_longest_drive_to_the_next(on: list[bool]):
 
 def test_a_dataset_that_is_always_driven_is_not_cut():
     dataset = recorded([400, 400])
-    assert until_driven_again(dataset) is dataset
+    assert keep_torque_on_and_fall(dataset) is dataset
 
 
 @pytest.fixture(scope="module")
@@ -266,7 +266,7 @@ def test_the_refusal_reaches_the_user(dropped: Path, tmp_path: Path, capsys: pyt
 
 def test_what_is_written_keeps_the_model_s_register(tmp_path: Path):
     nominal = Nominal.load(MODEL, evidence())
-    spec = nominal.edited({"pendulum.gain": 1.1})
+    spec = nominal.make_spec({"pendulum.gain": 1.1})
     add_effects(spec, [parse(EFFECTS["coulomb"][0])])
     assert 'name="p_gain"' in spec.to_xml()
     assert json.loads((RESULTS / "xl330_authors.json").read_text())[0]["effect"] == "coulomb_friction"

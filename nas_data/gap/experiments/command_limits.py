@@ -15,7 +15,7 @@ SHORTEST = 1.0  # [s] of a slow approach, in which the arm also settles in its r
 
 
 @dataclass(frozen=True)
-class Room:
+class CommandRange:
     """What may be commanded.
 
     Attributes:
@@ -35,7 +35,7 @@ class Room:
     radians: np.ndarray | float = 1.0
 
     @classmethod
-    def of(cls, nominal: Nominal) -> "Room":
+    def of(cls, nominal: Nominal) -> "CommandRange":
         """Read rest pose and limits from a model.
 
         Raises:
@@ -44,7 +44,7 @@ class Room:
         simulator, joints = nominal.simulator(), nominal.joints
         low, high = command_limits(simulator.model, joints, str(nominal.robot.mjcf))
         low, high = excitable_limits(low, high, joints, simulator.kinds, simulator.slides)
-        pose = rest_pose(nominal)
+        pose = find_rest_pose(nominal)
         home = np.where(simulator.layout.inputs.positional, pose, 0.0)
         return cls(nominal.period, pose, np.clip(home, low, high), low, high, command_radians(simulator, low, high))
 
@@ -58,7 +58,7 @@ class Room:
         """Half of each range, shape (n,)."""
         return np.asarray((self.high - self.low) / 2)
 
-    def reduced(self, share: float) -> "Room":
+    def shrink(self, share: float) -> "CommandRange":
         """Return the part of the room that is nearest to rest: a share of the way to each limit."""
         low, high = (self.home + share * (limit - self.home) for limit in (self.low, self.high))
         return replace(self, low=low, high=high)
@@ -67,7 +67,7 @@ class Room:
         """Return how many control steps a time takes, at least one."""
         return max(1, round(seconds / self.period))
 
-    def played(
+    def draw_excitation(
         self, excitation: Excitation, seconds: float, moving: np.ndarray, rng: np.random.Generator
     ) -> np.ndarray:
         """Draw commands of an excitation for the moving joints (n,), the others at rest; shape (T, n)."""
@@ -80,18 +80,18 @@ class Room:
         parts = np.arange(1, math.ceil(seconds / self.period) + 1) / max(1, math.ceil(seconds / self.period))
         return np.asarray(begin + parts[:, None] * (end - begin))
 
-    def approached(self, body: np.ndarray) -> np.ndarray:
+    def prepend_approach(self, body: np.ndarray) -> np.ndarray:
         """Return commands (T, n) with a slow approach from rest before them."""
         whole = np.concatenate([self.home[None], self.ramp(self.home, body[0], SPEED, SHORTEST), body])
         return np.clip(whole, self.low, self.high)  # the clip only takes rounding errors
 
 
-def rest_pose(nominal: Nominal) -> np.ndarray:
+def find_rest_pose(nominal: Nominal) -> np.ndarray:
     """Return the pose in which recordings start [rad], shape (n,): the robot's rest, else zero."""
     known = dict(zip(nominal.robot.joints, nominal.robot.rest, strict=False))
     return np.array([known.get(joint, 0.0) for joint in nominal.joints])
 
 
-def moves(joints: Sequence[str], moved: Sequence[str]) -> np.ndarray:
+def mask_joints(joints: Sequence[str], moved: Sequence[str]) -> np.ndarray:
     """Return which joints move, shape (n,)."""
     return np.array([joint in moved for joint in joints])

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nas_data.effects.base import Effect
-from nas_data.gap.episode_batch import EpisodeBatch, lengthen
+from nas_data.gap.episode_batch import EpisodeBatch, pad_rows
 from nas_data.gap.nominal import Nominal
-from nas_data.gap.nominal_parameters import NominalParameter, apply_base
+from nas_data.gap.nominal_parameters import NominalParameter, scale_base_parameters
 from nas_data.gap.search.fit import Fit, fit, measure_jacobian
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters, select_free_base
@@ -29,17 +29,17 @@ class Rival:
     factors: Mapping[str, float]
 
 
-def concerned_joints(rivals: tuple[Rival, Rival], joints: Sequence[str]) -> tuple[str, ...]:
+def find_differing_joints(rivals: tuple[Rival, Rival], joints: Sequence[str]) -> tuple[str, ...]:
     """Return the joints with an effect that only one rival has; all where that belongs to the whole arm."""
     one, two = ({(effect.name(), effect.joint) for effect in rival.effects} for rival in rivals)
     places = {joint for _, joint in one ^ two}
     return tuple(joint for joint in joints if not places or None in places or joint in places)
 
 
-def as_evidence(nominal: Nominal, commands: Sequence[np.ndarray], pose: np.ndarray) -> EpisodeBatch:
+def make_batch(nominal: Nominal, commands: Sequence[np.ndarray], pose: np.ndarray) -> EpisodeBatch:
     """Return experiments (T, n) as episodes from a first pose [rad] (n,) in which nothing was measured yet."""
     longest = max(len(rows) for rows in commands)
-    stacked = np.stack([lengthen(rows, longest) for rows in commands])
+    stacked = np.stack([pad_rows(rows, longest) for rows in commands])
     return EpisodeBatch(
         joints=nominal.joints,
         period=nominal.period,
@@ -51,7 +51,7 @@ def as_evidence(nominal: Nominal, commands: Sequence[np.ndarray], pose: np.ndarr
     )
 
 
-def separations(
+def compute_separations(
     nominal: Nominal, rivals: tuple[Rival, Rival], evidence: EpisodeBatch, floor: np.ndarray, concerned: Sequence[str]
 ) -> np.ndarray:
     """Return how far the rivals differ in each experiment after the second was fitted to what the first predicts.
@@ -73,8 +73,8 @@ def separations(
     """
     leader, follower = rivals
     first = nominal.predict(evidence, leader.effects, leader.factors)
-    task = FitTask(following(nominal, follower, concerned), replace(evidence, measured=first), floor)
-    parameters = FreeParameters(follower.effects, free_parameters(nominal, follower, concerned))
+    task = FitTask(make_follower(nominal, follower, concerned), replace(evidence, measured=first), floor)
+    parameters = FreeParameters(follower.effects, select_free_parameters(nominal, follower, concerned))
     start = parameters.initial_theta(dict(follower.factors))
     second = task.nominal.predict(evidence, follower.effects, parameters.factors_at(start))
     # found for all experiments in one batch: from here on, each has numbers of its own
@@ -101,13 +101,13 @@ def mean_squares(task: FitTask, found: Fit | None) -> np.ndarray:
     return task.evidence.mean_squares(found.predicted) if found else np.zeros((1, len(task.floor)))
 
 
-def free_parameters(nominal: Nominal, rival: Rival, concerned: Sequence[str]) -> tuple[NominalParameter, ...]:
+def select_free_parameters(nominal: Nominal, rival: Rival, concerned: Sequence[str]) -> tuple[NominalParameter, ...]:
     """Return the base parameters by which a rival follows: masses, and what the concerned joints have."""
     return tuple(p for p in select_free_base(nominal.base, rival.effects) if p.kind == "mass" or p.joint in concerned)
 
 
-def following(nominal: Nominal, rival: Rival, concerned: Sequence[str]) -> Nominal:
+def make_follower(nominal: Nominal, rival: Rival, concerned: Sequence[str]) -> Nominal:
     """Return the model with those of a rival's base factors that stay as they are."""
-    free = {parameter.name for parameter in free_parameters(nominal, rival, concerned)}
+    free = {parameter.name for parameter in select_free_parameters(nominal, rival, concerned)}
     kept = {name: factor for name, factor in rival.factors.items() if name not in free}
-    return nominal.changed(lambda spec: apply_base(spec, nominal.base, kept))
+    return nominal.with_edit(lambda spec: scale_base_parameters(spec, nominal.base, kept))

@@ -8,18 +8,18 @@ import numpy as np
 
 from nas_data.command_file import write_commands
 from nas_data.effects.base import Effect
-from nas_data.gap.experiments.command_limits import Room
-from nas_data.gap.experiments.discrimination import Rival, as_evidence, concerned_joints, separations
-from nas_data.gap.experiments.library import ExperimentDesign, library
+from nas_data.gap.experiments.command_limits import CommandRange
+from nas_data.gap.experiments.discrimination import Rival, compute_separations, find_differing_joints, make_batch
+from nas_data.gap.experiments.library import ExperimentDesign, generate_experiments
 from nas_data.gap.nominal import Nominal
 
-__all__ = ["NextExperiment", "Rival", "Tried", "next_experiment", "write"]
+__all__ = ["NextExperiment", "RatedExperiment", "Rival", "choose_next_experiment", "write_experiment"]
 
 VISIBLE = 1.0  # noise floors by which rivals must differ, or the experiment is not worth recording
 
 
 @dataclass(frozen=True)
-class Tried:
+class RatedExperiment:
     """An experiment and how well it separates two rivals.
 
     Attributes:
@@ -61,14 +61,16 @@ class NextExperiment:
     names: tuple[str, ...]
     commands: np.ndarray
     period: float
-    table: tuple[Tried, ...]
+    table: tuple[RatedExperiment, ...]
 
     def to_json(self) -> list[dict[str, object]]:
         """Return the table for a report."""
         return [row.to_json() for row in self.table]
 
 
-def next_experiment(nominal: Nominal, rivals: tuple[Rival, Rival], floor: np.ndarray, seed: int) -> NextExperiment:
+def choose_next_experiment(
+    nominal: Nominal, rivals: tuple[Rival, Rival], floor: np.ndarray, seed: int
+) -> NextExperiment:
     """Choose what to record next.
 
     Args:
@@ -81,24 +83,26 @@ def next_experiment(nominal: Nominal, rivals: tuple[Rival, Rival], floor: np.nda
         ModelFileError: a rival diverges.
         OptionError: the model takes torques without limits.
     """
-    room = Room.of(nominal)
-    concerned = concerned_joints(rivals, nominal.joints)
-    trials = list(library(nominal, room, concerned, seed))
-    evidence = as_evidence(nominal, [trial.commands for trial in trials], room.pose)
-    apart = separations(nominal, rivals, evidence, floor, concerned)
+    room = CommandRange.of(nominal)
+    concerned = find_differing_joints(rivals, nominal.joints)
+    trials = list(generate_experiments(nominal, room, concerned, seed))
+    evidence = make_batch(nominal, [trial.commands for trial in trials], room.pose)
+    apart = compute_separations(nominal, rivals, evidence, floor, concerned)
     rows = [
-        Tried(trial, float(row.max()), nominal.joints[int(row.argmax())], len(trial.commands) * nominal.period)
+        RatedExperiment(
+            trial, float(row.max()), nominal.joints[int(row.argmax())], len(trial.commands) * nominal.period
+        )
         for trial, row in zip(trials, apart, strict=True)
     ]
     table = tuple(sorted(rows, key=lambda row: -row.separation))
     names = tuple(joint + kind for joint, kind in zip(nominal.joints, nominal.simulator().kinds, strict=True))
-    text = sentence(table[0], rivals, nominal.joints)
+    text = describe_experiment(table[0], rivals, nominal.joints)
     return NextExperiment(text, names, table[0].trial.commands, nominal.period, table)
 
 
-def sentence(best: Tried, rivals: tuple[Rival, Rival], joints: Sequence[str]) -> str:
+def describe_experiment(best: RatedExperiment, rivals: tuple[Rival, Rival], joints: Sequence[str]) -> str:
     """Say what the best experiment is, and what it separates."""
-    one, two = (claim(rival, other) for rival, other in (rivals, rivals[::-1]))
+    one, two = (describe_difference(rival, other) for rival, other in (rivals, rivals[::-1]))
     if best.separation < VISIBLE:
         return (
             f"nothing tried separates {one} from {two}: at best, in {best.trial.name}, the two models would differ by "
@@ -112,7 +116,7 @@ def sentence(best: Tried, rivals: tuple[Rival, Rival], joints: Sequence[str]) ->
     )
 
 
-def claim(rival: Rival, other: Rival) -> str:
+def describe_difference(rival: Rival, other: Rival) -> str:
     """Return in words what a rival has that the other has not."""
     theirs = {(effect.name(), effect.joint) for effect in other.effects}
     own = [effect for effect in rival.effects if (effect.name(), effect.joint) not in theirs]
@@ -126,6 +130,6 @@ def describe_effect(effect: Effect, with_joint: bool) -> str:
     return f"{words} in {effect.joint or 'the whole arm'}" if with_joint else words
 
 
-def write(experiment: NextExperiment, path: Path) -> None:
+def write_experiment(experiment: NextExperiment, path: Path) -> None:
     """Write the commands as the CSV file that `nas record sim --commands` plays."""
     write_commands(path, experiment.names, [experiment.commands])

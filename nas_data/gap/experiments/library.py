@@ -8,8 +8,8 @@ import numpy as np
 from nas_data.excitations.chirp import Chirp
 from nas_data.excitations.steps import Steps
 from nas_data.excitations.triangle import Triangle
-from nas_data.gap.experiments.command_limits import Room, moves
-from nas_data.gap.experiments.contact import without_contact
+from nas_data.gap.experiments.command_limits import CommandRange, mask_joints
+from nas_data.gap.experiments.contact import draw_without_contact
 from nas_data.gap.nominal import Nominal
 
 SECONDS = 12.0  # of an experiment, without its approach
@@ -39,7 +39,7 @@ class ExperimentDesign:
     commands: np.ndarray
 
 
-def small_reversals(room: Room, moving: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def small_reversals(room: CommandRange, moving: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Swing a little around several postures of the whole arm, which load the joints differently."""
     turns = room.period * np.arange(room.steps(REVERSALS)) / REVERSAL
     swing = (2 / np.pi * np.arcsin(np.sin(2 * np.pi * turns)))[:, None] * SMALL * room.span * moving
@@ -50,7 +50,7 @@ def small_reversals(room: Room, moving: np.ndarray, rng: np.random.Generator) ->
     return np.concatenate(parts)
 
 
-def hold_grid(room: Room, moving: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def hold_grid(room: CommandRange, moving: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Hold levels over the range, each reached slowly, some from below and some from above."""
     here, parts = room.home, []
     for level in LEVELS:
@@ -60,20 +60,24 @@ def hold_grid(room: Room, moving: np.ndarray, rng: np.random.Generator) -> np.nd
     return np.concatenate(parts)
 
 
-Draw = Callable[[Room, np.ndarray, np.random.Generator], np.ndarray]
+Draw = Callable[[CommandRange, np.ndarray, np.random.Generator], np.ndarray]
 
 STEPS = "steps held"
 KINDS: Mapping[str, Draw] = {
-    "slow triangle": lambda room, moving, rng: room.played(Triangle(speed=0.4, share=0.5), SECONDS, moving, rng),
+    "slow triangle": lambda room, moving, rng: room.draw_excitation(
+        Triangle(speed=0.4, share=0.5), SECONDS, moving, rng
+    ),
     "small reversals around several postures": small_reversals,
-    STEPS: lambda room, moving, rng: room.played(Steps(seconds=1.5, share=0.6), SECONDS, moving, rng),
-    "chirp": lambda room, moving, rng: room.played(Chirp(share=0.15, fastest=4.0), SECONDS, moving, rng),
-    "fast steps": lambda room, moving, rng: room.played(Steps(seconds=0.3, share=0.4), SECONDS, moving, rng),
+    STEPS: lambda room, moving, rng: room.draw_excitation(Steps(seconds=1.5, share=0.6), SECONDS, moving, rng),
+    "chirp": lambda room, moving, rng: room.draw_excitation(Chirp(share=0.15, fastest=4.0), SECONDS, moving, rng),
+    "fast steps": lambda room, moving, rng: room.draw_excitation(Steps(seconds=0.3, share=0.4), SECONDS, moving, rng),
     "hold grid": hold_grid,
 }
 
 
-def library(nominal: Nominal, room: Room, concerned: Sequence[str], seed: int) -> Iterator[ExperimentDesign]:
+def generate_experiments(
+    nominal: Nominal, room: CommandRange, concerned: Sequence[str], seed: int
+) -> Iterator[ExperimentDesign]:
     """Yield experiments for the concerned joints, one at a time, and steps of all joints together.
 
     Args:
@@ -89,8 +93,10 @@ def library(nominal: Nominal, room: Room, concerned: Sequence[str], seed: int) -
         kinds = [*((name, (joint,)) for joint in concerned for name in KINDS), *kinds]
     for number, (name, moved) in enumerate(kinds):
 
-        def draw(part: Room, name: str = name, moved: tuple[str, ...] = moved, number: int = number) -> np.ndarray:
+        def draw(
+            part: CommandRange, name: str = name, moved: tuple[str, ...] = moved, number: int = number
+        ) -> np.ndarray:
             rng = np.random.default_rng([seed, number])
-            return part.approached(KINDS[name](part, moves(whole, moved), rng))
+            return part.prepend_approach(KINDS[name](part, mask_joints(whole, moved), rng))
 
-        yield ExperimentDesign(name, moved, without_contact(simulator, room, draw))
+        yield ExperimentDesign(name, moved, draw_without_contact(simulator, room, draw))

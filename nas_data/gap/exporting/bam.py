@@ -54,13 +54,13 @@ def write_bam(folder: Path, joints: Sequence[str], quantities: Sequence[Quantity
         own = {each.name: each.value for each in quantities if each.joint == joint}
         if "command_delay" in arm:
             own.setdefault("command_delay", arm["command_delay"])
-        content, lost = parameters(own)
+        content, lost = convert_parameters(own)
         (place / f"{joint}.json").write_text(json.dumps(content, indent=1), encoding="utf-8")
         told += [f"{joint}: {what}" for what in lost]
     return place, told + [f"the arm's {name}" for name in arm if name != "command_delay"]
 
 
-def parameters(own: Mapping[str, float]) -> tuple[dict[str, str | float], list[str]]:
+def convert_parameters(own: Mapping[str, float]) -> tuple[dict[str, str | float], list[str]]:
     """Return BAM's parameters of a joint, and what of it they do not hold.
 
     Args:

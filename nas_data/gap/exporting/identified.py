@@ -52,7 +52,7 @@ class Quantity:
     interval: Interval | None
 
 
-def identify(
+def list_quantities(
     nominal: Nominal, effects: Sequence[Effect], factors: Mapping[str, float], intervals: Intervals
 ) -> list[Quantity]:
     """Return what is known of each joint, then of the arm.
@@ -66,7 +66,7 @@ def identify(
         factors: Factors of the model's parameters, by name.
         intervals: Of the effects' parameters, as far as they are known.
     """
-    spec = nominal.edited(factors)
+    spec = nominal.make_spec(factors)
     found: list[Quantity] = []
     for joint in (*nominal.joints, None):
         own = [effect for effect in effects if effect.joint == joint]

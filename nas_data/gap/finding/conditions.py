@@ -49,7 +49,7 @@ class Condition:
     whole_episodes: bool = False
 
 
-def conditions(setting: ConditionInputs) -> tuple[Condition, ...]:
+def list_conditions(setting: ConditionInputs) -> tuple[Condition, ...]:
     """Return every condition, rows that were not recorded in no bin."""
     counts = setting.recorded.evidence.mask[..., None]
     found = (make(setting) for make in CONDITIONS)
@@ -59,7 +59,7 @@ def conditions(setting: ConditionInputs) -> tuple[Condition, ...]:
 def speed(setting: ConditionInputs) -> Condition:
     """Divide rows into those at rest and terciles of those in motion."""
     moving = setting.recorded.moving(setting.floor)
-    thirds = terciles(np.abs(setting.recorded.motion), moving)
+    thirds = divide_into_thirds(np.abs(setting.recorded.motion), moving)
     return Condition(
         "speed", ("still", "slow", "medium", "fast"), np.where(moving, np.where(thirds < 0, -1, thirds + 1), 0)
     )
@@ -67,7 +67,7 @@ def speed(setting: ConditionInputs) -> Condition:
 
 def reversal(setting: ConditionInputs) -> Condition:
     """Divide moved rows into those shortly after the motion turned round and the others."""
-    sign = last_direction(setting)
+    sign = find_last_direction(setting)
     turned = np.zeros(sign.shape, bool)
     turned[:, 1:] = sign[:, 1:] * sign[:, :-1] < 0
     rows = max(1, round(AFTER / setting.nominal.period))
@@ -85,7 +85,7 @@ def direction(setting: ConditionInputs) -> Condition:
 def load(setting: ConditionInputs) -> Condition:
     """Divide rows by the torque that holds the posture; a joint that gravity never loads is in no bin."""
     size = np.abs(setting.loads.posture)
-    labels = terciles(size, setting.recorded.evidence.mask[..., None], SMALLEST_LOAD)
+    labels = divide_into_thirds(size, setting.recorded.evidence.mask[..., None], SMALLEST_LOAD)
     return Condition("load", ("light", "medium", "heavy"), labels)
 
 
@@ -94,7 +94,7 @@ def command_size(setting: ConditionInputs) -> Condition:
     evidence = setting.recorded.evidence
     positional = setting.nominal.simulator().layout.inputs.positional
     size = np.abs(evidence.commands - np.where(positional, setting.recorded.positions, 0.0))
-    return Condition("command size", ("small", "medium", "large"), terciles(size, evidence.mask[..., None]))
+    return Condition("command size", ("small", "medium", "large"), divide_into_thirds(size, evidence.mask[..., None]))
 
 
 def saturation(setting: ConditionInputs) -> Condition:
@@ -131,7 +131,7 @@ CONDITIONS: tuple[Callable[[ConditionInputs], Condition], ...] = (
 )  # fmt: skip
 
 
-def terciles(sizes: np.ndarray, chosen: np.ndarray, apart: float = 1e-9) -> np.ndarray:
+def divide_into_thirds(sizes: np.ndarray, chosen: np.ndarray, apart: float = 1e-9) -> np.ndarray:
     """Return 0, 1 or 2 by thirds of the chosen rows of each joint, −1 elsewhere and where the thirds are not apart.
 
     Args:
@@ -151,7 +151,7 @@ def terciles(sizes: np.ndarray, chosen: np.ndarray, apart: float = 1e-9) -> np.n
     return labels
 
 
-def last_direction(setting: ConditionInputs) -> np.ndarray:
+def find_last_direction(setting: ConditionInputs) -> np.ndarray:
     """Return the sign of each joint's last motion up to each row, 0 before the first; shape (E, T, n)."""
     moving = setting.recorded.moving(setting.floor)
     rows = np.arange(moving.shape[1])[None, :, None]

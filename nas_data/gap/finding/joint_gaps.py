@@ -4,7 +4,7 @@ import numpy as np
 
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.finding.recorded import RecordedRows
-from nas_data.gap.finding.repeatability import repeatability
+from nas_data.gap.finding.repeatability import measure_repeatability
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.report_parts import JointGap
 from nas_data.joint_units import joint_unit
@@ -25,7 +25,7 @@ def find_joint_gaps(
     stepped = nominal.step(evidence, np.concatenate([recorded.positions, recorded.velocities, evidence.objects], -1))
     open_loop = rmse(evidence, predicted)
     commands = None if not nominal.simulator().layout.inputs.positional.all() else rmse(evidence, evidence.commands)
-    repeats = repeatability(evidence, floor)
+    repeats = measure_repeatability(evidence, floor)
     one_step = rmse(evidence, stepped)
     one_step_hold = rmse(evidence, recorded.positions)
     open_loop_hold = rmse(evidence, np.broadcast_to(evidence.initial_positions[:, None], predicted.shape))

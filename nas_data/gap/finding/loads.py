@@ -34,8 +34,8 @@ def find_loads(nominal: Nominal, recorded: RecordedRows) -> Loads:
     simulator.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     counts = recorded.evidence.mask
     states = np.concatenate([recorded.positions, recorded.motion], axis=-1)[counts]
-    posture, force = torques(simulator, states, recorded.evidence.commands[counts])
-    low, high = torque_limits(simulator)
+    posture, force = compute_torques(simulator, states, recorded.evidence.commands[counts])
+    low, high = read_torque_limits(simulator)
     saturated = (force <= low * AT_LIMIT) | (force >= high * AT_LIMIT)
     return Loads(scatter_rows(posture, counts), scatter_rows(saturated, counts), np.isfinite(high))
 
@@ -47,7 +47,9 @@ def scatter_rows(rows: np.ndarray, counts: np.ndarray) -> np.ndarray:
     return result
 
 
-def torques(simulator: MujocoSimulator, states: np.ndarray, commands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def compute_torques(
+    simulator: MujocoSimulator, states: np.ndarray, commands: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the load of the posture and the force of the actuator [N·m] for states and commands, shape (N, n) each."""
     model, layout = simulator.model, simulator.layout
     data = mujoco.MjData(model)
@@ -64,7 +66,7 @@ def torques(simulator: MujocoSimulator, states: np.ndarray, commands: np.ndarray
     return load, force
 
 
-def torque_limits(simulator: MujocoSimulator) -> tuple[np.ndarray, np.ndarray]:
+def read_torque_limits(simulator: MujocoSimulator) -> tuple[np.ndarray, np.ndarray]:
     """Return the lowest and highest torque that the actuators can give their joints [N·m], shape (n,) each."""
     model = simulator.model
     low, high = np.full(len(simulator.joints), -np.inf), np.full(len(simulator.joints), np.inf)

@@ -7,7 +7,7 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import TIME
-from nas_data.gap.episode_batch import EpisodeBatch, lengthen
+from nas_data.gap.episode_batch import EpisodeBatch, pad_rows
 
 AROUND = 0.05  # [s] on either side of a reading over which its speed is averaged: one quantum is not a motion
 STILL = 4.0  # noise floors; a quantum is √12 of them, and a reading that flickers by one has not moved
@@ -34,10 +34,10 @@ class RecordedRows:
         """Take the evidence's episodes out of the dataset that it was made of."""
         n, longest = len(dataset.joints), evidence.commands.shape[1]
         rows = [dataset.episode(int(number)) for number in evidence.numbers]
-        states = np.stack([lengthen(dataset.states[part], longest) for part in rows])
+        states = np.stack([pad_rows(dataset.states[part], longest) for part in rows])
         times = None
         if TIME in dataset.columns:
-            times = np.stack([lengthen(dataset.columns[TIME][part], longest)[:, 0] for part in rows])
+            times = np.stack([pad_rows(dataset.columns[TIME][part], longest)[:, 0] for part in rows])
         return cls(evidence, states[..., :n], states[..., n:], times)
 
     @cached_property

@@ -7,7 +7,7 @@ import numpy as np
 
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.finding.conditions import Condition
-from nas_data.gap.finding.significance import grouped_chance, holm, paired_chance
+from nas_data.gap.finding.significance import compute_grouped_chance, compute_paired_chance, correct_holm
 from nas_data.gap.report_parts import Bin
 
 FEWEST = 20  # rows below which a bin or its rest says nothing
@@ -34,7 +34,7 @@ def find_regimes(
         for joint in range(len(evidence.joints))
         for condition in conditions
         for number in range(len(condition.bins))
-        if (measured := measure(evidence, errors[..., joint], condition, joint, number, float(floor[joint]), rng))
+        if (measured := measure_bin(evidence, errors[..., joint], condition, joint, number, float(floor[joint]), rng))
     ]
     return correct_for_multiple_tests(found)
 
@@ -43,11 +43,11 @@ def correct_for_multiple_tests(found: Sequence[Bin]) -> tuple[Bin, ...]:
     """Decide which bins differ, all that were tested considered."""
     tested = np.array([measured.chance < 1 for measured in found], bool)
     significant = np.zeros(len(found), bool)
-    significant[tested] = holm(np.array([measured.chance for measured in found])[tested])
+    significant[tested] = correct_holm(np.array([measured.chance for measured in found])[tested])
     return tuple(replace(measured, significant=bool(real)) for measured, real in zip(found, significant, strict=True))
 
 
-def measure(
+def measure_bin(
     evidence: EpisodeBatch,
     errors: np.ndarray,
     condition: Condition,
@@ -62,7 +62,7 @@ def measure(
     if min(here.sum(), there.sum()) < FEWEST:
         return None
     rmse, rest = (float(np.sqrt(squared[rows].mean())) for rows in (here, there))
-    compare = chance_between if condition.whole_episodes else chance_within
+    compare = compare_between if condition.whole_episodes else compare_within
     visible = squared[evidence.mask].mean() > (VISIBLE * floor) ** 2
     return Bin(
         joint=evidence.joints[joint],
@@ -79,20 +79,20 @@ def measure(
     )
 
 
-def chance_within(
+def compare_within(
     squared: np.ndarray, here: np.ndarray, there: np.ndarray, floor: float, rng: np.random.Generator
 ) -> float:
     """Compare two sets of rows (E, T) within each episode that has enough of both."""
     both = (here.sum(1) >= PRESENT) & (there.sum(1) >= PRESENT)
     logs = [log_mean(squared[both], rows[both], floor) for rows in (here, there)]
-    return paired_chance(logs[0] - logs[1], rng)
+    return compute_paired_chance(logs[0] - logs[1], rng)
 
 
-def chance_between(
+def compare_between(
     squared: np.ndarray, here: np.ndarray, there: np.ndarray, floor: float, rng: np.random.Generator
 ) -> float:
     """Compare two sets of whole episodes."""
-    return grouped_chance(log_mean(squared, here | there, floor), np.asarray(here.any(1)), rng)
+    return compute_grouped_chance(log_mean(squared, here | there, floor), np.asarray(here.any(1)), rng)
 
 
 def log_mean(squared: np.ndarray, rows: np.ndarray, floor: float) -> np.ndarray:

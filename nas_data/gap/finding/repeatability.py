@@ -9,10 +9,10 @@ from nas_data.gap.episode_batch import EpisodeBatch
 SAME_START = 4.0  # noise floors within which repeats must start; else their paths differ for a known reason
 
 
-def repeatability(evidence: EpisodeBatch, floor: np.ndarray) -> np.ndarray | None:
+def measure_repeatability(evidence: EpisodeBatch, floor: np.ndarray) -> np.ndarray | None:
     """Return the standard deviation between repeats of the same commands [rad], shape (n,); None without repeats."""
     squares, freedom = np.zeros(len(floor)), 0
-    for group in repeats(evidence, floor):
+    for group in find_repeats(evidence, floor):
         counts = evidence.mask[group[0]]
         measured = evidence.measured[group][:, counts]
         squares += ((measured - measured.mean(0)) ** 2).sum((0, 1))
@@ -20,7 +20,7 @@ def repeatability(evidence: EpisodeBatch, floor: np.ndarray) -> np.ndarray | Non
     return np.sqrt(squares / freedom) if freedom else None
 
 
-def repeats(evidence: EpisodeBatch, floor: np.ndarray) -> list[list[int]]:
+def find_repeats(evidence: EpisodeBatch, floor: np.ndarray) -> list[list[int]]:
     """Return groups of episodes that were given the same commands from the same pose."""
     groups: dict[bytes, list[int]] = defaultdict(list)
     for episode in range(len(evidence)):

@@ -17,7 +17,7 @@ DRAWN = 20_000  # permutations drawn where there are more
 SLACK = 1e-9  # relative; equal sums added in another order are equal
 
 
-def paired_chance(differences: np.ndarray, rng: np.random.Generator) -> float:
+def compute_paired_chance(differences: np.ndarray, rng: np.random.Generator) -> float:
     """Return the chance of a mean difference as large in size if each sign were a coin toss.
 
     Args:
@@ -35,7 +35,7 @@ def paired_chance(differences: np.ndarray, rng: np.random.Generator) -> float:
     return _chance(signs @ differences, float(differences.sum()), exact)
 
 
-def grouped_chance(values: np.ndarray, chosen: np.ndarray, rng: np.random.Generator) -> float:
+def compute_grouped_chance(values: np.ndarray, chosen: np.ndarray, rng: np.random.Generator) -> float:
     """Return the chance of a difference of means as large in size if the episodes of a bin were drawn at random.
 
     Args:
@@ -62,7 +62,7 @@ def _chance(sums: np.ndarray, found: float, exact: bool) -> float:
     return as_large / len(sums) if exact else (1 + as_large) / (1 + len(sums))
 
 
-def holm(chances: np.ndarray, level: float = LEVEL) -> np.ndarray:
+def correct_holm(chances: np.ndarray, level: float = LEVEL) -> np.ndarray:
     """Return which of m tests are significant, shape (m,).
 
     Args:
@@ -76,6 +76,6 @@ def holm(chances: np.ndarray, level: float = LEVEL) -> np.ndarray:
     return result
 
 
-def episodes_needed(tests: int, level: float = LEVEL) -> int:
+def count_episodes_needed(tests: int, level: float = LEVEL) -> int:
     """Return from how many episodes on the smallest chance that signs can show survives the correction."""
     return int(np.ceil(np.log2(2 * max(tests, 1) / level)))

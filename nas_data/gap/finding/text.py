@@ -27,15 +27,15 @@ def describe_findings(
     parts = [
         "Recording\n"
         + "\n".join(f"  {'ok   ' if check.ok else 'LOOK '}{check.check}: {check.finding}" for check in audit),
-        joint_table(joints),
-        "Where the error is (open loop; larger beyond chance)\n" + regime_lines(joints, regimes),
+        format_joint_table(joints),
+        "Where the error is (open loop; larger beyond chance)\n" + format_regimes(joints, regimes),
     ]
     if undecidable:
         parts.append("What cannot be decided\n" + "\n".join(f"  {sentence}" for sentence in undecidable))
     return "\n\n".join(parts)
 
 
-def joint_table(joints: Mapping[str, JointGap]) -> str:
+def format_joint_table(joints: Mapping[str, JointGap]) -> str:
     """Return the gap of each joint, a row each."""
     width = max(len(joint) for joint in joints)
     slides = [joint for joint, gap in joints.items() if gap.unit == SLIDE.si]
@@ -45,17 +45,17 @@ def joint_table(joints: Mapping[str, JointGap]) -> str:
         f"  {'':<{width}}" + "".join(f"{head:>11}" for head in used) + "  open loop / noise",
     ]
     for joint, gap in joints.items():
-        cells = "".join(f"{cell(getattr(gap, key), gap.unit):>11}" for key in used.values())
+        cells = "".join(f"{format_cell(getattr(gap, key), gap.unit):>11}" for key in used.values())
         lines.append(f"  {joint:<{width}}{cells}{gap.ratio_to_noise:19.1f}")
     return "\n".join(lines)
 
 
-def cell(value: float | None, unit: str) -> str:
+def format_cell(value: float | None, unit: str) -> str:
     """Return a position in the unit that is shown, a dash where there is none."""
     return "–" if value is None else f"{display_unit(unit).factor * value:.3f}"
 
 
-def regime_lines(joints: Mapping[str, JointGap], regimes: Sequence[Bin]) -> str:
+def format_regimes(joints: Mapping[str, JointGap], regimes: Sequence[Bin]) -> str:
     """Return each joint's significant bins with the largest errors, and an error that turns with the motion."""
     lines = []
     for joint, gap in joints.items():
@@ -63,19 +63,19 @@ def regime_lines(joints: Mapping[str, JointGap], regimes: Sequence[Bin]) -> str:
         worst = [b for b in bins if b.significant and b.rmse > LARGER * b.rest]
         worst = sorted(worst, key=lambda measured: -measured.rmse / max(measured.rest, 1e-9))[:SHOWN]
         unit = display_unit(gap.unit)
-        said = [place(measured, unit) for measured in worst] + turning(bins, gap.floor, unit)
+        said = [describe_bin(measured, unit) for measured in worst] + describe_direction_errors(bins, gap.floor, unit)
         if said and gap.ratio_to_noise > VISIBLE:
             lines.append(f"  {joint}  " + "; ".join(said))
     return "\n".join(lines) if lines else "  nowhere in particular"
 
 
-def place(measured: Bin, unit: JointUnit) -> str:
+def describe_bin(measured: Bin, unit: JointUnit) -> str:
     """Return where a joint's error is larger, and by how much."""
     here, rest = unit.text(measured.rmse), unit.text(measured.rest)
     return f"{measured.regime}: {measured.bin} {here} (else {rest}, {100 * measured.share:.0f} % of all)"
 
 
-def turning(bins: Sequence[Bin], floor: float, unit: JointUnit) -> list[str]:
+def describe_direction_errors(bins: Sequence[Bin], floor: float, unit: JointUnit) -> list[str]:
     """Return a joint's mean errors in both directions of motion where they are opposite and no noise."""
     ways = {measured.bin: measured for measured in bins if measured.regime == "direction"}
     if len(ways) < 2:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nas_data.effects.base import Effect, Parameter
-from nas_data.gap.nominal_parameters import TOLERANCE, own_size
+from nas_data.gap.nominal_parameters import TOLERANCE, read_own_amount
 from nas_data.gap.search.fit import Fit, fit, measure_jacobian, normal_equations
 from nas_data.gap.search.hypothesis import Description, reuse_jacobian
 from nas_data.gap.search.objective import FitTask
@@ -182,7 +182,7 @@ def shared_amount(task: FitTask, effect: Effect, parameter: Parameter) -> float:
     """Return what the model already has of the quantity that an effect's first parameter adds to [its unit]."""
     if not effect.replaces or effect.joint is None or parameter is not effect.parameters[0]:
         return 0.0
-    return own_size(task.nominal.spec, effect.joint, effect.replaces)
+    return read_own_amount(task.nominal.spec, effect.joint, effect.replaces)
 
 
 def list_retuned(final: FinalFit, smallest: float = 0.005) -> list[dict[str, object]]:

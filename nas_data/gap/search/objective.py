@@ -9,8 +9,8 @@ import numpy as np
 from nas_data.effects.base import Effect
 from nas_data.errors import ModelFileError
 from nas_data.gap.episode_batch import EpisodeBatch
-from nas_data.gap.integrator import whole_step
-from nas_data.gap.nominal import Nominal, fine_timestep, with_timestep
+from nas_data.gap.integrator import find_whole_step
+from nas_data.gap.nominal import Nominal, find_fine_timestep, with_timestep
 from nas_data.gap.search.parameters import FreeParameters
 from nas_data.simulators.initial_states import InitialLoad
 
@@ -222,7 +222,7 @@ class FitTask:
         change = np.sqrt(self.evidence.mean_squares(self.evidence.measured + rough - finer).mean(0))
         left = MAX_STEP_ERROR * np.sqrt(self.evidence.mean_squares(finer).mean(0))
         for multiple in MULTIPLES:
-            step = whole_step(self.nominal.period, multiple * own)
+            step = find_whole_step(self.nominal.period, multiple * own)
             if step > own and (change * (step - small) < left * (own - small)).all():
                 return with_timestep(self.nominal, step)
         return None
@@ -243,7 +243,7 @@ class FitTask:
     @property
     def timestep(self) -> float:
         """Physics timestep of the predictions, correction included [s]."""
-        return fine_timestep(self.nominal) if self.fine else float(self.nominal.spec.option.timestep)
+        return find_fine_timestep(self.nominal) if self.fine else float(self.nominal.spec.option.timestep)
 
     def predict(self, parameters: FreeParameters, theta: np.ndarray) -> np.ndarray | None:
         """Return predicted positions at θ [rad; m], shape (E, T, n); None if the model diverges."""

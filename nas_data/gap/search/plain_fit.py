@@ -10,8 +10,8 @@ import numpy as np
 from nas_data.effects.base import Effect, Scales, find_effect, make_effect
 from nas_data.effects.edits.servo import stiffness
 from nas_data.effects.joint_offset import JointOffset
-from nas_data.gap.episode_batch import windows
-from nas_data.gap.nominal_parameters import MAX_LOG_CHANGE, own_value
+from nas_data.gap.episode_batch import cut_windows
+from nas_data.gap.nominal_parameters import MAX_LOG_CHANGE, read_own_value
 from nas_data.gap.search.fit import Fit, fit, group_moved_joints, is_effect_or_freed, joint_of_label
 from nas_data.gap.search.hypothesis import PRICE, Description, Hypothesis, reuse_jacobian
 from nas_data.gap.search.objective import FitTask
@@ -104,7 +104,7 @@ def fit_short_windows(search: Search, description: Description) -> Fit | None:
     """Fit short windows from the best of several initial values; None if none clearly beats the model."""
     nominal = search.train.nominal
     rows = SHORT_STEPS // nominal.simulator().substeps
-    evidence = windows(search.train.evidence, rows, SHORT_WINDOW)
+    evidence = cut_windows(search.train.evidence, rows, SHORT_WINDOW)
     parameters = description.parameters(nominal.base)
     task = FitTask(nominal, evidence, search.train.floor, fine=False)
     starts = [parameters.initial_theta(factors) for factors in list_starting_factors(description.freed)]
@@ -186,7 +186,7 @@ def convert_to_effects(search: Search, plain: Hypothesis) -> Description:
     for name in sorted(freed):
         joint, kind = name.rsplit(".", 1)
         effect, way = kinds.get(kind, ("", FACTOR))
-        factor, own = factors[name], own_value(spec, joint, kind)
+        factor, own = factors[name], read_own_value(spec, joint, kind)
         value = {FACTOR: factor, ADDED: (factor - 1) * own, LOWERED: factor * own if factor < 1 else 0.0}[way]
         if effect and value > 0:
             freed.discard(name)

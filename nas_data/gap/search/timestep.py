@@ -1,6 +1,6 @@
 """Choice between the model's own physics steps and finer ones for a recording."""
 
-from nas_data.gap.nominal import fine_timestep
+from nas_data.gap.nominal import find_fine_timestep
 from nas_data.gap.search.fit import Fit, fit
 from nas_data.gap.search.objective import FitTask
 
@@ -13,7 +13,7 @@ def choose_timestep(task: FitTask, found: Fit) -> tuple[FitTask, Fit]:
     A real arm has no timestep; a simulated one has. A hypothesis fitted to one timestep is biased towards it, so both
     are fitted before they are compared.
     """
-    if fine_timestep(task.nominal) == float(task.nominal.spec.option.timestep):
+    if find_fine_timestep(task.nominal) == float(task.nominal.spec.option.timestep):
         return task, found
     parameters, known = found.parameters, dict(enumerate(found.jacobian))
     other = task.switch_timestep(not task.fine, found.effects, found.factors)

@@ -24,7 +24,7 @@ def find_audit(name: str) -> GapAudit:
     return cast(GapAudit, registry.module("gap.finding.audits", name, "audit"))
 
 
-def audit(examined: Examined) -> tuple[Check, ...]:
+def run_audits(examined: Examined) -> tuple[Check, ...]:
     """Run every audit, those of time first."""
     names = [*FIRST, *(name for name in registry.names("gap.finding.audits") if name not in FIRST)]
     return tuple(find_audit(name).check(examined) for name in names)

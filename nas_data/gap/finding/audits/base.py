@@ -56,13 +56,13 @@ def summarise_audits(name: str, examined: Examined, checks: Sequence[str], sound
     if not kinds:
         return Check(name, sound)
     ok = all(finding.minor for members in kinds.values() for finding in members)
-    said = [sentence_of(members, examined.dataset.n_episodes) for members in kinds.values()]
+    said = [describe_audit_findings(members, examined.dataset.n_episodes) for members in kinds.values()]
     if advice and not ok:
         said.append(f"{advice[0].upper()}{advice[1:]}.")
     return Check(name, " ".join(said), ok)
 
 
-def sentence_of(members: Sequence[AuditFinding], episodes: int) -> str:
+def describe_audit_findings(members: Sequence[AuditFinding], episodes: int) -> str:
     """Return the first finding of a kind that is more than minor, and in how many episodes there is such a one."""
     grave = [finding for finding in members if not finding.minor] or list(members)
     places = len({finding.file for finding in grave})
@@ -76,6 +76,6 @@ def join_names(items: list[str]) -> str:
     return " and ".join([", ".join(items[:-1]), items[-1]] if len(items) > 1 else items)
 
 
-def percent(share: float) -> str:
+def format_percent(share: float) -> str:
     """Return a share in percent, small ones with more digits."""
     return f"{100 * share:.2g} %" if share < 0.1 else f"{100 * share:.0f} %"

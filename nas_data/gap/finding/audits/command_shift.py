@@ -22,14 +22,14 @@ VISIBLE = 2.0  # noise of a difference of two readings that an error must exceed
 
 def check(examined: Examined) -> Check:
     """Say which joints' motion fits clearly better with shifted commands."""
-    best, visible = best_shifts(examined)
+    best, visible = find_best_shifts(examined)
     if not best.any():
         return Check(NAME, "No joint follows its commands clearly better when they are moved by one or two rows.")
     said, ok = [], True
     for shift in np.unique(best[best != 0]).tolist():
         alike = (np.sign(best) == np.sign(shift)) & (best <= SLIPS)
         slip = shift <= SLIPS and 2 * alike.sum() > visible.sum()
-        said.append(sentence(select_names(examined, best == shift), shift, slip, examined.nominal.period))
+        said.append(describe_shift(select_names(examined, best == shift), shift, slip, examined.nominal.period))
         ok &= not slip
     return Check(NAME, " ".join(said), ok)
 
@@ -41,7 +41,7 @@ def select_names(examined: Examined, chosen: np.ndarray) -> str:
     return join_names([joint for joint, is_chosen in zip(examined.nominal.joints, chosen, strict=True) if is_chosen])
 
 
-def sentence(joints: str, shift: int, slip: bool, period: float) -> str:
+def describe_shift(joints: str, shift: int, slip: bool, period: float) -> str:
     """Say what a shift of some joints may be; a slip of the log is one where most joints agree."""
     amount = f"{abs(shift)} row{'s' * (abs(shift) > 1)} ({abs(shift) * period * 1e3:.3g} ms)"
     if shift > SLIPS:
@@ -66,12 +66,12 @@ def sentence(joints: str, shift: int, slip: bool, period: float) -> str:
     )
 
 
-def best_shifts(examined: Examined) -> tuple[np.ndarray, np.ndarray]:
+def find_best_shifts(examined: Examined) -> tuple[np.ndarray, np.ndarray]:
     """Return the shift [rows] that clearly fits each joint best, 0 where none does, and which joints have a gap at all.
 
     Both have the shape (n,).
     """
-    errors = np.stack([shift_errors(examined, shift) for shift in SHIFTS])
+    errors = np.stack([measure_shift_errors(examined, shift) for shift in SHIFTS])
     usual = errors[SHIFTS.index(0)]
     ratios = errors / usual
     visible = np.median(usual, axis=0) > VISIBLE * np.sqrt(2) * examined.floor
@@ -80,7 +80,7 @@ def best_shifts(examined: Examined) -> tuple[np.ndarray, np.ndarray]:
     return np.where(clear.any(axis=0), np.array(SHIFTS)[best], 0), visible
 
 
-def shift_errors(examined: Examined, shift: int) -> np.ndarray:
+def measure_shift_errors(examined: Examined, shift: int) -> np.ndarray:
     """Return the error of the motion over a short window with shifted commands [rad], shape (E, n)."""
     evidence = shorten_episodes(examined.recorded.evidence)
     positional = examined.nominal.simulator().layout.inputs.positional
