@@ -1,4 +1,4 @@
-"""Whether an arm would hit itself or the floor in an experiment: then collisions, not drives, would be compared."""
+"""Contacts during an experiment, which is reduced until there are none."""
 
 from collections.abc import Callable
 
@@ -8,19 +8,19 @@ import numpy as np
 from nas_data.gap.experiments.command_limits import CommandRange
 from nas_data.simulators.mujoco import MujocoSimulator
 
-SHARES = (1.0, 0.6, 0.35, 0.2)  # of the way from rest that an experiment may take, tried in this order
-LOOK = 0.05  # [s] between two looks at a motion
+SHARES = (1.0, 0.6, 0.35, 0.2)  # shares of the command range, tried in this order
+LOOK = 0.05  # [s] between contact checks
 
 
 def draw_without_contact(
     simulator: MujocoSimulator, room: CommandRange, draw: Callable[[CommandRange], np.ndarray]
 ) -> np.ndarray:
-    """Draw an experiment, with its motion reduced until nothing touches, at most to the smallest share.
+    """Draw an experiment in a range that is reduced until nothing touches, down to the smallest share.
 
     Args:
-        simulator: Model as handed over.
-        room: What may be commanded.
-        draw: Draws the commands within a room, shape (T, n); the same randomness each time.
+        simulator: Given model.
+        room: Range of commands.
+        draw: Draws commands within a range, shape (T, n), with the same random numbers each time.
     """
     for share in SHARES:
         commands = draw(room.shrink(share))
@@ -30,7 +30,7 @@ def draw_without_contact(
 
 
 def has_new_contacts(simulator: MujocoSimulator, room: CommandRange, commands: np.ndarray) -> bool:
-    """Whether more touches during an experiment than at rest."""
+    """Whether an experiment causes more contacts than the rest pose has."""
     n = len(room.pose)
     initial = np.concatenate([room.pose, np.zeros(n)])[None]
     path = simulator.rollout(initial, commands[None])[0, :: room.steps(LOOK), :n]
@@ -39,7 +39,7 @@ def has_new_contacts(simulator: MujocoSimulator, room: CommandRange, commands: n
 
 
 def count_contacts(simulator: MujocoSimulator, positions: np.ndarray) -> int:
-    """Return how many contacts the model has in a pose [rad], shape (n,)."""
+    """Return the number of contacts in a pose [rad; m], shape (n,)."""
     data = mujoco.MjData(simulator.model)
     data.qpos[simulator.layout.qpos] = positions
     mujoco.mj_kinematics(simulator.model, data)

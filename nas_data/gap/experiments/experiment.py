@@ -1,4 +1,4 @@
-"""What to record next: the experiment in which two rival explanations of a gap differ most."""
+"""Choice of the experiment in which two rival explanations differ most."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,18 +15,18 @@ from nas_data.gap.nominal import Nominal
 
 __all__ = ["NextExperiment", "RatedExperiment", "Rival", "choose_next_experiment", "write_experiment"]
 
-VISIBLE = 1.0  # noise floors by which rivals must differ, or the experiment is not worth recording
+VISIBLE = 1.0  # noise floors; smallest difference of rivals that is worth recording
 
 
 @dataclass(frozen=True)
 class RatedExperiment:
-    """An experiment and how well it separates two rivals.
+    """An experiment with the difference of two rivals in it.
 
     Attributes:
-        trial: The experiment.
-        separation: RMS difference of the rivals over the noise, on the joint where it is largest.
+        trial: Experiment.
+        separation: Largest RMS difference of the rivals over the noise floor of a joint.
         joint: That joint.
-        seconds: How long it takes [s].
+        seconds: Duration [s].
     """
 
     trial: ExperimentDesign
@@ -47,14 +47,14 @@ class RatedExperiment:
 
 @dataclass(frozen=True)
 class NextExperiment:
-    """The experiment to record next.
+    """Proposed experiment.
 
     Attributes:
-        text: What it is and what it separates, in a sentence.
-        names: Columns of its command file, `<joint>.pos` [rad], `.vel` [rad/s] or `.effort` [N·m].
-        commands: From the rest pose with a slow approach, shape (T, n).
+        text: Description in one sentence.
+        names: Columns of its command file: `<joint>.pos` [rad], `.vel` [rad/s] or `.effort` [N·m].
+        commands: Commands from the rest pose with a slow approach, shape (T, n).
         period: Control period [s].
-        table: Every experiment tried, the best first.
+        table: All experiments, largest separation first.
     """
 
     text: str
@@ -71,13 +71,13 @@ class NextExperiment:
 def choose_next_experiment(
     nominal: Nominal, rivals: tuple[Rival, Rival], floor: np.ndarray, seed: int
 ) -> NextExperiment:
-    """Choose what to record next.
+    """Choose the experiment to record next.
 
     Args:
-        nominal: Model as handed over.
-        rivals: Two explanations that the data so far cannot tell apart.
-        floor: Noise floor of each joint [rad], shape (n,).
-        seed: Seed of what is random in the excitations.
+        nominal: Given model.
+        rivals: Two explanations that the data cannot distinguish.
+        floor: Noise floor of each joint [rad; m], shape (n,).
+        seed: Seed of random excitations.
 
     Raises:
         ModelFileError: a rival diverges.
@@ -101,7 +101,7 @@ def choose_next_experiment(
 
 
 def describe_experiment(best: RatedExperiment, rivals: tuple[Rival, Rival], joints: Sequence[str]) -> str:
-    """Say what the best experiment is, and what it separates."""
+    """Describe the best experiment and what it distinguishes."""
     one, two = (describe_difference(rival, other) for rival, other in (rivals, rivals[::-1]))
     if best.separation < VISIBLE:
         return (
@@ -117,7 +117,7 @@ def describe_experiment(best: RatedExperiment, rivals: tuple[Rival, Rival], join
 
 
 def describe_difference(rival: Rival, other: Rival) -> str:
-    """Return in words what a rival has that the other has not."""
+    """Return the effects of a rival that the other lacks, in words."""
     theirs = {(effect.name(), effect.joint) for effect in other.effects}
     own = [effect for effect in rival.effects if (effect.name(), effect.joint) not in theirs]
     names = {effect.name() for effect in other.effects}
@@ -125,7 +125,7 @@ def describe_difference(rival: Rival, other: Rival) -> str:
 
 
 def describe_effect(effect: Effect, with_joint: bool) -> str:
-    """Return an effect's name as a person says it, with its joint where that is the difference."""
+    """Return an effect's name in words, with its joint if that is the difference."""
     words = effect.name().replace("_", " ")
     return f"{words} in {effect.joint or 'the whole arm'}" if with_joint else words
 

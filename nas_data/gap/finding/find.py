@@ -1,4 +1,4 @@
-"""Find where model and recording disagree: by joint, by regime, beside the noise, after an audit of the recording."""
+"""Comparison of model and recording by joint and condition, with an audit of the recording."""
 
 from collections.abc import Sequence
 
@@ -32,10 +32,9 @@ def find(
 
     Args:
         dataset: Transitions with 2n-states, as recorded.
-        evidence: Its episodes, or some of them; rows with the torque off are left out here, whether or not they are
-            left out there.
-        nominal: The model.
-        floor: Noise floor of each joint [rad], shape (n,).
+        evidence: All or some of its episodes; rows with the torque off are removed here.
+        nominal: Model.
+        floor: Noise floor of each joint [rad; m], shape (n,).
         overlaps: Contacts of the model that the recording contradicts.
 
     Raises:
@@ -62,5 +61,5 @@ def find(
 
 
 def select_episodes(evidence: EpisodeBatch, numbers: np.ndarray) -> EpisodeBatch:
-    """Return the episodes with some numbers, as far as there are such."""
+    """Return the episodes with given numbers, if they exist."""
     return evidence.select(np.flatnonzero(np.isin(evidence.numbers, numbers)))

@@ -1,4 +1,4 @@
-"""The gap of each joint, in one step and in open loop, beside repeating the pose and beside repeating the command."""
+"""One-step and open-loop gap of each joint, beside the baselines hold and command."""
 
 import numpy as np
 
@@ -16,10 +16,10 @@ def find_joint_gaps(
     """Return the gap of each joint.
 
     Args:
-        recorded: What was measured, E episodes of up to T rows of n joints.
-        nominal: The model.
-        floor: Noise floor [rad], shape (n,).
-        predicted: The model's open-loop positions [rad], shape (E, T, n).
+        recorded: Measured rows, E episodes of up to T rows of n joints.
+        nominal: Model.
+        floor: Noise floor [rad; m], shape (n,).
+        predicted: The model's open-loop positions [rad; m], shape (E, T, n).
     """
     evidence = recorded.evidence
     stepped = nominal.step(evidence, np.concatenate([recorded.positions, recorded.velocities, evidence.objects], -1))
@@ -46,5 +46,5 @@ def find_joint_gaps(
 
 
 def rmse(evidence: EpisodeBatch, predicted: np.ndarray) -> np.ndarray:
-    """Return the root mean squared error of each joint over all recorded rows [rad], shape (n,)."""
+    """Return the root mean squared error of each joint over all recorded rows [rad; m], shape (n,)."""
     return np.asarray(np.sqrt((evidence.errors(predicted) ** 2).sum((0, 1)) / evidence.mask.sum()))

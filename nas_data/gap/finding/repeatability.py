@@ -1,4 +1,4 @@
-"""How alike repeats of the same commands came out: what no model that is told the commands can explain."""
+"""Repeatability: difference between repeats of the same commands, which no model of the commands explains."""
 
 from collections import defaultdict
 
@@ -6,11 +6,11 @@ import numpy as np
 
 from nas_data.gap.episode_batch import EpisodeBatch
 
-SAME_START = 4.0  # noise floors within which repeats must start; else their paths differ for a known reason
+SAME_START = 4.0  # noise floors within which repeats must start
 
 
 def measure_repeatability(evidence: EpisodeBatch, floor: np.ndarray) -> np.ndarray | None:
-    """Return the standard deviation between repeats of the same commands [rad], shape (n,); None without repeats."""
+    """Return the standard deviation between repeats of the same commands [rad; m], shape (n,); None without repeats."""
     squares, freedom = np.zeros(len(floor)), 0
     for group in find_repeats(evidence, floor):
         counts = evidence.mask[group[0]]
@@ -21,7 +21,7 @@ def measure_repeatability(evidence: EpisodeBatch, floor: np.ndarray) -> np.ndarr
 
 
 def find_repeats(evidence: EpisodeBatch, floor: np.ndarray) -> list[list[int]]:
-    """Return groups of episodes that were given the same commands from the same pose."""
+    """Return groups of episodes with the same commands and initial pose."""
     groups: dict[bytes, list[int]] = defaultdict(list)
     for episode in range(len(evidence)):
         rows = evidence.commands[episode, evidence.mask[episode]]

@@ -1,14 +1,14 @@
-"""What was found, as a short text in degrees, for slides in millimetres."""
+"""Text summary of the findings, in degrees and millimetres."""
 
 from collections.abc import Mapping, Sequence
 
 from nas_data.gap.report_parts import Bin, Check, JointGap
 from nas_data.joint_units import SLIDE, JointUnit, display_unit, table_unit
 
-SHOWN = 3  # regimes a joint
-LARGER = 1.2  # error in a bin over that in the rest from which it is worth naming
-VISIBLE = 1.5  # noise floors that a joint's gap must exceed for its regimes to be named
-TURNING = 0.3  # mean error over its root mean square from which a sign is worth a word
+SHOWN = 3  # most regimes per joint
+LARGER = 1.2  # ratio of errors inside over outside a bin above which it is shown
+VISIBLE = 1.5  # noise floors above which a joint's regimes are shown
+TURNING = 0.3  # ratio of mean over RMS error above which its sign is shown
 COLUMNS = {
     "noise": "floor",
     "one step": "one_step",
@@ -23,7 +23,7 @@ COLUMNS = {
 def describe_findings(
     joints: Mapping[str, JointGap], regimes: Sequence[Bin], audit: Sequence[Check], undecidable: Sequence[str]
 ) -> str:
-    """Return all of it, the recording first."""
+    """Return audits, gaps, regimes and open questions."""
     parts = [
         "Recording\n"
         + "\n".join(f"  {'ok   ' if check.ok else 'LOOK '}{check.check}: {check.finding}" for check in audit),
@@ -51,12 +51,12 @@ def format_joint_table(joints: Mapping[str, JointGap]) -> str:
 
 
 def format_cell(value: float | None, unit: str) -> str:
-    """Return a position in the unit that is shown, a dash where there is none."""
+    """Return a position in display units, a dash without a value."""
     return "–" if value is None else f"{display_unit(unit).factor * value:.3f}"
 
 
 def format_regimes(joints: Mapping[str, JointGap], regimes: Sequence[Bin]) -> str:
-    """Return each joint's significant bins with the largest errors, and an error that turns with the motion."""
+    """Return each joint's significant bins with the largest errors, and errors that depend on direction."""
     lines = []
     for joint, gap in joints.items():
         bins = [measured for measured in regimes if measured.joint == joint]
@@ -70,13 +70,13 @@ def format_regimes(joints: Mapping[str, JointGap], regimes: Sequence[Bin]) -> st
 
 
 def describe_bin(measured: Bin, unit: JointUnit) -> str:
-    """Return where a joint's error is larger, and by how much."""
+    """Return a bin with its error and that of the other rows."""
     here, rest = unit.text(measured.rmse), unit.text(measured.rest)
     return f"{measured.regime}: {measured.bin} {here} (else {rest}, {100 * measured.share:.0f} % of all)"
 
 
 def describe_direction_errors(bins: Sequence[Bin], floor: float, unit: JointUnit) -> list[str]:
-    """Return a joint's mean errors in both directions of motion where they are opposite and no noise."""
+    """Return a joint's mean errors in both directions if they have opposite signs and exceed the noise."""
     ways = {measured.bin: measured for measured in bins if measured.regime == "direction"}
     if len(ways) < 2:
         return []

@@ -1,4 +1,4 @@
-"""Command shift: whether the arm follows its commands some rows later or earlier than the model says."""
+"""Command shift: whether the arm follows its commands some rows later or earlier than the model."""
 
 from dataclasses import replace
 
@@ -10,18 +10,18 @@ from nas_data.gap.finding.audits.base import Examined, join_names
 from nas_data.gap.report_parts import Check
 
 NAME = "command shift"
-SHIFTS = (-3, -2, -1, 0, 1, 2, 3)  # [rows] by which commands are moved; positive acts later
-SLIPS = 2  # rows by which a log's order may slip; what fits better still is no slip
-WINDOW = 0.1  # [s] over which motions are compared: a static error is none of the timing's
-BETTER = 0.9  # error with over without the shift that is clearly better
-MOST = 0.75  # share of the episodes in which it must be
-EPISODES = 16  # episodes that are compared
+SHIFTS = (-3, -2, -1, 0, 1, 2, 3)  # [rows] by which commands are shifted; positive is later
+SLIPS = 2  # [rows] largest shift that an error of the log explains
+WINDOW = 0.1  # [s] over which motions are compared, so that static errors cancel
+BETTER = 0.9  # largest ratio of errors with over without a shift that is clearly better
+MOST = 0.75  # smallest share of the episodes in which it is
+EPISODES = 16  # most episodes that are compared
 SECONDS = 20.0  # [s] of each
-VISIBLE = 2.0  # noise of a difference of two readings that an error must exceed to be worth a shift
+VISIBLE = 2.0  # smallest error, in standard deviations of a difference of two readings
 
 
 def check(examined: Examined) -> Check:
-    """Say which joints' motion fits clearly better with shifted commands."""
+    """Report joints whose motion fits clearly better with shifted commands."""
     best, visible = find_best_shifts(examined)
     if not best.any():
         return Check(NAME, "No joint follows its commands clearly better when they are moved by one or two rows.")
@@ -42,7 +42,7 @@ def select_names(examined: Examined, chosen: np.ndarray) -> str:
 
 
 def describe_shift(joints: str, shift: int, slip: bool, period: float) -> str:
-    """Say what a shift of some joints may be; a slip of the log is one where most joints agree."""
+    """Describe a shift of some joints; `slip` marks an error of the log, on which most joints agree."""
     amount = f"{abs(shift)} row{'s' * (abs(shift) > 1)} ({abs(shift) * period * 1e3:.3g} ms)"
     if shift > SLIPS:
         return (
@@ -67,10 +67,7 @@ def describe_shift(joints: str, shift: int, slip: bool, period: float) -> str:
 
 
 def find_best_shifts(examined: Examined) -> tuple[np.ndarray, np.ndarray]:
-    """Return the shift [rows] that clearly fits each joint best, 0 where none does, and which joints have a gap at all.
-
-    Both have the shape (n,).
-    """
+    """Return the best clear shift of each joint [rows], 0 without one, and which joints have a gap, shape (n,) each."""
     errors = np.stack([measure_shift_errors(examined, shift) for shift in SHIFTS])
     usual = errors[SHIFTS.index(0)]
     ratios = errors / usual
@@ -81,7 +78,7 @@ def find_best_shifts(examined: Examined) -> tuple[np.ndarray, np.ndarray]:
 
 
 def measure_shift_errors(examined: Examined, shift: int) -> np.ndarray:
-    """Return the error of the motion over a short window with shifted commands [rad], shape (E, n)."""
+    """Return the error of motions over a short window with shifted commands [rad; m], shape (E, n)."""
     evidence = shorten_episodes(examined.recorded.evidence)
     positional = examined.nominal.simulator().layout.inputs.positional
     try:
@@ -96,16 +93,17 @@ def measure_shift_errors(examined: Examined, shift: int) -> np.ndarray:
 
 
 def shorten_episodes(evidence: EpisodeBatch) -> EpisodeBatch:
-    """Return the beginnings of some episodes, enough to tell a shift."""
+    """Return the beginnings of some episodes."""
     chosen = np.unique(np.linspace(0, len(evidence) - 1, min(len(evidence), EPISODES)).round().astype(int))
     part, rows = evidence.select(chosen), slice(0, round(SECONDS / evidence.period))
     return replace(part, commands=part.commands[:, rows], measured=part.measured[:, rows], mask=part.mask[:, rows])
 
 
 def shift_commands(evidence: EpisodeBatch, shift: int, positional: np.ndarray) -> EpisodeBatch:
-    """Return episodes whose commands act some rows later; before the first, the first pose was commanded.
+    """Return episodes with commands shifted by some rows.
 
-    Joints that are not commanded positions, `positional` (n,), had their first command.
+    Position commands before the first row are the initial pose; others, where `positional` (n,) is false, repeat the
+    first.
     """
     commands, steps = evidence.commands, evidence.commands.shape[1]
     before = np.where(positional, evidence.initial_positions[:, None], commands[:, :1])

@@ -1,4 +1,4 @@
-"""Saturation: how often the model's servos are at their limits, and commands that its control range cuts off."""
+"""Saturation: servos of the model at their torque limits, and commands outside its control range."""
 
 import numpy as np
 
@@ -7,13 +7,13 @@ from nas_data.gap.report_parts import Check
 from nas_data.simulators.limits import command_limits
 
 NAME = "saturation"
-NOTED = 0.01  # share of the rows that is worth a word
-MOSTLY = 0.5  # share of the rows from which the model is hardly a servo any more
+NOTED = 0.01  # share of the rows above which a joint is reported
+MOSTLY = 0.5  # share of the rows at the limit above which the gain is too high
 ROUNDING = 1e-5  # [the commands' unit]; commands are stored as float32
 
 
 def check(examined: Examined) -> Check:
-    """Name the joints at their limits."""
+    """Report the joints at their limits."""
     counts = examined.recorded.evidence.mask
     saturated = examined.loads.saturated[counts].mean(axis=0)
     beyond = find_out_of_range(examined)[counts].mean(axis=0)
@@ -34,13 +34,13 @@ def check(examined: Examined) -> Check:
 
 
 def describe_shares(examined: Examined, values: np.ndarray) -> str:
-    """Return joints with their shares of the rows, those worth a word."""
+    """Return joints with their shares of the rows, above `NOTED`."""
     pairs = zip(examined.nominal.joints, values, strict=True)
     return join_names([f"{format_percent(value)} of the rows of {joint}" for joint, value in pairs if value > NOTED])
 
 
 def find_out_of_range(examined: Examined) -> np.ndarray:
-    """Return which commands lie outside what the model accepts, shape (E, T, n)."""
+    """Return which commands lie outside the model's range, shape (E, T, n)."""
     simulator = examined.nominal.simulator()
     low, high = command_limits(simulator.model, simulator.joints, str(simulator.robot.mjcf))
     commands = examined.recorded.evidence.commands
