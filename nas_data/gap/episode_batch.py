@@ -260,10 +260,10 @@ def estimate_velocity(evidence: EpisodeBatch, episode: int, row: int) -> tuple[n
         fit_velocity(positions[:, joint], row, float(evidence.noise[joint]), rate)
         for joint in range(len(evidence.joints))
     ]
-    values, doubts = np.array(fitted).T
+    values, deviations = np.array(fitted).T
     measured = evidence.measured_velocities[episode, row - 1]
-    told = np.isfinite(measured)
-    return np.where(told, measured, values), doubts
+    is_measured = np.isfinite(measured)
+    return np.where(is_measured, measured, values), deviations
 
 
 def cut_window(evidence: EpisodeBatch, episode: int, first: int, steps: int) -> EpisodeBatch:
@@ -271,7 +271,7 @@ def cut_window(evidence: EpisodeBatch, episode: int, first: int, steps: int) -> 
     rows = slice(first, first + steps)
     part = evidence.select([episode])
     start = part.initial_positions if first == 0 else part.measured[:, first - 1]
-    speed, doubt = (values[None] for values in estimate_velocity(evidence, episode, first))
+    speed, deviation = (values[None] for values in estimate_velocity(evidence, episode, first))
     return replace(
         part,
         initial_positions=start,
@@ -280,7 +280,7 @@ def cut_window(evidence: EpisodeBatch, episode: int, first: int, steps: int) -> 
         mask=part.mask[:, rows],
         initial_velocities=speed,
         estimated_velocities=speed,
-        velocity_deviations=doubt,
+        velocity_deviations=deviation,
         measured_velocities=part.measured_velocities[:, rows],
         torque_off_from=np.clip(part.torque_off_from - first, 0, steps),
         objects=part.objects[:, rows],

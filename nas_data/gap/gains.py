@@ -43,8 +43,8 @@ def read_relative_gains(dataset: Dataset) -> np.ndarray:
     """Return the gain of each joint and episode relative to the model's, shape (E, n); 1 if unknown."""
     gains = np.ones((dataset.n_episodes, len(dataset.joints)))
     if GAIN in dataset.columns:
-        told = dataset.lengths > 0
-        gains[told] = dataset.columns[GAIN][dataset.starts[told]]
+        known = dataset.lengths > 0
+        gains[known] = dataset.columns[GAIN][dataset.starts[known]]
     return gains
 
 
@@ -69,9 +69,9 @@ def check_alike(registers: np.ndarray, model: str | Path, name: str | Path) -> N
     """Refuse gains that differ if the model does not state the register of its own."""
     values = np.unique(registers, axis=0)
     if len(values) > 1:
-        told = ", ".join(f"{value:g}" for value in np.unique(values))
+        known = ", ".join(f"{value:g}" for value in np.unique(values))
         raise ModelFileError(
-            f"{name} was recorded at several position gains ({REGISTER}: {told}), and {model} does not say at which "
+            f"{name} was recorded at several position gains ({REGISTER}: {known}), and {model} does not say at which "
             f'its own gain holds: add <custom><numeric name="{NUMERIC}" data="…"/></custom> to the model.'
         )
 
@@ -85,7 +85,8 @@ def check_registers(dataset: Dataset, registers: np.ndarray, name: str | Path) -
     for number, rows in enumerate(dataset.episodes()):
         values = np.unique(registers[rows], axis=0)
         if len(values) > 1 or not ((values > 0) & (values < np.inf)).all():
-            told = ", ".join(f"{value:g}" for value in np.unique(values))
+            known = ", ".join(f"{value:g}" for value in np.unique(values))
             raise DatasetInvalid(
-                f"{REGISTER} of episode {number} of {name} is {told}; one gain above 0 for the whole episode is needed."
+                f"{REGISTER} of episode {number} of {name} is {known}; one gain above 0 for the whole episode is "
+                "needed."
             )

@@ -61,15 +61,15 @@ def score_model(problem: Problem, final: FinalFit, null: FinalFit, plain: FinalF
     """
     task = replace(problem.train, fine=final.fine).estimate_initial_loads(final.effects, dict(final.factors))
     task = task.correct_timestep(final.effects, dict(final.factors))
-    hold = choose_initial_load(task, final)
-    nominal, held = problem.held.nominal, problem.held.evidence.with_initial_loads(hold)
+    load = choose_initial_load(task, final)
+    nominal, held = problem.held.nominal, problem.held.evidence.with_initial_loads(load)
     effects, factors = final.effects, dict(final.factors)
     named = with_timestep(nominal, task.timestep)
     whole = all(effect.in_model for effect in effects)
     if whole:
         write_model(folder, nominal, effects, factors, task.timestep)
     else:
-        whole = write_nearest(problem, final, folder, problem.train.evidence.with_initial_loads(hold), named)
+        whole = write_nearest(problem, final, folder, problem.train.evidence.with_initial_loads(load), named)
     write_effects(folder, effects, factors, whole, nominal.slides)
     written = Nominal.load(folder / MODEL, held).predict(held)
     return HeldOutResult(
@@ -146,8 +146,8 @@ def choose_initial_load(task: FitTask, final: FinalFit) -> InitialLoad:
     if not task.nominal.simulator(effects, factors).remembers:
         return InitialLoad.GRAVITY
 
-    def misfit(hold: InitialLoad) -> float:
-        predicted = task.rollout_model.predict(task.evidence.with_initial_loads(hold), effects, factors)
+    def misfit(load: InitialLoad) -> float:
+        predicted = task.rollout_model.predict(task.evidence.with_initial_loads(load), effects, factors)
         return task.misfit(predicted + task.correction)
 
     return min((InitialLoad.GRAVITY, InitialLoad.UNLOADED), key=misfit)

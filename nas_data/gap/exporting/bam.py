@@ -48,16 +48,16 @@ def write_bam(folder: Path, joints: Sequence[str], quantities: Sequence[Quantity
     place = folder / FOLDER
     place.mkdir(parents=True, exist_ok=True)
     arm = {each.name: each.value for each in quantities if each.joint is None}
-    told = [f"{', '.join(sorted({q.name for q in quantities if q.interval}))}: their ranges"]
-    told = told if any(quantity.interval for quantity in quantities) else []
+    lines = [f"{', '.join(sorted({q.name for q in quantities if q.interval}))}: their ranges"]
+    lines = lines if any(quantity.interval for quantity in quantities) else []
     for joint in joints:
         own = {each.name: each.value for each in quantities if each.joint == joint}
         if "command_delay" in arm:
             own.setdefault("command_delay", arm["command_delay"])
         content, lost = convert_parameters(own)
         (place / f"{joint}.json").write_text(json.dumps(content, indent=1), encoding="utf-8")
-        told += [f"{joint}: {what}" for what in lost]
-    return place, told + [f"the arm's {name}" for name in arm if name != "command_delay"]
+        lines += [f"{joint}: {what}" for what in lost]
+    return place, lines + [f"the arm's {name}" for name in arm if name != "command_delay"]
 
 
 def convert_parameters(own: Mapping[str, float]) -> tuple[dict[str, str | float], list[str]]:

@@ -41,10 +41,12 @@ def find(
         DatasetInvalid: the torque is off throughout.
         ModelFileError: the model diverges.
     """
-    driven = keep_torque_on(dataset)
-    if driven is not dataset:
-        evidence = select_episodes(EpisodeBatch.of(driven).with_objects(driven, nominal.simulator()), evidence.numbers)
-    recorded = RecordedRows.of(driven, evidence)
+    powered = keep_torque_on(dataset)
+    if powered is not dataset:
+        evidence = select_episodes(
+            EpisodeBatch.of(powered).with_objects(powered, nominal.simulator()), evidence.numbers
+        )
+    recorded = RecordedRows.of(powered, evidence)
     predicted = nominal.predict(evidence)
     loads = find_loads(nominal, recorded)
     regimes = find_regimes(

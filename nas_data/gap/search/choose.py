@@ -137,12 +137,12 @@ def is_explained(search: Search, h: Hypothesis) -> bool:
 
 def apply_moves(search: Search, h: Hypothesis, names: tuple[str, ...], without: Container[str]) -> Hypothesis:
     """Apply moves in order; a move without result is not repeated on the same hypothesis."""
-    idle: dict[str, Hypothesis] = {}
+    unchanged: dict[str, Hypothesis] = {}
     for name in names:
-        if name not in without and idle.get(name) is not h:
+        if name not in without and unchanged.get(name) is not h:
             before, h = h, find_move(name)(search, h)
             if h is before or name == "drop":  # drop repeats itself until it finds nothing
-                idle[name] = h
+                unchanged[name] = h
     return h
 
 

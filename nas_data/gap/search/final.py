@@ -151,11 +151,11 @@ def compute_intervals(task: FitTask, found: Fit) -> tuple[Mapping[str, tuple[flo
     spread = np.hypot(*compute_deviations(task, found))
     result: list[dict[str, tuple[float, float]]] = [{} for _ in found.effects]
     for free, number, width in zip(found.parameters.effect_parameters, found.theta, spread, strict=False):
-        likeness = FORM_DEVIATION * abs(float(number) if free.signed else 1.0)
-        reach = NORMAL95 * float(np.hypot(width, likeness))
+        form_deviation = FORM_DEVIATION * abs(float(number) if free.signed else 1.0)
+        half_width = NORMAL95 * float(np.hypot(width, form_deviation))
         for place in free.effect_indices:
-            doubt = NORMAL95 * TOLERANCE * shared_amount(task, found.effects[place], free.parameter)
-            ends = [free.value(float(number) + sign * reach) + sign * doubt for sign in (-1, 1)]
+            shared_half_width = NORMAL95 * TOLERANCE * shared_amount(task, found.effects[place], free.parameter)
+            ends = [free.value(float(number) + sign * half_width) + sign * shared_half_width for sign in (-1, 1)]
             result[place][free.parameter.name] = (min(ends), max(ends))
     return tuple(result)
 
@@ -173,8 +173,8 @@ def compute_deviations(task: FitTask, found: Fit) -> tuple[np.ndarray, np.ndarra
         flat @ flat.T + np.diag(found.parameters.prior_weights(found.theta) ** 2) + 1e-9 * np.eye(size)
     )
     errors = (task.evidence.errors(found.predicted) * weights).reshape(episodes, -1)
-    pulls = inverse @ np.einsum("pet,et->pe", rows, errors)
-    by_episode = np.sqrt((pulls**2).sum(1) * episodes / max(1, episodes - 1))
+    episode_steps = inverse @ np.einsum("pet,et->pe", rows, errors)
+    by_episode = np.sqrt((episode_steps**2).sum(1) * episodes / max(1, episodes - 1))
     return np.sqrt(np.clip(np.diag(inverse), 0.0, None)), by_episode
 
 

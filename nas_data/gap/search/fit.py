@@ -11,10 +11,10 @@ from nas_data.gap.search.parameters import STEP, FreeParameters, Label
 from nas_data.gap.side_by_side import side_by_side
 
 DAMPING = (0.0, 0.003, 0.01, 0.03, 0.1, 1.0, 10.0)  # Levenberg-Marquardt damping, tried in this order
-CONVERGED = 1e-3  # relative improvement of the loss below which a fit has converged
-MAX_JACOBIAN_AGE = 3  # steps after which the Jacobian is measured anew, where it may be
-NEGLECTED_SHARE = 0.15  # share of a number's effect that may fall on other joints and be neglected when it is measured
-MAX_STEP = 1.5  # of any number in one step: a factor of 4.5 in a parameter
+CONVERGED = 1e-3  # [nats per observation] expected gain below which a fit has converged
+MAX_JACOBIAN_AGE = 3  # steps after which the Jacobian is measured again, if allowed
+NEGLECTED_SHARE = 0.15  # share of a column's norm in other joints that is neglected
+MAX_STEP = 1.5  # largest step of θ, a factor of 4.5 in a parameter
 
 
 @dataclass(frozen=True)

@@ -126,7 +126,7 @@ def excited_joints(task: FitTask) -> set[str]:
     evidence = task.evidence
     commanded = np.ptp(evidence.commands, axis=1).max(0) > 0
     moved = np.ptp(evidence.measured, axis=1).max(0) > EXCITED * task.floor
-    return {joint for joint, told in zip(evidence.joints, commanded & moved, strict=True) if told}
+    return {joint for joint, excited in zip(evidence.joints, commanded & moved, strict=True) if excited}
 
 
 def joints_beyond_prior(h: Hypothesis) -> set[str]:

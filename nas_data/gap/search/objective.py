@@ -147,7 +147,7 @@ class FitTask:
             if not self.nominal.simulator(effects, factors).remembers:
                 return replace(self, evidence=evidence.with_initial_loads(InitialLoad.GRAVITY))
             rolled = [
-                self.rollout_model.predict(early.with_initial_loads(hold), effects, factors) for hold in InitialLoad
+                self.rollout_model.predict(early.with_initial_loads(load), effects, factors) for load in InitialLoad
             ]
         except ModelFileError:
             return self
@@ -161,14 +161,14 @@ class FitTask:
         Each episode takes one Gauss-Newton step of v₀ on ½ Σ w² e² + ½ Σ ((v₀ − v̂₀) / σ)². The step is kept if it
         lowers this sum. Episodes that begin at rest are not changed.
         """
-        told = replace(self.evidence, initial_velocities=self.evidence.estimated_velocities)
-        moving = np.flatnonzero((told.velocity_deviations > 0).any(axis=1))
+        estimated = replace(self.evidence, initial_velocities=self.evidence.estimated_velocities)
+        moving = np.flatnonzero((estimated.velocity_deviations > 0).any(axis=1))
         if not len(moving):
-            return replace(self, evidence=told)
-        part = told.select(moving)
+            return replace(self, evidence=estimated)
+        part = estimated.select(moving)
         try:
             predicted = self.rollout_model.predict(part, effects, factors)
-            slopes = np.zeros((len(part.joints), *predicted.shape))
+            jacobian = np.zeros((len(part.joints), *predicted.shape))
             for joint in range(len(part.joints)):
                 if (part.velocity_deviations[:, joint] > 0).any():
                     shift = np.zeros(part.initial_velocities.shape)
@@ -176,19 +176,19 @@ class FitTask:
                     other = self.rollout_model.predict(
                         replace(part, initial_velocities=part.initial_velocities + shift), effects, factors
                     )
-                    slopes[joint] = (other - predicted) / shift[:, joint][:, None, None]
+                    jacobian[joint] = (other - predicted) / shift[:, joint][:, None, None]
             weights = self.weights(predicted, part)
-            step = solve_velocity_steps(part.errors(predicted) * weights, slopes * weights, part.velocity_deviations)
+            step = solve_velocity_steps(part.errors(predicted) * weights, jacobian * weights, part.velocity_deviations)
             moved = replace(part, initial_velocities=part.initial_velocities + step)
             reached = self.rollout_model.predict(moved, effects, factors)
         except ModelFileError:
-            return replace(self, evidence=told)
+            return replace(self, evidence=estimated)
         cost = ((part.errors(predicted) * weights) ** 2).sum((1, 2))
         prior = ((step / np.where(part.velocity_deviations > 0, part.velocity_deviations, np.inf)) ** 2).sum(1)
         better = ((part.errors(reached) * weights) ** 2).sum((1, 2)) + prior < cost
-        speeds = told.initial_velocities.copy()
+        speeds = estimated.initial_velocities.copy()
         speeds[moving] += np.where(better[:, None], step, 0.0)
-        return replace(self, evidence=replace(told, initial_velocities=speeds))
+        return replace(self, evidence=replace(estimated, initial_velocities=speeds))
 
     def correct_timestep(self, effects: Sequence[Effect], factors: dict[str, float]) -> "FitTask":
         """Return the task with a timestep correction at a hypothesis, and a longer timestep if errors are large.
@@ -283,19 +283,19 @@ class FitTask:
         return np.asarray(np.sqrt(share / (self.tolerance + squares)))[:, None]
 
 
-def solve_velocity_steps(errors: np.ndarray, slopes: np.ndarray, doubts: np.ndarray) -> np.ndarray:
+def solve_velocity_steps(errors: np.ndarray, jacobian: np.ndarray, deviations: np.ndarray) -> np.ndarray:
     """Return the changes of the initial velocities that minimise weighted errors and prior [rad/s; m/s], shape (E, n).
 
     Args:
         errors: Weighted errors, shape (E, T, n).
-        slopes: Weighted derivatives of the positions by the velocities, shape (n, E, T, n).
-        doubts: Standard deviations of the velocities [rad/s; m/s], shape (E, n); 0 if certain.
+        jacobian: Weighted derivatives of the positions by the velocities, shape (n, E, T, n).
+        deviations: Standard deviations of the velocities [rad/s; m/s], shape (E, n); 0 if certain.
     """
-    step = np.zeros(doubts.shape)
-    for episode, doubt in enumerate(doubts):
-        free = np.flatnonzero(doubt > 0)
+    step = np.zeros(deviations.shape)
+    for episode, deviation in enumerate(deviations):
+        free = np.flatnonzero(deviation > 0)
         if len(free):
-            rows = slopes[free, episode].reshape(len(free), -1) * doubt[free][:, None]
+            rows = jacobian[free, episode].reshape(len(free), -1) * deviation[free][:, None]
             scaled = np.linalg.solve(rows @ rows.T + np.eye(len(free)), -rows @ errors[episode].ravel())
-            step[episode, free] = doubt[free] * np.clip(scaled, -MAX_VELOCITY_STEP, MAX_VELOCITY_STEP)
+            step[episode, free] = deviation[free] * np.clip(scaled, -MAX_VELOCITY_STEP, MAX_VELOCITY_STEP)
     return step

@@ -158,9 +158,9 @@ def add_limits(search: Search, plain: Hypothesis) -> Hypothesis:
     search.say("  screening torque limits and delays beside the plain fit")
     above = search.find_joints_above_floor(plain)
     found = screen(task, plain.fit.select(task, half), search.scales, above, search.known_changes, LIMIT_EFFECTS)
-    reach = plain.fit.select(task, half).loss
+    kept_loss = plain.fit.select(task, half).loss
     for name in LIMIT_EFFECTS:
-        alike = [c.effect for c in found if c.effect.name() == name and c.loss + 0.5 * PRICE < reach]
+        alike = [c.effect for c in found if c.effect.name() == name and c.loss + 0.5 * PRICE < kept_loss]
         whole = [effect for effect in alike if effect.joint is None]
         chosen = whole or alike
         if chosen:

@@ -50,8 +50,8 @@ def generate_candidates(joints: Sequence[str], sizes: Sequence[Scales]) -> Itera
         places += [(None, mean)] if kind.whole_arm else []
         for joint, size in places:
             for values in kind.guesses(size):
-                told = [p for p in kind.parameters if p.name in values]
-                clipped = {p.name: float(np.clip(values[p.name], p.low, p.high)) for p in told}
+                given = [p for p in kind.parameters if p.name in values]
+                clipped = {p.name: float(np.clip(values[p.name], p.low, p.high)) for p in given}
                 yield make_effect(name, joint, clipped)
 
 
@@ -91,10 +91,12 @@ def screen(
             changes[identities[effect]] = change
 
     def estimated(effect: Effect) -> Candidate | None:
-        idle = effect.vanishing_value(by_joint[effect.joint]) if effect.joint else effect.parameters[0].neutral
+        vanishing_value = (
+            effect.vanishing_value(by_joint[effect.joint]) if effect.joint else effect.parameters[0].neutral
+        )
         if identities[effect] not in changes:
             return None
-        return estimate_first_order(task, state, effect, idle, changes[identities[effect]])
+        return estimate_first_order(task, state, effect, vanishing_value, changes[identities[effect]])
 
     side_by_side(simulate, group_effects(task, unknown))
     for found in side_by_side(estimated, wanted):
@@ -165,7 +167,9 @@ def simulate_changes(task: FitTask, state: Fit, group: Sequence[Effect]) -> Iter
         yield effect, change if len(group) == 1 else change * task.moved_by_joint[effect.joint]
 
 
-def estimate_first_order(task: FitTask, state: Fit, effect: Effect, idle: float, change: np.ndarray) -> Candidate:
+def estimate_first_order(
+    task: FitTask, state: Fit, effect: Effect, vanishing_value: float, change: np.ndarray
+) -> Candidate:
     """Estimate the loss with a candidate beside a hypothesis.
 
     To first order the candidate changes the positions by s · c, with its change c at the guess and a factor s. The
@@ -175,7 +179,7 @@ def estimate_first_order(task: FitTask, state: Fit, effect: Effect, idle: float,
         task: Model and some episodes.
         state: Fitted hypothesis.
         effect: Candidate at an initial guess.
-        idle: Value of its first parameter at which it vanishes.
+        vanishing_value: Value of its first parameter at which it vanishes.
         change: Its change of the positions [rad; m], shape (E, T, n).
     """
     counts = task.evidence.mask[..., None]
@@ -199,7 +203,9 @@ def estimate_first_order(task: FitTask, state: Fit, effect: Effect, idle: float,
     squares = (guess**2).sum(1) / task.evidence.mask.sum(1)[:, None]
     misfit = float((0.5 * task.observations * np.log(task.tolerance + squares)).sum())
     misfit += float(0.5 * ((prior * (state.theta + shift)) ** 2).sum())
-    return Candidate(stretch_effect(effect, stretch, idle), Score(misfit, task.objective), state.theta + shift)
+    return Candidate(
+        stretch_effect(effect, stretch, vanishing_value), Score(misfit, task.objective), state.theta + shift
+    )
 
 
 def is_signed(effect: Effect) -> bool:
@@ -207,7 +213,7 @@ def is_signed(effect: Effect) -> bool:
     return effect.parameters[0].low < 0
 
 
-def stretch_effect(effect: Effect, stretch: float, idle: float) -> Effect:
+def stretch_effect(effect: Effect, stretch: float, vanishing_value: float) -> Effect:
     """Return an effect whose change of positions is s = `stretch` times as large, to first order."""
     if not is_signed(effect):
         stretch = max(stretch, MIN_STRETCH)
@@ -215,7 +221,7 @@ def stretch_effect(effect: Effect, stretch: float, idle: float) -> Effect:
     for place, p in enumerate(effect.parameters):
         value = getattr(effect, p.name)
         if place == 0 and np.isinf(p.neutral):
-            value = 1 / max(stretch / value + (1 - stretch) / idle, 1e-12)
+            value = 1 / max(stretch / value + (1 - stretch) / vanishing_value, 1e-12)
         elif place == 0 or p.low < 0:
             value = p.neutral + stretch * (value - p.neutral)
         values[p.name] = float(np.clip(value, p.low, p.high))

@@ -64,7 +64,7 @@ SIDES = (
 NOT_WRITTEN = "A model file cannot quite hold {}: effects.json does, and model.xml has what comes nearest."
 
 
-def read_page(folder: Path) -> HtmlPage:
+def page_of_folder(folder: Path) -> HtmlPage:
     """Return the page of a report's folder.
 
     Raises:

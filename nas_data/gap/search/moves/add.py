@@ -61,32 +61,32 @@ def extend(search: Search, kept: Hypothesis, around: Fit) -> list[Hypothesis]:
     """Return the hypotheses with one more effect, or one kind in several joints, sorted by score."""
     wanted = search.find_joints_above_floor(kept)
     search.say(f"  screening every effect at {', '.join(sorted(wanted)) or 'no joint'}")
-    found, reach = search.screen_candidates(around, kept, wanted)
+    found, kept_loss = search.screen_candidates(around, kept, wanted)
     search.say(f"  fitting the best of {len(found)} candidates")
-    chosen = shortlist(found, reach.nats - MIN_GAIN, SLACK if around is search.nominal.fit else 0.0)
+    chosen = shortlist(found, kept_loss.nats - MIN_GAIN, SLACK if around is search.nominal.fit else 0.0)
     chosen += [c for c in found if c not in chosen and frees_base_parameter(kept, c.effect)]
     ranked = fit_candidates(search, kept, around, chosen)
     ranked = sorted(
-        [*ranked, *extend_all_joints(search, kept, ranked, found, reach.nats, around)], key=lambda h: h.score
+        [*ranked, *extend_all_joints(search, kept, ranked, found, kept_loss.nats, around)], key=lambda h: h.score
     )
     for h in ranked[:4]:
         search.report("  tried", h)
     return ranked
 
 
-def shortlist(found: Sequence[Candidate], reach: float, slack: float) -> list[Candidate]:
+def shortlist(found: Sequence[Candidate], kept_loss: float, slack: float) -> list[Candidate]:
     """Return the candidates to fit: the best of each joint, then the best of all.
 
     Args:
         found: Candidates sorted by first-order loss.
-        reach: First-order loss that a candidate must fall below [nats].
+        kept_loss: First-order loss that a candidate must fall below [nats].
         slack: Allowed error of the first order [nats].
     """
     leaders: dict[str | None, Candidate] = {}
     for candidate in found:
-        if candidate.loss.nats < reach:
+        if candidate.loss.nats < kept_loss:
             leaders.setdefault(candidate.effect.joint, candidate)
-    others = [c for c in found if c.loss.nats < reach + slack and leaders.get(c.effect.joint) is not c]
+    others = [c for c in found if c.loss.nats < kept_loss + slack and leaders.get(c.effect.joint) is not c]
     chosen = [*leaders.values(), *others[: max(SHORTLIST - len(leaders), TRIED)]]
     return sorted(chosen, key=lambda candidate: candidate.loss)
 
@@ -135,12 +135,12 @@ def extend_all_joints(
     kept: Hypothesis,
     ranked: Sequence[Hypothesis],
     found: Sequence[Candidate],
-    reach: float,
+    kept_loss: float,
     around: Fit,
 ) -> list[Hypothesis]:
     """Fit the best effects in all joints at once, because servos of one make often lack the same effect."""
     names = dict.fromkeys(h.effects[-1].name() for h in ranked if h.effects[-1].joint and h.score < kept.score)
-    useful = [c for c in found if c.effect.joint and c.loss.nats < reach - PRICE]
+    useful = [c for c in found if c.effect.joint and c.loss.nats < kept_loss - PRICE]
     alike = [[c for c in useful if c.effect.name() == name] for name in list(names)[:BUNDLED]]
     fitted = []
     for group in alike:

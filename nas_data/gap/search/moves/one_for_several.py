@@ -29,8 +29,8 @@ def replace_parts(search: Search, h: Hypothesis, joint: str | None) -> Hypothesi
     rest = search.fit_description(description, h.fit.factors, h.fit, steps=4) if kept else search.null
     if rest is None:
         return h
-    found, reach = search.screen_candidates(rest.fit, h, {joint} if joint else set())
-    near = [c for c in found if c.effect.joint == joint and c.loss.over(reach) < FAR_BEHIND][:TRIED]
+    found, kept_loss = search.screen_candidates(rest.fit, h, {joint} if joint else set())
+    near = [c for c in found if c.effect.joint == joint and c.loss.over(kept_loss) < FAR_BEHIND][:TRIED]
 
     def fit_instead(candidate: Candidate) -> Hypothesis | None:
         factors = rest.fit.parameters.factors_at(candidate.theta)

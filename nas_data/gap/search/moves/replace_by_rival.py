@@ -66,9 +66,9 @@ def add_rivals(search: Search, h: Hypothesis, numbers: Sequence[int]) -> None:
         if len(known) >= TRIED and not faces_hook:
             continue
         without = search.without_effect(h, number) or search.null
-        found, reach = search.screen_candidates(without.fit, h, {effect.joint})
+        found, kept_loss = search.screen_candidates(without.fit, h, {effect.joint})
         met = {effect_key(effect), *map(effect_key, known)}
-        near = [c for c in found if c.effect.joint and c.loss.over(reach) < FAR_BEHIND]
+        near = [c for c in found if c.effect.joint and c.loss.over(kept_loss) < FAR_BEHIND]
         others = [c.effect for c in near if effect_key(c.effect) not in met]
         known.extend(others[: TRIED - len(known)])
         hooked = [other for other in others if other.in_model != effect.in_model and is_confusable(effect, other)]

@@ -22,11 +22,13 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
         effect, rest = h.effects[number], search.without_effect(h, number)
         if rest is None:
             continue
-        found, reach = search.screen_candidates(rest.fit, h, {effect.joint} if effect.joint else joints_beyond_prior(h))
+        found, kept_loss = search.screen_candidates(
+            rest.fit, h, {effect.joint} if effect.joint else joints_beyond_prior(h)
+        )
         found = [c for c in found if c.effect_key != effect_key(effect)]
         own = [c for c in found if frees_base_parameter(h, c.effect)]
         near = [c for c in found if c.effect.joint and effect.joint][:SWAPPED]
-        others = [c for c in near if c.loss.over(reach) < FAR_BEHIND and c not in own] + own
+        others = [c for c in near if c.loss.over(kept_loss) < FAR_BEHIND and c not in own] + own
         quick = side_by_side(partial(fit_briefly, search, rest), others)
         ranked = sorted(
             (o for o in quick if o and not o.effects[-1].has_preferred_equivalent), key=lambda other: other.score
