@@ -72,30 +72,22 @@ class EpisodeBatch:
     earlier_commands: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 0)))
 
     def __post_init__(self) -> None:
-        if not self.initial_velocities.size:
-            object.__setattr__(self, "initial_velocities", np.zeros_like(self.initial_positions, dtype=float))
-        if not self.estimated_velocities.size:
-            object.__setattr__(self, "estimated_velocities", self.initial_velocities)
-        if not self.velocity_deviations.size:
-            object.__setattr__(self, "velocity_deviations", np.zeros_like(self.initial_velocities))
-        if not self.measured_velocities.size:
-            object.__setattr__(self, "measured_velocities", np.full(self.commands.shape, np.nan))
-        if not self.noise.size:
-            object.__setattr__(self, "noise", np.zeros(len(self.joints)))
-        if not self.initial_loads.size:
-            object.__setattr__(self, "initial_loads", np.full(self.initial_positions.shape, InitialLoad.GRAVITY))
-        if not self.gains.size:
-            object.__setattr__(self, "gains", np.ones(self.initial_positions.shape))
-        if not self.torque_off_from.size:
-            object.__setattr__(self, "torque_off_from", np.full(len(self.initial_positions), self.commands.shape[1]))
-        if not self.earlier_commands.size:
-            object.__setattr__(
-                self,
-                "earlier_commands",
-                np.full((len(self.initial_positions), 0, self.initial_positions.shape[1]), np.nan),
-            )
-        if not self.objects.size:
-            object.__setattr__(self, "objects", np.empty((*self.commands.shape[:2], 0)))
+        first, commands = self.initial_positions, self.commands
+        self._set_default("initial_velocities", np.zeros_like(first, dtype=float))
+        self._set_default("estimated_velocities", self.initial_velocities)
+        self._set_default("velocity_deviations", np.zeros_like(self.initial_velocities))
+        self._set_default("measured_velocities", np.full(commands.shape, np.nan))
+        self._set_default("noise", np.zeros(len(self.joints)))
+        self._set_default("initial_loads", np.full(first.shape, InitialLoad.GRAVITY))
+        self._set_default("gains", np.ones(first.shape))
+        self._set_default("torque_off_from", np.full(len(first), commands.shape[1]))
+        self._set_default("earlier_commands", np.full((len(first), 0, first.shape[1]), np.nan))
+        self._set_default("objects", np.empty((*commands.shape[:2], 0)))
+
+    def _set_default(self, name: str, value: np.ndarray) -> None:
+        """Set a field that was not given."""
+        if not getattr(self, name).size:
+            object.__setattr__(self, name, value)
 
     @classmethod
     def of(cls, dataset: Dataset) -> "EpisodeBatch":
