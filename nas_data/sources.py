@@ -10,7 +10,7 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.layout import PROVENANCE, SOURCE, SOURCE_EFFECTS, read_json
 from nas_data.effects.base import Effect, read_effects
 from nas_data.errors import ModelFileError
-from nas_data.mjcf.strip_meshes import colliding_shapes, exact_xml, meshless, needs_files
+from nas_data.mjcf.strip_meshes import colliding_shapes, exact_xml, needs_files, strip_meshes
 from nas_data.pairing import check_source
 from nas_data.robots.base import Robot, slide_joints
 from nas_data.simulators.base import Simulator
@@ -22,7 +22,7 @@ MODEL, EFFECTS = Path(SOURCE).name, Path(SOURCE_EFFECTS).name
 def source_files(robot: Robot, effects: Sequence[Effect] = ()) -> dict[str, bytes]:
     """Return the files that make a paired dataset or a checkpoint self-contained: the source's MJCF and its effects.
 
-    Where the model needs other files (meshes, textures), a copy without them is kept: see `meshless`.
+    Where the model needs other files (meshes, textures), a copy without them is kept: see `strip_meshes`.
     """
     files = {MODEL: _alone(robot)}
     if effects:
@@ -35,7 +35,7 @@ def _alone(robot: Robot) -> bytes:
     """Return a robot's model as one file."""
     spec = robot.spec()
     if needs_files(spec):
-        return exact_xml(meshless(spec))
+        return exact_xml(strip_meshes(spec))
     if robot.edit is None and b"<include" not in robot.mjcf.read_bytes():
         return robot.mjcf.read_bytes()
     return exact_xml(spec)

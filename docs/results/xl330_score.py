@@ -13,11 +13,11 @@ from nas_data.dataset.transitions import as_transitions
 from nas_data.dataset.versions import resolve
 from nas_data.effects.base import Effect, read_effects
 from nas_data.gap.episode_batch import EpisodeBatch
-from nas_data.gap.finding.torque_off import until_driven_again
-from nas_data.gap.floor import noise_floor
+from nas_data.gap.finding.torque_off import keep_torque_on_and_fall
+from nas_data.gap.floor import estimate_noise_floor
 from nas_data.gap.gains import with_relative_gains
-from nas_data.gap.nominal import Nominal, fine_timestep, with_timestep
-from nas_data.gap.search.final import finish
+from nas_data.gap.nominal import Nominal, find_fine_timestep, with_timestep
+from nas_data.gap.search.final import fit_final
 from nas_data.gap.search.fit import FitTask
 from nas_data.gap.write_model import read_factors
 
@@ -31,7 +31,7 @@ def recorded(dataset: Path) -> tuple[tuple[str, ...], EpisodeBatch]:
     root = resolve(dataset)
     transitions, _ = as_transitions(read(root))
     told = with_relative_gains(transitions, MODEL, root)
-    return told.tasks, EpisodeBatch.of(until_driven_again(told))
+    return told.tasks, EpisodeBatch.of(keep_torque_on_and_fall(told))
 
 
 def errors(
@@ -39,13 +39,15 @@ def errors(
 ) -> np.ndarray:
     """Return the open-loop RMSE of each log [°] for the frictionless model with effects, shape (E,)."""
     nominal = Nominal.load(MODEL, evidence)
-    nominal = with_timestep(nominal, fine_timestep(nominal))
+    nominal = with_timestep(nominal, find_fine_timestep(nominal))
     return np.degrees(np.sqrt(evidence.mean_squares(nominal.predict(evidence, effects, factors))[:, 0]))
 
 
 def refitted(evidence: EpisodeBatch) -> tuple[Sequence[Effect], Mapping[str, float]]:
     """Fit the authors' effects and the model's own numbers to other logs: what their form of friction can foresee."""
-    final = finish(FitTask(Nominal.load(MODEL, evidence), evidence, noise_floor(evidence)), read_effects(AUTHORS), {})
+    final = fit_final(
+        FitTask(Nominal.load(MODEL, evidence), evidence, estimate_noise_floor(evidence)), read_effects(AUTHORS), {}
+    )
     return final.effects, final.factors
 
 

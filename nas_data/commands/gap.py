@@ -29,9 +29,9 @@ class Gap(TakesModel):
     def run(self) -> CommandResult:
         """Work through all stages."""
         from nas_data.api.gap import identify
-        from nas_data.gap.summary import summary
+        from nas_data.gap.summary import summarise
 
         report = identify(
             self.dataset, self.model, out=self.out, learn=self.learn, actuators=self.actuators, progress=say
         )
-        return CommandResult(summary(report, self.out), report.to_json())
+        return CommandResult(summarise(report, self.out), report.to_json())

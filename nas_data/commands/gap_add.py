@@ -36,21 +36,21 @@ class GapAdd(TakesModel):
 
     def run(self) -> CommandResult:
         """Write and score."""
-        from nas_data.gap.compose import gap
+        from nas_data.gap.compose import measure_gap
         from nas_data.gap.named import Named
         from nas_data.gap.output_folder import check_model
         from nas_data.gap.problem import Problem
         from nas_data.gap.score_model import score_model
-        from nas_data.gap.search.final import Final
+        from nas_data.gap.search.final import FinalFit
         from nas_data.joint_units import display_unit
 
         check_model(self.out, self.model)
         problem = Problem.load(self.dataset, self.actuated(self.model))
         named = Named.read(self.effects)
-        final = Final(named.effects, named.retuned, ())
+        final = FinalFit(named.effects, named.retuned, ())
         self.out.mkdir(parents=True, exist_ok=True)
-        outcome = score_model(problem, final, Final((), {}, ()), Final((), {}, ()), self.out)
-        found = gap(problem.held, outcome)
+        outcome = score_model(problem, final, FinalFit((), {}, ()), FinalFit((), {}, ()), self.out)
+        found = measure_gap(problem.held, outcome)
         told = " and ".join(
             f"{unit.text(errors.before, 3)} before, {unit.text(errors.after, 3)} after"
             for errors in (found, found.slides)
@@ -70,10 +70,10 @@ class GapAdd(TakesModel):
         """Write the parameters, and say on stderr what the format does not hold."""
         from nas_data.gap.exporting.bam import write_bam
         from nas_data.gap.exporting.csv_table import write_table
-        from nas_data.gap.exporting.identified import identify, read_intervals
+        from nas_data.gap.exporting.identified import list_quantities, read_intervals
 
         intervals = read_intervals(self.effects, named.effects)
-        quantities = identify(nominal, named.effects, named.retuned, intervals)
+        quantities = list_quantities(nominal, named.effects, named.retuned, intervals)
         if self.export == "csv":
             path, lost = write_table(self.out, quantities)
         else:

@@ -26,10 +26,10 @@ class GapName(TakesModel):
 
     def run(self) -> CommandResult:
         """Search and write."""
-        from nas_data.gap.compose import described
+        from nas_data.gap.compose import describe_finding
         from nas_data.gap.name import name
         from nas_data.gap.problem import Problem
-        from nas_data.gap.summary import finding_text
+        from nas_data.gap.summary import describe_effect
         from nas_data.gap.write_model import write_effects
         from nas_data.typed_json import to_json
 
@@ -38,6 +38,6 @@ class GapName(TakesModel):
         nominal = problem.train.nominal
         self.out.mkdir(parents=True, exist_ok=True)
         path = write_effects(self.out, naming.final.effects, naming.final.factors, slides=nominal.slides)
-        effects = [described(finding, nominal) for finding in naming.findings]
-        lines = [finding_text(effect) for effect in effects] or ["No effect is named."]
+        effects = [describe_finding(finding, nominal) for finding in naming.findings]
+        lines = [describe_effect(effect) for effect in effects] or ["No effect is named."]
         return CommandResult("\n".join([*lines, str(path)]), {"effects": to_json(effects), "file": path})

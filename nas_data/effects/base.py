@@ -80,7 +80,7 @@ class Effect:
         per_joint: Whether it may act on one joint.
         in_model: Whether the edited model alone expresses it; otherwise its hook is needed, too.
         replaces: Nominal parameter of its joint that it sets, so that a fit frees only one of both; empty if none.
-        strains: Kind of nominal parameter that a fit without the effect distorts, if `replaces` is empty.
+        distorts: Kind of nominal parameter that a fit without the effect distorts, if `replaces` is empty.
         stepwise: Names of its parameters [s] that act in whole physics steps.
         edit_order: Edits run in ascending order. An edit that depends on masses, gains or joints follows the edits
             that change them.
@@ -98,7 +98,7 @@ class Effect:
     in_model: ClassVar[bool] = True
     edit_order: ClassVar[int] = 0
     replaces: ClassVar[str] = ""
-    strains: ClassVar[str] = ""
+    distorts: ClassVar[str] = ""
     stepwise: ClassVar[tuple[str, ...]] = ()
     equation: ClassVar[str] = ""
     source: ClassVar[str] = ""
@@ -133,14 +133,14 @@ class Effect:
         return all(getattr(self, parameter.name) == parameter.neutral for parameter in self.parameters)
 
     @property
-    def sought(self) -> tuple[Parameter, ...]:
+    def free_parameters(self) -> tuple[Parameter, ...]:
         """The parameters that a fit frees: optional ones only if at least one of them is not neutral."""
         details = any(getattr(self, p.name) != p.neutral for p in self.parameters if p.spread)
         return tuple(p for p in self.parameters if details or not p.spread)
 
-    def detailed(self) -> "Effect":
+    def with_optional_parameters(self) -> "Effect":
         """Return the effect with its optional parameters just off neutral, so that a fit frees them."""
-        if self.sought == self.parameters:
+        if self.free_parameters == self.parameters:
             return self
         own = {p.name: getattr(self, p.name) for p in self.parameters}
         return make_effect(
@@ -148,7 +148,7 @@ class Effect:
         )
 
     @property
-    def is_twin(self) -> bool:
+    def has_preferred_equivalent(self) -> bool:
         """Whether, with these parameters, another effect is named instead because it is equivalent."""
         return False
 
@@ -167,20 +167,20 @@ class Effect:
         return ()
 
     @classmethod
-    def idle(cls, scales: Scales) -> float:
+    def vanishing_value(cls, scales: Scales) -> float:
         """Return the value of the first parameter at which the effect vanishes at a joint of these scales."""
         return cls.parameters[0].neutral
 
     @classmethod
-    def twins(cls, joint: str | None) -> tuple["Effect", ...]:
+    def equivalents(cls, joint: str | None) -> tuple["Effect", ...]:
         """Return effects, at initial guesses, that may be equivalent and are not searched for themselves."""
         return ()
 
-    def native(self, scales: Scales) -> "Effect | None":
+    def nearest_in_model(self, scales: Scales) -> "Effect | None":
         """Return the most similar effect that a model alone expresses, possibly this one; None if there is none."""
         return self if self.in_model else None
 
-    def written(self, scales: Scales) -> "Effect | None":
+    def written_form(self, scales: Scales) -> "Effect | None":
         """Return an equivalent effect that a model file expresses, at a joint of these scales; None if none does."""
         return self if self.in_model else None
 
@@ -191,7 +191,9 @@ class Effect:
             slides: Names of the slides, whose parameters have other units.
         """
         slide = self.joint in slides
-        values = {p.name: {"value": getattr(self, p.name), "unit": unit_at(p.unit, slide)} for p in self.sought}
+        values = {
+            p.name: {"value": getattr(self, p.name), "unit": unit_at(p.unit, slide)} for p in self.free_parameters
+        }
         return {"effect": self.name(), "joint": self.joint, "parameters": values}
 
 

@@ -38,11 +38,11 @@ class LoadFriction(Effect):
         """A tenth and a third of the load; small gears have 0.12 to 0.29 (Rhoban/bam)."""
         return tuple({"ratio": ratio} for ratio in (0.1, 0.3))
 
-    def native(self, scales: Scales) -> Effect:
+    def nearest_in_model(self, scales: Scales) -> Effect:
         """Return constant friction equal to that under half of the large torque."""
         return CoulombFriction(joint=self.joint, torque=0.5 * self.ratio * scales.torque)
 
-    def written(self, scales: Scales) -> Effect:
+    def written_form(self, scales: Scales) -> Effect:
         """Return the same friction as a contact of a pad."""
         return PressedFriction(joint=self.joint, ratio=self.ratio, torque=scales.torque, speed=scales.speed)
 

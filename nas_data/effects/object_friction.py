@@ -7,7 +7,7 @@ import mujoco
 
 from nas_data.effects.base import Effect, Parameter
 from nas_data.effects.edits.objects import add_contact, collides, find_objects, find_partners
-from nas_data.mjcf.unique_name import free_name
+from nas_data.mjcf.unique_name import unique_name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +38,7 @@ class ObjectFriction(Effect):
         bodies = find_objects(model, self.name())
         geoms = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] in bodies and collides(model, geom)]
         for index in {*geoms, *(other for geom in geoms for other in find_partners(model, geom))}:
-            spec.geoms[index].name = spec.geoms[index].name or free_name(spec.geom, f"geom{index}")
+            spec.geoms[index].name = spec.geoms[index].name or unique_name(spec.geom, f"geom{index}")
         written = {frozenset((pair.geomname1, pair.geomname2)): pair for pair in spec.pairs}
         for first in geoms:
             for second in find_partners(model, first):

@@ -9,7 +9,7 @@ import numpy as np
 
 from nas_data.effects.base import Effect, Parameter, Scales
 from nas_data.errors import ModelFileError
-from nas_data.mjcf.unique_name import free_name
+from nas_data.mjcf.unique_name import unique_name
 from nas_data.robots.base import actuated_joints, deepest_joint
 
 NAME = "payload"
@@ -32,7 +32,7 @@ class Payload(Effect):
     )
     whole_arm: ClassVar = True
     per_joint: ClassVar = False
-    strains: ClassVar = "mass"
+    distorts: ClassVar = "mass"
     equation: ClassVar = "gravity and inertia of a point mass at the last link's centre of mass + (x, y, z)"
     source: ClassVar = "Rigid-body mechanics"
     signature: ClassVar = "Droop that goes with the posture, at every joint below it, and slower acceleration."
@@ -46,7 +46,7 @@ class Payload(Effect):
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add the mass, in addition to existing payloads."""
         link, centre = find_last_centre(spec)
-        body = link.add_body(name=free_name(spec.body, NAME), explicitinertial=True)
+        body = link.add_body(name=unique_name(spec.body, NAME), explicitinertial=True)
         body.pos = centre + np.array([self.x, self.y, self.z])
         body.mass, body.ipos = self.mass, np.zeros(3)
         body.inertia = np.full(3, 0.4 * self.mass * RADIUS**2)

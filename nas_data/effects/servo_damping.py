@@ -36,7 +36,7 @@ class ServoDamping(Effect):
         return tuple({"factor": factor} for factor in (0.5, 0.15, 0.02))
 
     @property
-    def is_twin(self) -> bool:
+    def has_preferred_equivalent(self) -> bool:
         """Whether damping increases, which is equivalent to viscous friction."""
         return self.factor > 1
 

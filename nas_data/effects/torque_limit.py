@@ -30,7 +30,7 @@ class TorqueLimit(Effect):
         return tuple({"torque": share * scales.torque} for share in (0.2, 0.45, 0.8))
 
     @classmethod
-    def idle(cls, scales: Scales) -> float:
+    def vanishing_value(cls, scales: Scales) -> float:
         """Return the model's torque, above which a limit has no effect."""
         return scales.torque
 

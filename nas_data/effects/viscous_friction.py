@@ -29,7 +29,7 @@ class ViscousFriction(Effect):
         return tuple({"coefficient": share * max(scales.damping, 1e-4)} for share in (0.5, 1.5, 4.0))
 
     @classmethod
-    def twins(cls, joint: str | None) -> tuple[Effect, ...]:
+    def equivalents(cls, joint: str | None) -> tuple[Effect, ...]:
         """Return more velocity feedback of the servo, which is equivalent below saturation."""
         return (ServoDamping(joint=joint, factor=3.0),)
 

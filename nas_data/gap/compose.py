@@ -1,4 +1,4 @@
-"""Put a gap report together, and write the series behind its pictures."""
+"""Composition of the gap report, and the series for its figures."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from nas_data.effects.base import Effect
-from nas_data.gap.floor import ratios
+from nas_data.gap.floor import floor_ratios
 from nas_data.gap.name import ADEQUATE, Finding, Naming
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.problem import Problem
@@ -30,12 +30,12 @@ from nas_data.gap.report_parts import (
     TriedExperiment,
     Unexplained,
 )
-from nas_data.gap.residual_correlates import goes_with
+from nas_data.gap.residual_correlates import find_residual_correlate
 from nas_data.gap.score_model import HeldOutResult
-from nas_data.gap.search.final import list_retuned, values
+from nas_data.gap.search.final import list_parameters, list_retuned
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.showing.series import SERIES
-from nas_data.gap.verdict import above, verdict
+from nas_data.gap.verdict import decide_verdict, find_above
 from nas_data.joint_units import joint_unit, kinds_of
 from nas_data.typed_json import from_json
 
@@ -44,10 +44,10 @@ METRIC = "open-loop position RMSE on held-out episodes"
 
 @dataclass(frozen=True)
 class Proposal:
-    """What to record next.
+    """Proposed experiment.
 
     Attributes:
-        text: In a sentence; None where all names are sure.
+        text: One sentence; None if all names are certain.
         compared: All experiments that were compared.
     """
 
@@ -58,31 +58,31 @@ class Proposal:
 def compose(
     problem: Problem, found: GapFindings, naming: Naming, outcome: HeldOutResult, experiment: Proposal, seconds: float
 ) -> GapReport:
-    """Return the report, without the files beside it.
+    """Return the report without the files beside it.
 
     Args:
-        problem: What was given.
-        found: Where the gap is.
-        naming: What was named.
-        outcome: What the models do.
-        experiment: What to record next.
-        seconds: How long it took [s].
+        problem: Recording and model.
+        found: Location of the gap.
+        naming: Named effects.
+        outcome: Predictions of the models.
+        experiment: Proposed experiment.
+        seconds: Duration of the search [s].
     """
     held, floor = problem.held, problem.held.floor
-    before = ratios(held.evidence.mean_squares(outcome.before), floor)
-    after = ratios(held.evidence.mean_squares(outcome.after), floor)
+    before = floor_ratios(held.evidence.mean_squares(outcome.before), floor)
+    after = floor_ratios(held.evidence.mean_squares(outcome.after), floor)
     dataset, model = problem.names
     return GapReport(
         dataset=dataset,
         model=model,
-        verdict=verdict(before, after, len(naming.findings)),
-        effects=tuple(described(finding, held.nominal, outcome.whole) for finding in naming.findings),
+        verdict=decide_verdict(before, after, len(naming.findings)),
+        effects=tuple(describe_finding(finding, held.nominal, outcome.whole) for finding in naming.findings),
         retuned=tuple(from_json(Retuned, entry) for entry in list_retuned(naming.final)),
-        joints=joint_reports(held, naming, after),
+        joints=describe_joints(held, naming, after),
         unexplained=find_unexplained(held, outcome.after, after),
-        gap=gap(held, outcome, float(f"{naming.final.conditioning:.3g}")),
-        shares=shares(held, outcome),
-        placebo=placebo(held, naming),
+        gap=measure_gap(held, outcome, float(f"{naming.final.conditioning:.3g}")),
+        shares=measure_shares(held, outcome),
+        placebo=describe_placebo(held, naming),
         next_experiment=experiment.text,
         experiments=experiment.compared,
         find=found,
@@ -95,42 +95,42 @@ def compose(
     )
 
 
-def described(finding: Finding, nominal: Nominal, whole: bool = False) -> NamedEffect:
+def describe_finding(finding: Finding, nominal: Nominal, whole: bool = False) -> NamedEffect:
     """Return a finding as the report lists it.
 
     Args:
-        finding: What was named.
-        nominal: The model, whose joints decide the units.
-        whole: Whether the model file holds every effect.
+        finding: Named effect.
+        nominal: Model, whose joints decide the units.
+        whole: Whether the model file expresses every effect.
     """
     effect, slides = finding.effect, nominal.slides
     unit = joint_unit(effect.joint, slides) if effect.joint else kinds_of(nominal.joints, slides)[0][0]
-    found = values(effect, finding.interval, slides)
+    found = list_parameters(effect, finding.interval, slides)
     return NamedEffect(
         name=effect.name(),
         joint=effect.joint,
         parameters={name: from_json(FittedParameter, entry) for name, entry in found.items()},
         confidence=finding.confidence,
         evidence=HeldoutErrors(heldout_error_before=finding.before, heldout_error_after=finding.after, unit=unit.si),
-        alternatives=tuple(alternative(rival, error) for rival, error in finding.alternatives),
+        alternatives=tuple(describe_alternative(rival, error) for rival, error in finding.alternatives),
         equals=tuple(EffectName(name=rival.name(), joint=rival.joint) for rival in finding.equals),
         in_model_xml=whole or effect.in_model,
     )
 
 
-def alternative(effect: Effect, error: float) -> Alternative:
-    """Return what came second as the report lists it."""
-    numbers = {p.name: float(getattr(effect, p.name)) for p in effect.sought}
+def describe_alternative(effect: Effect, error: float) -> Alternative:
+    """Return an alternative as the report lists it."""
+    numbers = {p.name: float(getattr(effect, p.name)) for p in effect.free_parameters}
     return Alternative(name=effect.name(), joint=effect.joint, parameters=numbers, heldout_error_after=error)
 
 
-def joint_reports(held: FitTask, naming: Naming, after: np.ndarray) -> Mapping[str, JointDescription]:
-    """Return of each joint how complete its description is, its rest, and whether two halves of the recording agree.
+def describe_joints(held: FitTask, naming: Naming, after: np.ndarray) -> Mapping[str, JointDescription]:
+    """Return completeness, held-out error over the floor and stability of each joint.
 
     Args:
         held: Model and held-out episodes.
-        naming: What was named.
-        after: Held-out error over the floor with the names, shape (n,).
+        naming: Named effects.
+        after: Held-out error over the floor with the named effects, shape (n,).
     """
     return {
         joint: JointDescription(
@@ -143,23 +143,23 @@ def joint_reports(held: FitTask, naming: Naming, after: np.ndarray) -> Mapping[s
 
 
 def find_unexplained(held: FitTask, predicted: np.ndarray, after: np.ndarray) -> tuple[Unexplained, ...]:
-    """Return the joints whose rest is above the floor, and what it goes with."""
+    """Return the joints with an error above the floor, and the quantity that it correlates with."""
     errors = held.evidence.errors(predicted)
     return tuple(
         Unexplained(
             joint=held.evidence.joints[joint],
             ratio_to_noise=round(float(after[joint]), 2),
-            goes_with=goes_with(held.evidence, errors, joint, held.nominal.slides),
+            goes_with=find_residual_correlate(held.evidence, errors, joint, held.nominal.slides),
         )
-        for joint in above(after, ADEQUATE)
+        for joint in find_above(after, ADEQUATE)
     )
 
 
-def gap(held: FitTask, outcome: HeldOutResult, conditioning: float | None = None) -> ArmGap:
-    """Return the gap before and after, per joint, and pooled over the joints of each kind.
+def measure_gap(held: FitTask, outcome: HeldOutResult, conditioning: float | None = None) -> ArmGap:
+    """Return the held-out errors of all models, per joint and pooled over the joints of each kind.
 
-    The figures of the first kind, hinges where there are any, stand at the top. Where the arm has slides as well,
-    theirs stand beside under `slides`: radians and metres have no mean.
+    Errors over hinges are at the top if there are any. For an arm with slides as well, their errors are under `slides`,
+    because radians and metres have no common mean.
     """
     models = {
         "before": outcome.before, "plain": outcome.plain, "after": outcome.after, "after_model_xml": outcome.written,
@@ -187,14 +187,14 @@ def gap(held: FitTask, outcome: HeldOutResult, conditioning: float | None = None
     )
 
 
-def shares(held: FitTask, outcome: HeldOutResult) -> Shares:
-    """Return which share of the squared gap above the floor the names explain, φ on top, and what is left.
+def measure_shares(held: FitTask, outcome: HeldOutResult) -> Shares:
+    """Return the shares of the squared gap above the floor that names and φ explain, and the share that is left.
 
-    Squares are those of the joints of the first kind: hinges where there are any.
+    Squares are pooled over hinges if there are any.
     """
     if outcome.learned is not None:
         return Shares(**outcome.learned)
-    places = first_kind(held)
+    places = select_first_kind(held)
     floor = float((held.floor[places] ** 2).mean())
     before, after = (float(held.evidence.mean_squares(p)[:, places].mean()) for p in (outcome.before, outcome.after))
     above_floor = max(before - floor, 1e-18)
@@ -202,16 +202,16 @@ def shares(held: FitTask, outcome: HeldOutResult) -> Shares:
     return Shares(names=1 - left, left=left)
 
 
-def first_kind(held: FitTask) -> np.ndarray:
-    """Return the places of the joints of the first kind, over which pooled figures go."""
+def select_first_kind(held: FitTask) -> np.ndarray:
+    """Return the indices of the joints over which errors are pooled: hinges if there are any."""
     return kinds_of(held.evidence.joints, held.nominal.slides)[0][1]
 
 
-def placebo(held: FitTask, naming: Naming) -> Placebo | None:
-    """Return what the runner-up achieves in the place of the surest finding."""
+def describe_placebo(held: FitTask, naming: Naming) -> Placebo | None:
+    """Return the error of the runner-up in place of the finding with the highest confidence."""
     if naming.placebo is None:
         return None
-    error = float(np.sqrt(naming.placebo.heldout[:, first_kind(held)].mean()))
+    error = float(np.sqrt(naming.placebo.heldout[:, select_first_kind(held)].mean()))
     rival = naming.placebo.effects[-1]
     replaced = naming.findings[naming.rivals.index(naming.placebo)].effect
     where = f" in {rival.joint}" if rival.joint else ""
@@ -224,7 +224,7 @@ def placebo(held: FitTask, naming: Naming) -> Placebo | None:
 
 
 def write_series(folder: Path, problem: Problem, naming: Naming, outcome: HeldOutResult) -> None:
-    """Write the held-out episodes and what each model makes of them to `series.npz`."""
+    """Write the held-out episodes and all predictions to `series.npz`."""
     held = problem.held
     evidence = held.evidence
     series = {
@@ -237,7 +237,7 @@ def write_series(folder: Path, problem: Problem, naming: Naming, outcome: HeldOu
         "retuned": outcome.retuned,
         "plain": outcome.plain,
         "after": outcome.after,
-        "counts": evidence.counts,
+        "counts": evidence.mask,
         "floor": held.floor,
         "slides": np.array(held.nominal.slides, dtype=str),
     }

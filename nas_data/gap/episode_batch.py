@@ -1,4 +1,4 @@
-"""What was measured, as whole episodes: first pose, commands and the positions that followed."""
+"""Measured episodes as arrays: initial positions, commands, and the positions that followed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -9,20 +9,21 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.start_velocities import find_start_velocities, fit_velocity
 from nas_data.errors import DatasetInvalid
 from nas_data.gap.finding.torque_off import count_rows_with_torque
-from nas_data.gap.gains import relative_gains
+from nas_data.gap.gains import read_relative_gains
 from nas_data.pairing import object_states
 from nas_data.simulators.base import Simulator
 from nas_data.simulators.initial_states import InitialLoad
 
-EARLIER = 0.5  # [s] of commands before a window that a delay may still hold
-SHORTEST = 10  # control steps below which an episode says nothing about dynamics
-WINDOW = 5.0  # [s] into which longer episodes are cut: errors of a servoed arm do not grow with time
-WHOLE = 1.5  # times as long an episode may be and is not cut
-STILLER = 0.5  # [s] around an even spacing in which the stillest moment is taken as a window's start
-# what there is of each episode
+DELAY_SECONDS = 0.5  # [s] of commands before a window that fill its delays
+MIN_ROWS = 10  # fewest control steps of an episode
+WINDOW = 5.0  # [s] length of windows; errors of a position-controlled arm do not grow with time
+MAX_UNCUT = 1.5  # window lengths up to which an episode is not cut
+STILL_SECONDS = 0.5  # [s] around an even spacing in which a window starts at the slowest row
+# fields with one entry for each episode
 PARTS = (
-    "starts", "commands", "measured", "counts", "numbers", "speeds", "told", "doubts", "rates", "holds", "gains",
-    "driven", "objects", "earlier",
+    "initial_positions", "commands", "measured", "mask", "numbers", "initial_velocities", "estimated_velocities",
+    "velocity_deviations", "measured_velocities", "initial_loads", "gains", "torque_off_from", "objects",
+    "earlier_commands",
 )  # fmt: skip
 
 
@@ -33,125 +34,120 @@ class EpisodeBatch:
     Attributes:
         joints: Names of the measured joints.
         period: Control period [s].
-        starts: First measured positions [rad], shape (E, n).
-        commands: Shape (E, T, n); the last one repeated where an episode is shorter.
-        measured: Positions after each command [rad], shape (E, T, n).
-        counts: Whether a row was recorded, shape (E, T).
+        initial_positions: First measured positions [rad; m], shape (E, n).
+        commands: Commands, shape (E, T, n); the last one is repeated after the end of a shorter episode.
+        measured: Positions after each command [rad; m], shape (E, T, n).
+        mask: Whether a row was recorded, shape (E, T).
         numbers: Numbers of the episodes in the dataset, shape (E,).
-        speeds: Velocities [rad/s] at the start, shape (E, n); zero where an episode starts at rest.
-        told: The same as the recording tells them; `speeds` may be nearer to what a model makes of the motion.
-        doubts: Standard deviations of `told` [rad/s], shape (E, n); 0 where an episode starts at rest.
-        rates: Measured velocities after each command [rad/s], shape (E, T, n); NaN where none were measured.
-        noise: Standard deviation of the position readings [rad], shape (n,).
-        holds: What held each joint before, which nobody measured (a `InitialLoad`), shape (E, n).
-        gains: Position gain of each joint's servo as a multiple of the model's, shape (E, n).
-        driven: Rows after which the torque was off and the arm fell, shape (E,); T where it stayed on.
-        earlier: Commands of the control periods before the first, shape (E, L, n); NaN where not known.
+        initial_velocities: Velocities at the start of a rollout [rad/s; m/s], shape (E, n); 0 for a start at rest.
+        estimated_velocities: Their estimates from the recording [rad/s; m/s], shape (E, n). A fit may move
+            `initial_velocities` within the uncertainty of these.
+        velocity_deviations: Standard deviations of `estimated_velocities` [rad/s; m/s], shape (E, n); 0 for a start at
+            rest.
+        measured_velocities: Velocities after each command [rad/s; m/s], shape (E, T, n); NaN if not measured.
+        noise: Standard deviation of the position readings [rad; m], shape (n,).
+        initial_loads: Assumed `InitialLoad` of each joint, which is not measured, shape (E, n).
+        gains: Position gain of each servo relative to the model's, shape (E, n).
+        torque_off_from: Row from which the servos are switched off, shape (E,); T if they stay on.
+        earlier_commands: Commands of the L control periods before the first row, shape (E, L, n); NaN if not known.
         objects: Measured states of the model's objects before each command, shape (E, T, m); m is 0 without objects.
     """
 
     joints: tuple[str, ...]
     period: float
-    starts: np.ndarray
+    initial_positions: np.ndarray
     commands: np.ndarray
     measured: np.ndarray
-    counts: np.ndarray
+    mask: np.ndarray
     numbers: np.ndarray
-    speeds: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
-    told: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
-    doubts: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
-    rates: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 0)))
+    initial_velocities: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    estimated_velocities: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    velocity_deviations: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    measured_velocities: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 0)))
     noise: np.ndarray = field(default_factory=lambda: np.empty(0))
-    holds: np.ndarray = field(default_factory=lambda: np.empty((0, 0), int))
+    initial_loads: np.ndarray = field(default_factory=lambda: np.empty((0, 0), int))
     gains: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
-    driven: np.ndarray = field(default_factory=lambda: np.empty(0, int))
+    torque_off_from: np.ndarray = field(default_factory=lambda: np.empty(0, int))
     objects: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 0)))
-    earlier: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 0)))
+    earlier_commands: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 0)))
 
     def __post_init__(self) -> None:
-        if not self.speeds.size:
-            object.__setattr__(self, "speeds", np.zeros_like(self.starts, dtype=float))
-        if not self.told.size:
-            object.__setattr__(self, "told", self.speeds)
-        if not self.doubts.size:
-            object.__setattr__(self, "doubts", np.zeros_like(self.speeds))
-        if not self.rates.size:
-            object.__setattr__(self, "rates", np.full(self.commands.shape, np.nan))
-        if not self.noise.size:
-            object.__setattr__(self, "noise", np.zeros(len(self.joints)))
-        if not self.holds.size:
-            object.__setattr__(self, "holds", np.full(self.starts.shape, InitialLoad.WEIGHT))
-        if not self.gains.size:
-            object.__setattr__(self, "gains", np.ones(self.starts.shape))
-        if not self.driven.size:
-            object.__setattr__(self, "driven", np.full(len(self.starts), self.commands.shape[1]))
-        if not self.earlier.size:
-            object.__setattr__(self, "earlier", np.full((len(self.starts), 0, self.starts.shape[1]), np.nan))
-        if not self.objects.size:
-            object.__setattr__(self, "objects", np.empty((*self.commands.shape[:2], 0)))
+        first, commands = self.initial_positions, self.commands
+        self._set_default("initial_velocities", np.zeros_like(first, dtype=float))
+        self._set_default("estimated_velocities", self.initial_velocities)
+        self._set_default("velocity_deviations", np.zeros_like(self.initial_velocities))
+        self._set_default("measured_velocities", np.full(commands.shape, np.nan))
+        self._set_default("noise", np.zeros(len(self.joints)))
+        self._set_default("initial_loads", np.full(first.shape, InitialLoad.GRAVITY))
+        self._set_default("gains", np.ones(first.shape))
+        self._set_default("torque_off_from", np.full(len(first), commands.shape[1]))
+        self._set_default("earlier_commands", np.full((len(first), 0, first.shape[1]), np.nan))
+        self._set_default("objects", np.empty((*commands.shape[:2], 0)))
+
+    def _set_default(self, name: str, value: np.ndarray) -> None:
+        """Set a field that was not given."""
+        if not getattr(self, name).size:
+            object.__setattr__(self, name, value)
 
     @classmethod
     def of(cls, dataset: Dataset) -> "EpisodeBatch":
-        """Join a dataset's transitions into episodes, with their gains and how long the torque was on.
-
-        Args:
-            dataset: Transitions.
+        """Read a dataset's episodes, with their gains and the rows with the torque on.
 
         Raises:
             DatasetInvalid: no episode is long enough.
         """
         n = len(dataset.joints)
-        chosen = [index for index in range(dataset.n_episodes) if dataset.lengths[index] >= SHORTEST]
+        chosen = [index for index in range(dataset.n_episodes) if dataset.lengths[index] >= MIN_ROWS]
         if not chosen:
             raise DatasetInvalid(
-                f"No episode has {SHORTEST} frames; a gap cannot be named from isolated transitions: record episodes."
+                f"No episode has {MIN_ROWS} frames; a gap cannot be named from isolated transitions: record episodes."
             )
         rows = [dataset.episode(index) for index in chosen]
         longest = max(part.stop - part.start for part in rows)
         driven, lengths = count_rows_with_torque(dataset)[chosen], dataset.lengths[chosen]
         begun = find_start_velocities(dataset)
-        rates = np.stack([lengthen(dataset.next_states[part, n:], longest) for part in rows])
+        rates = np.stack([pad_rows(dataset.next_states[part, n:], longest) for part in rows])
         return cls(
             joints=dataset.joints,
             period=1 / dataset.fps,
-            starts=np.stack([dataset.states[part.start, :n] for part in rows]).astype(float),
-            commands=np.stack([lengthen(dataset.commands[part], longest) for part in rows]),
-            measured=np.stack([lengthen(dataset.next_states[part, :n], longest) for part in rows]),
-            counts=np.stack([np.arange(longest) < part.stop - part.start for part in rows]),
+            initial_positions=np.stack([dataset.states[part.start, :n] for part in rows]).astype(float),
+            commands=np.stack([pad_rows(dataset.commands[part], longest) for part in rows]),
+            measured=np.stack([pad_rows(dataset.next_states[part, :n], longest) for part in rows]),
+            mask=np.stack([np.arange(longest) < part.stop - part.start for part in rows]),
             numbers=np.array(chosen),
-            speeds=begun.values[chosen],
-            doubts=begun.deviations[chosen],
-            rates=np.where(begun.derived, np.nan, rates),
+            initial_velocities=begun.values[chosen],
+            velocity_deviations=begun.deviations[chosen],
+            measured_velocities=np.where(begun.derived, np.nan, rates),
             noise=begun.noise,
-            gains=relative_gains(dataset)[chosen],
-            driven=np.where(driven < lengths, driven, longest),
+            gains=read_relative_gains(dataset)[chosen],
+            torque_off_from=np.where(driven < lengths, driven, longest),
         )
 
     def __len__(self) -> int:
-        return len(self.starts)
+        return len(self.initial_positions)
 
     @property
     def initial(self) -> np.ndarray:
-        """First states, positions [rad] then velocities [rad/s], then the objects', shape (E, 2n + m)."""
-        return np.concatenate([self.starts, self.speeds, self.objects[:, 0]], axis=1)
+        """Initial states: positions [rad; m], velocities [rad/s; m/s], then objects, shape (E, 2n + m)."""
+        return np.concatenate([self.initial_positions, self.initial_velocities, self.objects[:, 0]], axis=1)
 
     def with_objects(self, dataset: Dataset, simulator: Simulator) -> "EpisodeBatch":
-        """Return the episodes with what was measured of a model's objects.
+        """Return the episodes with the measured states of a model's objects.
 
         Args:
-            dataset: Transitions that the episodes are from.
-            simulator: The model; where the dataset lacks one of its objects, they start in its reference posture.
+            dataset: Transitions of the episodes.
+            simulator: Model; objects that the dataset lacks start in their reference posture.
         """
         states = object_states(dataset, simulator)
         rows = [dataset.episode(int(number)) for number in self.numbers]
-        return replace(self, objects=np.stack([lengthen(states[part], self.commands.shape[1]) for part in rows]))
+        return replace(self, objects=np.stack([pad_rows(states[part], self.commands.shape[1]) for part in rows]))
 
-    def begun(self, holds: np.ndarray | InitialLoad) -> "EpisodeBatch":
-        """Return the episodes with what held the joints before."""
-        return replace(self, holds=np.broadcast_to(np.asarray(holds), self.starts.shape))
+    def with_initial_loads(self, holds: np.ndarray | InitialLoad) -> "EpisodeBatch":
+        """Return the episodes with assumed initial loads, one for all or shape (E, n)."""
+        return replace(self, initial_loads=np.broadcast_to(np.asarray(holds), self.initial_positions.shape))
 
     def select(self, episodes: Sequence[int] | np.ndarray) -> "EpisodeBatch":
-        """Return some of the episodes, by their place here."""
+        """Return some of the episodes, by index."""
         chosen = list(episodes)
         return replace(self, **{name: getattr(self, name)[chosen] for name in PARTS})
 
@@ -162,32 +158,32 @@ class EpisodeBatch:
             self,
             commands=self.commands[:, early],
             measured=self.measured[:, early],
-            counts=self.counts[:, early],
-            rates=self.rates[:, early],
-            driven=np.minimum(self.driven, rows),
+            mask=self.mask[:, early],
+            measured_velocities=self.measured_velocities[:, early],
+            torque_off_from=np.minimum(self.torque_off_from, rows),
             objects=self.objects[:, early],
         )
 
     def errors(self, predicted: np.ndarray) -> np.ndarray:
-        """Return predicted minus measured positions [rad], shape (E, T, n); zero beyond an episode's end."""
-        return np.where(self.counts[..., None], predicted - self.measured, 0.0)
+        """Return predicted minus measured positions [rad; m], shape (E, T, n); 0 after an episode's end."""
+        return np.where(self.mask[..., None], predicted - self.measured, 0.0)
 
     def mean_squares(self, predicted: np.ndarray) -> np.ndarray:
-        """Return the mean squared error of each episode and joint [rad²], shape (E, n)."""
-        return np.asarray((self.errors(predicted) ** 2).sum(1) / self.counts.sum(1)[:, None])
+        """Return the mean squared error of each episode and joint [rad²; m²], shape (E, n)."""
+        return np.asarray((self.errors(predicted) ** 2).sum(1) / self.mask.sum(1)[:, None])
 
 
-def lengthen(rows: np.ndarray, steps: int) -> np.ndarray:
-    """Repeat the last row up to a number of rows, as float64."""
+def pad_rows(rows: np.ndarray, steps: int) -> np.ndarray:
+    """Return rows as float64, with the last one repeated up to a number of rows."""
     return np.concatenate([rows, np.repeat(rows[-1:], steps - len(rows), axis=0)]).astype(float)
 
 
-def divide(evidence: EpisodeBatch, share: float = 1 / 3) -> tuple[EpisodeBatch, EpisodeBatch]:
-    """Divide episodes into those that are fitted and those held out, evenly over the recording.
+def split_episodes(evidence: EpisodeBatch, share: float = 1 / 3) -> tuple[EpisodeBatch, EpisodeBatch]:
+    """Split episodes into fitted and held-out ones, evenly over the recording.
 
     Args:
-        evidence: All episodes; at least two.
-        share: Part that is held out.
+        evidence: At least two episodes.
+        share: Share of held-out episodes.
     """
     count = len(evidence)
     held = max(1, round(share * count))
@@ -196,97 +192,97 @@ def divide(evidence: EpisodeBatch, share: float = 1 / 3) -> tuple[EpisodeBatch, 
     return evidence.select(rest), evidence.select(places)
 
 
-def windows(evidence: EpisodeBatch, rows: int, seconds: float = WINDOW) -> EpisodeBatch:
-    """Return stretches of about so many seconds, evenly over the recording, of `rows` rows in all.
+def cut_windows(evidence: EpisodeBatch, rows: int, seconds: float = WINDOW) -> EpisodeBatch:
+    """Return windows of a given length, evenly over the recording, with `rows` rows in total.
 
-    An episode gives as many stretches as it has room for side by side, at least one: what is counted twice would
-    only seem to be known better. Where no episode is much longer than a stretch, all stay whole.
+    Windows do not overlap by more than rounding, because overlapping data would appear more certain. Each episode gives
+    at least one window. Episodes stay whole if none is much longer than a window.
 
     Args:
         evidence: Episodes.
-        rows: How many rows are wanted at most; at least two stretches are returned if there are as many.
-        seconds: How long a stretch is to be [s].
+        rows: Largest number of rows in total; at least two windows are returned if possible.
+        seconds: Length of a window [s].
     """
     longest, steps = evidence.commands.shape[1], round(seconds / evidence.period)
-    if longest <= WHOLE * steps:
+    if longest <= MAX_UNCUT * steps:
         return evidence.select(thin_evenly(len(evidence), rows // longest))
-    places = [place for number in range(len(evidence)) for place in stretches(evidence, number, steps)]
+    places = [place for number in range(len(evidence)) for place in find_windows(evidence, number, steps)]
     chosen = [places[index] for index in thin_evenly(len(places), rows // steps)]
-    return join_episodes([window(evidence, number, first, steps) for number, first in chosen])
+    return join_episodes([cut_window(evidence, number, first, steps) for number, first in chosen])
 
 
 def thin_evenly(count: int, wanted: int) -> np.ndarray:
-    """Return which of a number of things to take where some are wanted, evenly spaced; at least two."""
+    """Return evenly spaced indices below `count`, about `wanted` but at least two."""
     return np.unique(np.linspace(0, count - 1, min(count, max(2, wanted))).round().astype(int))
 
 
-def stretches(evidence: EpisodeBatch, number: int, steps: int) -> list[tuple[int, int]]:
-    """Return an episode's number and the first row of each stretch of some steps that it is cut into."""
-    last = max(0, int(evidence.counts[number].sum()) - steps)
+def find_windows(evidence: EpisodeBatch, number: int, steps: int) -> list[tuple[int, int]]:
+    """Return the episode's number and first row of each window of an episode."""
+    last = max(0, int(evidence.mask[number].sum()) - steps)
     count = max(1, round((last + steps) / steps))
     offsets = np.linspace(0, last, count).round().astype(int)
-    return [(number, stillest(evidence, number, int(offset), last)) for offset in offsets]
+    return [(number, find_stillest_row(evidence, number, int(offset), last)) for offset in offsets]
 
 
-def stillest(evidence: EpisodeBatch, episode: int, offset: int, last: int) -> int:
+def find_stillest_row(evidence: EpisodeBatch, episode: int, offset: int, last: int) -> int:
     """Return the row near an offset at which the joints move least."""
-    reach = round(STILLER / evidence.period)
+    reach = round(STILL_SECONDS / evidence.period)
     low, high = max(0, offset - reach), min(last, offset + reach)
     if low == 0:
         return 0  # an episode's own start is at rest
-    speeds = np.abs(velocities(evidence, episode)).max(1)
+    speeds = np.abs(compute_velocities(evidence, episode)).max(1)
     return low + int(speeds[low : high + 1].argmin())
 
 
-def velocities(evidence: EpisodeBatch, episode: int) -> np.ndarray:
-    """Return an episode's velocities by central differences over 100 ms [rad/s], shape (T, n)."""
+def compute_velocities(evidence: EpisodeBatch, episode: int) -> np.ndarray:
+    """Return an episode's velocities by central differences over 100 ms [rad/s; m/s], shape (T, n)."""
     reach = max(1, round(0.05 / evidence.period))
     rows = evidence.measured[episode]
     padded = np.concatenate([np.repeat(rows[:1], reach, 0), rows, np.repeat(rows[-1:], reach, 0)])
     return np.asarray((padded[2 * reach :] - padded[: -2 * reach]) / (2 * reach * evidence.period))
 
 
-def velocity_before(evidence: EpisodeBatch, episode: int, row: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the velocities before a row's command and their standard deviations [rad/s], shape (n,) each."""
+def estimate_velocity(evidence: EpisodeBatch, episode: int, row: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the velocities before a row and their standard deviations [rad/s; m/s], shape (n,) each."""
     if row == 0:
-        return evidence.speeds[episode], evidence.doubts[episode]
-    length, rate = int(evidence.counts[episode].sum()), 1 / evidence.period
-    positions = np.concatenate([evidence.starts[episode][None], evidence.measured[episode, :length]])
+        return evidence.initial_velocities[episode], evidence.velocity_deviations[episode]
+    length, rate = int(evidence.mask[episode].sum()), 1 / evidence.period
+    positions = np.concatenate([evidence.initial_positions[episode][None], evidence.measured[episode, :length]])
     fitted = [
         fit_velocity(positions[:, joint], row, float(evidence.noise[joint]), rate)
         for joint in range(len(evidence.joints))
     ]
-    values, doubts = np.array(fitted).T
-    measured = evidence.rates[episode, row - 1]
-    told = np.isfinite(measured)
-    return np.where(told, measured, values), doubts
+    values, deviations = np.array(fitted).T
+    measured = evidence.measured_velocities[episode, row - 1]
+    is_measured = np.isfinite(measured)
+    return np.where(is_measured, measured, values), deviations
 
 
-def window(evidence: EpisodeBatch, episode: int, first: int, steps: int) -> EpisodeBatch:
-    """Return a stretch of one episode."""
+def cut_window(evidence: EpisodeBatch, episode: int, first: int, steps: int) -> EpisodeBatch:
+    """Return a window of one episode."""
     rows = slice(first, first + steps)
     part = evidence.select([episode])
-    start = part.starts if first == 0 else part.measured[:, first - 1]
-    speed, doubt = (values[None] for values in velocity_before(evidence, episode, first))
+    start = part.initial_positions if first == 0 else part.measured[:, first - 1]
+    speed, deviation = (values[None] for values in estimate_velocity(evidence, episode, first))
     return replace(
         part,
-        starts=start,
+        initial_positions=start,
         commands=part.commands[:, rows],
         measured=part.measured[:, rows],
-        counts=part.counts[:, rows],
-        speeds=speed,
-        told=speed,
-        doubts=doubt,
-        rates=part.rates[:, rows],
-        driven=np.clip(part.driven - first, 0, steps),
+        mask=part.mask[:, rows],
+        initial_velocities=speed,
+        estimated_velocities=speed,
+        velocity_deviations=deviation,
+        measured_velocities=part.measured_velocities[:, rows],
+        torque_off_from=np.clip(part.torque_off_from - first, 0, steps),
         objects=part.objects[:, rows],
-        earlier=commands_before(part, first),
+        earlier_commands=select_earlier_commands(part, first),
     )
 
 
-def commands_before(episode: EpisodeBatch, row: int) -> np.ndarray:
-    """Return the commands of the control periods before a row of one episode, shape (1, L, n); NaN before its first."""
-    count = max(1, round(EARLIER / episode.period))
+def select_earlier_commands(episode: EpisodeBatch, row: int) -> np.ndarray:
+    """Return the commands before a row of one episode, shape (1, L, n); NaN before its first row."""
+    count = max(1, round(DELAY_SECONDS / episode.period))
     known = episode.commands[:, max(0, row - count) : row]
     if not row:
         return np.full((1, count, known.shape[2]), np.nan)
@@ -294,5 +290,5 @@ def commands_before(episode: EpisodeBatch, row: int) -> np.ndarray:
 
 
 def join_episodes(parts: Sequence[EpisodeBatch]) -> EpisodeBatch:
-    """Return episodes of the same number of rows as one."""
+    """Concatenate batches with equal numbers of rows."""
     return replace(parts[0], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in PARTS})

@@ -1,4 +1,4 @@
-"""Position gains that differ from episode to episode, as multiples of the gain that the model has."""
+"""Position gains that differ between episodes, relative to the model's gain."""
 
 from pathlib import Path
 
@@ -10,27 +10,26 @@ from nas_data.dataset.features import POSITION, Feature
 from nas_data.errors import DatasetInvalid, ModelFileError
 from nas_data.robots.base import find_robot
 
-REGISTER = "nas.p_gain"  # column of a dataset: the servos' P register, one for all joints or one a joint
-NUMERIC = "p_gain"  # <custom><numeric/></custom> of a model: the register's value at which its gain holds
-GAIN = "nas.gain"  # column in memory: the register over the model's
+REGISTER = "nas.p_gain"  # column of a dataset: P register of the servos, one for all joints or one each
+NUMERIC = "p_gain"  # <custom><numeric/></custom> of a model: register value that corresponds to its gain
+GAIN = "nas.gain"  # column in memory: register over the model's value
 
 
 def with_relative_gains(dataset: Dataset, model: str | Path, name: str | Path) -> Dataset:
-    """Add each episode's gain as a multiple of the model's, from the registers of both.
+    """Add each episode's gain relative to the model's, from the registers of both.
 
     Args:
-        dataset: Transitions; returned as they are where they hold no registers, or the model tells none and they are
-            all alike.
-        model: A robot's name or a model file.
-        name: What to call the dataset in an error.
+        dataset: Transitions; returned unchanged without registers, or if they are equal and the model states no value.
+        model: Robot's name or model file.
+        name: Name of the dataset in errors.
 
     Raises:
-        ModelFileError: the gains differ and the model does not say at which its own holds.
-        DatasetInvalid: a register is no gain, or changes within an episode.
+        ModelFileError: the gains differ and the model does not state the register of its own.
+        DatasetInvalid: a register is not a positive number, or changes within an episode.
     """
     if REGISTER not in dataset.columns or not dataset.n_frames:
         return dataset
-    registers, own = dataset.columns[REGISTER].astype(float), model_register(model)
+    registers, own = dataset.columns[REGISTER].astype(float), read_model_register(model)
     if own is None:
         check_alike(registers, model, name)
         return dataset
@@ -40,20 +39,20 @@ def with_relative_gains(dataset: Dataset, model: str | Path, name: str | Path) -
     return dataset.with_column(GAIN, Feature(tuple(joint + POSITION for joint in dataset.joints)), gains)
 
 
-def relative_gains(dataset: Dataset) -> np.ndarray:
-    """Return the gain of each joint in each episode as a multiple of the model's, shape (E, n); 1 where not known."""
+def read_relative_gains(dataset: Dataset) -> np.ndarray:
+    """Return the gain of each joint and episode relative to the model's, shape (E, n); 1 if unknown."""
     gains = np.ones((dataset.n_episodes, len(dataset.joints)))
     if GAIN in dataset.columns:
-        told = dataset.lengths > 0
-        gains[told] = dataset.columns[GAIN][dataset.starts[told]]
+        known = dataset.lengths > 0
+        gains[known] = dataset.columns[GAIN][dataset.starts[known]]
     return gains
 
 
-def model_register(model: str | Path) -> float | None:
-    """Return the P register at which a model's gain holds, None where it does not say.
+def read_model_register(model: str | Path) -> float | None:
+    """Return the P register that corresponds to a model's gain; None if not stated.
 
     Raises:
-        ModelFileError: the model cannot be read, or its number is no gain.
+        ModelFileError: the model cannot be read, or the value is not a positive number.
     """
     robot = find_robot(model)
     compiled = robot.spec().compile()
@@ -67,18 +66,18 @@ def model_register(model: str | Path) -> float | None:
 
 
 def check_alike(registers: np.ndarray, model: str | Path, name: str | Path) -> None:
-    """Refuse gains that differ, for a model that does not say at which its own holds."""
+    """Refuse gains that differ if the model does not state the register of its own."""
     values = np.unique(registers, axis=0)
     if len(values) > 1:
-        told = ", ".join(f"{value:g}" for value in np.unique(values))
+        known = ", ".join(f"{value:g}" for value in np.unique(values))
         raise ModelFileError(
-            f"{name} was recorded at several position gains ({REGISTER}: {told}), and {model} does not say at which "
+            f"{name} was recorded at several position gains ({REGISTER}: {known}), and {model} does not say at which "
             f'its own gain holds: add <custom><numeric name="{NUMERIC}" data="…"/></custom> to the model.'
         )
 
 
 def check_registers(dataset: Dataset, registers: np.ndarray, name: str | Path) -> None:
-    """Refuse what is no gain, or no gain of a whole episode."""
+    """Refuse registers that are not positive or not constant within an episode."""
     if registers.shape[1] not in (1, len(dataset.joints)):
         raise DatasetInvalid(
             f"{REGISTER} of {name} has {registers.shape[1]} columns; give one for all joints or one for each."
@@ -86,7 +85,8 @@ def check_registers(dataset: Dataset, registers: np.ndarray, name: str | Path) -
     for number, rows in enumerate(dataset.episodes()):
         values = np.unique(registers[rows], axis=0)
         if len(values) > 1 or not ((values > 0) & (values < np.inf)).all():
-            told = ", ".join(f"{value:g}" for value in np.unique(values))
+            known = ", ".join(f"{value:g}" for value in np.unique(values))
             raise DatasetInvalid(
-                f"{REGISTER} of episode {number} of {name} is {told}; one gain above 0 for the whole episode is needed."
+                f"{REGISTER} of episode {number} of {name} is {known}; one gain above 0 for the whole episode is "
+                "needed."
             )

@@ -1,31 +1,31 @@
-"""The integrator and the physics step with which a model is simulated: neither stiff effects nor a rate upset them."""
+"""Integrator and timestep for a model with stiff effects."""
 
 import mujoco
 import numpy as np
 
-STAGES = 4  # evaluations in a step of RK4; as many steps of another integrator cost the same and are as good here
-FINE = 0.0005  # [s] physics step at which what a step of finite length does is below any sensor's noise
+STAGES = 4  # evaluations per step of RK4; as many steps of another integrator cost the same
+FINE = 0.0005  # [s] timestep whose discretisation error is below sensor noise
 
 
-def whole_step(period: float, timestep: float) -> float:
-    """Return the longest physics step up to one of which whole numbers make a control period [s]."""
+def find_whole_step(period: float, timestep: float) -> float:
+    """Return the longest timestep up to a given one that divides a control period [s]."""
     return float(period / np.ceil(period / timestep - 1e-6))
 
 
 def make_implicit(spec: mujoco.MjSpec, period: float) -> str:
-    """Give a model an integrator that takes damping implicitly, where its own does not; say so, else return nothing.
+    """Set an integrator with implicit damping if the model's own is explicit; return a note, else an empty string.
 
-    A servo with a dead band and bristles are stiffer than what an explicit step can follow.
+    Dead bands and LuGre friction are too stiff for explicit integration.
 
     Args:
-        spec: Model.
+        spec: Model, which is edited.
         period: Control period [s].
     """
     option = spec.option
     explicit_damping = bool(option.disableflags & int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP))
     if option.integrator == int(mujoco.mjtIntegrator.mjINT_RK4):
         own = "RK4"
-        option.timestep = whole_step(period, min(option.timestep, max(option.timestep / STAGES, FINE)))
+        option.timestep = find_whole_step(period, min(option.timestep, max(option.timestep / STAGES, FINE)))
     elif option.integrator == int(mujoco.mjtIntegrator.mjINT_EULER) and explicit_damping:
         own = "Euler without implicit damping"
     else:

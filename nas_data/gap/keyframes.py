@@ -1,4 +1,4 @@
-"""Keyframes of a model to which effects add joints: each number stays with its joint, servo and memory."""
+"""Keyframes of a model to which effects add joints and actuator states."""
 
 import mujoco
 import numpy as np
@@ -7,16 +7,16 @@ from nas_data.mjcf.actuator_lookup import GOAL, goal_joints
 
 
 def keep_keyframes(spec: mujoco.MjSpec, before: mujoco.MjModel) -> None:
-    """Write the keyframes anew; what effects added is at its reference, a servo's goal at its joint.
+    """Rewrite the keyframes; added joints are at their reference, and goals of servos at their joints.
 
     Args:
-        spec: Model with effects.
-        before: The same without.
+        spec: Model with effects, which is edited.
+        before: Compiled model without effects.
     """
     if not spec.keys:
         return
     after = spec.compile()
-    positions, speeds = kept_joints(before, after)
+    positions, speeds = find_kept_joints(before, after)
     for number, key in enumerate(spec.keys):
         qpos, qvel = after.qpos0.copy(), np.zeros(after.nv)
         qpos[positions], qvel[speeds] = before.key_qpos[number], before.key_qvel[number]
@@ -24,11 +24,11 @@ def keep_keyframes(spec: mujoco.MjSpec, before: mujoco.MjModel) -> None:
             own = after.joint(after.joint(goal).name.removesuffix(GOAL))
             qpos[after.jnt_qposadr[goal]] = qpos[own.qposadr[0]]
         key.qpos, key.qvel = qpos, qvel
-        key.act = kept_memories(before, after, number)
+        key.act = keep_activations(before, after, number)
 
 
-def kept_joints(before: mujoco.MjModel, after: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the positions and speeds of a model's joints are once others came between them."""
+def find_kept_joints(before: mujoco.MjModel, after: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
+    """Return the addresses of the original joints in `qpos` and `qvel` of the model with effects."""
     names = {before.joint(joint).name for joint in range(before.njnt)}
     kept = [joint for joint in range(after.njnt) if after.joint(joint).name in names]  # unnamed ones are the model's
     ends = [*after.jnt_qposadr[1:], after.nq], [*after.jnt_dofadr[1:], after.nv]
@@ -37,8 +37,8 @@ def kept_joints(before: mujoco.MjModel, after: mujoco.MjModel) -> tuple[np.ndarr
     return np.array(positions, int), np.array(speeds, int)
 
 
-def kept_memories(before: mujoco.MjModel, after: mujoco.MjModel, number: int) -> np.ndarray:
-    """Return what the actuators remember in a keyframe; one that did not before remembers its control."""
+def keep_activations(before: mujoco.MjModel, after: mujoco.MjModel, number: int) -> np.ndarray:
+    """Return the actuator states of a keyframe; new states equal the control."""
     memories = np.zeros(after.na)
     for actuator in range(before.nactuator):
         first, own = int(after.actuator_actadr[actuator]), int(before.actuator_actadr[actuator])

@@ -1,4 +1,4 @@
-"""φ on top of the names: how much of the gap that they leave a network learns from the same training episodes."""
+"""Share of the remaining gap that φ learns from the training episodes."""
 
 import shutil
 from collections.abc import Callable, Mapping, Sequence
@@ -18,7 +18,7 @@ from nas_data.robots.base import find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
 from nas_data.sources import source_files
 
-PHI = "phi"  # folder of its checkpoint in the report's
+PHI = "phi"  # folder of the checkpoint within that of the report
 
 
 def measure_learned_shares(
@@ -29,21 +29,21 @@ def measure_learned_shares(
     updates: int,
     say: Callable[[str], None],
 ) -> Mapping[str, float]:
-    """Train φ on what the written model leaves and divide the squared gap into its parts.
+    """Train φ with the written model as source, and divide the squared gap into its parts.
 
-    Every rollout starts from rest at the first measured pose: φ starts there, too.
+    Rollouts start at rest at the first measured position, as in the training of φ.
 
     Args:
-        dataset: Transitions, as recorded.
-        models: The model as handed over, and the written one.
-        episodes: Numbers of those that are fitted, and of those held out.
-        folder: Of the report; the checkpoint goes to `phi/` in it.
-        updates: Of the training, in free running.
-        say: Told of the training.
+        dataset: Transitions as recorded.
+        models: Given model and written model.
+        episodes: Numbers of the training and held-out episodes.
+        folder: Folder of the report; the checkpoint is written to `phi/`.
+        updates: Number of updates with free running.
+        say: Receives progress messages.
 
     Returns:
-        Shares of the squared open-loop position error, over whole held-out episodes: `names`, `learned` (negative where
-        φ makes it worse) and `left`.
+        Shares of the squared open-loop position error over whole held-out episodes: `names`, `learned` (negative if φ
+            increases the error) and `left`.
     """
     period = 1 / dataset.fps
     given, written = (MujocoSimulator.load(model, period, dataset.joints) for model in models)
@@ -60,6 +60,6 @@ def measure_learned_shares(
 
 
 def mean_squared_error(dataset: Dataset, predicted: list[np.ndarray], scales: np.ndarray) -> float:
-    """Return the mean squared position error of open-loop rollouts over all joints' scales (n,); for shares only."""
+    """Return the mean squared position error of open-loop rollouts over all joints' scales (n,)."""
     measured = [dataset.next_states[rows] for rows in dataset.episodes()]
     return Errors.of(dataset.joints, predicted, measured).over(scales) ** 2

@@ -1,4 +1,4 @@
-"""What a gap report named: effects to add to a source, and base parameters that it has a little different."""
+"""Named effects and retuned base parameters of a gap report, as an addition to a source."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -9,20 +9,20 @@ import mujoco
 
 from nas_data.effects.base import Effect, read_effects
 from nas_data.errors import JointMismatch, OptionError
-from nas_data.gap.nominal_parameters import apply_base, base_parameters
+from nas_data.gap.nominal_parameters import list_base_parameters, scale_base_parameters
 from nas_data.gap.write_model import EFFECTS, read_factors
-from nas_data.mjcf.bake_inertia import explicit
+from nas_data.mjcf.bake_inertia import bake_inertia
 from nas_data.robots.base import Robot
 
 
 @dataclass(frozen=True)
 class Named:
-    """The effects and the retuned base of one gap report.
+    """Effects and retuned base parameters of one gap report.
 
     Attributes:
         path: File that they were read from.
-        effects: The named effects.
-        retuned: Factors of base parameters by name, for example `m2.damping`; those of 1 left out.
+        effects: Named effects.
+        retuned: Factors of base parameters by name, for example `m2.damping`, without those equal to 1.
     """
 
     path: Path
@@ -34,7 +34,7 @@ class Named:
         """Read an `effects.json`, the one in a gap report's folder, or a `report.json`.
 
         Raises:
-            OptionError: there is no such file, or it has another form.
+            OptionError: the file is missing or malformed.
         """
         path = Path(path)
         file = path / EFFECTS if path.is_dir() else path
@@ -46,26 +46,26 @@ class Named:
         return cls(file, effects, retuned)
 
     def robot(self, robot: Robot, joints: Sequence[str]) -> Robot:
-        """Return a robot with the retuned base; the effects are left to the simulator.
+        """Return a robot with the retuned base parameters; the simulator adds the effects.
 
         Args:
-            robot: The plain source's.
-            joints: Measured joints, by which the masses are told apart.
+            robot: Robot of the source.
+            joints: Measured joints, which define the masses.
 
         Raises:
-            JointMismatch: what was named belongs to another robot.
+            JointMismatch: the report is about another robot.
         """
         self._check(robot, joints)
         if not self.retuned:
             return robot
         kept = {name: getattr(robot, name) for name in Robot.__dataclass_fields__ if name != "edit"}
-        edit = robot.edit or leave_unchanged  # with an edit, nobody takes the file alone for the model
+        edit = robot.edit or leave_unchanged  # an edit marks that the file alone is not the model
         return RetunedRobot(**kept, edit=edit, factors=self.retuned, measured=tuple(joints))
 
     def _check(self, robot: Robot, joints: Sequence[str]) -> None:
         spec = robot.spec()
         known = {joint.name for joint in spec.joints}
-        base = {parameter.name for parameter in base_parameters(explicit(spec), joints)}
+        base = {parameter.name for parameter in list_base_parameters(bake_inertia(spec), joints)}
         strange = [f"the joint '{effect.joint}'" for effect in self.effects if effect.joint not in {None, *known}]
         strange += [f"the parameter '{name}'" for name in self.retuned if name not in base]
         if strange:
@@ -76,7 +76,7 @@ class Named:
 
 
 def leave_unchanged(spec: mujoco.MjSpec) -> None:
-    """Edit nothing."""
+    """Do nothing."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class RetunedRobot(Robot):
     """A robot whose base parameters are multiplied by factors.
 
     Attributes:
-        factors: By the parameters' names.
+        factors: Factors by parameter name.
         measured: Measured joints.
     """
 
@@ -93,6 +93,6 @@ class RetunedRobot(Robot):
 
     def spec(self) -> mujoco.MjSpec:
         """Return a fresh, editable model."""
-        spec = explicit(super().spec())
-        apply_base(spec, base_parameters(spec, self.measured), self.factors)
+        spec = bake_inertia(super().spec())
+        scale_base_parameters(spec, list_base_parameters(spec, self.measured), self.factors)
         return spec

@@ -1,4 +1,4 @@
-"""Parameters that a model has: masses, gains, damping, rotor inertia; a real arm's are a few percent off."""
+"""Base parameters: quantities of the given model that a real arm has a few percent different."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,22 +19,22 @@ from nas_data.effects.edits.servo import (
 )
 
 Kind = Literal["mass", "gain", "damping", "servo_damping", "armature", "frictionloss", "filter", "limit", "gravcomp"]
-TOLERANCE = 0.06  # [-] standard deviation of a base parameter's logarithm: a few to ten percent off
-MORE_FRICTION = 0.02  # the same for friction above the model's, which has a name
-MAX_LOG_CHANGE = float(np.log(1.25))  # beyond ±25 % a change is a missing effect, not a retuned parameter
-FREE_DEVIATION = 2.0  # the same where a parameter may be anything: published gains of one servo differ by a factor of 6
-FREE_LOG_CHANGE = float(np.log(1000.0))
+TOLERANCE = 0.06  # standard deviation σ of a base parameter's logarithm
+MORE_FRICTION = 0.02  # σ for friction above the model's, which is an effect
+MAX_LOG_CHANGE = float(np.log(1.25))  # bound; a larger change is a missing effect
+FREE_DEVIATION = 2.0  # σ of a freed parameter; published gains of one servo differ by a factor of 6
+FREE_LOG_CHANGE = float(np.log(1000.0))  # bound of a freed parameter
 
 
 @dataclass(frozen=True)
 class NominalParameter:
-    """One number of the model that may be off by some percent.
+    """A base parameter of the model.
 
     Attributes:
-        joint: Joint it belongs to; a mass belongs to the joint that moves it.
-        kind: Which.
+        joint: Its joint; a mass belongs to the joint that moves it.
+        kind: Physical quantity.
         bodies: Bodies whose mass and inertia, or gravity compensation, it scales.
-        is_free: Whether it may be anything, not just a few percent off.
+        is_free: Whether it is freed, with wide prior and bounds.
     """
 
     joint: str
@@ -42,18 +42,18 @@ class NominalParameter:
     bodies: tuple[str, ...] = ()
     is_free: bool = False
 
-    def freely(self) -> "NominalParameter":
-        """Return the parameter as one that may be anything."""
+    def with_free_prior(self) -> "NominalParameter":
+        """Return the parameter as a freed one."""
         return replace(self, is_free=True)
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Lowest and highest logarithm of its factor."""
+        """Bounds of the logarithm of its factor."""
         furthest = FREE_LOG_CHANGE if self.is_free else MAX_LOG_CHANGE
         return -furthest, furthest
 
     def deviation(self, logarithm: float) -> float:
-        """Return the standard deviation of its logarithm, on the side on which a value lies."""
+        """Return the prior's standard deviation of its logarithm, on the side of a value."""
         if self.is_free:
             return FREE_DEVIATION
         return MORE_FRICTION if self.kind == "frictionloss" and logarithm > 0 else TOLERANCE
@@ -64,7 +64,7 @@ class NominalParameter:
         return f"{self.joint}.{self.kind}"
 
     def scale(self, spec: mujoco.MjSpec, factor: float) -> None:
-        """Multiply it in a model."""
+        """Multiply it by a factor in a model."""
         if self.kind == "mass":
             for name in self.bodies:
                 body = spec.body(name)
@@ -86,8 +86,8 @@ class NominalParameter:
             setattr(joint, self.kind, getattr(joint, self.kind) * factor)
 
 
-def own_value(spec: mujoco.MjSpec, joint: str, kind: str) -> float:
-    """Return a joint's own damping, armature, frictionloss or torque limit, in SI units; 0 of other kinds."""
+def read_own_value(spec: mujoco.MjSpec, joint: str, kind: str) -> float:
+    """Return a joint's damping, armature, frictionloss or torque limit [SI]; 0 for other kinds."""
     element = spec.joint(joint)
     if kind == "limit":
         return torque_limit(spec, joint)
@@ -96,19 +96,19 @@ def own_value(spec: mujoco.MjSpec, joint: str, kind: str) -> float:
     return float(getattr(element, kind)) if kind in {"armature", "frictionloss"} else 0.0
 
 
-def own_size(spec: mujoco.MjSpec, joint: str, kind: str) -> float:
-    """Return what the model has of something that effects add to; of damping its servo's as well, in SI units."""
+def read_own_amount(spec: mujoco.MjSpec, joint: str, kind: str) -> float:
+    """Return the amount of a quantity in the model [SI]; for damping including the servo's."""
     if kind == "damping":
-        return own_value(spec, joint, kind) + max(damping(spec, joint), 0.0)
-    return own_value(spec, joint, kind)
+        return read_own_value(spec, joint, kind) + max(damping(spec, joint), 0.0)
+    return read_own_value(spec, joint, kind)
 
 
-def base_parameters(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[NominalParameter, ...]:
+def list_base_parameters(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[NominalParameter, ...]:
     """Return the base parameters of a model's measured joints."""
     model = spec.copy().compile()
     found = []
     for joint in joints:
-        bodies = bodies_moved_by(model, joint, joints)
+        bodies = find_moved_bodies(model, joint, joints)
         if bodies:
             found.append(NominalParameter(joint, "mass", bodies))
         if held := tuple(name for name in bodies if spec.body(name).gravcomp > 0):
@@ -131,7 +131,7 @@ def base_parameters(spec: mujoco.MjSpec, joints: Sequence[str]) -> tuple[Nominal
     return tuple(found)
 
 
-def bodies_moved_by(model: mujoco.MjModel, joint: str, joints: Sequence[str]) -> tuple[str, ...]:
+def find_moved_bodies(model: mujoco.MjModel, joint: str, joints: Sequence[str]) -> tuple[str, ...]:
     """Return the bodies with mass that a joint moves and no later measured joint does."""
     first = int(model.joint(joint).bodyid[0])
     others = {int(model.joint(name).bodyid[0]) for name in joints if name != joint}
@@ -145,8 +145,8 @@ def bodies_moved_by(model: mujoco.MjModel, joint: str, joints: Sequence[str]) ->
     return tuple(found)
 
 
-def apply_base(spec: mujoco.MjSpec, base: Sequence[NominalParameter], factors: Mapping[str, float]) -> None:
-    """Multiply base parameters of an explicit model by their factors, by name."""
+def scale_base_parameters(spec: mujoco.MjSpec, base: Sequence[NominalParameter], factors: Mapping[str, float]) -> None:
+    """Multiply base parameters of a model with explicit inertias by factors, by name."""
     for parameter in base:
         if (factor := factors.get(parameter.name, 1.0)) != 1.0:
             parameter.scale(spec, factor)

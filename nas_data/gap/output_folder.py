@@ -1,4 +1,4 @@
-"""Where a gap report is written: in the place of an earlier one, never of anything else."""
+"""Output folder of a gap report, which may only replace an earlier report."""
 
 import shutil
 from pathlib import Path
@@ -7,29 +7,29 @@ from nas_data.errors import OutputExists
 
 FILES = ("report.json", "report.html", "effects.json", "model.xml", "model.diff", "series.npz", "next_experiment.csv")
 FOLDERS = ("figures", "phi")
-ASSETS = "assets"  # files that `model.xml` needs; others may lie there, too
-MARKS = ("report.json", "effects.json")  # one of them is there as soon as a report is begun
+ASSETS = "assets"  # files that `model.xml` needs; the folder may hold others
+MARKS = ("report.json", "effects.json")  # one of them exists as soon as a report is begun
 
 
-def check_place(folder: Path, model: str | Path) -> None:
-    """Refuse a folder in which a report would replace what no report wrote.
+def check_output_folder(folder: Path, model: str | Path) -> None:
+    """Refuse a folder in which a report would replace other files.
 
     Args:
-        folder: Of the report, which need not exist.
-        model: A robot's name or a model file, which the report must not replace either.
+        folder: Folder of the report, which need not exist.
+        model: Robot's name or model file, which the report must not replace.
 
     Raises:
-        OutputExists: says what would be lost.
+        OutputExists: names the file that would be lost.
     """
     check_model(folder, model)
     check_free(folder)
 
 
 def check_free(folder: Path) -> None:
-    """Refuse a folder in which a report would replace what no report wrote.
+    """Refuse a folder with files that the report would replace and no report wrote.
 
     Raises:
-        OutputExists: says what would be lost.
+        OutputExists: names the file that would be lost.
     """
     strange = [name for name in (*FILES, *FOLDERS) if (folder / name).exists()]
     if strange and not any((folder / name).is_file() for name in MARKS):
@@ -37,7 +37,7 @@ def check_free(folder: Path) -> None:
 
 
 def check_model(folder: Path, model: str | Path) -> None:
-    """Refuse a folder in which `model.xml` is the very model that is to be explained.
+    """Refuse a folder whose `model.xml` is the given model.
 
     Raises:
         OutputExists: it would be replaced.
@@ -46,8 +46,8 @@ def check_model(folder: Path, model: str | Path) -> None:
         raise OutputExists(f"{model} is where the model with the effects would be written; choose another --out.")
 
 
-def clear(folder: Path) -> None:
-    """Remove what an earlier report left; its φ stays until another is learned."""
+def clear_report(folder: Path) -> None:
+    """Remove the files of an earlier report, except its φ."""
     for name in FILES:
         (folder / name).unlink(missing_ok=True)
     shutil.rmtree(folder / "figures", ignore_errors=True)

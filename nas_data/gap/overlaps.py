@@ -1,7 +1,7 @@
-"""Contacts of the model that the recording contradicts: the measured arm goes through what the model would touch.
+"""Contacts of the model that the recording contradicts, because measured poses are inside its shapes.
 
-A floor that is not there, or higher than the arm's, or shapes that are wider than the arm's, push the model's joints
-away from poses that were measured. No effect of the catalogue does that, and every one is bent to it.
+Examples are a floor that is absent or lower, or collision shapes wider than the arm. They push joints away from
+measured poses, which no effect of the catalogue does.
 """
 
 from collections.abc import Collection, Mapping
@@ -12,25 +12,25 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.gap.nominal import Nominal
-from nas_data.mjcf.unique_name import free_name
+from nas_data.mjcf.unique_name import unique_name
 from nas_data.pairing import pair as pair_transitions
 
-DEEP = 0.001  # [m] by which shapes overlap; at rest a soft contact yields by less
-OFTEN = 0.005  # of the poses, in which they overlap so far; one odd reading decides nothing
-POSES = 2_000  # measured poses that are looked at, evenly
-WORSE = 1.5  # error of single steps with a contact over without it, from which the recording contradicts it
+DEEP = 0.001  # [m] smallest penetration; soft contacts at rest penetrate less
+OFTEN = 0.005  # smallest share of poses with such a penetration
+POSES = 2_000  # most measured poses that are checked
+WORSE = 1.5  # smallest ratio of one-step errors with over without a contradicted contact
 
 Pair = tuple[int, int]
 
 
 @dataclass(frozen=True)
 class Overlap:
-    """Two bodies of the model that lie in each other where the arm was measured.
+    """Two bodies of the model that penetrate in measured poses.
 
     Attributes:
-        depth: How deep, at most [m].
-        share: In which part of the measured poses deeper than `DEEP`.
-        text: The bodies, as a person is told of them.
+        depth: Largest penetration [m].
+        share: Share of the measured poses with more than `DEEP`.
+        text: Names of the bodies.
     """
 
     depth: float
@@ -39,17 +39,17 @@ class Overlap:
 
 
 def find_overlaps(nominal: Nominal, dataset: Dataset) -> Mapping[Pair, Overlap]:
-    """Return which bodies of a model overlap in measured poses although the arm moves as if they did not touch.
+    """Return the pairs of bodies whose contact the recording contradicts, by body indices.
 
-    Where the arm does touch something, shapes overlap a little, too; but then single steps from there are predicted
-    better with the contact than without it.
+    If the arm does touch something, shapes penetrate slightly as well, but one-step errors are then lower with the
+    contact than without it.
 
     Args:
-        nominal: The model.
+        nominal: Model.
         dataset: Transitions.
 
     Returns:
-        The overlaps, by the numbers of the two bodies; none with a body that a free joint moves.
+        Overlaps; none with a body that a free joint moves.
     """
     rows = np.linspace(0, len(dataset.states) - 1, min(len(dataset.states), POSES)).astype(int)
     depths, names = find_depths(nominal, dataset.states[rows, : len(nominal.joints)])
@@ -69,14 +69,14 @@ def find_overlaps(nominal: Nominal, dataset: Dataset) -> Mapping[Pair, Overlap]:
 
 
 def find_depths(nominal: Nominal, poses: np.ndarray) -> tuple[dict[Pair, np.ndarray], dict[Pair, str]]:
-    """Return how deep bodies overlap in poses (N, n), shape (N,) [m], 0 below `DEEP`; and what to call them."""
+    """Return penetrations of bodies in poses (N, n), shape (N,) [m], 0 below `DEEP`; and their names."""
     simulator = nominal.simulator()
     layout, model, data = simulator.layout, simulator.model, mujoco.MjData(simulator.model)
     depths: dict[Pair, np.ndarray] = {}
     names: dict[Pair, str] = {}
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT:
         return depths, names
-    free = free_bodies(model)
+    free = find_free_bodies(model)
     for row, pose in enumerate(poses):
         data.qpos[layout.qpos] = pose
         if layout.followers is not None:
@@ -89,12 +89,12 @@ def find_depths(nominal: Nominal, poses: np.ndarray) -> tuple[dict[Pair, np.ndar
             if -contact.dist > DEEP and not free[[one, other]].any():
                 depth = depths.setdefault((one, other), np.zeros(len(poses)))
                 depth[row] = max(depth[row], -contact.dist)
-                names[one, other] = describe(model, contact.geom)
+                names[one, other] = name_bodies(model, contact.geom)
     return depths, names
 
 
 def without_contacts(nominal: Nominal, pairs: Collection[Pair]) -> Nominal:
-    """Return the model in which some pairs of bodies, by their numbers, pass through each other."""
+    """Return the model with contacts between some pairs of bodies excluded."""
     if not pairs:
         return nominal
 
@@ -106,24 +106,24 @@ def without_contacts(nominal: Nominal, pairs: Collection[Pair]) -> Nominal:
                 spec.delete(pair)
         for pair in sorted(pairs):
             for body in (spec.bodies[number] for number in pair):
-                body.name = body.name or free_name(spec.body, "body")
+                body.name = body.name or unique_name(spec.body, "body")
             spec.add_exclude(bodyname1=spec.bodies[pair[0]].name, bodyname2=spec.bodies[pair[1]].name)
 
-    return nominal.changed(exclude)
+    return nominal.with_edit(exclude)
 
 
-def free_bodies(model: mujoco.MjModel) -> np.ndarray:
-    """Return which bodies are moved by a free or a ball joint: objects, posed by no joint of the arm, shape (B,)."""
+def find_free_bodies(model: mujoco.MjModel) -> np.ndarray:
+    """Return which bodies a free or ball joint moves, such as objects, shape (nbody,)."""
     kinds = (mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL)
     free = np.zeros(model.nbody, bool)
     free[model.jnt_bodyid[np.isin(model.jnt_type, [int(kind) for kind in kinds])]] = True
-    for body in range(1, model.nbody):  # parents stand before their children
+    for body in range(1, model.nbody):  # parents have lower indices
         free[body] |= free[model.body_parentid[body]]
     return free
 
 
-def describe(model: mujoco.MjModel, geoms: np.ndarray) -> str:
-    """Return the names of two geoms' bodies; of what stands in the world the geom's own."""
+def name_bodies(model: mujoco.MjModel, geoms: np.ndarray) -> str:
+    """Return the names of two geoms' bodies; for the world, the geom's name."""
     words = []
     for geom in geoms:
         body = int(model.geom_bodyid[geom])

@@ -1,4 +1,4 @@
-"""The plain fit as a source: every smooth parameter of every joint fitted to a recording, with no name given."""
+"""Plain fit as a source for comparisons."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,18 +14,18 @@ from nas_data.gap.search.search import Search
 from nas_data.simulators.mujoco import MujocoSimulator
 
 
-@threadpool_limits.wrap(limits=1, user_api="blas")  # it would wait busily on the cores that the rollouts need
+@threadpool_limits.wrap(limits=1, user_api="blas")  # idle BLAS threads would occupy cores of the rollouts
 def fit_plain_source(dataset: Dataset, model: str | Path, name: Path, say: Callable[[str], None]) -> MujocoSimulator:
-    """Fit a model's smooth parameters: gain, damping, rotor inertia, dry and viscous friction, offset.
+    """Fit gain, damping, rotor inertia, dry and viscous friction, and offset of a model to a recording.
 
     Args:
         dataset: Transitions of at least two episodes.
-        model: A robot's name or a model file.
-        name: What to call the dataset in errors.
-        say: Told what is going on.
+        model: Robot's name or model file.
+        name: Name of the dataset in errors.
+        say: Receives progress messages.
 
     Returns:
-        The fitted model at the dataset's rate.
+        Simulator of the fitted model at the dataset's rate.
 
     Raises:
         NasError: dataset or model cannot be used.
@@ -33,6 +33,6 @@ def fit_plain_source(dataset: Dataset, model: str | Path, name: Path, say: Calla
     problem = Problem.of(dataset, model, name)
     search = Search.begin(problem.train, problem.held, say)
     plain = fit_plain(search)
-    task = replace(problem.train, fine=search.sub.fine)
+    task = replace(problem.train, fine=search.task.fine)
     nominal = with_timestep(problem.held.nominal, task.timestep)
     return nominal.simulator(plain.effects, plain.fit.factors)

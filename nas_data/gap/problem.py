@@ -1,4 +1,4 @@
-"""What the workflow is given: a recording and a model, divided into episodes to fit and episodes to judge by."""
+"""Input of the workflow: a recording and a model, split into fitted and held-out episodes."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,32 +8,32 @@ from nas_data.dataset.foreign import take_in, warn
 from nas_data.dataset.read import read
 from nas_data.dataset.versions import resolve
 from nas_data.errors import DatasetInvalid
-from nas_data.gap.episode_batch import EpisodeBatch, divide, windows
-from nas_data.gap.finding.torque_off import until_driven_again
-from nas_data.gap.floor import noise_floor, step_errors
+from nas_data.gap.episode_batch import EpisodeBatch, cut_windows, split_episodes
+from nas_data.gap.finding.torque_off import keep_torque_on_and_fall
+from nas_data.gap.floor import estimate_noise_floor, measure_step_errors
 from nas_data.gap.gains import with_relative_gains
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.overlaps import Overlap, find_overlaps, without_contacts
 from nas_data.gap.search.objective import FitTask
 from nas_data.pairing import check_fits, warn_of_ranges
 
-TRAIN_STEPS = 120_000  # physics steps that one rollout of all training episodes may take, half a second of work
+TRAIN_STEPS = 120_000  # most physics steps of one rollout of all training episodes, about 0.5 s
 HELD_STEPS = 60_000  # the same for the held-out episodes
 
 
 @dataclass(frozen=True)
 class Problem:
-    """What the workflow is given, ready to work on.
+    """Prepared input of the workflow.
 
     Attributes:
-        dataset: Transitions, as recorded.
-        evidence: Its episodes.
-        train: Model and episodes that are fitted.
-        held: Model and episodes that judge.
-        as_given: The model as handed over; `train` and `held` leave out the contacts that the recording contradicts.
-        overlaps: Those contacts.
-        names: How report and page call dataset and model.
-        given: The model as handed over.
+        dataset: Transitions as recorded.
+        evidence: Their episodes.
+        train: Model and fitted episodes.
+        held: Model and held-out episodes.
+        as_given: Given model; `train` and `held` exclude contacts that the recording contradicts.
+        overlaps: These contacts.
+        names: Names of dataset and model in the report.
+        model_file: Robot's name or model file.
         root: Folder of the dataset.
     """
 
@@ -44,7 +44,7 @@ class Problem:
     as_given: Nominal
     overlaps: tuple[Overlap, ...]
     names: tuple[str, str]
-    given: str | Path
+    model_file: str | Path
     root: Path
 
     @classmethod
@@ -52,7 +52,7 @@ class Problem:
         """Read both files.
 
         Raises:
-            NasError: one of them cannot be used; the sentence names it.
+            NasError: one of them cannot be used; the message names it.
         """
         root = resolve(Path(dataset))
         recorded, _, noticed = take_in(root, read(root))
@@ -61,18 +61,18 @@ class Problem:
 
     @classmethod
     def of(cls, recorded: Dataset, model: str | Path, root: Path) -> "Problem":
-        """Prepare transitions.
+        """Prepare transitions and a model.
 
         Args:
             recorded: Transitions with 2n-states.
-            model: A robot's name or a model file.
-            root: Folder of the dataset that they are from, for names and errors.
+            model: Robot's name or model file.
+            root: Folder of the dataset, for names and errors.
 
         Raises:
-            NasError: one of the two cannot be used; the sentence names it.
+            NasError: one of the two cannot be used; the message names it.
         """
         transitions = with_relative_gains(recorded, model, root)
-        kept = until_driven_again(transitions)
+        kept = keep_torque_on_and_fall(transitions)
         evidence = EpisodeBatch.of(kept)
         if len(evidence) < 2:
             half = evidence.counts.sum() // 2 * evidence.period
@@ -87,16 +87,16 @@ class Problem:
         simulator = nominal.simulator()
         warn_of_ranges(transitions, nominal.robot.spec().compile())
         evidence = evidence.with_objects(kept, simulator)
-        floor = noise_floor(evidence, step_errors(kept, simulator))
-        train, held = divide(evidence)
+        floor = estimate_noise_floor(evidence, measure_step_errors(kept, simulator))
+        train, held = split_episodes(evidence)
         train, held = (
-            windows(part, steps // simulator.substeps) for part, steps in ((train, TRAIN_STEPS), (held, HELD_STEPS))
+            cut_windows(part, steps // simulator.substeps) for part, steps in ((train, TRAIN_STEPS), (held, HELD_STEPS))
         )
         names = (root.parent.name if root.name.startswith("v") else root.name, Path(model).name)
         tasks = FitTask(nominal, train, floor), FitTask(nominal, held, floor)
         return cls(transitions, evidence, *tasks, as_given, tuple(overlaps.values()), names, model, root)
 
     def with_contacts(self) -> "Problem":
-        """Return the same with the model as handed over throughout."""
+        """Return the problem with all contacts of the given model."""
         train, held = (replace(task, nominal=self.as_given) for task in (self.train, self.held))
         return replace(self, train=train, held=held)

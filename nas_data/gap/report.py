@@ -1,6 +1,6 @@
-"""The gap report: what `report.json` holds as one typed record, with the files beside it.
+"""Gap report: content of `report.json` as a typed record, with the files beside it.
 
-Nothing else writes `report.json`, and nothing else reads it.
+This module alone reads and writes `report.json`.
 """
 
 import io
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nas_data.errors import OptionError, UnknownName
-from nas_data.gap.output_folder import ASSETS, FILES, FOLDERS, check_free, clear
+from nas_data.gap.output_folder import ASSETS, FILES, FOLDERS, check_free, clear_report
 from nas_data.gap.report_parts import (
     OPTIONAL,
     ArmGap,
@@ -43,28 +43,28 @@ ANEW = "make it anew with: nas gap DATASET --model MODEL"
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class GapReport:
-    """What a model lacks, by a recording: `report.json` typed, and the files beside it.
+    """Result of `nas gap`: content of `report.json`, and the files beside it.
 
     Attributes:
-        schema: Version of the file's form.
-        dataset: What the recording is called.
-        model: What the model is called.
+        schema: Version of the file's format.
+        dataset: Name of the recording.
+        model: Name of the model.
         verdict: `none`, `retuned`, `explained`, `partly_explained` or `unexplained`.
-        effects: What is missing, the surest name first.
-        retuned: Parameters of the model that were changed.
-        joints: How far each joint is explained.
-        unexplained: Joints with a rest above the noise, the worst first.
+        effects: Missing effects, highest confidence first.
+        retuned: Changed parameters of the model.
+        joints: Completeness of each joint.
+        unexplained: Joints with an error above the noise, largest first.
         gap: Errors before and after.
-        shares: What explains how much of the gap.
-        placebo: What a wrong name achieves.
-        next_experiment: What to record next; None where all names are sure.
-        experiments: All that were compared.
-        find: Where the gap is.
-        episodes: Which were fitted, and which judged.
-        seed: Of all random draws.
+        shares: Explained shares of the gap.
+        placebo: Error with a wrong name.
+        next_experiment: Proposed experiment; None if all names are certain.
+        experiments: All experiments that were compared.
+        find: Location of the gap.
+        episodes: Fitted and held-out episodes.
+        seed: Seed of all random numbers.
         seconds: Wall time of the search [s].
         made_from: Command, hashes and versions.
-        files: Content of the other files of the report's folder, by their path in it.
+        files: Content of the other files of the report's folder, by relative path.
     """
 
     schema: int = SCHEMA
@@ -88,19 +88,19 @@ class GapReport:
     files: Mapping[str, bytes] = field(default_factory=dict, compare=False, metadata={"key": None})
 
     def __repr__(self) -> str:
-        """Return verdict, names and how the gap shrinks, in a line."""
+        """Return verdict, names and errors on one line."""
         named = ", ".join(f"{effect} ({effect.confidence:.2f})" for effect in self.effects)
         shrinks = f"{self.gap.before:.3g} → {self.gap.after:.3g} {self.gap.unit}"
         return f"GapReport({self.verdict}{': ' if named else ''}{named}; {shrinks})"
 
     def __str__(self) -> str:
-        """Return what a person wants to read first, a few lines."""
-        from nas_data.gap.summary import findings
+        """Return the main results, a few lines."""
+        from nas_data.gap.summary import list_findings
 
-        return "\n".join(findings(self))
+        return "\n".join(list_findings(self))
 
     def to_json(self) -> dict[str, object]:
-        """Return what `report.json` holds."""
+        """Return the content of `report.json`."""
         return as_object(self)
 
     @classmethod
@@ -108,20 +108,20 @@ class GapReport:
         """Read the report of a folder.
 
         Args:
-            folder: Written by `nas gap` or `save`.
+            folder: Folder written by `nas gap` or `save`.
 
         Raises:
-            OptionError: there is none, or it lacks a part.
+            OptionError: the report is missing or incomplete.
         """
         report = cls.read(Path(folder) / REPORT)
         return report.with_files(Path(folder))
 
     @classmethod
     def read(cls, path: Path) -> "GapReport":
-        """Read a `report.json` alone, without the files beside it.
+        """Read a `report.json` without the files beside it.
 
         Raises:
-            OptionError: it is none, or lacks a part.
+            OptionError: the file is not a report, or incomplete.
         """
         try:
             return from_json(cls, json.loads(path.read_text(encoding="utf-8")))
@@ -142,18 +142,18 @@ class GapReport:
         """Write the report with all its files: page, model, effects, figures.
 
         Args:
-            folder: Where; an earlier report in it is replaced.
+            folder: Output folder; an earlier report in it is replaced.
 
         Returns:
             The folder.
 
         Raises:
-            OutputExists: the folder holds what no report wrote, and this one would replace.
+            OutputExists: the folder holds files that no report wrote and this one would replace.
         """
         folder = Path(folder)
         check_free(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        clear(folder)
+        clear_report(folder)
         for name, content in self.files.items():
             write_whole(folder / name, content)
         self.write(folder)
@@ -166,7 +166,7 @@ class GapReport:
 
     @property
     def series(self) -> "Series":
-        """Held-out episodes, and what each model makes of their commands.
+        """Held-out episodes with the predictions of each model.
 
         Raises:
             OptionError: the report has none.
@@ -178,11 +178,11 @@ class GapReport:
         return Series.read_file(io.BytesIO(self.files[SERIES]), SERIES)
 
     def plot(self, joint: str | None = None) -> "Figure":
-        """Draw the held-out episodes: one joint as it moved and as each model predicts, or the errors of all joints.
+        """Draw measured and predicted motion of one joint, or the held-out errors of all joints.
 
         Args:
-            joint: Its name; the figure shows the episode that the model as handed over predicts worst. None for the
-                errors of every joint beside the noise floor.
+            joint: Name of the joint, shown in the episode with the largest error of the given model. None for the
+                errors of all joints beside the noise floor.
 
         Returns:
             A matplotlib figure: `figure.savefig("m3.png")`; notebooks show it.

@@ -1,4 +1,4 @@
-"""What a gap report is made of: typed records of effects, errors, joints, conditions and experiments."""
+"""Parts of a gap report: typed records of effects, errors, joints, conditions and experiments."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,9 +15,9 @@ class FittedParameter:
     """A parameter of an effect.
 
     Attributes:
-        value: In `unit`.
-        unit: SI.
-        interval95: Where it lies with 95 %, if the name is right; None where that is not known.
+        value: Value in `unit`.
+        unit: SI unit.
+        interval95: 95 % confidence interval if the name is right; None if unknown.
     """
 
     value: float
@@ -27,7 +27,7 @@ class FittedParameter:
 
 @dataclass(frozen=True, kw_only=True)
 class EffectName:
-    """An effect by name and joint; joint is None where it belongs to the whole arm."""
+    """An effect by name and joint; joint is None for the whole arm."""
 
     name: str = field(metadata=NAME)
     joint: str | None = None
@@ -39,11 +39,11 @@ class EffectName:
 
 @dataclass(frozen=True, kw_only=True)
 class Alternative(EffectName):
-    """What could stand in an effect's place.
+    """An effect that could replace a named one.
 
     Attributes:
-        parameters: Fitted values in SI units, by name.
-        heldout_error_after: Error that it leaves, in the unit of the effect's evidence.
+        parameters: Fitted values by name [SI].
+        heldout_error_after: Held-out error with it, in the unit of the named effect's evidence.
     """
 
     parameters: Mapping[str, float] | None = field(default=None, metadata=OPTIONAL)
@@ -64,12 +64,12 @@ class NamedEffect(EffectName):
     """An effect that the model lacks.
 
     Attributes:
-        parameters: Fitted, by name.
+        parameters: Fitted parameters by name.
         confidence: Probability that name and joint are right.
-        evidence: Error without and with it, everything else fitted anew.
-        alternatives: What came second and after in its place.
-        equals: Those that these data cannot tell from it.
-        in_model_xml: Whether `model.xml` holds it; `effects.json` always does.
+        evidence: Error without and with it, everything else fitted again.
+        alternatives: Rivals in its place, best first.
+        equals: Rivals that these data cannot distinguish from it.
+        in_model_xml: Whether `model.xml` expresses it; `effects.json` always does.
     """
 
     parameters: Mapping[str, FittedParameter]
@@ -94,12 +94,12 @@ class FittedEffect(EffectName):
 
 @dataclass(frozen=True, kw_only=True)
 class Placebo:
-    """The runner-up in the place of the surest name.
+    """Runner-up in place of the name with the highest confidence.
 
     Attributes:
         effects: All effects of that model.
-        after: Held-out error that it leaves, in the unit of the gap.
-        text: What stands in the place of what.
+        after: Held-out error, in the unit of the gap.
+        text: Replacement in words.
     """
 
     effects: tuple[FittedEffect, ...]
@@ -109,12 +109,12 @@ class Placebo:
 
 @dataclass(frozen=True, kw_only=True)
 class Retuned:
-    """A parameter that the model has and that was changed.
+    """A parameter of the model that was changed.
 
     Attributes:
         parameter: Joint and kind, for example `m2.damping`.
         factor: New value over the model's.
-        at_bound: Whether the fit ended on the bound of what a real arm may be off by.
+        at_bound: Whether the fit ended on the bound of ±25 %.
     """
 
     parameter: str
@@ -124,10 +124,10 @@ class Retuned:
 
 @dataclass(frozen=True, kw_only=True)
 class JointDescription:
-    """How far a joint is explained.
+    """Completeness of a joint's description.
 
     Attributes:
-        complete: Confidence that nothing is missing there.
+        complete: Confidence that no effect is missing.
         ratio_to_noise: Held-out error over the noise floor.
         stable: Whether two halves of the recording agree on its parameters.
     """
@@ -139,7 +139,7 @@ class JointDescription:
 
 @dataclass(frozen=True, kw_only=True)
 class Unexplained:
-    """A joint whose error stays above the noise: how many noise floors it is, and what it goes with."""
+    """A joint with an error above the noise floor, and the quantity that it correlates with."""
 
     joint: str
     ratio_to_noise: float
@@ -151,11 +151,11 @@ class GapErrors:
     """Held-out open-loop RMSE of positions over joints of one kind, in `unit`: rad, or m for slides.
 
     Attributes:
-        noise_floor: What the noise of the readings lets one expect.
-        before: Of the model as handed over.
-        plain: Of the plain fit: every smooth parameter fitted, no name given.
-        after: With what is named.
-        after_model_xml: Of `model.xml` alone, where a file cannot hold all that is named.
+        noise_floor: Noise floor of the readings.
+        before: Given model.
+        plain: Plain fit: every smooth parameter fitted, no effects named.
+        after: Named effects.
+        after_model_xml: `model.xml` alone, if it cannot express all effects.
     """
 
     unit: str = HINGE.si
@@ -168,14 +168,14 @@ class GapErrors:
 
 @dataclass(frozen=True, kw_only=True)
 class ArmGap(GapErrors):
-    """The gap of the whole arm: errors over its hinges, or over its slides where it has no hinge.
+    """The gap of the whole arm: errors over its hinges, or over its slides without hinges.
 
     Attributes:
-        metric: What the errors are, in words.
-        delivered: What `model.xml` is: `names`, `names and plain`, `plain` or `given`.
+        metric: Definition of the errors.
+        delivered: Content of `model.xml`: `names`, `names and plain`, `plain` or `given`.
         slides: Errors over the slides of an arm that has hinges as well.
         per_joint: Errors of each joint.
-        conditioning: Condition number of the last fit.
+        conditioning: Condition number of the final fit.
     """
 
     metric: str = ""
@@ -187,7 +187,7 @@ class ArmGap(GapErrors):
 
 @dataclass(frozen=True, kw_only=True)
 class Shares:
-    """Parts of the squared gap above the noise: what the names explain, what φ learned on top, what is left."""
+    """Shares of the squared gap above the noise: explained by names, learned by φ in addition, and left."""
 
     names: float | None
     learned: float | None = None
@@ -196,17 +196,17 @@ class Shares:
 
 @dataclass(frozen=True, kw_only=True)
 class JointGap:
-    """Root mean squared position errors of one joint under the model as handed over, in `unit`.
+    """RMS position errors of one joint with the given model, in `unit`.
 
     Attributes:
-        floor: Noise of the readings.
-        one_step: Of the model, reset to each measured state.
-        one_step_hold: Of staying at the measured position.
-        open_loop: Of the model, started once per episode.
-        open_loop_hold: Of staying in the first pose.
-        open_loop_command: Of the command itself; None where commands are torques.
+        floor: Noise floor of the readings.
+        one_step: Model, reset to each measured state.
+        one_step_hold: Hold: the position stays.
+        open_loop: Model, started once per episode.
+        open_loop_hold: Hold: the initial pose stays.
+        open_loop_command: Command as prediction; None for torques.
         ratio_to_noise: `open_loop` over `floor`.
-        repeatability: Spread between repeats of the same commands; None where none was repeated.
+        repeatability: Standard deviation between repeats of the same commands; None without repeats.
         unit: `rad`, or `m` for a slide.
     """
 
@@ -223,21 +223,21 @@ class JointGap:
 
 @dataclass(frozen=True, kw_only=True)
 class Bin:
-    """The error of one joint under one condition; errors of a slide are in metres.
+    """Error of one joint under one condition [rad; slides m].
 
     Attributes:
-        joint: Which.
+        joint: Name of the joint.
         regime: Name of the condition.
         bin: Name of the bin.
-        rows: Rows in it.
-        rmse: Error there [rad].
-        mean: Mean error there, model minus measured [rad]; of opposite signs in the two directions where friction,
-            play or a lag is missing in the model.
-        rest: Error in the condition's other bins [rad].
+        rows: Number of rows in the bin.
+        rmse: RMS error in the bin.
+        mean: Mean error, model minus measured. Opposite signs in the two directions indicate missing friction, play or
+            lag.
+        rest: RMS error in the condition's other bins.
         ratio_to_noise: `rmse` over the noise floor.
-        share: Part of the joint's total squared error.
-        chance: Chance of a difference to the rest as large, were there none; 1 where the joint has no gap to place.
-        significant: Whether it differs from the rest, all bins of the arm considered.
+        share: Share of the joint's total squared error.
+        chance: p-value of the difference to the rest; 1 for a joint without gap.
+        significant: Whether it differs from the rest, corrected for all bins of the arm.
     """
 
     joint: str
@@ -255,12 +255,12 @@ class Bin:
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that was looked at in the recording.
+    """Result of one audit of the recording.
 
     Attributes:
-        check: What.
-        finding: One or two sentences: what was found, and what it means.
-        ok: Whether the recording can be taken as it is in this respect.
+        check: Name of the audit.
+        finding: Result and its meaning, one or two sentences.
+        ok: Whether the recording can be used as it is in this respect.
     """
 
     check: str
@@ -270,13 +270,13 @@ class Check:
 
 @dataclass(frozen=True, kw_only=True)
 class GapFindings:
-    """Where the gap is.
+    """Location of the gap.
 
     Attributes:
         joints: Errors of each joint.
         regimes: Errors of each joint under each condition.
-        audit: What was looked at in the recording.
-        undecidable: What these data cannot decide, a sentence each.
+        audit: Results of the audits.
+        undecidable: Questions that these data cannot decide, a sentence each.
     """
 
     joints: Mapping[str, JointGap]
@@ -285,11 +285,11 @@ class GapFindings:
     undecidable: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, object]:
-        """Return all of it, in SI units."""
+        """Return the content in SI units."""
         return as_object(self)
 
     def text(self) -> str:
-        """Return a short table in degrees and millimetres, and what was noticed."""
+        """Return a summary in degrees and millimetres."""
         from nas_data.gap.finding.text import describe_findings
 
         return describe_findings(self.joints, self.regimes, self.audit, self.undecidable)
@@ -300,11 +300,11 @@ class TriedExperiment:
     """An experiment that could be recorded next.
 
     Attributes:
-        name: What the joints do.
+        name: Kind of commands.
         on: Joints that move.
-        seconds: Its length.
-        separation: Difference of the two best explanations in it [noise floors].
-        joint: Where that difference is.
+        seconds: Duration [s].
+        separation: Difference of the two best explanations [noise floors].
+        joint: Joint with the largest difference.
     """
 
     name: str
@@ -316,7 +316,7 @@ class TriedExperiment:
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeNumbers:
-    """Numbers of the episodes that were fitted, and of those that judged."""
+    """Numbers of the fitted and of the held-out episodes."""
 
     train: tuple[int, ...]
     heldout: tuple[int, ...]
@@ -324,13 +324,13 @@ class EpisodeNumbers:
 
 @dataclass(frozen=True, kw_only=True)
 class MadeFrom:
-    """What a report was made from, and with.
+    """Input and environment of a report.
 
     Attributes:
-        command: What makes it again.
-        content_hash: Of the recording.
-        model_sha256: Of the model file as handed over.
-        versions: Of Python and of packages, by name.
+        command: Command that reproduces it.
+        content_hash: Content hash of the recording.
+        model_sha256: SHA-256 of the given model file.
+        versions: Versions of Python and packages, by name.
     """
 
     command: str

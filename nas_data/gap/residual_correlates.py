@@ -1,4 +1,4 @@
-"""What an unexplained error goes with: position, speed, direction, load, command or time."""
+"""Quantities with which an unexplained error correlates."""
 
 from collections.abc import Collection, Mapping
 
@@ -10,39 +10,41 @@ from nas_data.joint_units import radians_at
 # [rad/s; of a slide times what stands for a radian there] above which a joint has a direction: a reading that flickers
 # by 0.3° in 40 ms is slower
 MOVING = 0.25
-BINS = 24  # positions between which the mean error is compared
+BINS = 24  # bins of the position
 
 
-def goes_with(evidence: EpisodeBatch, errors: np.ndarray, joint: int, slides: Collection[str] = ()) -> str:
-    """Name the quantity that explains most of a joint's error.
+def find_residual_correlate(
+    evidence: EpisodeBatch, errors: np.ndarray, joint: int, slides: Collection[str] = ()
+) -> str:
+    """Name the quantity that explains most of the variance of a joint's error.
 
     Args:
         evidence: Episodes.
         errors: Predicted minus measured positions [rad; m], shape (E, T, n).
-        joint: Which joint.
-        slides: Names of the joints that are slides.
+        joint: Index of the joint.
+        slides: Names of the slides.
 
     Returns:
         `position`, `speed`, `direction`, `acceleration`, `command`, `other joints` or `time`.
     """
-    seen = evidence.counts[:, 2:-2].ravel()
+    seen = evidence.mask[:, 2:-2].ravel()
     wanted = errors[:, 2:-2, joint].ravel()[seen]
-    travel = np.ptp(evidence.measured[evidence.counts], axis=0)
+    travel = np.ptp(evidence.measured[evidence.mask], axis=0)
     moving = MOVING * float(radians_at(evidence.joints, slides, travel)[joint])
-    found = quantities(evidence, joint, moving)
-    shares = {name: explained_variance(wanted, rows[seen]) for name, rows in found.items()}
+    found = list_regressors(evidence, joint, moving)
+    shares = {name: compute_explained_variance(wanted, rows[seen]) for name, rows in found.items()}
     return max(shares, key=lambda name: shares[name])
 
 
-def quantities(evidence: EpisodeBatch, joint: int, moving: float) -> Mapping[str, np.ndarray]:
-    """Return what errors may go with, each as columns of shape (rows, columns); `moving` is a speed [rad/s; m/s]."""
+def list_regressors(evidence: EpisodeBatch, joint: int, moving: float) -> Mapping[str, np.ndarray]:
+    """Return the regressors of each quantity, shape (rows, columns); `moving` is the smallest speed [rad/s; m/s]."""
     q = evidence.measured
     speed = (q[:, 4:] - q[:, :-4]) / (4 * evidence.period)
     acceleration = (q[:, 4:] - 2 * q[:, 2:-2] + q[:, :-4]) / (2 * evidence.period) ** 2
     middle = q[:, 2:-2]
     others = [i for i in range(q.shape[2]) if i != joint]
     time = np.broadcast_to(np.arange(middle.shape[1])[None, :, None] * evidence.period, middle[..., :1].shape)
-    positions = position_bins(middle[..., joint])
+    positions = encode_position_bins(middle[..., joint])
 
     def flat(rows: np.ndarray) -> np.ndarray:
         return rows.reshape(rows.shape[0] * rows.shape[1], rows.shape[2])
@@ -59,15 +61,15 @@ def quantities(evidence: EpisodeBatch, joint: int, moving: float) -> Mapping[str
     }
 
 
-def position_bins(positions: np.ndarray) -> np.ndarray:
-    """Return one column a stretch of the joint's range: whatever shape an error has along the joint, they follow it."""
+def encode_position_bins(positions: np.ndarray) -> np.ndarray:
+    """Return an indicator column for each bin of the position, for errors of any shape over it."""
     low, high = positions.min(), positions.max()
     bins = np.minimum((BINS * (positions.ravel() - low) / max(high - low, 1e-9)).astype(int), BINS - 1)
     return np.eye(BINS)[bins]
 
 
-def explained_variance(wanted: np.ndarray, columns: np.ndarray) -> float:
-    """Return the share of variance that a linear fit explains, less what as many random columns would."""
+def compute_explained_variance(wanted: np.ndarray, columns: np.ndarray) -> float:
+    """Return the share of variance that a linear fit explains, adjusted for the number of columns."""
     centred = wanted - wanted.mean()
     rows = np.concatenate([columns, np.ones((len(columns), 1))], axis=1)
     solved, *_ = np.linalg.lstsq(rows, centred, rcond=None)

@@ -1,4 +1,4 @@
-"""Score a model with its named effects on the held-out episodes, from the written file."""
+"""Held-out errors of the models, computed from the written file."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,35 +11,35 @@ from nas_data.errors import ModelFileError
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal, with_timestep
 from nas_data.gap.problem import Problem
-from nas_data.gap.search.final import Final, finish
+from nas_data.gap.search.final import FinalFit, fit_final
 from nas_data.gap.search.hypothesis import Description
 from nas_data.gap.search.objective import FitTask
-from nas_data.gap.search.scales import scales
+from nas_data.gap.search.scales import estimate_scales
 from nas_data.gap.write_model import MODEL, write_effects, write_model
 from nas_data.simulators.initial_states import InitialLoad
 
-AS_GOOD = 1.5  # error of a joint on training episodes, floor included, up to which a file does what the names do
+AS_GOOD = 1.5  # largest ratio of errors of the file over the effects on training episodes, floor included
 
-# Of the large torque and speed, for which a form in a file is made. Where the first does not do, pads that are heavier
-# are tried: bouncing less, they take less from a saturated servo with velocity feedback, and follow its torque later.
+# Multiples of large torque and speed for which effects with hooks are written to a file. Later ones have heavier pads,
+# which bounce less: they disturb a saturated servo with velocity feedback less, but follow its torque more slowly.
 SIZES = ((1.0, 1.0), (2.0, 1.0), (4.0, 1.0), (8.0, 1.5))
 
 
 @dataclass(frozen=True)
 class HeldOutResult:
-    """What the models do on the held-out episodes: positions [rad], shape (E, T, n).
+    """Predictions of the models on the held-out episodes: positions [rad; m], shape (E, T, n).
 
     Attributes:
-        before: Model as handed over.
-        retuned: With the model's own parameters fitted a few percent, nothing added.
-        plain: With every smooth parameter fitted, no name given.
-        after: With the named effects: the written model, read back, where MJCF can express them all.
-        written: The written model, read back.
+        before: Given model.
+        retuned: Model's own parameters fitted, no effects.
+        plain: Plain fit.
+        after: Named effects; read back from the written model if MJCF can express them all.
+        written: Written model, read back.
         model: Its file.
-        whole: Whether the written file holds every effect named.
-        delivered: What the written file is: `names`; `names and plain`, with what the plain fit changes besides;
-            `plain`; or `given`, the model as handed over.
-        learned: Shares of the gap where φ was trained on top, None otherwise.
+        whole: Whether the written file expresses every effect.
+        delivered: Content of the file: `names`; `names and plain`, with the changes of the plain fit; `plain`; or
+            `given`, the given model.
+        learned: Shares of the gap if φ was trained, else None.
     """
 
     before: np.ndarray
@@ -53,24 +53,23 @@ class HeldOutResult:
     learned: Mapping[str, float] | None = None
 
 
-def score_model(problem: Problem, final: Final, null: Final, plain: Final, folder: Path) -> HeldOutResult:
-    """Write the model and judge it by what the written file does on held-out episodes.
+def score_model(problem: Problem, final: FinalFit, null: FinalFit, plain: FinalFit, folder: Path) -> HeldOutResult:
+    """Write the model and compute held-out predictions from the file.
 
-    Where the file can do without what runs between physics steps, it holds everything. Otherwise it holds what comes
-    nearest; the error after is then that of the effects named, which `effects.json` holds, and the file's own is told
-    beside it.
+    If the file can express all effects, it holds them. Otherwise it holds the most similar effects; `after` is then
+    predicted with the effects of `effects.json`, and the file's own error is reported beside it.
     """
-    task = replace(problem.train, fine=final.fine).with_initial_load(final.effects, dict(final.factors))
-    task = task.corrected(final.effects, dict(final.factors))
-    hold = usual_hold(task, final)
-    nominal, held = problem.held.nominal, problem.held.evidence.begun(hold)
+    task = replace(problem.train, fine=final.fine).estimate_initial_loads(final.effects, dict(final.factors))
+    task = task.correct_timestep(final.effects, dict(final.factors))
+    load = choose_initial_load(task, final)
+    nominal, held = problem.held.nominal, problem.held.evidence.with_initial_loads(load)
     effects, factors = final.effects, dict(final.factors)
     named = with_timestep(nominal, task.timestep)
     whole = all(effect.in_model for effect in effects)
     if whole:
         write_model(folder, nominal, effects, factors, task.timestep)
     else:
-        whole = write_nearest(problem, final, folder, problem.train.evidence.begun(hold), named)
+        whole = write_nearest(problem, final, folder, problem.train.evidence.with_initial_loads(load), named)
     write_effects(folder, effects, factors, whole, nominal.slides)
     written = Nominal.load(folder / MODEL, held).predict(held)
     return HeldOutResult(
@@ -84,23 +83,23 @@ def score_model(problem: Problem, final: Final, null: Final, plain: Final, folde
     )
 
 
-def predict_held(problem: Problem, final: Final) -> np.ndarray:
-    """Return what a hypothesis predicts of the held-out episodes, at its physics step [rad], shape (E, T, n)."""
+def predict_held(problem: Problem, final: FinalFit) -> np.ndarray:
+    """Return a hypothesis' predictions of the held-out episodes at its timestep [rad; m], shape (E, T, n)."""
     task = replace(problem.train, fine=final.fine)
     nominal = with_timestep(problem.held.nominal, task.timestep)
-    held = problem.held.evidence.begun(usual_hold(task, final))
+    held = problem.held.evidence.with_initial_loads(choose_initial_load(task, final))
     return nominal.predict(held, final.effects, dict(final.factors))
 
 
-def write_nearest(problem: Problem, final: Final, folder: Path, fitted: EpisodeBatch, named: Nominal) -> bool:
-    """Write the model file that comes nearest to effects with hooks; return whether it does what they do.
+def write_nearest(problem: Problem, final: FinalFit, folder: Path, fitted: EpisodeBatch, named: Nominal) -> bool:
+    """Write the model file most similar to effects with hooks; return whether it is equivalent.
 
     Args:
-        problem: What was given.
-        final: The effects and factors.
-        folder: Where.
-        fitted: Training episodes, by which that is judged.
-        named: The model at the physics step to be written, without effects.
+        problem: Recording and model.
+        final: Effects and factors.
+        folder: Output folder.
+        fitted: Training episodes, for the comparison.
+        named: Model without effects at the timestep to be written.
     """
     floor, factors = problem.train.floor, dict(final.factors)
     enough = AS_GOOD**2 * (floor**2 + fitted.mean_squares(named.predict(fitted, final.effects, factors))).mean(0)
@@ -117,54 +116,54 @@ def write_nearest(problem: Problem, final: Final, folder: Path, fitted: EpisodeB
         return float(((floor**2 + fitted.mean_squares(alone)).mean(0) / enough).max())
 
     tried: list[tuple[float, Sequence[Effect], dict[str, float]]] = []
-    for forms in written_forms(problem, final):
+    for forms in generate_written_forms(problem, final):
         tried.append((excess(forms, factors), forms, factors))
         if tried[-1][0] <= 1:
             return True
-    constant = stand_ins(problem, final)
+    constant = fit_model_effects(problem, final)
     near = constant.effects, dict(constant.factors)
-    tried.insert(0, (excess(*near), *near))  # first: it is taken where nothing compiles
+    tried.insert(0, (excess(*near), *near))  # first, so that it is the default if nothing compiles
     _, effects, factors = min(tried, key=lambda entry: entry[0])
     write(effects, factors)
     return False
 
 
-def written_forms(problem: Problem, final: Final) -> Iterator[list[Effect]]:
-    """Yield the effects as a file can hold them, made for several sizes; nothing where it cannot hold one of them."""
-    sizes = scales_of_effects(problem, final)
+def generate_written_forms(problem: Problem, final: FinalFit) -> Iterator[list[Effect]]:
+    """Yield the effects in forms that a file expresses, for several scales; none if one has no such form."""
+    sizes = estimate_effect_scales(problem, final)
     for torque, speed in SIZES:
         made = [replace(own, torque=torque * own.torque, speed=speed * own.speed) for own in sizes]
         pairs = zip(final.effects, made, strict=True)
-        forms = [effect if effect.joint is None else effect.written(own) for effect, own in pairs]
+        forms = [effect if effect.joint is None else effect.written_form(own) for effect, own in pairs]
         known = [form for form in forms if form is not None]
         if len(known) == len(forms):
             yield known
 
 
-def usual_hold(task: FitTask, final: Final) -> InitialLoad:
-    """Return whether the weight or nothing loads a model best at the start of all episodes alike."""
+def choose_initial_load(task: FitTask, final: FinalFit) -> InitialLoad:
+    """Return the initial load, gravity or none, with the lower misfit over all episodes."""
     effects, factors = final.effects, dict(final.factors)
     if not task.nominal.simulator(effects, factors).remembers:
-        return InitialLoad.WEIGHT
+        return InitialLoad.GRAVITY
 
-    def misfit(hold: InitialLoad) -> float:
-        predicted = task.rolled.predict(task.evidence.begun(hold), effects, factors)
+    def misfit(load: InitialLoad) -> float:
+        predicted = task.rollout_model.predict(task.evidence.with_initial_loads(load), effects, factors)
         return task.misfit(predicted + task.correction)
 
-    return min((InitialLoad.WEIGHT, InitialLoad.NOTHING), key=misfit)
+    return min((InitialLoad.GRAVITY, InitialLoad.UNLOADED), key=misfit)
 
 
-def stand_ins(problem: Problem, final: Final) -> Final:
-    """Return a hypothesis of effects that edits alone express: the nearest to those named, fitted."""
-    sizes = zip(final.effects, scales_of_effects(problem, final), strict=True)
-    near = [effect if effect.joint is None else effect.native(own) for effect, own in sizes]
+def fit_model_effects(problem: Problem, final: FinalFit) -> FinalFit:
+    """Fit the most similar effects that MJCF alone expresses."""
+    sizes = zip(final.effects, estimate_effect_scales(problem, final), strict=True)
+    near = [effect if effect.joint is None else effect.nearest_in_model(own) for effect, own in sizes]
     description = Description(tuple(effect for effect in near if effect is not None))
-    return finish(problem.train, description, dict(final.factors), rounds=1)
+    return fit_final(problem.train, description, dict(final.factors), rounds=1)
 
 
-def scales_of_effects(problem: Problem, final: Final) -> list[Scales]:
-    """Return what is big and small at the joint of each effect; at the first joint for those of the whole arm."""
+def estimate_effect_scales(problem: Problem, final: FinalFit) -> list[Scales]:
+    """Return the scales at each effect's joint; those of the first joint for effects of the whole arm."""
     train = problem.train
-    sizes = scales(train.nominal, train.evidence, train.nominal.predict(train.evidence))
+    sizes = estimate_scales(train.nominal, train.evidence, train.nominal.predict(train.evidence))
     joints = train.nominal.joints
     return [sizes[joints.index(effect.joint) if effect.joint in joints else 0] for effect in final.effects]

@@ -1,4 +1,4 @@
-"""Work on several hypotheses side by side: the engine lets other threads run, and one thread a rollout wastes least."""
+"""Parallel work on several hypotheses in threads, with one rollout thread each."""
 
 import os
 import threading
@@ -15,21 +15,21 @@ _here = threading.local()
 
 
 def side_by_side(work: Callable[[Item], Found], items: Iterable[Item]) -> list[Found]:
-    """Return what `work` makes of each item, in their order; items that are worked on here do not spread further."""
+    """Return `work` of each item in order, computed in parallel; nested calls stay on their thread."""
     waiting = list(items)
-    if len(waiting) < 2 or shares_cores() or cores() < 2:
+    if len(waiting) < 2 or shares_cores() or count_cores() < 2:
         return [work(item) for item in waiting]
-    return list(executor().map(work, waiting))
+    return list(get_executor().map(work, waiting))
 
 
 def shares_cores() -> bool:
-    """Whether this thread works on one of several items, so that its rollouts keep to one core."""
+    """Whether this thread works on one of several items, so that its rollouts use one core."""
     return bool(getattr(_here, "shares", False))
 
 
 @contextmanager
 def on_one_core() -> Iterator[None]:
-    """Keep this thread's work to one core, as if it were one of several items."""
+    """Restrict this thread's work to one core."""
     before = shares_cores()
     _here.shares = True
     try:
@@ -38,16 +38,16 @@ def on_one_core() -> Iterator[None]:
         _here.shares = before
 
 
-def cores() -> int:
-    """Return how many cores this process may use."""
+def count_cores() -> int:
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0))
 
 
 @cache
-def executor() -> ThreadPoolExecutor:
-    """Return the threads that are kept for all such work."""
+def get_executor() -> ThreadPoolExecutor:
+    """Return the thread pool, which is created once."""
 
     def begin() -> None:
         _here.shares = True
 
-    return ThreadPoolExecutor(cores(), initializer=begin)
+    return ThreadPoolExecutor(count_cores(), initializer=begin)

@@ -1,4 +1,4 @@
-"""A gap report in a few lines of text."""
+"""Text summary of a gap report."""
 
 from pathlib import Path
 
@@ -22,22 +22,22 @@ DELIVERED = {
 }
 
 
-def summary(report: GapReport, folder: Path) -> str:
-    """Return what a person wants to read first, and where the report lies."""
-    lines = findings(report)
+def summarise(report: GapReport, folder: Path) -> str:
+    """Return the main results of a report and the paths of its files."""
+    lines = list_findings(report)
     if (folder / "phi").is_dir() and not (report.shares and report.shares.learned):
         lines.append(f"{folder / 'phi'} is what an earlier report learned on top; --learn replaces it")
     return "\n".join([*lines, f"{folder / 'report.html'}", f"{folder / 'model.xml'}"])
 
 
-def findings(report: GapReport) -> list[str]:
-    """Return verdict, names, what stays and what to record next, a line each."""
+def list_findings(report: GapReport) -> list[str]:
+    """Return verdict, names, remaining errors and next experiment, a line each."""
     gap, found = report.gap, report.find
     lines = [VERDICTS.get(report.verdict, f"Verdict: {report.verdict}.")]
     if found:
         lines += found.undecidable
         lines += [check.finding for check in found.audit if check.check == "model" and not check.ok]
-    lines += map(finding_text, report.effects)
+    lines += map(describe_effect, report.effects)
     lines += [
         f"{entry.joint}: still {entry.ratio_to_noise:.1f} times the noise; goes with {entry.goes_with}"
         for entry in report.unexplained
@@ -48,8 +48,8 @@ def findings(report: GapReport) -> list[str]:
     ]
     if changed:
         lines.append("retuned: " + ", ".join(changed))
-    beside = f" of the hinges, {shrinking(gap.slides)} of the slides" if gap.slides else ""
-    lines.append(f"open-loop error on held-out episodes: {shrinking(gap)}{beside}, in {report.seconds:.0f} s")
+    beside = f" of the hinges, {describe_errors(gap.slides)} of the slides" if gap.slides else ""
+    lines.append(f"open-loop error on held-out episodes: {describe_errors(gap)}{beside}, in {report.seconds:.0f} s")
     if gap.delivered in DELIVERED:
         lines.append(DELIVERED[gap.delivered])
     if report.next_experiment:
@@ -57,17 +57,17 @@ def findings(report: GapReport) -> list[str]:
     return lines
 
 
-def shrinking(gap: GapErrors) -> str:
-    """Return how an error shrinks, beside what limits it."""
+def describe_errors(gap: GapErrors) -> str:
+    """Return the error before and after, beside plain fit and noise floor."""
     unit = display_unit(gap.unit)
     plain = "" if gap.plain is None else f"plain fit {unit.text(gap.plain)}, "
     floor = "unknown" if gap.noise_floor is None else unit.text(gap.noise_floor)
     return f"{unit.text(gap.before)} → {unit.text(gap.after)} ({plain}noise floor {floor})"
 
 
-def finding_text(effect: NamedEffect) -> str:
-    """Return a finding in a line."""
-    values = ", ".join(value_text(name, value) for name, value in effect.parameters.items())
+def describe_effect(effect: NamedEffect) -> str:
+    """Return a named effect on one line."""
+    values = ", ".join(describe_parameter(name, value) for name, value in effect.parameters.items())
     errors = effect.evidence
     unit = display_unit(errors.unit)
     before, after = unit.text(errors.heldout_error_before), unit.text(errors.heldout_error_after)
@@ -84,7 +84,7 @@ def finding_text(effect: NamedEffect) -> str:
     return line
 
 
-def value_text(name: str, parameter: FittedParameter) -> str:
+def describe_parameter(name: str, parameter: FittedParameter) -> str:
     """Return a parameter with its interval."""
     low, high = parameter.interval95 or (parameter.value, parameter.value)
     return f"{name} {parameter.value:.4g} {parameter.unit} [{low:.4g}, {high:.4g}]".replace("  ", " ")

@@ -1,4 +1,4 @@
-"""The verdict: nothing, retuned, explained, partly explained or unexplained."""
+"""Verdict of a gap report."""
 
 from collections.abc import Sequence
 
@@ -6,25 +6,25 @@ import numpy as np
 
 from nas_data.gap.name import ADEQUATE
 
-NOTHING = 1.25  # noise floors up to which a model as handed over has no gap
-EXPLAINED = ("explained", "retuned")  # verdicts that say that what was named or retuned leaves the noise floor
+NO_GAP = 1.25  # noise floors up to which the given model has no gap
+EXPLAINED = ("explained", "retuned")  # verdicts of models at the noise floor
 
 
-def verdict(before: np.ndarray, after: np.ndarray, effects: int) -> str:
+def decide_verdict(before: np.ndarray, after: np.ndarray, effects: int) -> str:
     """Return the verdict.
 
     Args:
-        before: Held-out error over the floor of the model as handed over, shape (n,).
-        after: The same for the model with effects and retuned base, shape (n,).
-        effects: How many effects are named.
+        before: Held-out error of the given model over the floor, shape (n,).
+        after: The same with effects and retuned base parameters, shape (n,).
+        effects: Number of named effects.
     """
     if effects:
         return "explained" if after.max() <= ADEQUATE else "partly_explained"
-    if before.max() <= NOTHING:
+    if before.max() <= NO_GAP:
         return "none"
     return "retuned" if after.max() <= ADEQUATE else "unexplained"
 
 
-def above(after: np.ndarray, limit: float) -> Sequence[int]:
-    """Return the joints that stay above a limit, the worst first."""
+def find_above(after: np.ndarray, limit: float) -> Sequence[int]:
+    """Return the indices of joints above a limit, largest first."""
     return [int(joint) for joint in np.argsort(-after) if after[joint] > limit]

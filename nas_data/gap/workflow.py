@@ -1,4 +1,4 @@
-"""Find, name, add, show: the whole workflow from a dataset and a model to a report."""
+"""Workflow from a dataset and a model to a gap report: find, name, add, show."""
 
 import hashlib
 import shlex
@@ -14,16 +14,16 @@ from nas_data.dataset.provenance import package_versions, read_provenance
 from nas_data.errors import NasError, OptionError
 from nas_data.gap.compose import Proposal, compose, write_series
 from nas_data.gap.episode_batch import EpisodeBatch
-from nas_data.gap.experiments.experiment import Rival, next_experiment, write
+from nas_data.gap.experiments.experiment import Rival, choose_next_experiment, write_experiment
 from nas_data.gap.finding.find import find
-from nas_data.gap.floor import ratios
+from nas_data.gap.floor import floor_ratios
 from nas_data.gap.name import ADEQUATE, Naming, name
-from nas_data.gap.output_folder import check_place, clear
+from nas_data.gap.output_folder import check_output_folder, clear_report
 from nas_data.gap.problem import Problem
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_parts import GapFindings, MadeFrom, TriedExperiment
 from nas_data.gap.score_model import HeldOutResult, predict_held, score_model
-from nas_data.gap.search.final import Final, finish
+from nas_data.gap.search.final import FinalFit, fit_final
 from nas_data.gap.search.hypothesis import Description
 from nas_data.gap.showing.show import show
 from nas_data.gap.write_model import write_difference
@@ -37,56 +37,58 @@ EXPERIMENT = "next_experiment.csv"
 Say = Callable[[str], None]
 
 
-def silent(text: str) -> None:
-    """Say nothing."""
+def ignore(text: str) -> None:
+    """Discard a progress message."""
 
 
 def investigate(
-    dataset: str | Path, model: str | Path, out: str | Path, say: Say = silent, learn: int = 0
+    dataset: str | Path, model: str | Path, out: str | Path, say: Say = ignore, learn: int = 0
 ) -> GapReport:
-    """Run the whole workflow on a dataset's folder; arguments, result and errors as of `investigate_problem`."""
+    """Run the workflow on a dataset's folder; see `investigate_problem`."""
     return investigate_problem(lambda: Problem.load(dataset, model), model, out, say, learn)
 
 
 def investigate_problem(
-    load: Callable[[], Problem], model: str | Path, out: str | Path, say: Say = silent, learn: int = 0
+    load: Callable[[], Problem], model: str | Path, out: str | Path, say: Say = ignore, learn: int = 0
 ) -> GapReport:
-    """Run the whole workflow.
+    """Run the workflow.
 
     Args:
-        load: Reads dataset and model, once it is known that the report can be written.
-        model: A robot's name or a model file.
-        out: Folder of the report; files of an earlier report in it are replaced.
-        say: Told what is going on.
-        learn: Updates in which φ learns what the names leave; 0 leaves it out.
+        load: Reads dataset and model; called after the output folder is checked.
+        model: Robot's name or model file.
+        out: Folder of the report; an earlier report in it is replaced.
+        say: Receives progress messages.
+        learn: Number of updates of φ on the remaining gap; 0 for none.
 
     Returns:
-        The report, with the files that now lie in the folder.
+        The report with the files of its folder.
 
     Raises:
         NasError: the dataset or the model cannot be used.
-        OutputExists: the folder holds what no report wrote, and a report would replace.
+        OutputExists: the folder holds files that no report wrote and this one would replace.
         OptionError: the number of updates is negative.
     """
     began, folder = time.monotonic(), Path(out)
     if learn < 0:
         raise OptionError(f"--learn is {learn}; give 0, which leaves φ out, or a number of updates such as 400.")
-    check_place(folder, model)
+    check_output_folder(folder, model)
     problem = load()
     check_portable(problem.train.nominal.spec, problem.train.nominal.robot.mjcf)
     say("find: where model and recording disagree")
     found = find(problem.dataset, problem.evidence, problem.as_given, problem.train.floor, problem.overlaps)
-    return conclude(problem, found, folder, began, say, learn)
+    return name_and_report(problem, found, folder, began, say, learn)
 
 
-def conclude(problem: Problem, found: GapFindings, folder: Path, began: float, say: Say, learn: int) -> GapReport:
-    """Name, add, score from the written file and report."""
+def name_and_report(
+    problem: Problem, found: GapFindings, folder: Path, began: float, say: Say, learn: int
+) -> GapReport:
+    """Name effects, write and score the model, and write the report."""
     if found.undecidable:
         say("; ".join(found.undecidable))
     say("name: which effect is missing")
     naming = name(problem.train, problem.held, say)
     folder.mkdir(parents=True, exist_ok=True)
-    clear(folder)  # not before: a run that is cut short leaves the earlier report
+    clear_report(folder)  # late, so that an interrupted run keeps the earlier report
     say("add: write the model with the effects")
     naming, outcome = deliver(problem, naming, folder, say)
     if learn:
@@ -94,7 +96,7 @@ def conclude(problem: Problem, found: GapFindings, folder: Path, began: float, s
         outcome = replace(outcome, learned=train_on_top(problem, outcome.model, learn, say))
     experiment = propose_experiment(problem, naming, folder, say)
     report = compose(problem, found, naming, outcome, experiment, time.monotonic() - began)
-    report = replace(report, made_from=made_from(problem, folder, learn))
+    report = replace(report, made_from=record_origin(problem, folder, learn))
     write_difference(folder, problem.as_given, problem.names[1])
     report.write(folder)
     write_series(folder, problem, naming, outcome)
@@ -103,9 +105,9 @@ def conclude(problem: Problem, found: GapFindings, folder: Path, began: float, s
     return report.with_files(folder)
 
 
-def made_from(problem: Problem, folder: Path, learn: int) -> MadeFrom:
-    """Return the command that makes a report again, the hashes of what it rests on, and versions."""
-    given = str(problem.given)
+def record_origin(problem: Problem, folder: Path, learn: int) -> MadeFrom:
+    """Return the command that reproduces a report, the hashes of its input, and versions."""
+    given = str(problem.model_file)
     words = ["nas", "gap", str(problem.root), "--model", given.removesuffix(TORQUES), "--out", str(folder)]
     words += ["--actuators", "torque"] if given.endswith(TORQUES) else []
     words += ["--learn", str(learn)] if learn else []
@@ -119,58 +121,60 @@ def made_from(problem: Problem, folder: Path, learn: int) -> MadeFrom:
 
 
 def deliver(problem: Problem, naming: Naming, folder: Path, say: Say) -> tuple[Naming, HeldOutResult]:
-    """Write the model with the names, or what predicts held-out episodes better: it is never worse than a plain fit.
+    """Write the model with the named effects, or a better one if the plain fit or given model predicts better.
 
-    Where the names leave the noise floor, nothing is better than they are. Elsewhere they must do at least as well as
-    the plain fit and as the model that was handed over. If not, the names are kept beside all that the plain fit
-    changes; and if that is no better either, the plain fit or the given model is delivered, without names.
+    Nothing is compared if the named effects reach the noise floor. If they are worse than the plain fit or the given
+    model, the names are combined with the changes of the plain fit. If that is worse as well, the plain fit or the
+    given model is written without names.
     """
     outcome = score_model(problem, naming.final, naming.null, naming.plain, folder)
     held = problem.held.evidence
-    left = ratios(held.mean_squares(outcome.written), problem.held.floor)
+    left = floor_ratios(held.mean_squares(outcome.written), problem.held.floor)
     scales = mean_of_kind(problem.held.floor, held.joints, problem.held.nominal.slides)
     best = min(rms(held, outcome.plain, scales), rms(held, outcome.before, scales))
     if left.max() <= ADEQUATE or rms(held, outcome.written, scales) <= best:
         return naming, outcome
     say("the names alone predict held-out episodes worse than the plain fit or the model as given")
     train = replace(problem.train, fine=naming.final.fine)
-    description = naming.description.together_with(naming.plain_description)
-    both = finish(train, description, {**naming.plain.factors, **bound_factors(naming.final.factors, description)})
+    description = naming.description.merge(naming.plain_description)
+    both = fit_final(
+        train, description, {**naming.plain.factors, **select_bound_factors(naming.final.factors, description)}
+    )
     if naming.findings and rms(held, predict_held(problem, both), scales) <= best:
-        naming = naming.refitted(both)
+        naming = naming.with_fit(both)
         more = score_model(problem, both, naming.null, naming.plain, folder)
         return naming, replace(more, delivered="names and plain")
     plain_is_best = rms(held, outcome.plain, scales) <= rms(held, outcome.before, scales)
-    other = naming.plain if plain_is_best else Final((), {}, (), fine=False)
+    other = naming.plain if plain_is_best else FinalFit((), {}, (), fine=False)
     nameless = replace(naming, findings=(), rivals=(), final=other)
     chosen = problem if plain_is_best else problem.with_contacts()
     delivered = score_model(chosen, other, naming.null, naming.plain, folder)
     return nameless, replace(delivered, delivered="plain" if plain_is_best else "given")
 
 
-def bound_factors(factors: Mapping[str, float], description: Description) -> dict[str, float]:
-    """Return the factors of those parameters that a description does not free."""
+def select_bound_factors(factors: Mapping[str, float], description: Description) -> dict[str, float]:
+    """Return the factors of the parameters that a description does not free."""
     return {name: factor for name, factor in factors.items() if name not in description.freed}
 
 
 def rms(evidence: EpisodeBatch, predicted: np.ndarray, scales: np.ndarray) -> float:
-    """Return the error over all episodes and joints, each joint's over its scale [rad; slides m], shape (n,)."""
+    """Return the error over all episodes and joints, each divided by its scale [rad; m], shape (n,)."""
     return float(np.sqrt((evidence.mean_squares(predicted) / scales**2).mean()))
 
 
 def train_on_top(problem: Problem, model: Path, updates: int, say: Say) -> Mapping[str, float]:
-    """Train φ on top of the written model; torch is loaded for nothing else."""
+    """Train φ on the written model; torch is imported here only."""
     from nas_data.gap.learned import measure_learned_shares
 
     numbers = [sorted({int(number) for number in task.evidence.numbers}) for task in (problem.train, problem.held)]
     return measure_learned_shares(
-        problem.dataset, (problem.given, model), (numbers[0], numbers[1]), model.parent, updates, say
+        problem.dataset, (problem.model_file, model), (numbers[0], numbers[1]), model.parent, updates, say
     )
 
 
-def propose_experiment(problem: Problem, naming: Naming, folder: Path, say: Say = silent) -> Proposal:
-    """Write the command file that would settle the most doubtful name; say what it is."""
-    rival = naming.doubt
+def propose_experiment(problem: Problem, naming: Naming, folder: Path, say: Say = ignore) -> Proposal:
+    """Write the commands of the experiment that decides the least certain name, and describe it."""
+    rival = naming.least_sure_rival
     if rival is None:
         return Proposal()
     say("comparing experiments that would settle the most doubtful name")
@@ -179,9 +183,9 @@ def propose_experiment(problem: Problem, naming: Naming, folder: Path, say: Say 
         Rival(rival.effects, rival.fit.factors),
     )
     try:
-        experiment = next_experiment(problem.train.nominal, pair, problem.train.floor, seed=0)
+        experiment = choose_next_experiment(problem.train.nominal, pair, problem.train.floor, seed=0)
     except NasError as error:
         return Proposal(f"none could be computed: {error}")
-    write(experiment, folder / EXPERIMENT)
+    write_experiment(experiment, folder / EXPERIMENT)
     compared = tuple(from_json(TriedExperiment, row) for row in experiment.to_json())
     return Proposal(f"{experiment.text} (commands in {EXPERIMENT})", compared)

@@ -1,4 +1,4 @@
-"""Add the named effects to the model, as a file that loads in plain MuJoCo."""
+"""Output of named effects as a model file for plain MuJoCo, and as `effects.json`."""
 
 import difflib
 import json
@@ -13,7 +13,7 @@ from nas_data.dataset.features import POSITION
 from nas_data.effects.base import Effect, add_effects
 from nas_data.errors import OptionError
 from nas_data.gap.keyframes import keep_keyframes
-from nas_data.gap.nominal import Nominal, fine_timestep
+from nas_data.gap.nominal import Nominal, find_fine_timestep
 from nas_data.mjcf.export import write_portable
 
 MODEL, EFFECTS, DIFFERENCE = "model.xml", "effects.json", "model.diff"
@@ -27,22 +27,22 @@ def write_model(
     factors: Mapping[str, float],
     timestep: float | None = None,
 ) -> tuple[Path, Path]:
-    """Write `model.xml`, with the files that it needs, and `effects.json`.
+    """Write `model.xml` with its assets, and `effects.json`.
 
-    The model keeps names and order of joints and actuators and has one sensor `<joint>.pos` per measured joint. Its
-    physics step is the one given [s], or so fine that it is below the noise. Effects that MJCF cannot express are only
-    in `effects.json`.
+    The model keeps names and order of joints and actuators, and has one sensor `<joint>.pos` per measured joint. Its
+    timestep is the given one [s], or else fine enough for the noise. Effects that MJCF cannot express are only in
+    `effects.json`.
 
     Returns:
         Paths of both files.
     """
-    spec = nominal.edited(factors)
-    spec.option.timestep = timestep or fine_timestep(nominal)
+    spec = nominal.make_spec(factors)
+    spec.option.timestep = timestep or find_fine_timestep(nominal)
     before = spec.copy().compile()
     add_effects(spec, [effect for effect in effects if effect.in_model])
     keep_keyframes(spec, before)
     for joint in nominal.joints:
-        measure(spec, joint)
+        add_position_sensor(spec, joint)
     written = write_effects(
         folder, effects, factors, slides=nominal.slides
     )  # first: it marks the folder as a report's, whoever is killed now
@@ -51,26 +51,26 @@ def write_model(
 
 
 def write_difference(folder: Path, nominal: Nominal, given: str) -> Path:
-    """Write `model.diff`: what `model.xml` changes of the model as handed over, both as MuJoCo writes them.
+    """Write `model.diff`, the difference of `model.xml` to the given model, both in MuJoCo's format.
 
     Args:
-        folder: Holds `model.xml`.
-        nominal: The model as handed over.
-        given: What it is called.
+        folder: Folder with `model.xml`.
+        nominal: Given model.
+        given: Name of the given model.
     """
-    spec = nominal.edited({})
+    spec = nominal.make_spec({})
     for joint in nominal.joints:
-        measure(spec, joint)
+        add_position_sensor(spec, joint)
     with tempfile.TemporaryDirectory() as place:
         write_portable(spec, nominal.robot.mjcf, Path(place, MODEL))
-        before, after = (rounded(parent / MODEL) for parent in (Path(place), folder))
+        before, after = (read_rounded_lines(parent / MODEL) for parent in (Path(place), folder))
     path = folder / DIFFERENCE
     path.write_text("".join(difflib.unified_diff(before, after, given, MODEL)), encoding="utf-8")
     return path
 
 
-def rounded(model: Path) -> list[str]:
-    """Return the lines of a model file, its numbers with six digits."""
+def read_rounded_lines(model: Path) -> list[str]:
+    """Return the lines of a model file with numbers of six digits."""
     text = model.read_text(encoding="utf-8")
     return LONG_NUMBER.sub(lambda found: f"{float(found[0]):.6g}", text).splitlines(keepends=True)
 
@@ -82,14 +82,14 @@ def write_effects(
     whole: bool = False,
     slides: Collection[str] = (),
 ) -> Path:
-    """Write the named effects and the retuned base parameters; `nas record sim --effects` and `nas pair` read it.
+    """Write named effects and retuned base parameters for `nas record sim --effects` and `nas pair`.
 
     Args:
-        folder: Where.
+        folder: Output folder.
         effects: Effects.
-        factors: Retuned base parameters.
-        whole: Whether the model file holds also those that edits alone do not express.
-        slides: Joints of the model that are slides, which decides the units.
+        factors: Factors of base parameters.
+        whole: Whether the model file also expresses effects with hooks.
+        slides: Slides of the model, which have other units.
     """
     entries = [{**effect.to_json(slides), "in_model_xml": whole or effect.in_model} for effect in effects]
     content = {"schema": 1, "effects": entries, "retuned": dict(factors)}
@@ -99,12 +99,12 @@ def write_effects(
 
 
 def read_factors(path: Path) -> dict[str, float]:
-    """Return the retuned base parameters of an effects file or of a report, none where it has none.
+    """Return the retuned base parameters of an effects file or a report; empty if there are none.
 
-    A `report.json` lists those that changed by half a percent or more, rounded; `effects.json` holds all, exactly.
+    A `report.json` lists rounded changes of at least half a percent; an `effects.json` lists all.
 
     Raises:
-        OptionError: they are no numbers.
+        OptionError: they are not numbers.
     """
     content = json.loads(path.read_text(encoding="utf-8"))
     retuned = content.get("retuned", {}) if isinstance(content, dict) else {}
@@ -116,8 +116,8 @@ def read_factors(path: Path) -> dict[str, float]:
         raise OptionError(f"'retuned' in {path} must hold one factor per parameter; see `nas gap name`.") from None
 
 
-def measure(spec: mujoco.MjSpec, joint: str) -> None:
-    """Give a joint its sensor where no effect and no author did."""
+def add_position_sensor(spec: mujoco.MjSpec, joint: str) -> None:
+    """Add a position sensor to a joint that has none."""
     if spec.sensor(joint + POSITION) is not None:
         return
     sensor = spec.add_sensor(name=joint + POSITION)

@@ -3,12 +3,12 @@
 import mujoco
 import numpy as np
 
-from nas_data.mjcf.unique_name import free_name
+from nas_data.mjcf.unique_name import unique_name
 
 NEVER = -1.0  # value of `settotalmass` that disables it
 
 
-def explicit(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+def bake_inertia(spec: mujoco.MjSpec) -> mujoco.MjSpec:
     """Return the model with explicit mass and inertia for every moving body.
 
     Compiler options that change masses (`settotalmass`, `boundmass` and the like) are applied and then disabled.
@@ -16,7 +16,7 @@ def explicit(spec: mujoco.MjSpec) -> mujoco.MjSpec:
     """
     result = spec.copy()
     for number, body in enumerate(result.bodies):
-        body.name = body.name or free_name(result.body, f"body{number}")
+        body.name = body.name or unique_name(result.body, f"body{number}")
     model = result.copy().compile()
     result.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
     result.compiler.settotalmass, result.compiler.balanceinertia = NEVER, False

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from nas_data.errors import ModelFileError
-from nas_data.mjcf.strip_meshes import colliding_shapes, exact_xml, meshless, needs_files
+from nas_data.mjcf.strip_meshes import colliding_shapes, exact_xml, needs_files, strip_meshes
 
 ASSETS = "assets"
 OTHER_MODELS = re.compile(r"<(?:model|include)\b[^>]*\bfile\s*=\s*[\"']([^\"']+)[\"']")
@@ -78,7 +78,7 @@ def write_portable(spec: mujoco.MjSpec, original: Path, path: Path) -> None:
                 f"{original} cannot be written as a model of its own: some file with a shape that can touch others is "
                 "not where the model's own folders are; give a model that names all its files itself."
             )
-        write(meshless(spec), original, path)
+        write(strip_meshes(spec), original, path)
     try:
         mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, mujoco.FatalError) as error:

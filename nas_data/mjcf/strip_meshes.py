@@ -7,7 +7,7 @@ from pathlib import Path
 
 import mujoco
 
-from nas_data.mjcf.bake_inertia import explicit
+from nas_data.mjcf.bake_inertia import bake_inertia
 
 SHAPES = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF, mujoco.mjtGeom.mjGEOM_HFIELD)
 ALL_DIGITS = 17  # significant digits with which a double reads back exactly
@@ -20,13 +20,13 @@ def needs_files(spec: mujoco.MjSpec) -> bool:
 
 
 def colliding_shapes(spec: mujoco.MjSpec) -> int:
-    """Return the number of colliding geoms that `meshless` would remove."""
+    """Return the number of colliding geoms that `strip_meshes` would remove."""
     paired = {name for pair in spec.pairs for name in (pair.geomname1, pair.geomname2)}
     shapes = [geom for geom in spec.geoms if geom.type in SHAPES]
     return sum(bool(geom.contype or geom.conaffinity or geom.name in paired) for geom in shapes)
 
 
-def meshless(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+def strip_meshes(spec: mujoco.MjSpec) -> mujoco.MjSpec:
     """Return a model without assets, whose dynamics are the same except for contacts.
 
     Args:
@@ -35,7 +35,7 @@ def meshless(spec: mujoco.MjSpec) -> mujoco.MjSpec:
     Returns:
         Model with explicit masses and inertias, without textures, skins, and geoms of meshes and height fields.
     """
-    alone = explicit(spec)
+    alone = bake_inertia(spec)
     model = alone.compile()
     _delete_references(alone, {geom.name for geom in alone.geoms if geom.name and geom.type in SHAPES})
     for geom in list(alone.geoms):

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 
-def free_name(find: Callable[[str], object | None], name: str) -> str:
+def unique_name(find: Callable[[str], object | None], name: str) -> str:
     """Return a name, with a number appended if an element has it already.
 
     Args:

@@ -13,7 +13,7 @@ from nas_data.errors import JointMismatch, ModelFileError, NasError
 from nas_data.robots.base import Robot
 from nas_data.simulators.hooks import find_hooks
 from nas_data.simulators.layout import Layout
-from nas_data.simulators.lock_joints import has_unmeasured_joints, hold_others, refuse_ground_contact
+from nas_data.simulators.lock_joints import has_unmeasured_joints, lock_unmeasured_joints, refuse_ground_contact
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class CompiledRobot:
         spec.option.timestep = period / substeps
         joints = joints or robot.joints
         if not robot.adapted and has_unmeasured_joints(spec, joints):
-            hold_others(spec, joints, str(robot.mjcf), commanded=True)
+            lock_unmeasured_joints(spec, joints, str(robot.mjcf), commanded=True)
         try:
             add_effects(spec, effects)
             model = spec.compile()

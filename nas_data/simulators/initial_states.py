@@ -17,10 +17,10 @@ WEIGHTLESS = 1e-4  # [N m] largest load that does not push play to one side
 class InitialLoad(IntEnum):
     """Assumed initial load of a joint's servo, which is not measured."""
 
-    WEIGHT = 0  # the gravity torque
-    NOTHING = 1  # no load
-    LESS = 2  # the gravity torque minus dry friction
-    MORE = 3  # the gravity torque plus dry friction
+    GRAVITY = 0  # the gravity torque
+    UNLOADED = 1  # no load
+    MINUS_FRICTION = 2  # the gravity torque minus dry friction
+    PLUS_FRICTION = 3  # the gravity torque plus dry friction
 
 
 @dataclass(frozen=True)
@@ -77,21 +77,23 @@ class SettledStates:
         own = gain * layout.inputs.zero  # force that only defines the zero of the control's unit
         self.rest = np.divide(constant + own, self.stiffness * self.gear, out=np.zeros_like(own), where=self.holding)
 
-    def __call__(self, states: np.ndarray, holds: np.ndarray, earlier: np.ndarray | None = None) -> np.ndarray:
+    def __call__(
+        self, states: np.ndarray, initial_loads: np.ndarray, earlier_commands: np.ndarray | None = None
+    ) -> np.ndarray:
         """Return full states (B, size) for measured states and initial loads.
 
         Args:
             states: Positions [rad] then velocities [rad/s], shape (B, 2n), or with the objects' states (B, 2n + m).
                 Servos of objects hold the given positions.
-            holds: Initial load of each joint (an `InitialLoad`), shape (B, n).
-            earlier: Commands of the L control periods before the start, in time order, shape (B, L, n); they fill the
-                delay lines. NaN if the arm had settled before; no commands if None.
+            initial_loads: Initial load of each joint (an `InitialLoad`), shape (B, n).
+            earlier_commands: Commands of the L control periods before the start in order, shape (B, L, n). They fill
+                the delay lines. NaN if the arm had settled before; no commands if None.
         """
-        known = np.empty((len(states), 0, holds.shape[1])) if earlier is None else earlier
-        rows = zip(np.asarray(states, float), holds, known, strict=True)
+        known = np.empty((len(states), 0, initial_loads.shape[1])) if earlier_commands is None else earlier_commands
+        rows = zip(np.asarray(states, float), initial_loads, known, strict=True)
         return np.stack([self.settle(*row) for row in rows])
 
-    def settle(self, state: np.ndarray, holds: np.ndarray, earlier: np.ndarray) -> np.ndarray:
+    def settle(self, state: np.ndarray, initial_loads: np.ndarray, earlier_commands: np.ndarray) -> np.ndarray:
         """Return the full state (size,) for a measured state (2n or 2n + m,), loads (n,) and commands (L, n)."""
         model, data, n = self.model, self.data, len(self.layout.joints)
         objects = self.layout.objects
@@ -106,15 +108,15 @@ class SettledStates:
         weight = data.qfrc_bias - data.qfrc_gravcomp  # gravity compensation carries its part
         if followers is not None:  # the constraints transmit the followers' weight to the measured joints
             weight += followers.velocity_jacobian(data.qpos).T @ weight[followers.dofs]
-        loads = self.compute_loads(weight, holds)
+        loads = self.compute_loads(weight, initial_loads)
         for index in range(n):
             self.load_transmission(index, float(loads[index]))
         holding = np.where(self.layout.inputs.positional, self.holding_commands(loads), 0.0)
         data.ctrl[:] = self.layout.controls(holding, state)
         for actuator in self.stateful:
             settle_actuator(model, data, actuator)
-        if len(earlier) and np.isfinite(earlier).all():
-            self.fill_delays(self.layout.controls(earlier, state[None]))
+        if len(earlier_commands) and np.isfinite(earlier_commands).all():
+            self.fill_delays(self.layout.controls(earlier_commands, state[None]))
         data.qvel[self.layout.dof] = state[n : 2 * n]
         if followers is not None:
             followers.place(data.qpos[None], data.qvel[None])
@@ -132,12 +134,16 @@ class SettledStates:
             values = controls[np.maximum(len(controls) - periods, 0), first : first + inputs]
             mujoco.mj_initCtrlHistory(model, data, int(actuator), -ages[:, None], np.ascontiguousarray(values))
 
-    def compute_loads(self, weight: np.ndarray, holds: np.ndarray) -> np.ndarray:
+    def compute_loads(self, weight: np.ndarray, initial_loads: np.ndarray) -> np.ndarray:
         """Return the torques that the servos hold [N m], shape (n,), for gravity torques (nv,) and loads (n,)."""
         friction = np.maximum(self.model.dof_frictionloss[self.layout.dof], 2 * WEIGHTLESS)
         weights = weight[self.layout.dof]
         return np.select(
-            [holds == InitialLoad.NOTHING, holds == InitialLoad.LESS, holds == InitialLoad.MORE],
+            [
+                initial_loads == InitialLoad.UNLOADED,
+                initial_loads == InitialLoad.MINUS_FRICTION,
+                initial_loads == InitialLoad.PLUS_FRICTION,
+            ],
             [np.zeros_like(weights), weights - friction, weights + friction],
             weights,
         )

@@ -9,7 +9,7 @@ import numpy as np
 from nas_data.dataset.features import POSITION
 from nas_data.errors import ModelFileError
 from nas_data.mjcf.actuator_lookup import HELD, WIDEST_PLAY, goal_joints, pad_joints
-from nas_data.mjcf.unique_name import free_name
+from nas_data.mjcf.unique_name import unique_name
 from nas_data.simulators.controls import UnknownControl, length_control, length_feedback
 from nas_data.simulators.layout import Layout
 
@@ -19,7 +19,7 @@ GENERIC = 0.05  # [rad] or [m] distance from the reference posture, where moment
 INDEPENDENT = 1e-6  # smallest singular value of independent directions
 
 
-def hold_others(
+def lock_unmeasured_joints(
     spec: mujoco.MjSpec, joints: Sequence[str], name: str = "the model", commanded: bool = False
 ) -> tuple[str, ...]:
     """Lock the joints that neither the recording nor the model determines; return their names.
@@ -94,8 +94,8 @@ def find_ancestors(model: mujoco.MjModel, body: int) -> set[int]:
 
 def lock(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> str:
     """Add a constraint that keeps a joint at its reference; return its name, which is generated if it has none."""
-    joint.name = joint.name or free_name(spec.joint, "joint")
-    equality = spec.add_equality(name=free_name(spec.equality, joint.name + HELD))
+    joint.name = joint.name or unique_name(spec.joint, "joint")
+    equality = spec.add_equality(name=unique_name(spec.equality, joint.name + HELD))
     equality.type, equality.objtype = mujoco.mjtEq.mjEQ_JOINT, mujoco.mjtObj.mjOBJ_JOINT
     equality.name1, equality.active, equality.data = joint.name, True, np.zeros(len(equality.data))
     equality.solref, equality.solimp = [2 * spec.option.timestep, 1.0], RIGID

@@ -138,19 +138,19 @@ class MujocoSimulator:
         self,
         initial: np.ndarray,
         commands: np.ndarray,
-        holds: np.ndarray | None = None,
-        driven: np.ndarray | None = None,
-        earlier: np.ndarray | None = None,
+        initial_loads: np.ndarray | None = None,
+        torque_off_from: np.ndarray | None = None,
+        earlier_commands: np.ndarray | None = None,
     ) -> np.ndarray:
         """Simulate whole episodes in open loop; see `Simulator.rollout`.
 
         Args:
             initial: First states, shape (B, 2n), or with the objects' states (B, 2n + m).
             commands: Shape (B, T, n).
-            holds: Initial load of each joint (an `InitialLoad`), shape (B, n); no load if None.
-            driven: Control steps after which the servos are switched off, shape (B,); never if None.
-            earlier: Commands of the L control periods before the start, for delays, shape (B, L, n). Where they are
-                unknown (NaN or None), an arm in motion is given its first command, an arm at rest the command that
+            initial_loads: Initial load of each joint (an `InitialLoad`), shape (B, n); no load if None.
+            torque_off_from: Control steps after which the servos are switched off, shape (B,); never if None.
+            earlier_commands: Commands of the L control periods before the start, shape (B, L, n). Where they
+                are unknown (NaN or None), an arm in motion is given its first command, an arm at rest the command that
                 holds it.
         """
         self.compiled.check(initial, commands)
@@ -160,14 +160,19 @@ class MujocoSimulator:
         per_row = commands.shape[1] * stored * mujoco.mj_stateSize(self.model, self._state_spec)
         chunk = self.threads * max(1, CHUNK_STATES // max(1, per_row * self.threads))
         states = np.asarray(initial, float)
-        if holds is None:
+        if initial_loads is None:
             first = self.rest(states)
         else:
-            first = self.settled(states, holds, infer_past_commands(states, np.asarray(commands, float), earlier))
+            first = self.settled(
+                states, initial_loads, infer_past_commands(states, np.asarray(commands, float), earlier_commands)
+            )
         chunks = [slice(start, start + chunk) for start in range(0, len(initial), chunk)]
         parts = [
             self._roll_out(
-                states[rows], first[rows], np.asarray(commands[rows]), None if driven is None else driven[rows]
+                states[rows],
+                first[rows],
+                np.asarray(commands[rows]),
+                None if torque_off_from is None else torque_off_from[rows],
             )
             for rows in chunks
         ]
@@ -175,7 +180,7 @@ class MujocoSimulator:
 
     def rollout_settled(self, initial: np.ndarray, commands: np.ndarray) -> np.ndarray:
         """Simulate whole episodes of an arm that starts settled under its weight; see `Simulator.rollout_settled`."""
-        return self.rollout(initial, commands, np.full(commands.shape[::2], InitialLoad.WEIGHT))
+        return self.rollout(initial, commands, np.full(commands.shape[::2], InitialLoad.GRAVITY))
 
     def stepper(self, size: int) -> MujocoStepper:
         """Return a batch of simulations for closed loops, on one thread (more threads pay off only beyond 64)."""
@@ -186,7 +191,7 @@ class MujocoSimulator:
         return self.compiled.describe(self.engine, mujoco.__version__)
 
     def _roll_out(
-        self, states: np.ndarray, first: np.ndarray, commands: np.ndarray, driven: np.ndarray | None = None
+        self, states: np.ndarray, first: np.ndarray, commands: np.ndarray, torque_off_from: np.ndarray | None = None
     ) -> np.ndarray:
         """Roll out one chunk.
 
@@ -194,17 +199,17 @@ class MujocoSimulator:
             states: First measured states, shape (B, 2n or 2n + m).
             first: First full states, shape (B, size).
             commands: Shape (B, T, n).
-            driven: As in `rollout`.
+            torque_off_from: As in `rollout`.
 
         Returns:
             Measured states, shape (B, T, 2n or 2n + m).
         """
         with collect_instability() as unstable:
             controls = self.layout.controls(commands, states[:, None])
-            if driven is None:
+            if torque_off_from is None:
                 ends = self._simulate(first, controls)
             else:
-                ends = self._simulate_shutdown(first, controls, driven)
+                ends = self._simulate_shutdown(first, controls, torque_off_from)
         self._check_time(ends, unstable)
         return self._measure(ends, states.shape[1])
 
@@ -229,16 +234,16 @@ class MujocoSimulator:
         full, _ = self._pool.rollout(model, self._data, states, controls, nstep=controls.shape[1])
         return np.asarray(full[:, self.substeps - 1 :: self.substeps])
 
-    def _simulate_shutdown(self, states: np.ndarray, controls: np.ndarray, driven: np.ndarray) -> np.ndarray:
-        """Do as `_simulate`, but switch the servos off after `driven` control steps, shape (B,)."""
+    def _simulate_shutdown(self, states: np.ndarray, controls: np.ndarray, torque_off_from: np.ndarray) -> np.ndarray:
+        """Do as `_simulate`, but switch the servos off after `torque_off_from` control steps, shape (B,)."""
         if self.hooks:
-            shutdown = ServoShutdown(self.model.opt.disableactuator, driven)
+            shutdown = ServoShutdown(self.model.opt.disableactuator, torque_off_from)
             return roll_out_with_hooks(
                 self.unpowered, self.hooks, states, controls, self.substeps, self.threads, shutdown
             )
         ends = np.empty((*controls.shape[:2], states.shape[1]))
-        for count in np.unique(np.clip(driven, 0, controls.shape[1])):
-            chosen = np.clip(driven, 0, controls.shape[1]) == count
+        for count in np.unique(np.clip(torque_off_from, 0, controls.shape[1])):
+            chosen = np.clip(torque_off_from, 0, controls.shape[1]) == count
             last = states[chosen]
             if count:
                 ends[chosen, :count] = self._simulate_natively(self.model, last, controls[chosen, :count])
@@ -280,17 +285,17 @@ def find_pool(threads: int) -> mujoco.rollout.Rollout:
     return pools[threads]
 
 
-def infer_past_commands(states: np.ndarray, commands: np.ndarray, earlier: np.ndarray | None) -> np.ndarray:
+def infer_past_commands(states: np.ndarray, commands: np.ndarray, earlier_commands: np.ndarray | None) -> np.ndarray:
     """Return the commands before the start, shape (B, L, n), as `MujocoSimulator.rollout` describes.
 
     Args:
         states: First states, shape (B, 2n or 2n + m).
         commands: Commands from the start on, shape (B, T, n).
-        earlier: As in `MujocoSimulator.rollout`.
+        earlier_commands: As in `MujocoSimulator.rollout`.
     """
     n = commands.shape[2]
     moving = (states[:, n : 2 * n] != 0).any(axis=1)
     likely = np.where(moving[:, None, None], commands[:, :1], np.nan)
-    if earlier is None or not earlier.shape[1]:
+    if earlier_commands is None or not earlier_commands.shape[1]:
         return likely
-    return np.where(np.isfinite(earlier).all(axis=(1, 2), keepdims=True), earlier, likely)
+    return np.where(np.isfinite(earlier_commands).all(axis=(1, 2), keepdims=True), earlier_commands, likely)

@@ -12,7 +12,7 @@ from support.start_samples import seen
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.start_velocities import CLEAR, StartVelocities, find_start_velocities, fit_velocity
-from nas_data.gap.episode_batch import EpisodeBatch, window
+from nas_data.gap.episode_batch import EpisodeBatch, cut_window
 from nas_data.pairing import initial_states
 
 QUANTUM = np.radians(0.29)  # [rad] XL-320
@@ -96,7 +96,7 @@ def test_a_recording_that_begins_at_rest_starts_at_zero(formula, rate, noise, qu
     assert np.array_equal(found.deviations, np.zeros((EPISODES, 1)))
     evidence = EpisodeBatch.of(dataset)
     assert np.array_equal(evidence.initial[:, 1], np.zeros(EPISODES))
-    assert np.isnan(evidence.rates).all(), "derived velocities are no measurement"
+    assert np.isnan(evidence.measured_velocities).all(), "derived velocities are no measurement"
 
 
 @pytest.mark.parametrize("rate", RATES)
@@ -165,10 +165,10 @@ def test_windows_cut_out_of_an_episode_start_at_its_speed_there():
     positions, velocities = swings(100.0)
     evidence = EpisodeBatch.of(seen(positions, velocities, 100.0))
     for row in (20, 60, 130):
-        part = window(evidence, 3, row, 50)
-        assert part.speeds[0, 0] == pytest.approx(velocities[3, row], abs=0.05)
-        assert abs(part.speeds[0, 0] - velocities[3, row]) < CLEAR * part.doubts[0, 0]
-        assert np.array_equal(part.told, part.speeds)
+        part = cut_window(evidence, 3, row, 50)
+        assert part.initial_velocities[0, 0] == pytest.approx(velocities[3, row], abs=0.05)
+        assert abs(part.initial_velocities[0, 0] - velocities[3, row]) < CLEAR * part.velocity_deviations[0, 0]
+        assert np.array_equal(part.estimated_velocities, part.initial_velocities)
 
 
 # One rule
@@ -179,7 +179,7 @@ def test_rollouts_start_where_evidence_does():
     for rested, moving in ((True, False), (False, True)):
         dataset = seen(*(swings(100.0, 0.5 * moving)), 100.0)
         evidence = EpisodeBatch.of(dataset)
-        assert (evidence.speeds == 0).all() == rested
+        assert (evidence.initial_velocities == 0).all() == rested
         simulator = LinearSimulator(dataset.joints, np.eye(2), np.zeros((2, 1)))
         assert np.array_equal(initial_states(dataset, None), evidence.initial)
         assert np.array_equal(initial_states(dataset, simulator), evidence.initial)

@@ -167,14 +167,14 @@ def test_an_arm_that_leans_on_the_edge_of_a_dead_band_stays_there():
     sim = MujocoSimulator.load("ergojr", 0.01, effects=[band])
     pose = np.array([0.2, 0.6, -0.4, 0.1, 0.5, -0.3])
     state = np.concatenate([pose, np.zeros(6)])[None]
-    sim.settled(state, np.full((1, 6), InitialLoad.WEIGHT))
+    sim.settled(state, np.full((1, 6), InitialLoad.GRAVITY))
     data = mujoco.MjData(sim.model)
     data.qpos[sim.layout.qpos] = pose
     mujoco.mj_forward(sim.model, data)
     load = data.qfrc_bias[sim.layout.dof]
     held = pose + load / 0.336
     held[2] += np.sign(load[2]) * 0.05
-    moved = sim.rollout(state, np.tile(held, (1, 50, 1)), np.full((1, 6), InitialLoad.WEIGHT))[0, :, :6]
+    moved = sim.rollout(state, np.tile(held, (1, 50, 1)), np.full((1, 6), InitialLoad.GRAVITY))[0, :, :6]
     assert np.abs(moved - pose).max() < 2e-3
 
 

@@ -12,7 +12,7 @@ from nas_data.effects.load_friction import PressedFriction
 from nas_data.errors import ModelFileError
 from nas_data.mjcf.actuator_lookup import driven_joint
 from nas_data.robots.base import find_robot
-from nas_data.simulators.lock_joints import hold_others
+from nas_data.simulators.lock_joints import lock_unmeasured_joints
 from nas_data.simulators.mujoco import MujocoSimulator
 
 STEP = 0.0005  # [s] physics step of written model files
@@ -142,7 +142,7 @@ def test_a_model_with_pads_is_an_arm_like_any_other():
     """Its servos drive the same joints in the same order, and nothing of the pad counts as a joint of the arm."""
     spec = arm(*(pressed(0.3, joint) for joint in JOINTS), make_effect("joint_offset", "m3", {"offset": 0.03}))
     assert [driven_joint(spec, actuator) for actuator in spec.actuators] == list(JOINTS)
-    assert hold_others(spec, JOINTS) == ()
+    assert lock_unmeasured_joints(spec, JOINTS) == ()
 
 
 def test_a_pad_is_refused_where_it_would_rub_something_else():

@@ -12,9 +12,9 @@ from nas_data.effects.base import Effect, add_effects, find_effect
 from nas_data.errors import ModelFileError
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal
-from nas_data.gap.nominal_parameters import base_parameters
-from nas_data.gap.search.scales import scales
-from nas_data.mjcf.bake_inertia import explicit
+from nas_data.gap.nominal_parameters import list_base_parameters
+from nas_data.gap.search.scales import estimate_scales
+from nas_data.mjcf.bake_inertia import bake_inertia
 from nas_data.robots.base import find_robot
 from nas_data.simulators.mujoco import MujocoSimulator
 
@@ -136,7 +136,7 @@ def test_what_the_engine_refuses_while_an_effect_is_added_is_told_in_a_sentence(
 
 
 def test_unnamed_bodies_get_names_that_are_free():
-    spec = explicit(mujoco.MjSpec.from_string(model()))
+    spec = bake_inertia(mujoco.MjSpec.from_string(model()))
     assert [body.name for body in spec.bodies] == ["world", "body1_2", "body1", "puck"]
 
 
@@ -145,7 +145,7 @@ def test_unnamed_bodies_get_names_that_are_free():
 def test_what_is_added_keeps_its_mass_whatever_the_compiler_does_to_masses(compiler: str):
     xml = model(bodies=JOINTS).replace('angle="radian"', f'angle="radian" {compiler}')
     before = mujoco.MjSpec.from_string(xml).compile()
-    spec = explicit(mujoco.MjSpec.from_string(xml))
+    spec = bake_inertia(mujoco.MjSpec.from_string(xml))
     add_effects(spec, [typical("payload")])
     spec.body("puck").mass *= 2
     after = spec.compile()
@@ -170,10 +170,10 @@ def test_a_payload_is_at_the_outermost_joint_in_whatever_order_actuators_are_lis
         order, 0.01, np.zeros((1, 3)), *np.zeros((2, 1, 20, 3)), np.ones((1, 20), bool), np.zeros(1)
     )
     spec.body("wrist_link").geoms[0].mass = 0.7
-    full = explicit(spec)
-    nominal = Nominal(find_robot("ergojr"), full, full, order, 0.01, base_parameters(full, order))
+    full = bake_inertia(spec)
+    nominal = Nominal(find_robot("ergojr"), full, full, order, 0.01, list_base_parameters(full, order))
     nominal = replace(nominal, robot=replace(nominal.robot, joints=order))
-    assert {each.mass for each in scales(nominal, evidence, evidence.measured)} == {0.7}
+    assert {each.mass for each in estimate_scales(nominal, evidence, evidence.measured)} == {0.7}
 
 
 def puck_contact(spec: mujoco.MjSpec) -> tuple[float, ...]:

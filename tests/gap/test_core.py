@@ -17,16 +17,16 @@ from nas_data.dataset.versions import resolve
 from nas_data.effects.base import parse
 from nas_data.envs.base import find_task
 from nas_data.errors import DatasetInvalid
-from nas_data.gap.episode_batch import EpisodeBatch, divide, windows
-from nas_data.gap.floor import noise_floor, step_errors
-from nas_data.gap.nominal import Nominal, fine_timestep
-from nas_data.gap.nominal_parameters import base_parameters
+from nas_data.gap.episode_batch import EpisodeBatch, cut_windows, split_episodes
+from nas_data.gap.floor import estimate_noise_floor, measure_step_errors
+from nas_data.gap.nominal import Nominal, find_fine_timestep
+from nas_data.gap.nominal_parameters import list_base_parameters
 from nas_data.gap.search.fit import fit, solve_bounded
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters
-from nas_data.gap.verdict import verdict
+from nas_data.gap.verdict import decide_verdict
 from nas_data.gap.write_model import write_model
-from nas_data.mjcf.bake_inertia import explicit
+from nas_data.mjcf.bake_inertia import bake_inertia
 from nas_data.recorders.recipe import Recipe
 from nas_data.robots.base import find_robot
 from nas_data.simulators.initial_states import InitialLoad
@@ -49,7 +49,7 @@ def test_unrounded_readings_have_no_quantum():
 def test_floor_is_that_of_quantum_and_noise():
     _, evidence = measured()
     expected = np.hypot(QUANTUM / np.sqrt(12), np.radians(0.05))
-    assert np.all(np.abs(noise_floor(evidence) / expected - 1) < 0.2)
+    assert np.all(np.abs(estimate_noise_floor(evidence) / expected - 1) < 0.2)
 
 
 @given(noise=st.floats(0.05, 6.0), period=st.sampled_from([0.005, 0.01, 0.02]), seed=st.integers(0, 100))
@@ -72,7 +72,7 @@ def test_floor_of_a_moving_joint_is_that_of_quantum_and_noise(noise: float, peri
     counts = np.ones(positions.shape[:2], bool)
     evidence = EpisodeBatch(JOINTS, period, readings[:, 0], positions, readings, counts, np.arange(8))
     expected = QUANTUM * np.hypot(1 / np.sqrt(12), noise)
-    ratio = noise_floor(evidence) / expected
+    ratio = estimate_noise_floor(evidence) / expected
     assert np.all((ratio > 0.75) & (ratio < 1.3)), ratio
     assert 0.88 < np.median(ratio) < 1.22, ratio
 
@@ -142,8 +142,8 @@ def test_fast_motion_without_noise_is_not_taken_for_noise(thrown):
     """Its differences look like noise of any order; the source's errors after one step tell."""
     dataset, source = thrown
     evidence, fast = EpisodeBatch.of(dataset), [2, 4, 6]  # light ones that have no play
-    assert noise_floor(evidence)[fast].min() > np.radians(0.2)
-    assert noise_floor(evidence, step_errors(dataset, source))[fast].max() < np.radians(0.1)
+    assert estimate_noise_floor(evidence)[fast].min() > np.radians(0.2)
+    assert estimate_noise_floor(evidence, measure_step_errors(dataset, source))[fast].max() < np.radians(0.1)
 
 
 @pytest.mark.parametrize("degrees", [0.3, 1.0, 3.0])
@@ -151,13 +151,13 @@ def test_noise_is_not_taken_for_errors_of_the_model(thrown, degrees: float):
     dataset, source = thrown
     noise = np.radians(degrees)
     noisy = with_noise(dataset, noise)
-    assert step_errors(noisy, source).min() > 0.95 * noise
-    assert noise_floor(EpisodeBatch.of(noisy), step_errors(noisy, source)).min() > 0.85 * noise
+    assert measure_step_errors(noisy, source).min() > 0.95 * noise
+    assert estimate_noise_floor(EpisodeBatch.of(noisy), measure_step_errors(noisy, source)).min() > 0.85 * noise
 
 
 @pytest.mark.parametrize("count", [2, 3, 10, 20])
 def test_every_episode_is_fitted_or_held_out(count: int):
-    train, held = divide(commanded(count))
+    train, held = split_episodes(commanded(count))
     assert sorted([*train.numbers, *held.numbers]) == list(range(count))
     assert len(held) >= 1
 
@@ -165,9 +165,9 @@ def test_every_episode_is_fitted_or_held_out(count: int):
 def test_windows_are_stretches_of_the_recording():
     evidence = commanded(2, seconds=20)
     evidence = EpisodeBatch(
-        JOINTS, 0.01, evidence.starts, evidence.commands, evidence.commands, evidence.counts, np.arange(2)
+        JOINTS, 0.01, evidence.initial_positions, evidence.commands, evidence.commands, evidence.mask, np.arange(2)
     )
-    cut = windows(evidence, 2400)
+    cut = cut_windows(evidence, 2400)
     assert cut.commands.shape == (4, 500, 6)
     for row, number in enumerate(cut.numbers):
         whole = evidence.commands[number]
@@ -184,7 +184,7 @@ def test_short_episodes_are_no_evidence():
 def test_writing_out_inertias_changes_nothing():
     evidence = commanded()
     nominal = Nominal.load("ergojr", evidence)
-    plain = MujocoSimulator.load("ergojr", 0.01).rollout(evidence.initial, evidence.commands, evidence.holds)
+    plain = MujocoSimulator.load("ergojr", 0.01).rollout(evidence.initial, evidence.commands, evidence.initial_loads)
     assert np.array_equal(nominal.predict(evidence), plain[..., :6])
 
 
@@ -199,8 +199,8 @@ def test_each_base_parameter_moves_the_robot():
 
 
 def test_masses_of_welded_bodies_belong_to_the_joint_that_moves_them():
-    spec = explicit(find_robot("ergojr_penholder").spec())
-    bodies = [body for p in base_parameters(spec, JOINTS) if p.kind == "mass" for body in p.bodies]
+    spec = bake_inertia(find_robot("ergojr_penholder").spec())
+    bodies = [body for p in list_base_parameters(spec, JOINTS) if p.kind == "mass" for body in p.bodies]
     model = spec.compile()
     moving = [model.body(i).name for i in range(1, model.nbody) if model.body_weldid[i] and model.body_mass[i] > 0]
     assert sorted(bodies) == sorted(moving)
@@ -213,13 +213,13 @@ def test_a_settled_arm_stays_where_it_is(effects: tuple[str, ...]):
     simulator = MujocoSimulator.load("ergojr", 0.01, effects=[parse(text) for text in effects])
     pose = np.array([0.2, 0.6, -0.4, 0.1, 0.5, -0.3])
     state = np.concatenate([pose, np.zeros(6)])[None]
-    full = simulator.settled(state, np.full((1, 6), InitialLoad.WEIGHT))
+    full = simulator.settled(state, np.full((1, 6), InitialLoad.GRAVITY))
     data = mujoco.MjData(simulator.model)
     mujoco.mj_setState(simulator.model, data, full[0], int(mujoco.mjtState.mjSTATE_FULLPHYSICS))
     assert np.allclose(simulator.layout.measure(data.qpos, data.qvel)[:6], pose, atol=1e-9)
     mujoco.mj_forward(simulator.model, data)
     held = pose + data.qfrc_bias[simulator.layout.dof] / 0.336
-    moved = simulator.rollout(state, np.tile(held, (1, 50, 1)), np.full((1, 6), InitialLoad.WEIGHT))[0, :, :6]
+    moved = simulator.rollout(state, np.tile(held, (1, 50, 1)), np.full((1, 6), InitialLoad.GRAVITY))[0, :, :6]
     assert np.abs(moved - pose).max() < 2e-3
 
 
@@ -251,9 +251,9 @@ def test_the_minimum_within_bounds_is_the_minimum():
 )
 def test_a_fit_recovers_effect_and_base(truth: str, start: str, name: str):
     nominal, evidence = measured(truth, {"m2.mass": 1.08, "m3.damping": 0.93})
-    task = FitTask(nominal, evidence, noise_floor(evidence))
+    task = FitTask(nominal, evidence, estimate_noise_floor(evidence))
     parameters = FreeParameters((parse(start),), nominal.base)
-    found = fit(task, parameters, parameters.start(), steps=8)
+    found = fit(task, parameters, parameters.initial_theta(), steps=8)
     assert found is not None
     wanted = getattr(parse(truth), name)
     assert getattr(found.effects[0], name) == pytest.approx(wanted, rel=0.05)
@@ -271,7 +271,7 @@ def test_the_written_model_says_in_plain_mujoco_what_was_fitted(tmp_path):
     path, _ = write_model(tmp_path, nominal, effects, factors)
     model = mujoco.MjModel.from_xml_path(str(path))
     data = mujoco.MjData(model)
-    assert model.opt.timestep == pytest.approx(fine_timestep(nominal))
+    assert model.opt.timestep == pytest.approx(find_fine_timestep(nominal))
     assert [model.actuator(i).name for i in range(6)] == list(JOINTS)
     assert [model.joint(i).name for i in range(model.njnt)][:3] == ["m1", "m2", "m3"]
     simulated = MujocoSimulator.load(path, 0.01).rollout(evidence.initial, evidence.commands)
@@ -296,4 +296,4 @@ def test_the_written_model_says_in_plain_mujoco_what_was_fitted(tmp_path):
     ],
 )
 def test_verdicts(before: list[float], after: list[float], effects: int, expected: str):
-    assert verdict(np.array(before), np.array(after), effects) == expected
+    assert decide_verdict(np.array(before), np.array(after), effects) == expected

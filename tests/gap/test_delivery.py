@@ -40,7 +40,7 @@ def test_a_report_written_again_needs_no_more_files(tmp_path: Path):
 
 def test_files_that_cannot_be_found_are_left_out_where_nothing_touches(tmp_path: Path):
     given = nominal(arm(tmp_path / "given", "mesh", geom='contype="0" conaffinity="0"'))
-    write_portable(given.edited({}), tmp_path / "elsewhere/arm.xml", tmp_path / "model.xml")
+    write_portable(given.make_spec({}), tmp_path / "elsewhere/arm.xml", tmp_path / "model.xml")
     after = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
     assert after.nmesh == 0
     before = given.spec.copy().compile()

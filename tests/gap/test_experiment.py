@@ -14,10 +14,10 @@ from nas_data.effects.coulomb_friction import CoulombFriction
 from nas_data.effects.payload import Payload
 from nas_data.errors import OptionError
 from nas_data.gap.episode_batch import EpisodeBatch
-from nas_data.gap.experiments.command_limits import SPEED, Room, moves
-from nas_data.gap.experiments.contact import touches
-from nas_data.gap.experiments.discrimination import as_evidence, concerned_joints, separations
-from nas_data.gap.experiments.experiment import Rival, next_experiment, sentence, write
+from nas_data.gap.experiments.command_limits import SPEED, CommandRange, mask_joints
+from nas_data.gap.experiments.contact import has_new_contacts
+from nas_data.gap.experiments.discrimination import compute_separations, find_differing_joints, make_batch
+from nas_data.gap.experiments.experiment import Rival, choose_next_experiment, describe_experiment, write_experiment
 from nas_data.gap.experiments.library import KINDS
 from nas_data.gap.nominal import Nominal
 
@@ -57,11 +57,11 @@ def arm(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def experiment(arm):
-    return next_experiment(arm, (PLAY, FRICTION), FLOOR, seed=3)
+    return choose_next_experiment(arm, (PLAY, FRICTION), FLOOR, seed=3)
 
 
 def test_the_file_is_played_by_the_recorder(experiment, tmp_path):
-    write(experiment, tmp_path / "next.csv")
+    write_experiment(experiment, tmp_path / "next.csv")
     (tmp_path / "arm.xml").write_text(ARM)
     options = ("--robot", tmp_path / "arm.xml", "--rate", "100", "--commands", tmp_path / "next.csv")
     done("record", "sim", *options, "--out", tmp_path / "recorded")
@@ -71,7 +71,7 @@ def test_the_file_is_played_by_the_recorder(experiment, tmp_path):
 
 
 def test_every_experiment_starts_at_rest_slowly_and_stays_within_limits(arm, experiment, tmp_path):
-    room = Room.of(arm)
+    room = CommandRange.of(arm)
     for row in experiment.table:
         commands = row.trial.commands
         check_limits(tmp_path, experiment.names, [commands], room.low, room.high)
@@ -83,8 +83,8 @@ def test_every_experiment_starts_at_rest_slowly_and_stays_within_limits(arm, exp
 
 def test_the_chosen_experiment_separates_the_rivals_at_least_as_well_as_every_other(arm, experiment):
     commands = [row.trial.commands for row in experiment.table]
-    evidence = as_evidence(arm, commands, Room.of(arm).pose)
-    again = separations(arm, (PLAY, FRICTION), evidence, FLOOR, ("elbow",)).max(axis=1)
+    evidence = make_batch(arm, commands, CommandRange.of(arm).pose)
+    again = compute_separations(arm, (PLAY, FRICTION), evidence, FLOOR, ("elbow",)).max(axis=1)
     np.testing.assert_allclose(again, [row.separation for row in experiment.table], rtol=1e-6)
     assert again.argmax() == 0
     np.testing.assert_array_equal(commands[0], experiment.commands)
@@ -100,50 +100,50 @@ def test_the_sentence_names_the_experiment_and_both_rivals(experiment):
 
 
 def test_a_rival_that_follows_differs_less_than_one_that_does_not(arm, experiment):
-    chosen = as_evidence(arm, [experiment.commands], Room.of(arm).pose)
+    chosen = make_batch(arm, [experiment.commands], CommandRange.of(arm).pose)
     one, two = (arm.predict(chosen, rival.effects, rival.factors) for rival in (PLAY, FRICTION))
     fixed = float(np.sqrt(((one - two)[..., 1] ** 2).mean()) / FLOOR[1])
     assert experiment.table[0].separation < fixed
 
 
 def test_rivals_that_are_the_same_are_said_to_be_inseparable(arm, experiment):
-    chosen = as_evidence(arm, [experiment.commands], Room.of(arm).pose)
-    apart = separations(arm, (PLAY, PLAY), chosen, FLOOR, ("elbow",))
+    chosen = make_batch(arm, [experiment.commands], CommandRange.of(arm).pose)
+    apart = compute_separations(arm, (PLAY, PLAY), chosen, FLOOR, ("elbow",))
     assert apart.max() < 0.5
     worst = experiment.table[0].__class__(experiment.table[0].trial, float(apart.max()), "elbow", 12.0)
-    assert sentence(worst, (PLAY, FRICTION), JOINTS).startswith("nothing tried separates backlash from")
+    assert describe_experiment(worst, (PLAY, FRICTION), JOINTS).startswith("nothing tried separates backlash from")
 
 
 def test_rivals_of_one_name_are_told_apart_by_their_joints(experiment):
     other = Rival((Backlash(joint="shoulder", half_width=0.02),), {})
-    text = sentence(experiment.table[0], (PLAY, other), JOINTS)
+    text = describe_experiment(experiment.table[0], (PLAY, other), JOINTS)
     assert "separates backlash in elbow from backlash in shoulder" in text
-    assert concerned_joints((PLAY, other), JOINTS) == JOINTS
+    assert find_differing_joints((PLAY, other), JOINTS) == JOINTS
 
 
 def test_an_effect_of_the_whole_arm_concerns_every_joint():
     loaded = Rival((Payload(joint=None, mass=0.02), *PLAY.effects), {})
-    assert concerned_joints((PLAY, loaded), JOINTS) == JOINTS
-    assert concerned_joints((PLAY, FRICTION), JOINTS) == ("elbow",)
+    assert find_differing_joints((PLAY, loaded), JOINTS) == JOINTS
+    assert find_differing_joints((PLAY, FRICTION), JOINTS) == ("elbow",)
 
 
 def test_an_experiment_that_hits_the_floor_is_seen_to():
     ergojr = nominal_of("ergojr", ("m1", "m2", "m3", "m4", "m5", "m6"))
-    room = Room.of(ergojr)
+    room = CommandRange.of(ergojr)
     down = room.ramp(room.pose, np.array([0.0, -1.5, -1.5, 0.0, -1.5, 0.0]), 1.0)
     up = room.ramp(room.pose, np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0]), 1.0)
     simulator = ergojr.simulator()
-    assert touches(simulator, room, down) or touches(simulator, room, -down)
-    assert not touches(simulator, room, up)
+    assert has_new_contacts(simulator, room, down) or has_new_contacts(simulator, room, -down)
+    assert not has_new_contacts(simulator, room, up)
 
 
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 999), low=st.floats(-3, -0.1), high=st.floats(0.1, 3), share=st.floats(0.1, 1))
 def test_a_reduced_room_lies_within_the_room_and_keeps_its_home(seed, low, high, share):
-    room = Room(0.02, np.zeros(2), np.zeros(2), np.array([low, -1.0]), np.array([high, 1.0]))
-    part = room.reduced(share)
+    room = CommandRange(0.02, np.zeros(2), np.zeros(2), np.array([low, -1.0]), np.array([high, 1.0]))
+    part = room.shrink(share)
     for draw in KINDS.values():
-        commands = part.approached(draw(part, moves(("a", "b"), ("a",)), np.random.default_rng(seed)))
+        commands = part.prepend_approach(draw(part, mask_joints(("a", "b"), ("a",)), np.random.default_rng(seed)))
         assert (commands >= room.low - 1e-12).all()
         assert (commands <= room.high + 1e-12).all()
         np.testing.assert_array_equal(commands[0], room.home)
@@ -153,14 +153,14 @@ def test_an_arm_that_takes_torques_gets_torques(tmp_path):
     (tmp_path / "hinge.xml").write_text(HINGE.format(limits='ctrlrange="-1 1" ctrllimited="true"'))
     nominal = nominal_of(tmp_path / "hinge.xml", ("hip",), 0.02)
     rivals = (Rival((CoulombFriction(joint="hip", torque=0.1),), {}), Rival((), {}))
-    found = next_experiment(nominal, rivals, np.full(1, 1e-3), seed=0)
+    found = choose_next_experiment(nominal, rivals, np.full(1, 1e-3), seed=0)
     assert found.names == ("hip.effort",)
     assert "separates coulomb friction from no further effect" in found.text
-    write(found, tmp_path / "next.csv")
+    write_experiment(found, tmp_path / "next.csv")
     np.testing.assert_array_equal(read_commands(tmp_path / "next.csv", found.names)[0], found.commands)
 
 
 def test_torques_without_limits_are_refused(tmp_path):
     (tmp_path / "hinge.xml").write_text(HINGE.format(limits=""))
     with pytest.raises(OptionError, match="no limits"):
-        Room.of(nominal_of(tmp_path / "hinge.xml", ("hip",), 0.02))
+        CommandRange.of(nominal_of(tmp_path / "hinge.xml", ("hip",), 0.02))

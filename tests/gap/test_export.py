@@ -10,7 +10,7 @@ import pytest
 from nas_data.cli import main
 from nas_data.effects.base import parse
 from nas_data.gap.exporting import bam
-from nas_data.gap.exporting.identified import identify, read_intervals
+from nas_data.gap.exporting.identified import list_quantities, read_intervals
 from nas_data.gap.problem import Problem
 
 ARM = """<mujoco><compiler angle="radian" autolimits="true"/><option timestep="0.002" integrator="implicitfast"/>
@@ -52,7 +52,7 @@ def quantities(arm, *effects: tuple[str, str | None, str, float], report: dict |
     if report is not None:
         (tmp / "report.json").write_text(json.dumps(report))
         intervals = read_intervals(tmp, made)
-    return {(q.joint, q.name): q for q in identify(arm[1], made, {"a.gain": 1.1}, intervals)}
+    return {(q.joint, q.name): q for q in list_quantities(arm[1], made, {"a.gain": 1.1}, intervals)}
 
 
 def test_what_an_effect_adds_stands_beside_what_the_joint_has_with_the_interval_moved_along(arm, tmp_path):
@@ -87,7 +87,7 @@ def test_intervals_of_another_report_are_not_taken(arm, tmp_path):
 def test_bam_s_motor_gives_the_torque_of_the_servo(limit, arm):
     """Compute the torque as `VoltageControlledActuator` does, at errors and speeds within and beyond saturation."""
     found = quantities(arm, *limit)
-    written, lost = bam.parameters({name: q.value for (joint, name), q in found.items() if joint == "a"})
+    written, lost = bam.convert_parameters({name: q.value for (joint, name), q in found.items() if joint == "a"})
     assert lost == [] and written["model"] == "m1" and written["actuator"] == "sts3215"
     error, speed = np.meshgrid(np.linspace(-1, 1, 21), np.linspace(-2, 2, 5))
     duty = np.clip(error * 32 * 0.166 * written["error_gain_ratio"], -0.97, 0.97)
@@ -100,7 +100,7 @@ def test_frictions_are_those_of_bam_s_models():
     own = {"gain": 4.0, "damping": 0.2, "dry_friction": 0.05}
     own |= {"stribeck_friction.torque": 0.1, "stribeck_friction.kinetic_ratio": 0.4}
     own |= {"stribeck_friction.stribeck_velocity": 0.3, "load_friction": 0.2}
-    content, _ = bam.parameters(own)
+    content, _ = bam.convert_parameters(own)
     assert content["model"] == "m4" and content["alpha"] == 2.0
     speed, motor = 0.2, 0.7  # Model.compute_frictions of BAM, at rest under load: the external torque is the opposite
     fall = math.exp(-(abs(speed / content["dtheta_stribeck"]) ** content["alpha"]))
@@ -108,13 +108,13 @@ def test_frictions_are_those_of_bam_s_models():
     friction += fall * content["friction_stribeck"]
     kinetic = 0.05 - 0.1 * 0.4  # what the joint has itself
     assert friction == pytest.approx(kinetic + 0.1 * (0.4 + 0.6 * math.exp(-((0.2 / 0.3) ** 2))) + 0.2 * 0.7)
-    assert bam.parameters({"gain": 4.0, "damping": 0.2, "load_friction": 0.2})[0]["model"] == "m3"
+    assert bam.convert_parameters({"gain": 4.0, "damping": 0.2, "load_friction": 0.2})[0]["model"] == "m3"
     without = {key: own[key] for key in own if key != "load_friction"}
-    assert bam.parameters(without)[0]["model"] == "m2"
+    assert bam.convert_parameters(without)[0]["model"] == "m2"
 
 
 def test_what_bam_has_no_place_for_is_said():
-    content, lost = bam.parameters({"dry_friction": 0.1, "backlash": 0.02, "torque_limit": 1.0})
+    content, lost = bam.convert_parameters({"dry_friction": 0.1, "backlash": 0.02, "torque_limit": 1.0})
     assert "kt" not in content and content["friction_base"] == 0.1
     assert lost == ["backlash", "kt and R, as the joint has no position servo", "torque_limit"]
 

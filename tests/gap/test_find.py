@@ -16,10 +16,15 @@ from nas_data.effects.base import parse
 from nas_data.errors import DatasetInvalid
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.finding.find import GapFindings, find
-from nas_data.gap.finding.repeatability import repeatability
-from nas_data.gap.finding.significance import episodes_needed, grouped_chance, holm, paired_chance
-from nas_data.gap.finding.torque_off import TORQUE, while_driven
-from nas_data.gap.floor import noise_floor
+from nas_data.gap.finding.repeatability import measure_repeatability
+from nas_data.gap.finding.significance import (
+    compute_grouped_chance,
+    compute_paired_chance,
+    correct_holm,
+    count_episodes_needed,
+)
+from nas_data.gap.finding.torque_off import TORQUE, keep_torque_on
+from nas_data.gap.floor import estimate_noise_floor
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.write_model import write_model
 from nas_data.models.evaluation import evaluate
@@ -72,7 +77,7 @@ def with_commands(dataset: Dataset, commands: np.ndarray) -> Dataset:
 
 def search(dataset: Dataset) -> GapFindings:
     evidence = EpisodeBatch.of(dataset)
-    return find(dataset, evidence, Nominal.load("ergojr", evidence), noise_floor(evidence))
+    return find(dataset, evidence, Nominal.load("ergojr", evidence), estimate_noise_floor(evidence))
 
 
 def said(found: GapFindings, check: str) -> tuple[str, bool]:
@@ -107,10 +112,10 @@ def test_the_open_loop_gap_is_the_one_that_evaluate_reports(effects: tuple[str, 
     whole = recording(("viscous_friction:joint=m2,coefficient=0.1",))
     dataset = replace(whole, lengths=np.full(whole.n_frames // rows, rows))
     evidence = EpisodeBatch.of(dataset)
-    assert (evidence.speeds != 0).any() == (rows < STEPS)
+    assert (evidence.initial_velocities != 0).any() == (rows < STEPS)
     plain = Nominal.load("ergojr", evidence)
     model, _ = write_model(tmp_path, plain, [parse(text) for text in effects], {})
-    found = find(dataset, evidence, Nominal.load(model, evidence), noise_floor(evidence))
+    found = find(dataset, evidence, Nominal.load(model, evidence), estimate_noise_floor(evidence))
     told = evaluate(dataset, MujocoSimulator.load(model, 1 / RATE, dataset.joints), None).open_loop
     assert {joint: gap.open_loop for joint, gap in found.joints.items()} == pytest.approx(told["source"].per_joint)
     assert {joint: gap.open_loop_hold for joint, gap in found.joints.items()} == pytest.approx(told["hold"].per_joint)
@@ -252,7 +257,7 @@ def test_rows_with_the_torque_off_are_left_out():
     found = search(released)
     assert all(gap.open_loop < 0.01 for gap in found.joints.values())
     assert f"20 % of the rows, in {EPISODES // 2} episodes" in said(found, "torque off")[0]
-    assert while_driven(dataset) is dataset
+    assert keep_torque_on(dataset) is dataset
 
 
 def test_a_recording_without_torque_is_refused():
@@ -265,7 +270,7 @@ def test_the_longest_driven_stretch_is_kept_wherever_it_is():
     on = np.zeros((EPISODES, STEPS, 1))
     on[0, 5:20], on[0, 50:150], on[2, 10:40] = 1, 1, 1
     dataset = recording().with_column(TORQUE, Feature(names=("torque_enable",)), on.reshape(-1, 1))
-    driven = while_driven(dataset)
+    driven = keep_torque_on(dataset)
     assert driven.lengths.tolist() == [100, 0, 30] + [0] * (EPISODES - 3)
     assert np.array_equal(driven.states[:100], dataset.states[50:150])
     assert EpisodeBatch.of(driven).numbers.tolist() == [0, 2]
@@ -277,29 +282,31 @@ def test_repeats_tell_the_noise_whatever_the_motion():
     chosen = dataset.select([0, 1, 0, 1, 2])
     evidence = EpisodeBatch.of(chosen)
     noisy = replace(evidence, measured=evidence.measured + rng.normal(0, 0.004, evidence.measured.shape))
-    found = repeatability(noisy, np.full(6, 0.004))
+    found = measure_repeatability(noisy, np.full(6, 0.004))
     assert found == pytest.approx(np.full(6, 0.004), rel=0.15)
-    assert repeatability(evidence.select([0, 4]), np.full(6, 0.004)) is None
+    assert measure_repeatability(evidence.select([0, 4]), np.full(6, 0.004)) is None
 
 
 def test_chance_alone_is_rarely_called_significant():
     rng = np.random.default_rng(0)
     alarms = 0
     for _ in range(100):
-        chances = np.array([paired_chance(rng.standard_normal(12), rng) for _ in range(30)])
-        alarms += bool(holm(chances).any())
+        chances = np.array([compute_paired_chance(rng.standard_normal(12), rng) for _ in range(30)])
+        alarms += bool(correct_holm(chances).any())
     assert alarms <= 12  # 5 expected
 
 
 def test_permutation_tests_are_exact_where_all_can_be_counted():
     rng = np.random.default_rng(0)
-    assert paired_chance(np.ones(6), rng) == 2 / 2**6
-    assert grouped_chance(np.array([0.0, 0, 0, 9, 9]), np.array([0, 0, 0, 1, 1], bool), rng) == pytest.approx(0.1)
-    assert grouped_chance(np.zeros(4), np.ones(4, bool), rng) == 1.0
-    assert paired_chance(np.empty(0), rng) == 1.0
+    assert compute_paired_chance(np.ones(6), rng) == 2 / 2**6
+    assert compute_grouped_chance(np.array([0.0, 0, 0, 9, 9]), np.array([0, 0, 0, 1, 1], bool), rng) == pytest.approx(
+        0.1
+    )
+    assert compute_grouped_chance(np.zeros(4), np.ones(4, bool), rng) == 1.0
+    assert compute_paired_chance(np.empty(0), rng) == 1.0
 
 
 def test_holm_is_stricter_than_each_test_and_stops_at_the_first_failure():
-    assert holm(np.array([0.001, 0.04, 0.03, 0.011])).tolist() == [True, False, False, True]
-    assert holm(np.empty(0)).shape == (0,)
-    assert 2 / 2 ** episodes_needed(100) <= 0.05 / 100 < 2 / 2 ** (episodes_needed(100) - 1)
+    assert correct_holm(np.array([0.001, 0.04, 0.03, 0.011])).tolist() == [True, False, False, True]
+    assert correct_holm(np.empty(0)).shape == (0,)
+    assert 2 / 2 ** count_episodes_needed(100) <= 0.05 / 100 < 2 / 2 ** (count_episodes_needed(100) - 1)

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nas_data.effects.base import add_effects, parse
-from nas_data.gap.episode_batch import EpisodeBatch, windows
+from nas_data.gap.episode_batch import EpisodeBatch, cut_windows
 from nas_data.gap.nominal import Nominal
-from nas_data.gap.search.scales import scales
-from nas_data.gap.search.screen import STRETCHES, stretch_effect
+from nas_data.gap.search.scales import estimate_scales
+from nas_data.gap.search.screen import STRETCH_BOUNDS, stretch_effect
 from nas_data.gap.write_model import write_model
 
 ARM = """<mujoco><option timestep="{timestep}" integrator="implicitfast" gravity="0 0 0"/><worldbody>
@@ -48,22 +48,22 @@ def episodes(lengths: list[int], period: float = 0.01) -> EpisodeBatch:
 @settings(max_examples=60, deadline=None)
 def test_no_row_is_evidence_twice_over(lengths: list[int], rows: int):
     evidence = episodes(lengths)
-    cut = windows(evidence, rows)
+    cut = cut_windows(evidence, rows)
     firsts = list(zip(cut.numbers.tolist(), cut.measured[:, 0, 0].tolist(), strict=True))
     assert len(set(firsts)) == len(firsts)
-    assert cut.counts.sum() <= 1.5 * evidence.counts.sum()
-    if rows >= 2 * evidence.counts.size:
+    assert cut.mask.sum() <= 1.5 * evidence.mask.sum()
+    if rows >= 2 * evidence.mask.size:
         assert set(cut.numbers) == set(range(len(lengths)))  # none is left out while there is room
 
 
 def test_a_long_episode_leaves_room_for_the_short_ones():
-    cut = windows(episodes([300] * 19 + [2000]), 24_000)
+    cut = cut_windows(episodes([300] * 19 + [2000]), 24_000)
     assert sorted(cut.numbers.tolist()) == [*range(19), *[19] * 4]
 
 
 def test_episodes_hardly_longer_than_a_window_stay_whole():
     evidence = episodes([520] * 20)
-    assert windows(evidence, 24_000).commands.shape == evidence.commands.shape
+    assert cut_windows(evidence, 24_000).commands.shape == evidence.commands.shape
 
 
 @pytest.mark.parametrize("rate", [30, 50, 60, 100, 1000])
@@ -139,14 +139,14 @@ def test_commands_go_to_the_servo_and_not_to_a_damper_before_it(tmp_path: Path):
 
 
 @pytest.mark.parametrize("share", [0.2, 0.45, 0.8])
-@pytest.mark.parametrize("stretch", [STRETCHES[0], 0.3, 1.0, STRETCHES[1]])
+@pytest.mark.parametrize("stretch", [STRETCH_BOUNDS[0], 0.3, 1.0, STRETCH_BOUNDS[1]])
 def test_a_torque_limit_is_never_sought_above_what_the_model_gives(share: float, stretch: float, tmp_path: Path):
     (tmp_path / "arm.xml").write_text(arm(SERVOS.format('kv="1" forcerange="-2 2"')))
     evidence = episodes([200, 200])
     evidence = EpisodeBatch(**{**vars(evidence), "commands": np.where(evidence.measured < 1e-2, 0.0, 1.5)})
     nominal = Nominal.load(tmp_path / "arm.xml", evidence)
-    size = scales(nominal, evidence, nominal.predict(evidence))[0]
+    size = estimate_scales(nominal, evidence, nominal.predict(evidence))[0]
     guess = parse(f"torque_limit:joint=a,torque={share * size.torque}")
-    found = stretch_effect(guess, stretch, guess.idle(size))
+    found = stretch_effect(guess, stretch, guess.vanishing_value(size))
     assert 0 < found.torque < size.torque <= 2.0
-    assert stretch_effect(guess, 1.0, guess.idle(size)).torque == pytest.approx(guess.torque)
+    assert stretch_effect(guess, 1.0, guess.vanishing_value(size)).torque == pytest.approx(guess.torque)

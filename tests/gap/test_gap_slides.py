@@ -13,8 +13,8 @@ from nas_data.errors import OptionError
 from nas_data.excitations.triangle import Triangle
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal
-from nas_data.gap.residual_correlates import goes_with
-from nas_data.gap.search.scales import scales
+from nas_data.gap.residual_correlates import find_residual_correlate
+from nas_data.gap.search.scales import estimate_scales
 from nas_data.gap.write_model import write_model
 from nas_data.joint_units import radians_at
 from nas_data.models.jacobians import POSITION_STEP, estimate_jacobians
@@ -67,7 +67,7 @@ def test_first_guesses_of_widths_are_parts_of_a_slides_range(effect):
 )
 def test_large_torques_are_torques_whatever_is_commanded(tmp_path, servos, size, largest):
     nominal, evidence, predicted = nominal_of(tmp_path, servos, swing(size))
-    found = scales(nominal, evidence, predicted)
+    found = estimate_scales(nominal, evidence, predicted)
     assert [one.radian for one in found] == pytest.approx(AT)
     torques = np.array([one.torque for one in found])
     if largest is None:
@@ -123,7 +123,7 @@ def test_a_slides_direction_is_told_at_its_own_speeds():
     evidence = EpisodeBatch(("j", "g"), PERIOD, q[:, 0], q + 1e-4 * rng.normal(size=q.shape), q, counts, np.arange(1))
     errors = np.zeros_like(q)
     errors[..., 1] = 3e-4 * np.sign(np.cos(2 * times))
-    assert goes_with(evidence, errors, 1, ("g",)) == "direction"
+    assert find_residual_correlate(evidence, errors, 1, ("g",)) == "direction"
 
 
 def test_a_slow_triangle_takes_a_slide_as_long_to_cross_as_a_hinge():

@@ -11,12 +11,20 @@ from support.search_samples import arm, described, played, tasks
 
 from nas_data import registry
 from nas_data.effects.base import parse
-from nas_data.gap.search.fit import BESIDES, Fit, fit, group_columns, is_loose, measure_jacobian, measure_reach
+from nas_data.gap.search.fit import (
+    NEGLECTED_SHARE,
+    Fit,
+    fit,
+    group_columns,
+    is_effect_or_freed,
+    measure_jacobian,
+    measure_moved_joints,
+)
 from nas_data.gap.search.hypothesis import (
     PRICE,
     Description,
     Hypothesis,
-    effect_cost,
+    effect_price,
     excited_joints,
     joints_beyond_prior,
     reuse_jacobian,
@@ -36,7 +44,7 @@ def task() -> FitTask:
 def at_start(task: FitTask, description: Description) -> Fit:
     """Return a description at its guesses with a Jacobian that was measured there."""
     parameters = description.parameters(task.nominal.base)
-    theta = parameters.start()
+    theta = parameters.initial_theta()
     predicted = task.predict(parameters, theta)
     assert predicted is not None
     jacobian = measure_jacobian(task, parameters, theta, predicted, range(parameters.size))
@@ -71,7 +79,7 @@ def test_a_reused_column_is_the_one_that_would_be_measured(task: FitTask):
 def with_reach(task: FitTask) -> FitTask:
     """Return a task that knows which joints the model's parameters move."""
     near = at_start(task, Description())
-    return replace(task, reach=measure_reach(task, near.parameters, near.predicted, near.jacobian))
+    return replace(task, moved_by_base=measure_moved_joints(task, near.parameters, near.predicted, near.jacobian))
 
 
 def test_numbers_that_move_different_joints_are_measured_in_one_rollout(task: FitTask):
@@ -81,7 +89,7 @@ def test_numbers_that_move_different_joints_are_measured_in_one_rollout(task: Fi
     assert sorted(column for group in groups for column in group) == list(range(parameters.size))
     assert len(groups) < parameters.size
     for group in groups:
-        moved = sum(knowing.reach[parameters.labels[column][0]].astype(int) for column in group)
+        moved = sum(knowing.moved_by_base[parameters.labels[column][0]].astype(int) for column in group)
         assert len(group) == 1 or moved.max() == 1
     assert group_columns(task, parameters, [2, 0]) == [[2], [0]]
 
@@ -90,13 +98,13 @@ def test_a_column_measured_with_others_is_nearly_the_one_measured_alone(task: Fi
     alone, together = at_start(task, Description()), at_start(with_reach(task), Description())
     off = np.linalg.norm(together.jacobian - alone.jacobian, axis=(1, 2)).max(1)
     whole = np.linalg.norm(alone.jacobian.reshape(len(alone.jacobian), -1), axis=1)
-    assert 0 < (off / whole).max() < 2 * BESIDES
+    assert 0 < (off / whole).max() < 2 * NEGLECTED_SHARE
 
 
 def test_what_may_be_anything_is_measured_alone(task: FitTask):
     description = described(VISCOUS[0], freed=["j1.gain"])
     parameters = description.parameters(task.nominal.base)
-    loose = [column for column in range(parameters.size) if is_loose(parameters, column)]
+    loose = [column for column in range(parameters.size) if is_effect_or_freed(parameters, column)]
     assert [parameters.labels[column][0] for column in loose] == ["viscous_friction", "j1.gain"]
     groups = group_columns(with_reach(task), parameters, range(parameters.size))
     assert all([column] in groups for column in loose)
@@ -105,7 +113,7 @@ def test_what_may_be_anything_is_measured_alone(task: FitTask):
 def test_joints_that_share_a_value_have_one_number(task: FitTask):
     shared = described(*VISCOUS, DRY[1], shared=["viscous_friction"]).parameters(task.nominal.base)
     assert shared.labels[:2] == [("viscous_friction", "*", "coefficient"), ("coulomb_friction", "j2", "torque")]
-    theta = shared.start() + np.linspace(0.1, 0.5, shared.size)
+    theta = shared.initial_theta() + np.linspace(0.1, 0.5, shared.size)
     coefficients = [effect.coefficient for effect in shared.effects_at(theta)[:3]]
     assert coefficients == [pytest.approx(0.02 * np.exp(theta[0]))] * 3
 
@@ -116,26 +124,26 @@ def test_a_shared_value_costs_once_and_each_effect_of_its_own_once(data: st.Data
     effects = [f"deadband:joint=j{number},half_width=0.02" for number in joints]
     freed = data.draw(st.sets(st.sampled_from(["j1.gain", "j2.gain", "j1.armature"])))
     own, alike = described(*effects, freed=freed), described(*effects, freed=freed, shared=["deadband"])
-    one = effect_cost(parse(effects[0]))
-    assert own.cost == pytest.approx(PRICE * len(freed) + len(joints) * one)
-    assert alike.cost == pytest.approx(PRICE * len(freed) + one)
-    assert own.without(0).cost == pytest.approx(own.cost - one)
-    assert alike.without(0).shared == (frozenset({"deadband"}) if len(joints) > 1 else frozenset())
+    one = effect_price(parse(effects[0]))
+    assert own.price == pytest.approx(PRICE * len(freed) + len(joints) * one)
+    assert alike.price == pytest.approx(PRICE * len(freed) + one)
+    assert own.without_effect(0).price == pytest.approx(own.price - one)
+    assert alike.without_effect(0).shared == (frozenset({"deadband"}) if len(joints) > 1 else frozenset())
 
 
 def test_more_parameters_cost_more_and_so_does_what_no_model_file_expresses():
     friction = parse("coulomb_friction:joint=m2,torque=0.02")
     stribeck = parse("stribeck_friction:joint=m2,torque=0.02,kinetic_ratio=0.5,stribeck_velocity=0.3")
     load = parse("load_friction:joint=m2,ratio=0.2")
-    assert effect_cost(friction) < effect_cost(load) and effect_cost(friction) < effect_cost(stribeck)
+    assert effect_price(friction) < effect_price(load) and effect_price(friction) < effect_price(stribeck)
     assert not load.in_model
-    costs = [effect_cost(parse(text)) for text in DRY]
+    costs = [effect_price(parse(text)) for text in DRY]
     assert costs == [PRICE] * 3
 
 
 def test_what_an_effect_replaces_is_not_fitted_beside_it(task: FitTask):
     freed = described(freed=["j1.gain", "j2.gain"])
-    added = freed.adding(parse("servo_stiffness:joint=j1,factor=0.5"))
+    added = freed.add_effects(parse("servo_stiffness:joint=j1,factor=0.5"))
     assert added.freed == {"j2.gain"}
     names = {parameter.name: parameter for parameter in added.parameters(task.nominal.base).base}
     assert "j1.gain" not in names
@@ -156,7 +164,7 @@ def retuned(factors: dict[str, float]) -> Hypothesis:
     nominal, evidence = measured(factors=factors)
     task = FitTask(nominal, evidence, FLOOR).select([0, 1])
     parameters = Description().parameters(nominal.base)
-    found = fit(task, parameters, parameters.start(), steps=4)
+    found = fit(task, parameters, parameters.initial_theta(), steps=4)
     assert found is not None
     return Hypothesis(Description(), found, np.zeros((1, 6)), 0.0)
 

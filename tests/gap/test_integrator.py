@@ -12,7 +12,7 @@ from support.two_joint_arm import ARM, recorded
 from nas_data.cli import main
 from nas_data.effects.base import make_effect
 from nas_data.gap.episode_batch import EpisodeBatch
-from nas_data.gap.summary import summary
+from nas_data.gap.summary import summarise
 from nas_data.simulators.mujoco import MujocoSimulator
 
 JOINTS = ("shoulder", "elbow")
@@ -72,5 +72,5 @@ def test_it_is_said_in_a_line(integrator: str, tmp_path: Path, capsys):
 def test_the_summary_repeats_it(tmp_path: Path):
     note = nominal(arm(tmp_path, "RK4"), JOINTS).notes[0]
     audit = [{"check": "timing", "finding": "late", "ok": False}, {"check": "model", "finding": note, "ok": False}]
-    told = summary(gap_report(find={"joints": {}, "regimes": [], "audit": audit}), tmp_path)
+    told = summarise(gap_report(find={"joints": {}, "regimes": [], "audit": audit}), tmp_path)
     assert note in told.splitlines() and "late" not in told

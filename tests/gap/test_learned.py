@@ -12,7 +12,7 @@ from support.two_joint_arm import ARM, recorded
 from nas_data.cli import main
 from nas_data.effects.base import parse
 from nas_data.gap.problem import Problem
-from nas_data.gap.summary import summary
+from nas_data.gap.summary import summarise
 from nas_data.gap.workflow import train_on_top
 from nas_data.gap.write_model import write_model
 from nas_data.models.checkpoint import find_checkpoint, load_frozen
@@ -58,8 +58,8 @@ def test_the_checkpoint_knows_the_model_with_the_names(taught: tuple[Path, Mappi
 
 def test_an_earlier_phi_is_called_one(taught: tuple[Path, Mapping[str, float]]):
     folder, shares = taught
-    assert "earlier" not in summary(gap_report(shares=shares), folder)
-    assert "earlier report" in summary(gap_report(shares={**shares, "learned": None}), folder)
+    assert "earlier" not in summarise(gap_report(shares=shares), folder)
+    assert "earlier report" in summarise(gap_report(shares={**shares, "learned": None}), folder)
 
 
 @pytest.mark.slow

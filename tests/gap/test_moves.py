@@ -13,7 +13,7 @@ from nas_data.errors import UnknownName
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.search.fit import fit
-from nas_data.gap.search.hypothesis import Hypothesis, key
+from nas_data.gap.search.hypothesis import Hypothesis, effect_key
 from nas_data.gap.search.moves import (
     add,
     drop,
@@ -30,7 +30,7 @@ from nas_data.gap.search.moves import (
 )
 from nas_data.gap.search.moves.base import find_move
 from nas_data.gap.search.objective import FitTask
-from nas_data.gap.search.parameters import FreeParameters, free_base
+from nas_data.gap.search.parameters import FreeParameters, select_free_base
 from nas_data.gap.search.search import Search
 from nas_data.recorders.recipe import Recipe
 
@@ -67,11 +67,11 @@ def test_a_move_makes_no_hypothesis_worse(name: str, half_way: tuple[Search, Hyp
     """In the objective in which the search then is; some moves change it."""
     search, h = afresh(half_way[0]), half_way[1]
     moved = find_move(name)(search, h)
-    assert moved.fit.objective == search.sub.objective
+    assert moved.fit.objective == search.task.objective
     assert moved.score <= search.rescore(h).score
-    assert moved.is_sound
+    assert moved.is_finite
     assert np.all(np.isfinite(moved.fit.theta))
-    assert search.null.fit.objective == search.nominal.fit.objective == search.sub.objective
+    assert search.null.fit.objective == search.nominal.fit.objective == search.task.objective
 
 
 @pytest.mark.parametrize("name", [name for name in MOVES if name != "add"])
@@ -107,16 +107,16 @@ def test_a_stand_in_is_swapped_for_what_it_stands_for(rubbing: Search):
     search = afresh(rubbing)
     better = swap.apply(search, fitted(search, BAND, VISCOUS))
     assert names(better.effects) == names([parse(VISCOUS), parse(DRY)])
-    assert key(parse(BAND)) in {key(rival) for rival in search.rivals[key(parse(DRY))]}
+    assert effect_key(parse(BAND)) in {effect_key(rival) for rival in search.rivals[effect_key(parse(DRY))]}
 
 
 def test_a_beaten_effect_that_does_better_beside_the_others_comes_back(rubbing: Search):
     search = afresh(rubbing)
-    search.rivals[key(parse(BAND))] = [parse(DRY)]
+    search.rivals[effect_key(parse(BAND))] = [parse(DRY)]
     kept = fitted(search, BAND, VISCOUS)
     better = replace_by_rival.apply(search, kept)
     assert names(better.effects) == names([parse(VISCOUS), parse(DRY)])
-    assert replace_by_rival.contenders(search, better.effects[-1], ())[0].name() == "deadband"
+    assert replace_by_rival.list_rivals(search, better.effects[-1], ())[0].name() == "deadband"
     assert replace_by_rival.apply(search, better) is better
 
 
@@ -131,7 +131,7 @@ def test_what_a_hook_expresses_and_what_a_file_does_meet_where_they_are_confused
     nominal, evidence = measured(effects[hidden])
     task = FitTask(nominal, evidence, FLOOR)
     search = Search.begin(task.select([0, 1]), task.select([2]))
-    kept = search.fitted(described(wrong), {})
+    kept = search.fit_description(described(wrong), {})
     assert kept is not None and not search.rivals
     assert names(replace_by_rival.apply(search, kept).effects) == [(hidden, "m2")]
 
@@ -150,7 +150,7 @@ def test_what_all_joints_have_alike_is_found_to_be_one_value(hidden: str):
     one = share_value.apply(search, kept)
     name = kept.effects[0].name()
     assert one.description.shared == {name}
-    assert one.description.cost < kept.description.cost and one.score < search.rescore(kept).score
+    assert one.description.price < kept.description.price and one.score < search.rescore(kept).score
     (value,) = {getattr(effect, effect.parameters[0].name) for effect in one.effects}
     assert value == pytest.approx(0.02, rel=0.02)
     assert share_value.apply(search, one) is one, "and stays it"
@@ -171,7 +171,7 @@ def test_a_delay_of_every_joint_is_the_arms():
     assert parse("command_delay:joint=j1,delay=0.02").whole_arm
     kept = fitted(search, "command_delay:joint=j1,delay=0.02", "command_delay:joint=j2,delay=0.02")
     (whole,) = merge_joints.apply(search, kept).effects
-    assert key(whole) == ("command_delay", None)
+    assert effect_key(whole) == ("command_delay", None)
     assert whole.delay == pytest.approx(0.02, abs=1e-3)
 
 
@@ -245,7 +245,7 @@ def stuck() -> tuple[Search, Hypothesis]:
     truth = nominal.predict(evidence, [limit, parse("command_delay:delay=0.01")])
     task = FitTask(nominal, replace(evidence, measured=truth.round(4)), np.full(1, NOISE))
     search = Search.begin(task, task)
-    found = search.fitted(described().with_effects([limit, delay]), {}, steps=12, jacobian_refreshes=4)
+    found = search.fit_description(described().with_effects([limit, delay]), {}, steps=12, jacobian_refreshes=4)
     assert found is not None
     there = search.relinearise(found)
     assert there.effects[1].delay < 0.007, "slopes lead there, or these tests show nothing"
@@ -256,8 +256,8 @@ def test_a_delay_is_shifted_to_the_physics_step_that_no_slope_leads_to(stuck: tu
     search, there = afresh(stuck[0]), stuck[1]
     free = shift_delay.apply(search, there)
     assert free.effects[1].delay == pytest.approx(0.01, abs=2e-5)
-    assert search.ratio(free) < 1 < 10 < search.ratio(there)
-    assert not search.sub.fine
+    assert search.floor_ratios(free) < 1 < 10 < search.floor_ratios(there)
+    assert not search.task.fine
     assert free.score < search.rescore(there).score
     assert shift_delay.apply(search, free) is free
     assert shift_delay.apply(search, search.null) is search.null
@@ -265,10 +265,10 @@ def test_a_delay_is_shifted_to_the_physics_step_that_no_slope_leads_to(stuck: tu
 
 def test_shifts_are_whole_physics_steps_within_the_parameters_bounds():
     pair = (parse(VISCOUS), parse("command_delay:delay=0.0051"))
-    delays = [effects[1].delay for effects in shift_delay.shifts(pair, 0.002)]
+    delays = [effects[1].delay for effects in shift_delay.generate_shifts(pair, 0.002)]
     assert delays == pytest.approx([0.002, 0.004, 0.008, 0.01, 0.012])
-    assert all(effects[0] == pair[0] for effects in shift_delay.shifts(pair, 0.002))
-    assert list(shift_delay.shifts(pair[:1], 0.002)) == []
+    assert all(effects[0] == pair[0] for effects in shift_delay.generate_shifts(pair, 0.002))
+    assert list(shift_delay.generate_shifts(pair[:1], 0.002)) == []
 
 
 # Play, which makes chaos and dips
@@ -292,14 +292,14 @@ def recorded(name: str, steps: int, episodes: int = 6) -> FitTask:
 @pytest.mark.slow
 def test_a_scan_along_the_parameters_finds_wide_play_that_no_slope_leads_to():
     task = recorded("striker", steps=30)
-    parameters = FreeParameters(WIDE_PLAY, free_base(task.nominal.base, WIDE_PLAY))
+    parameters = FreeParameters(WIDE_PLAY, select_free_base(task.nominal.base, WIDE_PLAY))
 
     def widths(theta: np.ndarray) -> list[float]:
         return [effect.half_width for effect in parameters.effects_at(theta)]
 
-    gone_down = fit(task, parameters, parameters.start())
+    gone_down = fit(task, parameters, parameters.initial_theta())
     assert gone_down is not None and max(widths(gone_down.theta)) < 0.12
-    found, reached = line_scan.scan(task, parameters, parameters.start(), [0, 1, 2])
+    found, reached = line_scan.scan(task, parameters, parameters.initial_theta(), [0, 1, 2])
     assert reached < gone_down.loss
     assert widths(found) == pytest.approx([0.15] * 3, rel=0.02)
 
@@ -308,21 +308,21 @@ def test_play_that_seems_to_lie_in_its_middle_is_found_from_half_its_width():
     """A scan that is not close is enough where an arm is not chaotic: slopes lead on from there."""
     task = recorded("pusher", steps=100)
     half = (parse("coulomb_friction:joint=j1,torque=1"), parse("backlash:joint=j1,half_width=0.075"))
-    parameters = FreeParameters(half, free_base(task.nominal.base, half))
-    nearest = fit(task, parameters, parameters.start())
+    parameters = FreeParameters(half, select_free_base(task.nominal.base, half))
+    nearest = fit(task, parameters, parameters.initial_theta())
     assert nearest is not None and nearest.effects[1].half_width < 0.1
-    found, _ = line_scan.scan(task, parameters, parameters.start(), [0, 1], line_scan.SCANS[:1])
+    found, _ = line_scan.scan(task, parameters, parameters.initial_theta(), [0, 1], line_scan.SCANS[:1])
     on = fit(task, parameters, found)
     assert on is not None and on.effects[1].half_width == pytest.approx(0.15, rel=0.02)
 
 
 def test_an_arm_that_play_throws_to_and_fro_is_chaotic_and_a_servoed_one_is_not(rubbing: Search):
     task = recorded("striker", steps=60, episodes=3)
-    parameters = FreeParameters(WIDE_PLAY, free_base(task.nominal.base, WIDE_PLAY))
-    thrown = fit(task, parameters, parameters.start(), steps=0)
+    parameters = FreeParameters(WIDE_PLAY, select_free_base(task.nominal.base, WIDE_PLAY))
+    thrown = fit(task, parameters, parameters.initial_theta(), steps=0)
     assert thrown is not None
     assert line_scan.is_chaotic(task, Hypothesis(described().with_effects(WIDE_PLAY), thrown, np.zeros((1, 7)), 0.0))
-    assert not line_scan.is_chaotic(rubbing.sub, rubbing.null)
+    assert not line_scan.is_chaotic(rubbing.task, rubbing.null)
 
 
 # One effect in the place of several parts

@@ -10,9 +10,9 @@ from support.evidence_samples import QUANTUM, measured
 from support.search_samples import arm, played, tasks
 
 from nas_data.effects.base import parse
-from nas_data.gap.search.fit import fit, loss
-from nas_data.gap.search.objective import FURTHEST, FitTask, ObjectiveMismatch, Score
-from nas_data.gap.search.parameters import FreeParameters, free_base
+from nas_data.gap.search.fit import evaluate_loss, fit
+from nas_data.gap.search.objective import MAX_VELOCITY_STEP, FitTask, ObjectiveMismatch, Score
+from nas_data.gap.search.parameters import FreeParameters, select_free_base
 from nas_data.gap.search.timestep import choose_timestep
 
 FLOOR = np.full(6, QUANTUM / np.sqrt(12))
@@ -37,37 +37,37 @@ def test_only_scores_of_one_objective_are_compared(one: float, other: float, sam
 def test_episodes_and_starts_make_another_objective_and_a_misfit_that_is_added_the_same():
     train, held = tasks(*played(arm(), ["viscous_friction:joint=j2,coefficient=0.03"]))
     parameters = FreeParameters((), train.nominal.base)
-    theta = parameters.start()
-    others = [train.select([0]), train.restart(parameters, theta), train.relinearise(parameters, theta), held]
-    scores = [loss(task, parameters, theta) for task in (train, *others)]
+    theta = parameters.initial_theta()
+    others = [train.select([0]), train.reestimate(parameters, theta), train.relinearise(parameters, theta), held]
+    scores = [evaluate_loss(task, parameters, theta) for task in (train, *others)]
     assert len({score.objective for score in scores}) == len(scores)
     for score in scores[1:]:
         with pytest.raises(ObjectiveMismatch):
             min(scores[0], score)
-    joined = held.at_tolerance_of(others[2])
-    assert loss(joined, parameters, theta).objective == others[2].objective
-    assert np.array_equal(joined.tolerated, others[2].tolerated)
+    joined = held.with_tolerance_of(others[2])
+    assert evaluate_loss(joined, parameters, theta).objective == others[2].objective
+    assert np.array_equal(joined.tolerance, others[2].tolerance)
 
 
 def test_small_errors_do_not_matter_while_large_ones_are_left():
     nominal, evidence = measured("viscous_friction:joint=m2,coefficient=0.2")
     parameters = FreeParameters((), nominal.base)
     task = FitTask(nominal, evidence, FLOOR)
-    coarse = task.relinearise(parameters, parameters.start())
+    coarse = task.relinearise(parameters, parameters.initial_theta())
     left = np.sqrt(evidence.mean_squares(nominal.predict(evidence)).mean(0))
-    assert np.sqrt(coarse.tolerated)[1] == pytest.approx(np.hypot(FLOOR[1], 0.1 * left[1]), rel=0.05)
+    assert np.sqrt(coarse.tolerance)[1] == pytest.approx(np.hypot(FLOOR[1], 0.1 * left[1]), rel=0.05)
     assert left[1] > 20 * FLOOR[1], "there is a large error, or this test shows nothing"
-    assert np.array_equal(task.tolerated, FLOOR**2)
-    assert np.array_equal(coarse.select([0]).coarseness, coarse.coarseness)
+    assert np.array_equal(task.tolerance, FLOOR**2)
+    assert np.array_equal(coarse.select([0]).tolerated_error, coarse.tolerated_error)
 
 
 @pytest.mark.parametrize("fine", [False, True])
 def test_the_physics_steps_of_a_recording_are_told_after_both_were_fitted(fine: bool):
     """Parameters of the model that were fitted to the wrong steps speak for them."""
     nominal, evidence = measured(factors={"m2.gain": 1.05, "m3.damping": 0.95}, timestep=2.5e-4 if fine else None)
-    parameters = FreeParameters((), free_base(nominal.base, ()))
-    wrong = FitTask(nominal, evidence, FLOOR, fine=not fine).relinearise(parameters, parameters.start())
-    found = fit(wrong, parameters, parameters.start(), steps=5)
+    parameters = FreeParameters((), select_free_base(nominal.base, ()))
+    wrong = FitTask(nominal, evidence, FLOOR, fine=not fine).relinearise(parameters, parameters.initial_theta())
+    found = fit(wrong, parameters, parameters.initial_theta(), steps=5)
     assert found is not None
     task, better = choose_timestep(wrong.relinearise(parameters, found.theta), found)
     assert task.fine == fine
@@ -79,22 +79,28 @@ def test_the_physics_steps_of_a_recording_are_told_after_both_were_fitted(fine: 
 def test_starts_move_within_their_doubt_towards_what_explains_the_motion(off: float):
     """Velocities are told wrong by so many of their standard deviations."""
     nominal, evidence = played(arm())
-    true, doubts = np.full(evidence.starts.shape, 0.4), np.full(evidence.starts.shape, 0.1)
-    truth = nominal.predict(replace(evidence, speeds=true))
+    true, doubts = np.full(evidence.initial_positions.shape, 0.4), np.full(evidence.initial_positions.shape, 0.1)
+    truth = nominal.predict(replace(evidence, initial_velocities=true))
     told = true + off * doubts
-    task = FitTask(nominal, replace(evidence, measured=truth, speeds=told, told=told, doubts=doubts), np.full(2, 1e-4))
-    begun = task.with_initial_velocity((), {}).evidence
-    assert np.all(np.abs(begun.speeds - told) <= FURTHEST * doubts + 1e-12)
-    apart = np.abs(begun.speeds - true).max()
-    assert apart < 0.5 * np.abs(told - true).max() + 1e-3 or abs(off) > FURTHEST
+    task = FitTask(
+        nominal,
+        replace(
+            evidence, measured=truth, initial_velocities=told, estimated_velocities=told, velocity_deviations=doubts
+        ),
+        np.full(2, 1e-4),
+    )
+    begun = task.estimate_initial_velocities((), {}).evidence
+    assert np.all(np.abs(begun.initial_velocities - told) <= MAX_VELOCITY_STEP * doubts + 1e-12)
+    apart = np.abs(begun.initial_velocities - true).max()
+    assert apart < 0.5 * np.abs(told - true).max() + 1e-3 or abs(off) > MAX_VELOCITY_STEP
     assert task.misfit(nominal.predict(begun)) <= task.misfit(nominal.predict(task.evidence)) + 1e-9
-    assert np.array_equal(begun.told, told)
-    again = replace(task, evidence=begun).with_initial_velocity((), {}).evidence
-    assert np.allclose(again.speeds, begun.speeds), "what was told does not wander"
+    assert np.array_equal(begun.estimated_velocities, told)
+    again = replace(task, evidence=begun).estimate_initial_velocities((), {}).evidence
+    assert np.allclose(again.initial_velocities, begun.initial_velocities), "what was told does not wander"
 
 
 def test_what_begins_at_rest_stays_at_rest():
     nominal, evidence = played(arm(), ["viscous_friction:joint=j2,coefficient=0.03"])
     effects = (parse("backlash:joint=j1,half_width=0.02"),)
-    begun = FitTask(nominal, evidence, np.full(2, 1e-4)).with_initial_velocity(effects, {}).evidence
-    assert np.array_equal(begun.speeds, np.zeros_like(begun.speeds))
+    begun = FitTask(nominal, evidence, np.full(2, 1e-4)).estimate_initial_velocities(effects, {}).evidence
+    assert np.array_equal(begun.initial_velocities, np.zeros_like(begun.initial_velocities))

@@ -12,7 +12,7 @@ from nas_data.effects.base import parse
 from nas_data.gap import score_model as added_file
 from nas_data.gap.problem import Problem
 from nas_data.gap.score_model import HeldOutResult, score_model
-from nas_data.gap.search.final import Final
+from nas_data.gap.search.final import FinalFit
 
 LOAD, PLAY = "load_friction:joint=m2,ratio=0.3", "backlash:joint=m2,half_width=0.03"
 
@@ -38,8 +38,8 @@ def problem(folder: Path, *effects: str) -> Problem:
 
 def outcome(given: Problem, folder: Path, *effects: str) -> HeldOutResult:
     folder.mkdir()
-    known = Final(tuple(parse(text) for text in effects), {}, ())
-    return score_model(given, known, Final((), {}, ()), Final((), {}, ()), folder)
+    known = FinalFit(tuple(parse(text) for text in effects), {}, ())
+    return score_model(given, known, FinalFit((), {}, ()), FinalFit((), {}, ()), folder)
 
 
 def error(given: Problem, predicted: np.ndarray) -> float:

@@ -11,8 +11,8 @@ from support.start_samples import derived_torques
 from nas_data.effects.base import parse
 from nas_data.gap.name import name
 from nas_data.gap.problem import Problem
-from nas_data.gap.search.choose import choose, climb, descend
-from nas_data.gap.search.plain_fit import as_effects, fit_plain
+from nas_data.gap.search.choose import choose, search_down, search_up
+from nas_data.gap.search.plain_fit import convert_to_effects, fit_plain
 from nas_data.gap.search.search import Search
 
 VISCOUS, DRY = "viscous_friction:joint=j2,coefficient=0.03", "coulomb_friction:joint=j1,torque=0.03"
@@ -32,7 +32,7 @@ def test_a_plain_fit_recovers_gain_damping_friction_and_inertia():
         for kind, value in true.items():
             factor = found.fit.factors[f"{joint}.{kind}"]
             assert model[kind] * factor == pytest.approx(value, rel=0.05), f"{joint}.{kind}"
-    assert search.ratio(found).max() < 1.2
+    assert search.floor_ratios(found).max() < 1.2
 
 
 def test_a_plain_fit_adds_what_the_model_lacks_to_an_arm_that_begins_in_motion():
@@ -40,8 +40,13 @@ def test_a_plain_fit_adds_what_the_model_lacks_to_an_arm_that_begins_in_motion()
     effects = [f"{kind}:joint={joint},{value}" for joint in ("j1", "j2") for kind, value in FRICTION]
     model = arm(motors=True, damping=0.0, armature=0.001)
     nominal, evidence = played(model, size=0.05, seconds=0.9)
-    speeds = np.random.default_rng(1).uniform(-2, 2, evidence.starts.shape)
-    started = replace(evidence, speeds=speeds, told=speeds, doubts=np.full(speeds.shape, 1e-3))
+    speeds = np.random.default_rng(1).uniform(-2, 2, evidence.initial_positions.shape)
+    started = replace(
+        evidence,
+        initial_velocities=speeds,
+        estimated_velocities=speeds,
+        velocity_deviations=np.full(speeds.shape, 1e-3),
+    )
     truth = nominal.predict(started, [parse(text) for text in effects])
     search = Search.begin(*tasks(nominal, replace(started, measured=truth)))
     found = {(effect.name(), effect.joint): effect for effect in fit_plain(search).effects}
@@ -69,7 +74,7 @@ def test_a_torque_limit_that_the_plain_fit_lowers_is_named():
     limited = arm().replace('kp="0.5"', 'kp="0.5" forcerange="-0.3 0.3"')
     found = begun(limited, "joint_offset:joint=j1,offset=0.08", "torque_limit:joint=j1,torque=0.12")
     plain = fit_plain(found)
-    assert "torque_limit" in {effect.name() for effect in as_effects(found, plain).effects}
+    assert "torque_limit" in {effect.name() for effect in convert_to_effects(found, plain).effects}
     kept = {effect.name(): effect for effect in choose(found, plain).effects}
     assert set(kept) == {"joint_offset", "torque_limit"}
     assert kept["torque_limit"].torque == pytest.approx(0.12, rel=0.03)
@@ -85,13 +90,13 @@ def rubbing() -> Search:
 
 def test_up_from_the_model_and_down_from_the_plain_fit_meet(rubbing: Search):
     search = afresh(rubbing)
-    first = search.round
+    first = search.current_round
     plain = fit_plain(search)
-    named = as_effects(search, plain)
+    named = convert_to_effects(search, plain)
     assert "viscous_friction" in {effect.name() for effect in named.effects}
     search.return_to(first)
-    assert search.sub.objective == rubbing.sub.objective and search.null is rubbing.null
-    up, down = climb(afresh(rubbing), rubbing.null), descend(afresh(rubbing), plain)
+    assert search.task.objective == rubbing.task.objective and search.null is rubbing.null
+    up, down = search_up(afresh(rubbing), rubbing.null), search_down(afresh(rubbing), plain)
     for h in (up, down):
         assert names(h.effects) == names([parse(VISCOUS), parse(DRY)])
         sizes = {effect.name(): getattr(effect, effect.parameters[0].name) for effect in h.effects}
@@ -119,7 +124,7 @@ def test_a_recording_cut_out_of_a_motion_tells_both_frictions_of_a_spindle(tmp_p
     model = tmp_path / "model.xml"
     model.write_text(SPINDLE)
     problem = Problem.of(dataset, model, tmp_path)
-    assert np.abs(problem.evidence.speeds).max() > 4
+    assert np.abs(problem.evidence.initial_velocities).max() > 4
     effects = name(problem.train, problem.held).final.effects
     assert names(effects) == [("coulomb_friction", "spindle"), ("viscous_friction", "spindle")]
     sizes = {effect.name(): getattr(effect, effect.parameters[0].name) for effect in effects}

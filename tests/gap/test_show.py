@@ -14,8 +14,8 @@ from support.gap_samples import BACKLASH, DELAY, FIND, FLOOR, JOINTS, REPORT, RE
 
 from nas_data.errors import OptionError
 from nas_data.gap.report import GapReport
-from nas_data.gap.showing.figures import ABOVE, AFTER, BEFORE, RETUNED, models, per_joint
-from nas_data.gap.showing.page_words import beside, figures, friendly, join_items
+from nas_data.gap.showing.figures import ABOVE, AFTER, BEFORE, RETUNED, draw_error_per_joint, select_models
+from nas_data.gap.showing.page_words import format_figures, format_value, format_with_si, join_items
 from nas_data.gap.showing.series import Series
 from nas_data.gap.showing.show import show
 
@@ -144,7 +144,7 @@ def test_a_joint_that_never_moved_does_not_stretch_the_axis(tmp_path):
     for name in ("before", "retuned", "after", "placebo"):
         drawn[name][..., 0] = drawn["measured"][..., 0] + 1e-17
     shown = Series.read(written(tmp_path, drawn=drawn))
-    low, high = per_joint(shown, {BEFORE: shown.before, AFTER: shown.after}).axes[0].get_ylim()
+    low, high = draw_error_per_joint(shown, {BEFORE: shown.before, AFTER: shown.after}).axes[0].get_ylim()
     assert 1e-4 < low < high < 10  # [°]
 
 
@@ -193,19 +193,19 @@ def test_rmse_counts_recorded_rows_only():
 def test_without_effects_the_written_model_is_the_retuned_one(tmp_path):
     shown = Series.read(written(tmp_path))
     report = GapReport.load(tmp_path)
-    assert list(models(report, shown)) == [BEFORE, RETUNED, AFTER]
-    bare = models(replace(report, effects=()), shown)
+    assert list(select_models(report, shown)) == [BEFORE, RETUNED, AFTER]
+    bare = select_models(replace(report, effects=()), shown)
     assert list(bare) == [BEFORE, RETUNED]
     np.testing.assert_array_equal(bare[RETUNED], shown.after)
 
 
 def test_numbers_are_said_with_three_digits():
-    assert figures(0.00012345) == "0.000123"
-    assert figures(123456.7) == "123457"
-    assert figures(0.0) == "0"
-    assert friendly(0.0017, "kg") == "1.70 g"
-    assert friendly(0.012, "N·m") == "0.0120 N·m"
-    assert beside(0.8, "") == "0.800"
+    assert format_figures(0.00012345) == "0.000123"
+    assert format_figures(123456.7) == "123457"
+    assert format_figures(0.0) == "0"
+    assert format_value(0.0017, "kg") == "1.70 g"
+    assert format_value(0.012, "N·m") == "0.0120 N·m"
+    assert format_with_si(0.8, "") == "0.800"
     assert join_items(["a", "b", "c"]) == "a, b and c"
     assert join_items(["a"]) == "a"
 

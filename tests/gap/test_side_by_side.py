@@ -16,7 +16,7 @@ from nas_data.mjcf.engine_warnings import collect_warnings
 
 @pytest.fixture(autouse=True)
 def two_cores(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(module, "cores", lambda: 2)
+    monkeypatch.setattr(module, "count_cores", lambda: 2)
 
 
 def test_results_keep_their_order_and_work_spreads_once():

@@ -11,13 +11,13 @@ from support.evidence_samples import QUANTUM, commanded
 from nas_data.dataset.features import ENVIRONMENT
 from nas_data.effects.base import Effect, parse
 from nas_data.envs.base import find_task
-from nas_data.gap.episode_batch import EpisodeBatch, window
+from nas_data.gap.episode_batch import EpisodeBatch, cut_window
 from nas_data.gap.finding.joint_gaps import find_joint_gaps
 from nas_data.gap.finding.recorded import RecordedRows
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.problem import Problem
-from nas_data.gap.score_model import usual_hold
-from nas_data.gap.search.final import Final
+from nas_data.gap.score_model import choose_initial_load
+from nas_data.gap.search.final import FinalFit
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.write_model import write_model
 from nas_data.recorders.recipe import Recipe
@@ -31,10 +31,12 @@ def played(effect: Effect, hold: InitialLoad) -> tuple[Nominal, EpisodeBatch]:
     """What the ErgoJr with an effect measures from poses that it held in one way."""
     evidence = commanded(episodes=4)
     poses = np.random.default_rng(1).uniform(-0.5, 0.5, (4, 6))
-    evidence = replace(evidence, starts=poses).begun(hold)
+    evidence = replace(evidence, initial_positions=poses).with_initial_loads(hold)
     nominal = Nominal.load("ergojr", evidence)
     positions = nominal.predict(evidence, [effect])
-    return nominal, replace(evidence, measured=np.round(positions / QUANTUM) * QUANTUM).begun(InitialLoad.WEIGHT)
+    return nominal, replace(evidence, measured=np.round(positions / QUANTUM) * QUANTUM).with_initial_loads(
+        InitialLoad.GRAVITY
+    )
 
 
 @pytest.mark.parametrize("hold", list(InitialLoad))
@@ -42,29 +44,29 @@ def played(effect: Effect, hold: InitialLoad) -> tuple[Nominal, EpisodeBatch]:
 def test_the_start_is_told_by_the_first_second(text: str, hold: InitialLoad):
     effect = parse(text)
     nominal, evidence = played(effect, hold)
-    told = FitTask(nominal, evidence, FLOOR).with_initial_load([effect], {})
+    told = FitTask(nominal, evidence, FLOOR).estimate_initial_loads([effect], {})
     assumed = np.sqrt(evidence.mean_squares(nominal.predict(evidence, [effect])))[:, 1] / FLOOR[1]
     rest = np.sqrt(told.evidence.mean_squares(nominal.predict(told.evidence, [effect])))[:, 1] / FLOOR[1]
     assert np.all(rest < 1.5)
-    assert hold != InitialLoad.NOTHING or (assumed > 1.5).any(), "the assumption matters, or this test shows nothing"
+    assert hold != InitialLoad.UNLOADED or (assumed > 1.5).any(), "the assumption matters, or this test shows nothing"
 
 
 def test_a_model_without_memory_has_one_start():
     effect = parse("coulomb_friction:joint=m2,torque=0.02")
-    nominal, evidence = played(effect, InitialLoad.NOTHING)
+    nominal, evidence = played(effect, InitialLoad.UNLOADED)
     task = FitTask(nominal, evidence, FLOOR)
     assert not nominal.simulator([effect]).remembers
-    assert (task.with_initial_load([effect], {}).evidence.holds == InitialLoad.WEIGHT).all()
-    positions = [nominal.predict(evidence.begun(hold), [effect]) for hold in InitialLoad]
+    assert (task.estimate_initial_loads([effect], {}).evidence.holds == InitialLoad.GRAVITY).all()
+    positions = [nominal.predict(evidence.with_initial_loads(hold), [effect]) for hold in InitialLoad]
     assert all(np.array_equal(positions[0], other) for other in positions)
 
 
-@pytest.mark.parametrize("hold", [InitialLoad.WEIGHT, InitialLoad.NOTHING])
+@pytest.mark.parametrize("hold", [InitialLoad.GRAVITY, InitialLoad.UNLOADED])
 def test_how_all_episodes_began_is_told_by_the_fitted_ones(hold: InitialLoad):
     effect = parse("joint_compliance:joint=m2,stiffness=0.8")
     nominal, evidence = played(effect, hold)
     task = FitTask(nominal, evidence, FLOOR)
-    assert usual_hold(task, Final((effect,), {}, ())) == hold
+    assert choose_initial_load(task, FinalFit((effect,), {}, ())) == hold
 
 
 # Scenes
@@ -81,7 +83,7 @@ def scene(name: str, dynamics: str = "backlash") -> Problem:
 def errors(problem: Problem, evidence: EpisodeBatch, effects: tuple[Effect, ...]) -> np.ndarray:
     """Root mean squared error of each joint [rad], episodes begun as their first second tells, shape (n,)."""
     nominal = problem.train.nominal
-    begun = FitTask(nominal, evidence, problem.train.floor).with_initial_load(effects, {}).evidence
+    begun = FitTask(nominal, evidence, problem.train.floor).estimate_initial_loads(effects, {}).evidence
     return np.sqrt(begun.mean_squares(nominal.predict(begun, effects)).mean(axis=0))
 
 
@@ -92,7 +94,9 @@ def test_the_true_target_of_a_scene_leaves_what_its_sensors_leave(name: str, mos
     problem, effects = scene(name), find_task(name).effects("backlash")
     evidence = problem.evidence
     assert np.all(errors(problem, evidence, effects) < 1.1 * most)
-    at_rest = replace(evidence, speeds=np.zeros_like(evidence.speeds), objects=evidence.objects[..., :0])
+    at_rest = replace(
+        evidence, initial_velocities=np.zeros_like(evidence.initial_velocities), objects=evidence.objects[..., :0]
+    )
     assert np.max(errors(problem, at_rest, effects)) > 5 * most, "starts make no difference: this test shows nothing"
 
 
@@ -121,7 +125,7 @@ def test_a_window_starts_with_the_objects_where_they_were_then():
     pushed = int(np.argmax([np.abs(rows[40] - rows[0]).max() for rows in pucks]))
     objects = pucks[pushed]
     assert np.abs(objects[40] - objects[0]).max() > 0.01, "no puck was touched: this test shows nothing"
-    part = window(problem.evidence, pushed, 40, 30)
+    part = cut_window(problem.evidence, pushed, 40, 30)
     assert np.array_equal(part.initial[0, 6:], objects[40])
     assert np.array_equal(part.objects[0], objects[40:70])
 
@@ -131,6 +135,6 @@ def test_settled_under_nothing_is_at_rest_objects_and_all(name: str):
     problem, effects = scene(name), find_task(name).effects("backlash")
     evidence = problem.evidence.select([0, 1])
     simulator = problem.train.nominal.simulator(effects)
-    holds = np.full(evidence.starts.shape, InitialLoad.NOTHING)
+    holds = np.full(evidence.initial_positions.shape, InitialLoad.UNLOADED)
     rested, settled = simulator.rest(evidence.initial), simulator.settled(evidence.initial, holds)
     np.testing.assert_allclose(settled, rested, atol=1e-9)

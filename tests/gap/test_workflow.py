@@ -10,7 +10,7 @@ from support.evidence_samples import measured
 from support.two_joint_arm import ARM, recorded
 
 from nas_data.cli import main
-from nas_data.gap.residual_correlates import goes_with
+from nas_data.gap.residual_correlates import find_residual_correlate
 from nas_data.gap.workflow import investigate
 
 BACKLASH = "backlash:joint=elbow,half_width=0.03"
@@ -204,7 +204,7 @@ def test_what_is_left_is_told_by_what_it_goes_with(quantity: str):
         "speed": 0.01 * np.gradient(q, 0.01, axis=1),
         "time": np.broadcast_to(0.01 * np.linspace(0, 1, q.shape[1])[None, :, None] ** 2, q.shape),
     }[quantity]
-    assert goes_with(evidence, extra, 2) == quantity
+    assert find_residual_correlate(evidence, extra, 2) == quantity
 
 
 def test_positions_are_not_commanded_to_torque_motors(

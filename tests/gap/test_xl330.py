@@ -16,8 +16,8 @@ from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import Feature
 from nas_data.effects.base import add_effects, parse, read_effects
 from nas_data.errors import DatasetInvalid, ModelFileError
-from nas_data.gap.episode_batch import EpisodeBatch, window
-from nas_data.gap.finding.torque_off import TORQUE, run_and_fall, until_driven_again
+from nas_data.gap.episode_batch import EpisodeBatch, cut_window
+from nas_data.gap.finding.torque_off import TORQUE, find_run_and_fall, keep_torque_on_and_fall
 from nas_data.gap.gains import REGISTER, with_relative_gains
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.problem import Problem
@@ -78,15 +78,15 @@ def recorded(registers: list[float], on: int = STEPS, width: int = 1) -> Dataset
 @pytest.mark.parametrize("effects", EFFECTS.values(), ids=EFFECTS)
 def test_where_all_is_driven_nothing_changes(effects: tuple[str, ...]):
     seen, simulator = evidence(), swung(effects)
-    plain = simulator.rollout(seen.initial, seen.commands, seen.holds)
+    plain = simulator.rollout(seen.initial, seen.commands, seen.initial_loads)
     for driven in (np.full(3, STEPS), np.full(3, STEPS + 7)):
-        assert np.array_equal(simulator.rollout(seen.initial, seen.commands, seen.holds, driven), plain)
+        assert np.array_equal(simulator.rollout(seen.initial, seen.commands, seen.initial_loads, driven), plain)
 
 
 @pytest.mark.parametrize("effects", [e for name, e in EFFECTS.items() if name != "hooked"], ids=list(EFFECTS)[:-1])
 def test_a_released_pendulum_falls_as_in_a_plain_loop(effects: tuple[str, ...]):
     seen, simulator, driven = evidence(), swung(effects), np.array([60, 0, STEPS])
-    fallen = simulator.rollout(seen.initial, seen.commands, driven=driven)
+    fallen = simulator.rollout(seen.initial, seen.commands, torque_off_from=driven)
     for episode in range(3):
         expected = plain_loop(simulator, seen.commands[episode], int(driven[episode]))
         assert np.abs(fallen[episode, :, 0] - expected).max() < 1e-6
@@ -114,7 +114,7 @@ def test_a_released_joint_rubs_by_its_load():
     """Friction under load, against a plain loop that sets it by hand: half as much as a servo that holds would have."""
     ratio, seen, driven = 0.4, evidence(), np.array([60, 0, 90])
     hooked = swung((f"load_friction:joint=pendulum,ratio={ratio}",))
-    fallen = hooked.rollout(seen.initial, seen.commands, driven=driven)
+    fallen = hooked.rollout(seen.initial, seen.commands, torque_off_from=driven)
     powered = hooked.rollout(seen.initial, seen.commands)
     assert np.array_equal(fallen[0, :60], powered[0, :60])
     assert np.array_equal(fallen[2, :90], powered[2, :90])
@@ -129,7 +129,7 @@ def test_a_released_joint_rubs_by_its_load():
             model.dof_frictionloss[:] = 0.5 * ratio * np.abs(data.qfrc_bias)
             mujoco.mj_step(model, data)
         assert data.qpos[0] == pytest.approx(fallen[0, row, 0], abs=2e-4)
-    free = swung(()).rollout(state[None], seen.commands[:1, 62:], driven=np.zeros(1, int))
+    free = swung(()).rollout(state[None], seen.commands[:1, 62:], torque_off_from=np.zeros(1, int))
     assert np.abs(free[0, :, 0] - fallen[0, 62:, 0]).max() > 0.02
 
 
@@ -202,18 +202,18 @@ def test_a_gain_that_changes_within_an_episode_is_refused():
 
 def test_evidence_goes_on_where_the_torque_is_off():
     found = EpisodeBatch.of(recorded([400, 400], on=60))
-    assert found.driven.tolist() == [60, 60]
+    assert found.torque_off_from.tolist() == [60, 60]
     assert found.commands.shape[1] == STEPS
-    assert window(found, 0, 50, 40).driven.tolist() == [10]
-    assert window(found, 1, 70, 40).driven.tolist() == [0]
-    assert EpisodeBatch.of(recorded([400, 400])).driven.tolist() == [STEPS, STEPS]
+    assert cut_window(found, 0, 50, 40).torque_off_from.tolist() == [10]
+    assert cut_window(found, 1, 70, 40).torque_off_from.tolist() == [0]
+    assert EpisodeBatch.of(recorded([400, 400])).torque_off_from.tolist() == [STEPS, STEPS]
 
 
 @given(on=st.lists(st.booleans(), min_size=1, max_size=30))
 @settings(max_examples=60, deadline=None)
 def test_an_episode_is_kept_from_its_longest_drive_to_the_next(on: list[bool]):
     powered = np.array(on)
-    rows = np.flatnonzero(run_and_fall(powered))
+    rows = np.flatnonzero(find_run_and_fall(powered))
     assert bool(len(rows)) == powered.any()
     if len(rows):
         count = int(np.append(powered[rows], False).argmin())
@@ -226,7 +226,7 @@ def test_an_episode_is_kept_from_its_longest_drive_to_the_next(on: list[bool]):
 
 def test_a_dataset_that_is_always_driven_is_not_cut():
     dataset = recorded([400, 400])
-    assert until_driven_again(dataset) is dataset
+    assert keep_torque_on_and_fall(dataset) is dataset
 
 
 @pytest.fixture(scope="module")
@@ -246,7 +246,7 @@ def test_the_recorded_fall_is_what_the_authors_friction_explains(dropped: Path):
     problem = Problem.load(dropped, MODEL)
     seen = problem.evidence
     assert seen.gains.ravel().tolist() == [0.25, 0.5, 1.0, 2.0]
-    assert ((seen.driven > 390) & (seen.driven < 410)).all()
+    assert ((seen.torque_off_from > 390) & (seen.torque_off_from < 410)).all()
     nominal = problem.train.nominal
     stock, authors = (
         np.degrees(np.sqrt(seen.mean_squares(nominal.predict(seen, effects))[:, 0]))
@@ -266,7 +266,7 @@ def test_the_refusal_reaches_the_user(dropped: Path, tmp_path: Path, capsys: pyt
 
 def test_what_is_written_keeps_the_model_s_register(tmp_path: Path):
     nominal = Nominal.load(MODEL, evidence())
-    spec = nominal.edited({"pendulum.gain": 1.1})
+    spec = nominal.make_spec({"pendulum.gain": 1.1})
     add_effects(spec, [parse(EFFECTS["coulomb"][0])])
     assert 'name="p_gain"' in spec.to_xml()
     assert json.loads((RESULTS / "xl330_authors.json").read_text())[0]["effect"] == "coulomb_friction"

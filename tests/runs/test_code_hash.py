@@ -144,7 +144,7 @@ SCATTERED = """
 import nas_data.runs.stages, nas_data.errors, numpy
 from typing import TYPE_CHECKING
 if TYPE_CHECKING:
-    from nas_data.mjcf.bake_inertia import explicit
+    from nas_data.mjcf.bake_inertia import bake_inertia
 else:
     from nas_data.mjcf import default_servos
 class Thing:

@@ -33,5 +33,5 @@ def measured(
     truth = target.predict(evidence, hidden, factors)
     noisy = truth + np.random.default_rng(seed + 1).normal(0, np.radians(0.05), truth.shape)
     rounded = np.round(noisy / QUANTUM) * QUANTUM
-    parts = (evidence.starts, evidence.commands, rounded, evidence.counts, evidence.numbers)
+    parts = (evidence.initial_positions, evidence.commands, rounded, evidence.mask, evidence.numbers)
     return nominal, EpisodeBatch(JOINTS, 0.01, *parts)

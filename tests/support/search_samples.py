@@ -72,7 +72,9 @@ def played(
     empty = EpisodeBatch(joints, 1 / RATE, np.zeros((episodes, len(joints))), told, told, counts, np.arange(episodes))
     truth = loaded(target or model, empty).predict(empty, [parse(text) for text in effects], factors)
     seen = truth + rng.normal(0, NOISE, truth.shape)
-    return loaded(model, empty), EpisodeBatch(joints, 1 / RATE, empty.starts, told, seen, counts, np.arange(episodes))
+    return loaded(model, empty), EpisodeBatch(
+        joints, 1 / RATE, empty.initial_positions, told, seen, counts, np.arange(episodes)
+    )
 
 
 def loaded(model: str, evidence: EpisodeBatch) -> Nominal:
@@ -99,7 +101,7 @@ def begun(model: str, *effects: str, **options: object) -> Search:
 def afresh(search: Search) -> Search:
     """Return a search of its own that stands where another does."""
     other = copy.copy(search)
-    other.rivals, other.settled, other._cache = {**search.rivals}, {*search.settled}, {}
+    other.rivals, other.swaps_tried, other._cache = {**search.rivals}, {*search.swaps_tried}, {}
     return other
 
 
@@ -110,7 +112,7 @@ def described(*effects: str, shared: Sequence[str] = (), freed: Sequence[str] = 
 
 def fitted(search: Search, *effects: str, shared: Sequence[str] = (), freed: Sequence[str] = ()) -> Hypothesis:
     """Return a hypothesis fitted from guesses, in an objective that was made there."""
-    found = search.fitted(described(*effects, shared=shared, freed=freed), {}, steps=8, jacobian_refreshes=2)
+    found = search.fit_description(described(*effects, shared=shared, freed=freed), {}, steps=8, jacobian_refreshes=2)
     assert found is not None
     return search.relinearise(found)
 

@@ -35,7 +35,7 @@ def least_error(folder: Path, answer: SealedAnswer, fresh: Fresh) -> float | Non
     spec = mujoco.MjSpec.from_file(str(folder / NOMINAL))
     spec.option.timestep = min(spec.option.timestep, FINE)
     multiply(spec, fresh.joints, answer.base)
-    forms = [effect.written(sizes(spec, effect, fresh)) for effect in effects]
+    forms = [effect.written_form(sizes(spec, effect, fresh)) for effect in effects]
     try:
         add_effects(spec, [form for form in forms if form is not None])
     except ModelFileError:

@@ -8,7 +8,7 @@ from nas_data.effects.edits.pristine import clear_joint, clear_tendon
 from nas_data.effects.edits.servo import feedback, limit_torque, multiply_servo, torque_limits
 from nas_data.errors import ModelFileError
 from nas_data.mjcf.actuator_lookup import BAND, DAMPING, DRIVE, GAIN, GOAL, PARTS
-from nas_data.mjcf.unique_name import free_name
+from nas_data.mjcf.unique_name import unique_name
 
 SHARE = 1e-4  # coefficient of the joint in the servo's tendon; that of the goal is 1
 QUICK = 1 / 200  # goal's inertia over damping · timestep, so that it moves within one physics step
@@ -48,10 +48,10 @@ def insert_goal(spec: mujoco.MjSpec, joint: str, servo: mujoco.MjsActuator) -> N
     servo.trntype = mujoco.mjtTrn.mjTRN_TENDON
     servo.target = add_sum(spec, joint + DRIVE, {goal.name: 1.0, joint: SHARE})
     # the servo's tendon includes this share of the joint already
-    error = add_sum(spec, free_name(spec.tendon, joint + "_error"), {joint: 1 - SHARE, goal.name: -1.0})
+    error = add_sum(spec, unique_name(spec.tendon, joint + "_error"), {joint: 1 - SHARE, goal.name: -1.0})
     add_feedback(spec, joint + GAIN, error, -kp, 0.0)
     add_feedback(spec, joint + BAND, error, kp, 0.0)
-    angle = add_sum(spec, free_name(spec.tendon, joint + "_turn"), {joint: 1.0})
+    angle = add_sum(spec, unique_name(spec.tendon, joint + "_turn"), {joint: 1.0})
     add_feedback(spec, joint + DAMPING, angle, 0.0, -kv)
     if limits is not None:
         limit_torque(first, *np.sort(np.array(limits) * gear))
@@ -84,7 +84,7 @@ def add_goal(spec: mujoco.MjSpec, first: mujoco.MjsJoint, stiffness: float) -> m
     step = spec.option.timestep
     name = first.name + GOAL
     body = spec.worldbody.add_body(mass=MASS, inertia=np.full(3, INERTIA), explicitinertial=True)
-    body.name, body.ipos = free_name(spec.body, name), np.zeros(3)
+    body.name, body.ipos = unique_name(spec.body, name), np.zeros(3)
     goal = body.add_joint(name=name, type=first.type, axis=[0, 0, 1])
     clear_joint(goal)
     goal.damping = [stiffness * step, 0.0, 0.0]

@@ -9,7 +9,7 @@ import numpy as np
 from nas_data.dataset.features import POSITION
 from nas_data.effects.edits.pristine import JOINT, clear_joint, clear_tendon
 from nas_data.mjcf.actuator_lookup import driven_joint
-from nas_data.mjcf.unique_name import free_name
+from nas_data.mjcf.unique_name import unique_name
 
 SMALLEST = 2e-5  # [kg m²] a hinge with less inertia oscillates at a timestep of 2 ms
 STOP = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp of a stop that holds the motor even through a very light link
@@ -37,7 +37,7 @@ def add_series_joint(spec: mujoco.MjSpec, joint: str, suffix: str) -> mujoco.Mjs
     # neither a servo without armature nor a piece between two such hinges may be without inertia
     between = SMALLEST if len(first.parent.joints) > 1 else SMALLEST - first.armature
     armature = max(lacking_inertia(spec, joint, SMALLEST), between)
-    second = insert_joint(spec, first, free_name(spec.joint, f"{joint}_{suffix}"))
+    second = insert_joint(spec, first, unique_name(spec.joint, f"{joint}_{suffix}"))
     second.type, second.pos, second.axis = first.type, first.pos, first.axis
     if first.frame is not None:
         second.set_frame(first.frame)
@@ -138,7 +138,7 @@ def measured_tendon(spec: mujoco.MjSpec, joint: str) -> mujoco.MjsTendon:
         return spec.tendon(sensor.objname)
     else:
         parts = {wrap.target.name: wrap.coef for wrap in spec.tendon(sensor.objname).path}
-    tendon = spec.add_tendon(name=free_name(spec.tendon, name))
+    tendon = spec.add_tendon(name=unique_name(spec.tendon, name))
     clear_tendon(tendon)
     for part, share in parts.items():
         tendon.wrap_joint(part, share)

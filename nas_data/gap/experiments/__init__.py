@@ -1,1 +1,1 @@
-"""What to record next, where two names cannot be told apart."""
+"""Next experiment to record, if the data cannot distinguish two names."""

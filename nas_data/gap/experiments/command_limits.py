@@ -1,4 +1,4 @@
-"""Within what an experiment moves an arm: its rest pose, its limits, and the stretches of commands between them."""
+"""Range of commands of an experiment, with rest pose, limits and ramps."""
 
 import math
 from collections.abc import Sequence
@@ -11,20 +11,20 @@ from nas_data.gap.nominal import Nominal
 from nas_data.simulators.limits import command_limits, command_radians, excitable_limits
 
 SPEED = 0.5  # [rad/s or N·m/s] of a slow approach
-SHORTEST = 1.0  # [s] of a slow approach, in which the arm also settles in its rest pose
+SHORTEST = 1.0  # [s] smallest duration of a slow approach, in which the arm settles in its rest pose
 
 
 @dataclass(frozen=True)
-class Room:
-    """What may be commanded.
+class CommandRange:
+    """Range of commands.
 
     Attributes:
         period: Control period [s].
-        pose: First pose [rad], shape (n,).
-        home: Command that goes with it [rad or N·m], shape (n,).
+        pose: Initial pose [rad; m], shape (n,).
+        home: Command of the initial pose [rad or N·m], shape (n,).
         low: Lowest commands, shape (n,).
         high: Highest commands, shape (n,).
-        radians: What stands for a radian in the commands of each joint, shape (n,); see `joint_units.radians_at`.
+        radians: Equivalent of a radian in each joint's commands, shape (n,); see `joint_units.radians_at`.
     """
 
     period: float
@@ -35,7 +35,7 @@ class Room:
     radians: np.ndarray | float = 1.0
 
     @classmethod
-    def of(cls, nominal: Nominal) -> "Room":
+    def of(cls, nominal: Nominal) -> "CommandRange":
         """Read rest pose and limits from a model.
 
         Raises:
@@ -44,7 +44,7 @@ class Room:
         simulator, joints = nominal.simulator(), nominal.joints
         low, high = command_limits(simulator.model, joints, str(nominal.robot.mjcf))
         low, high = excitable_limits(low, high, joints, simulator.kinds, simulator.slides)
-        pose = rest_pose(nominal)
+        pose = find_rest_pose(nominal)
         home = np.where(simulator.layout.inputs.positional, pose, 0.0)
         return cls(nominal.period, pose, np.clip(home, low, high), low, high, command_radians(simulator, low, high))
 
@@ -58,40 +58,40 @@ class Room:
         """Half of each range, shape (n,)."""
         return np.asarray((self.high - self.low) / 2)
 
-    def reduced(self, share: float) -> "Room":
-        """Return the part of the room that is nearest to rest: a share of the way to each limit."""
+    def shrink(self, share: float) -> "CommandRange":
+        """Return a range reduced to a share of the way from home to each limit."""
         low, high = (self.home + share * (limit - self.home) for limit in (self.low, self.high))
         return replace(self, low=low, high=high)
 
     def steps(self, seconds: float) -> int:
-        """Return how many control steps a time takes, at least one."""
+        """Return the number of control steps of a duration, at least one."""
         return max(1, round(seconds / self.period))
 
-    def played(
+    def draw_excitation(
         self, excitation: Excitation, seconds: float, moving: np.ndarray, rng: np.random.Generator
     ) -> np.ndarray:
-        """Draw commands of an excitation for the moving joints (n,), the others at rest; shape (T, n)."""
+        """Draw commands of an excitation for the joints `moving` (n,), the others at home; shape (T, n)."""
         drawn = excitation.commands(rng, 1, self.steps(seconds), self.period, self.low, self.high, self.radians)[0]
         return np.where(moving, drawn, self.home)
 
     def ramp(self, begin: np.ndarray, end: np.ndarray, speed: float, shortest: float = 0.0) -> np.ndarray:
-        """Return commands at constant speed [rad/s] from one pose to another, the last one the other; shape (T, n)."""
+        """Return commands at constant speed [rad/s] between two poses, without the first; shape (T, n)."""
         seconds = max(shortest, float((np.abs(end - begin) / self.radians).max()) / speed)
         parts = np.arange(1, math.ceil(seconds / self.period) + 1) / max(1, math.ceil(seconds / self.period))
         return np.asarray(begin + parts[:, None] * (end - begin))
 
-    def approached(self, body: np.ndarray) -> np.ndarray:
-        """Return commands (T, n) with a slow approach from rest before them."""
+    def prepend_approach(self, body: np.ndarray) -> np.ndarray:
+        """Return commands (T, n) preceded by a slow approach from home."""
         whole = np.concatenate([self.home[None], self.ramp(self.home, body[0], SPEED, SHORTEST), body])
-        return np.clip(whole, self.low, self.high)  # the clip only takes rounding errors
+        return np.clip(whole, self.low, self.high)  # removes rounding errors
 
 
-def rest_pose(nominal: Nominal) -> np.ndarray:
-    """Return the pose in which recordings start [rad], shape (n,): the robot's rest, else zero."""
+def find_rest_pose(nominal: Nominal) -> np.ndarray:
+    """Return the robot's rest pose, else zero [rad; m], shape (n,)."""
     known = dict(zip(nominal.robot.joints, nominal.robot.rest, strict=False))
     return np.array([known.get(joint, 0.0) for joint in nominal.joints])
 
 
-def moves(joints: Sequence[str], moved: Sequence[str]) -> np.ndarray:
-    """Return which joints move, shape (n,)."""
+def mask_joints(joints: Sequence[str], moved: Sequence[str]) -> np.ndarray:
+    """Return which joints are in `moved`, shape (n,)."""
     return np.array([joint in moved for joint in joints])

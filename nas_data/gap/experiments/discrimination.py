@@ -1,4 +1,4 @@
-"""How far two hypotheses stay apart in an experiment when one of them may follow the other as far as it can."""
+"""Difference of two hypotheses in an experiment after one is fitted to the other."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -6,78 +6,78 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nas_data.effects.base import Effect
-from nas_data.gap.episode_batch import EpisodeBatch, lengthen
+from nas_data.gap.episode_batch import EpisodeBatch, pad_rows
 from nas_data.gap.nominal import Nominal
-from nas_data.gap.nominal_parameters import NominalParameter, apply_base
+from nas_data.gap.nominal_parameters import NominalParameter, scale_base_parameters
 from nas_data.gap.search.fit import Fit, fit, measure_jacobian
 from nas_data.gap.search.objective import FitTask
-from nas_data.gap.search.parameters import FreeParameters, free_base
+from nas_data.gap.search.parameters import FreeParameters, select_free_base
 
-STEPS = 4  # Gauss-Newton steps by which the second rival follows; after two, it is still on its way
+STEPS = 4  # Gauss-Newton steps of the second rival; after two it has not converged
 
 
 @dataclass(frozen=True)
 class Rival:
-    """One explanation of what was recorded so far.
+    """One explanation of the recorded data.
 
     Attributes:
         effects: Fitted effects.
-        factors: Fitted base factors, by name.
+        factors: Fitted factors of base parameters, by name.
     """
 
     effects: tuple[Effect, ...]
     factors: Mapping[str, float]
 
 
-def concerned_joints(rivals: tuple[Rival, Rival], joints: Sequence[str]) -> tuple[str, ...]:
-    """Return the joints with an effect that only one rival has; all where that belongs to the whole arm."""
+def find_differing_joints(rivals: tuple[Rival, Rival], joints: Sequence[str]) -> tuple[str, ...]:
+    """Return the joints with an effect that only one rival has; all joints for an effect of the whole arm."""
     one, two = ({(effect.name(), effect.joint) for effect in rival.effects} for rival in rivals)
     places = {joint for _, joint in one ^ two}
     return tuple(joint for joint in joints if not places or None in places or joint in places)
 
 
-def as_evidence(nominal: Nominal, commands: Sequence[np.ndarray], pose: np.ndarray) -> EpisodeBatch:
-    """Return experiments (T, n) as episodes from a first pose [rad] (n,) in which nothing was measured yet."""
+def make_batch(nominal: Nominal, commands: Sequence[np.ndarray], pose: np.ndarray) -> EpisodeBatch:
+    """Return commands (T, n) as episodes from an initial pose [rad; m] (n,), without measurements."""
     longest = max(len(rows) for rows in commands)
-    stacked = np.stack([lengthen(rows, longest) for rows in commands])
+    stacked = np.stack([pad_rows(rows, longest) for rows in commands])
     return EpisodeBatch(
         joints=nominal.joints,
         period=nominal.period,
-        starts=np.tile(pose, (len(commands), 1)),
+        initial_positions=np.tile(pose, (len(commands), 1)),
         commands=stacked,
         measured=np.zeros_like(stacked),
-        counts=np.stack([np.arange(longest) < len(rows) for rows in commands]),
+        mask=np.stack([np.arange(longest) < len(rows) for rows in commands]),
         numbers=np.arange(len(commands)),
     )
 
 
-def separations(
+def compute_separations(
     nominal: Nominal, rivals: tuple[Rival, Rival], evidence: EpisodeBatch, floor: np.ndarray, concerned: Sequence[str]
 ) -> np.ndarray:
-    """Return how far the rivals differ in each experiment after the second was fitted to what the first predicts.
+    """Return the difference of two rivals in each experiment, after the second is fitted to the first.
 
-    T-optimality (Atkinson and Fedorov, 1975): only what the second cannot imitate tells them apart.
+    T-optimality (Atkinson and Fedorov, 1975): only what the second cannot imitate distinguishes them.
 
     Args:
-        nominal: Model as handed over.
-        rivals: What the first predicts, the second follows.
+        nominal: Given model.
+        rivals: The second is fitted to the predictions of the first.
         evidence: E experiments of n joints.
-        floor: Noise floor of each joint [rad], shape (n,).
+        floor: Noise floor of each joint [rad; m], shape (n,).
         concerned: Joints in which the rivals differ.
 
     Returns:
-        RMS difference over the noise floor, shape (E, n); zero for joints that are not concerned.
+        RMS difference over the noise floor, shape (E, n); 0 for other joints.
 
     Raises:
         ModelFileError: a rival diverges.
     """
     leader, follower = rivals
     first = nominal.predict(evidence, leader.effects, leader.factors)
-    task = FitTask(following(nominal, follower, concerned), replace(evidence, measured=first), floor)
-    parameters = FreeParameters(follower.effects, free_parameters(nominal, follower, concerned))
-    start = parameters.start(dict(follower.factors))
+    task = FitTask(make_follower(nominal, follower, concerned), replace(evidence, measured=first), floor)
+    parameters = FreeParameters(follower.effects, select_free_parameters(nominal, follower, concerned))
+    start = parameters.initial_theta(dict(follower.factors))
     second = task.nominal.predict(evidence, follower.effects, parameters.factors_at(start))
-    # found for all experiments in one batch: from here on, each has numbers of its own
+    # common columns are measured for all experiments in one batch; each experiment is then fitted alone
     common = [column for column in range(parameters.size) if not is_concerned(parameters, column, concerned)]
     known = dict(zip(common, measure_jacobian(task, parameters, start, second, common), strict=True))
     followed = [
@@ -90,24 +90,24 @@ def separations(
 
 
 def is_concerned(parameters: FreeParameters, column: int, concerned: Sequence[str]) -> bool:
-    """Whether a number is that of an effect of a concerned joint, or of the arm."""
-    if column >= len(parameters.of_effects):
+    """Whether a column belongs to an effect of a concerned joint or of the whole arm."""
+    if column >= len(parameters.effect_parameters):
         return False
-    return any(effect.joint is None or effect.joint in concerned for effect in parameters.parameters_of(column))
+    return any(effect.joint is None or effect.joint in concerned for effect in parameters.effects_of(column))
 
 
 def mean_squares(task: FitTask, found: Fit | None) -> np.ndarray:
-    """Return the mean squares that a fit leaves [rad²], shape (1, n); none is shown where there is no fit."""
+    """Return the mean squared errors of a fit [rad²; m²], shape (1, n); 0 without a fit."""
     return task.evidence.mean_squares(found.predicted) if found else np.zeros((1, len(task.floor)))
 
 
-def free_parameters(nominal: Nominal, rival: Rival, concerned: Sequence[str]) -> tuple[NominalParameter, ...]:
-    """Return the base parameters by which a rival follows: masses, and what the concerned joints have."""
-    return tuple(p for p in free_base(nominal.base, rival.effects) if p.kind == "mass" or p.joint in concerned)
+def select_free_parameters(nominal: Nominal, rival: Rival, concerned: Sequence[str]) -> tuple[NominalParameter, ...]:
+    """Return the base parameters that the second rival may adapt: masses, and those of the concerned joints."""
+    return tuple(p for p in select_free_base(nominal.base, rival.effects) if p.kind == "mass" or p.joint in concerned)
 
 
-def following(nominal: Nominal, rival: Rival, concerned: Sequence[str]) -> Nominal:
-    """Return the model with those of a rival's base factors that stay as they are."""
-    free = {parameter.name for parameter in free_parameters(nominal, rival, concerned)}
+def make_follower(nominal: Nominal, rival: Rival, concerned: Sequence[str]) -> Nominal:
+    """Return the model with the fixed base factors of a rival."""
+    free = {parameter.name for parameter in select_free_parameters(nominal, rival, concerned)}
     kept = {name: factor for name, factor in rival.factors.items() if name not in free}
-    return nominal.changed(lambda spec: apply_base(spec, nominal.base, kept))
+    return nominal.with_edit(lambda spec: scale_base_parameters(spec, nominal.base, kept))

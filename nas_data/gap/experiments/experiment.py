@@ -1,4 +1,4 @@
-"""What to record next: the experiment in which two rival explanations of a gap differ most."""
+"""Choice of the experiment in which two rival explanations differ most."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,25 +8,25 @@ import numpy as np
 
 from nas_data.command_file import write_commands
 from nas_data.effects.base import Effect
-from nas_data.gap.experiments.command_limits import Room
-from nas_data.gap.experiments.discrimination import Rival, as_evidence, concerned_joints, separations
-from nas_data.gap.experiments.library import ExperimentDesign, library
+from nas_data.gap.experiments.command_limits import CommandRange
+from nas_data.gap.experiments.discrimination import Rival, compute_separations, find_differing_joints, make_batch
+from nas_data.gap.experiments.library import ExperimentDesign, generate_experiments
 from nas_data.gap.nominal import Nominal
 
-__all__ = ["NextExperiment", "Rival", "Tried", "next_experiment", "write"]
+__all__ = ["NextExperiment", "RatedExperiment", "Rival", "choose_next_experiment", "write_experiment"]
 
-VISIBLE = 1.0  # noise floors by which rivals must differ, or the experiment is not worth recording
+VISIBLE = 1.0  # noise floors; smallest difference of rivals that is worth recording
 
 
 @dataclass(frozen=True)
-class Tried:
-    """An experiment and how well it separates two rivals.
+class RatedExperiment:
+    """An experiment with the difference of two rivals in it.
 
     Attributes:
-        trial: The experiment.
-        separation: RMS difference of the rivals over the noise, on the joint where it is largest.
+        trial: Experiment.
+        separation: Largest RMS difference of the rivals over the noise floor of a joint.
         joint: That joint.
-        seconds: How long it takes [s].
+        seconds: Duration [s].
     """
 
     trial: ExperimentDesign
@@ -47,58 +47,62 @@ class Tried:
 
 @dataclass(frozen=True)
 class NextExperiment:
-    """The experiment to record next.
+    """Proposed experiment.
 
     Attributes:
-        text: What it is and what it separates, in a sentence.
-        names: Columns of its command file, `<joint>.pos` [rad], `.vel` [rad/s] or `.effort` [N·m].
-        commands: From the rest pose with a slow approach, shape (T, n).
+        text: Description in one sentence.
+        names: Columns of its command file: `<joint>.pos` [rad], `.vel` [rad/s] or `.effort` [N·m].
+        commands: Commands from the rest pose with a slow approach, shape (T, n).
         period: Control period [s].
-        table: Every experiment tried, the best first.
+        table: All experiments, largest separation first.
     """
 
     text: str
     names: tuple[str, ...]
     commands: np.ndarray
     period: float
-    table: tuple[Tried, ...]
+    table: tuple[RatedExperiment, ...]
 
     def to_json(self) -> list[dict[str, object]]:
         """Return the table for a report."""
         return [row.to_json() for row in self.table]
 
 
-def next_experiment(nominal: Nominal, rivals: tuple[Rival, Rival], floor: np.ndarray, seed: int) -> NextExperiment:
-    """Choose what to record next.
+def choose_next_experiment(
+    nominal: Nominal, rivals: tuple[Rival, Rival], floor: np.ndarray, seed: int
+) -> NextExperiment:
+    """Choose the experiment to record next.
 
     Args:
-        nominal: Model as handed over.
-        rivals: Two explanations that the data so far cannot tell apart.
-        floor: Noise floor of each joint [rad], shape (n,).
-        seed: Seed of what is random in the excitations.
+        nominal: Given model.
+        rivals: Two explanations that the data cannot distinguish.
+        floor: Noise floor of each joint [rad; m], shape (n,).
+        seed: Seed of random excitations.
 
     Raises:
         ModelFileError: a rival diverges.
         OptionError: the model takes torques without limits.
     """
-    room = Room.of(nominal)
-    concerned = concerned_joints(rivals, nominal.joints)
-    trials = list(library(nominal, room, concerned, seed))
-    evidence = as_evidence(nominal, [trial.commands for trial in trials], room.pose)
-    apart = separations(nominal, rivals, evidence, floor, concerned)
+    room = CommandRange.of(nominal)
+    concerned = find_differing_joints(rivals, nominal.joints)
+    trials = list(generate_experiments(nominal, room, concerned, seed))
+    evidence = make_batch(nominal, [trial.commands for trial in trials], room.pose)
+    apart = compute_separations(nominal, rivals, evidence, floor, concerned)
     rows = [
-        Tried(trial, float(row.max()), nominal.joints[int(row.argmax())], len(trial.commands) * nominal.period)
+        RatedExperiment(
+            trial, float(row.max()), nominal.joints[int(row.argmax())], len(trial.commands) * nominal.period
+        )
         for trial, row in zip(trials, apart, strict=True)
     ]
     table = tuple(sorted(rows, key=lambda row: -row.separation))
     names = tuple(joint + kind for joint, kind in zip(nominal.joints, nominal.simulator().kinds, strict=True))
-    text = sentence(table[0], rivals, nominal.joints)
+    text = describe_experiment(table[0], rivals, nominal.joints)
     return NextExperiment(text, names, table[0].trial.commands, nominal.period, table)
 
 
-def sentence(best: Tried, rivals: tuple[Rival, Rival], joints: Sequence[str]) -> str:
-    """Say what the best experiment is, and what it separates."""
-    one, two = (claim(rival, other) for rival, other in (rivals, rivals[::-1]))
+def describe_experiment(best: RatedExperiment, rivals: tuple[Rival, Rival], joints: Sequence[str]) -> str:
+    """Describe the best experiment and what it distinguishes."""
+    one, two = (describe_difference(rival, other) for rival, other in (rivals, rivals[::-1]))
     if best.separation < VISIBLE:
         return (
             f"nothing tried separates {one} from {two}: at best, in {best.trial.name}, the two models would differ by "
@@ -112,8 +116,8 @@ def sentence(best: Tried, rivals: tuple[Rival, Rival], joints: Sequence[str]) ->
     )
 
 
-def claim(rival: Rival, other: Rival) -> str:
-    """Return in words what a rival has that the other has not."""
+def describe_difference(rival: Rival, other: Rival) -> str:
+    """Return the effects of a rival that the other lacks, in words."""
     theirs = {(effect.name(), effect.joint) for effect in other.effects}
     own = [effect for effect in rival.effects if (effect.name(), effect.joint) not in theirs]
     names = {effect.name() for effect in other.effects}
@@ -121,11 +125,11 @@ def claim(rival: Rival, other: Rival) -> str:
 
 
 def describe_effect(effect: Effect, with_joint: bool) -> str:
-    """Return an effect's name as a person says it, with its joint where that is the difference."""
+    """Return an effect's name in words, with its joint if that is the difference."""
     words = effect.name().replace("_", " ")
     return f"{words} in {effect.joint or 'the whole arm'}" if with_joint else words
 
 
-def write(experiment: NextExperiment, path: Path) -> None:
+def write_experiment(experiment: NextExperiment, path: Path) -> None:
     """Write the commands as the CSV file that `nas record sim --commands` plays."""
     write_commands(path, experiment.names, [experiment.commands])

@@ -1,4 +1,4 @@
-"""The experiments to choose from: each shows one trait of a drive, on one joint or on all."""
+"""Candidate experiments, each for one property of a drive."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -8,19 +8,19 @@ import numpy as np
 from nas_data.excitations.chirp import Chirp
 from nas_data.excitations.steps import Steps
 from nas_data.excitations.triangle import Triangle
-from nas_data.gap.experiments.command_limits import Room, moves
-from nas_data.gap.experiments.contact import without_contact
+from nas_data.gap.experiments.command_limits import CommandRange, mask_joints
+from nas_data.gap.experiments.contact import draw_without_contact
 from nas_data.gap.nominal import Nominal
 
-SECONDS = 12.0  # of an experiment, without its approach
-QUICK = 1.0  # [rad/s or N·m/s] between postures
-POSTURES = 4  # of the whole arm, around which small reversals are made
-REACH = 0.5  # part of a half range in which postures lie
-SMALL = 0.04  # amplitude of small reversals, as a part of a half range: a few times a servo's play
+SECONDS = 12.0  # [s] duration without the approach
+QUICK = 1.0  # [rad/s or N·m/s] speed between postures
+POSTURES = 4  # postures with small reversals
+REACH = 0.5  # share of a half range that contains the postures
+SMALL = 0.04  # amplitude of small reversals over a half range, a few times a servo's play
 REVERSAL = 1.2  # [s] period of small reversals
-REVERSALS = 2.4  # [s] that they last in each posture
-LEVELS = (-0.6, -0.2, 0.2, 0.6, 0.4, 0.0, -0.4)  # of a hold grid, as parts of a half range: reached from both sides
-MOST_CONCERNED = 2  # joints that are moved one at a time
+REVERSALS = 2.4  # [s] duration in each posture
+LEVELS = (-0.6, -0.2, 0.2, 0.6, 0.4, 0.0, -0.4)  # of a hold grid over a half range, reached from both sides
+MOST_CONCERNED = 2  # most joints that are moved one at a time
 HOLD = 1.0  # [s] at each level
 
 
@@ -29,9 +29,9 @@ class ExperimentDesign:
     """One experiment.
 
     Attributes:
-        name: What is played.
+        name: Kind of commands.
         moved: Joints that it excites.
-        commands: From the rest pose [rad or N·m], shape (T, n).
+        commands: Commands from the rest pose [rad or N·m], shape (T, n).
     """
 
     name: str
@@ -39,8 +39,8 @@ class ExperimentDesign:
     commands: np.ndarray
 
 
-def small_reversals(room: Room, moving: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Swing a little around several postures of the whole arm, which load the joints differently."""
+def small_reversals(room: CommandRange, moving: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Draw small triangle waves in several postures, which load the joints differently."""
     turns = room.period * np.arange(room.steps(REVERSALS)) / REVERSAL
     swing = (2 / np.pi * np.arcsin(np.sin(2 * np.pi * turns)))[:, None] * SMALL * room.span * moving
     here, parts = room.home, []
@@ -50,8 +50,8 @@ def small_reversals(room: Room, moving: np.ndarray, rng: np.random.Generator) ->
     return np.concatenate(parts)
 
 
-def hold_grid(room: Room, moving: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Hold levels over the range, each reached slowly, some from below and some from above."""
+def hold_grid(room: CommandRange, moving: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Draw levels over the range, held and approached slowly from both sides."""
     here, parts = room.home, []
     for level in LEVELS:
         goal = np.where(moving, room.middle + level * room.span, room.home)
@@ -60,27 +60,31 @@ def hold_grid(room: Room, moving: np.ndarray, rng: np.random.Generator) -> np.nd
     return np.concatenate(parts)
 
 
-Draw = Callable[[Room, np.ndarray, np.random.Generator], np.ndarray]
+Draw = Callable[[CommandRange, np.ndarray, np.random.Generator], np.ndarray]
 
 STEPS = "steps held"
 KINDS: Mapping[str, Draw] = {
-    "slow triangle": lambda room, moving, rng: room.played(Triangle(speed=0.4, share=0.5), SECONDS, moving, rng),
+    "slow triangle": lambda room, moving, rng: room.draw_excitation(
+        Triangle(speed=0.4, share=0.5), SECONDS, moving, rng
+    ),
     "small reversals around several postures": small_reversals,
-    STEPS: lambda room, moving, rng: room.played(Steps(seconds=1.5, share=0.6), SECONDS, moving, rng),
-    "chirp": lambda room, moving, rng: room.played(Chirp(share=0.15, fastest=4.0), SECONDS, moving, rng),
-    "fast steps": lambda room, moving, rng: room.played(Steps(seconds=0.3, share=0.4), SECONDS, moving, rng),
+    STEPS: lambda room, moving, rng: room.draw_excitation(Steps(seconds=1.5, share=0.6), SECONDS, moving, rng),
+    "chirp": lambda room, moving, rng: room.draw_excitation(Chirp(share=0.15, fastest=4.0), SECONDS, moving, rng),
+    "fast steps": lambda room, moving, rng: room.draw_excitation(Steps(seconds=0.3, share=0.4), SECONDS, moving, rng),
     "hold grid": hold_grid,
 }
 
 
-def library(nominal: Nominal, room: Room, concerned: Sequence[str], seed: int) -> Iterator[ExperimentDesign]:
-    """Yield experiments for the concerned joints, one at a time, and steps of all joints together.
+def generate_experiments(
+    nominal: Nominal, room: CommandRange, concerned: Sequence[str], seed: int
+) -> Iterator[ExperimentDesign]:
+    """Yield experiments for each concerned joint, and steps of all joints together.
 
     Args:
-        nominal: Model as handed over.
-        room: What may be commanded.
-        concerned: Joints in which the rivals differ; where they are many, each kind moves all joints at once.
-        seed: Seed of what is random.
+        nominal: Given model.
+        room: Range of commands.
+        concerned: Joints in which the rivals differ; if there are many, each experiment moves all joints.
+        seed: Seed of random excitations.
     """
     simulator, whole = nominal.simulator(), nominal.joints
     everywhere = len(concerned) > MOST_CONCERNED or set(concerned) == set(whole)
@@ -89,8 +93,10 @@ def library(nominal: Nominal, room: Room, concerned: Sequence[str], seed: int) -
         kinds = [*((name, (joint,)) for joint in concerned for name in KINDS), *kinds]
     for number, (name, moved) in enumerate(kinds):
 
-        def draw(part: Room, name: str = name, moved: tuple[str, ...] = moved, number: int = number) -> np.ndarray:
+        def draw(
+            part: CommandRange, name: str = name, moved: tuple[str, ...] = moved, number: int = number
+        ) -> np.ndarray:
             rng = np.random.default_rng([seed, number])
-            return part.approached(KINDS[name](part, moves(whole, moved), rng))
+            return part.prepend_approach(KINDS[name](part, mask_joints(whole, moved), rng))
 
-        yield ExperimentDesign(name, moved, without_contact(simulator, room, draw))
+        yield ExperimentDesign(name, moved, draw_without_contact(simulator, room, draw))

@@ -1,1 +1,1 @@
-"""Identified models as parameters that others read."""
+"""Export of identified models to formats of other tools."""

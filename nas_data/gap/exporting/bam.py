@@ -38,33 +38,33 @@ STRIBECK = {"stribeck_friction.torque", "stribeck_friction.kinetic_ratio", "stri
 
 
 def write_bam(folder: Path, joints: Sequence[str], quantities: Sequence[Quantity]) -> tuple[Path, list[str]]:
-    """Write `bam/JOINT.json` for every hinge; return the folder and what it does not hold, a sentence each.
+    """Write `bam/JOINT.json` for every hinge; return the folder, and a sentence for each quantity that is lost.
 
     Args:
-        folder: Where.
+        folder: Output folder.
         joints: Measured hinges; BAM has no slides.
-        quantities: What is known of the model.
+        quantities: Quantities of the identified model.
     """
     place = folder / FOLDER
     place.mkdir(parents=True, exist_ok=True)
     arm = {each.name: each.value for each in quantities if each.joint is None}
-    told = [f"{', '.join(sorted({q.name for q in quantities if q.interval}))}: their ranges"]
-    told = told if any(quantity.interval for quantity in quantities) else []
+    lines = [f"{', '.join(sorted({q.name for q in quantities if q.interval}))}: their ranges"]
+    lines = lines if any(quantity.interval for quantity in quantities) else []
     for joint in joints:
         own = {each.name: each.value for each in quantities if each.joint == joint}
         if "command_delay" in arm:
             own.setdefault("command_delay", arm["command_delay"])
-        content, lost = parameters(own)
+        content, lost = convert_parameters(own)
         (place / f"{joint}.json").write_text(json.dumps(content, indent=1), encoding="utf-8")
-        told += [f"{joint}: {what}" for what in lost]
-    return place, told + [f"the arm's {name}" for name in arm if name != "command_delay"]
+        lines += [f"{joint}: {what}" for what in lost]
+    return place, lines + [f"the arm's {name}" for name in arm if name != "command_delay"]
 
 
-def parameters(own: Mapping[str, float]) -> tuple[dict[str, str | float], list[str]]:
-    """Return BAM's parameters of a joint, and what of it they do not hold.
+def convert_parameters(own: Mapping[str, float]) -> tuple[dict[str, str | float], list[str]]:
+    """Return BAM's parameters of a joint, and the quantities that they do not express.
 
     Args:
-        own: The joint's numbers by name, in SI units.
+        own: The joint's quantities by name [SI].
     """
     content: dict[str, str | float] = {"actuator": ACTUATOR, "friction_base": own.get("dry_friction", 0.0)}
     content |= {"friction_viscous": 0.0} | {theirs: own[ours] for ours, theirs in PLAIN.items() if ours in own}

@@ -1,4 +1,4 @@
-"""An identified model as a CSV table: a row for each number of each joint, with its randomisation range."""
+"""Export of an identified model as a CSV table with a row for each quantity and its interval."""
 
 import csv
 from collections.abc import Sequence
@@ -11,10 +11,10 @@ HEADER = ("joint", "parameter", "unit", "value", "low", "high")
 
 
 def write_table(folder: Path, quantities: Sequence[Quantity]) -> tuple[Path, list[str]]:
-    """Write `parameters.csv`; return its path and what it does not hold.
+    """Write `parameters.csv`; return its path and a sentence for what it lacks.
 
-    `low` and `high` are the ends of the 95 % interval, empty where it is not known; a number of the whole arm has an
-    empty `joint`.
+    `low` and `high` bound the 95 % interval, and are empty if it is unknown. A quantity of the whole arm has an empty
+    `joint`.
     """
     path = folder / FILE
     with path.open("w", newline="", encoding="utf-8") as file:

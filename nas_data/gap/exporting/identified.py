@@ -1,4 +1,4 @@
-"""What is known of each joint of an identified model: numbers with the ranges that the data leave them."""
+"""Quantities of an identified model by joint, with their confidence intervals."""
 
 import json
 import math
@@ -18,8 +18,8 @@ from nas_data.gap.write_model import EFFECTS
 from nas_data.joint_units import unit_at
 from nas_data.typed_json import from_json
 
-ROUNDING = 1e-9  # relative difference of numbers that were only written otherwise
-ALIKE = 1e-3  # relative difference below which a report's number is that of an effects.json
+ROUNDING = 1e-9  # relative difference up to which values are equal
+ALIKE = 1e-3  # relative difference up to which a report's value is that of an effects.json
 UNITS = {
     "gain": "N·m/rad",
     "damping": "N·m·s/rad",
@@ -27,7 +27,7 @@ UNITS = {
     "dry_friction": "N·m",
     "viscous_friction": "N·m·s/rad",
     "torque_limit": "N·m",
-}  # what a joint has anyway, at a hinge; `damping` is the servo's velocity feedback
+}  # quantities of every joint, units at a hinge; `damping` is the servo's velocity feedback
 
 Interval = tuple[float, float]
 Intervals = Mapping[tuple[str, str | None, str], Interval]  # by effect, joint and parameter
@@ -35,14 +35,14 @@ Intervals = Mapping[tuple[str, str | None, str], Interval]  # by effect, joint a
 
 @dataclass(frozen=True)
 class Quantity:
-    """One number of an identified model.
+    """One quantity of an identified model.
 
     Attributes:
-        joint: Joint that it belongs to; None for the whole arm.
-        name: Which: one of `UNITS`, or an effect or `effect.parameter`.
-        unit: Its unit; empty for a ratio.
-        value: The number.
-        interval: Where it lies with 95 %, as far as the data tell; None where that is not known.
+        joint: Its joint; None for the whole arm.
+        name: One of `UNITS`, or an effect or `effect.parameter`.
+        unit: Unit; empty for a ratio.
+        value: Value.
+        interval: 95 % confidence interval; None if unknown.
     """
 
     joint: str | None
@@ -52,21 +52,21 @@ class Quantity:
     interval: Interval | None
 
 
-def identify(
+def list_quantities(
     nominal: Nominal, effects: Sequence[Effect], factors: Mapping[str, float], intervals: Intervals
 ) -> list[Quantity]:
-    """Return what is known of each joint, then of the arm.
+    """Return the quantities of each joint, then of the arm.
 
-    An effect changes what the joint has anyway (friction adds to the model's, say): that is read from a model with the
-    effect in it, at its value and at both ends of its interval. What cannot be read there stands for itself.
+    An effect that changes a quantity of the joint, such as its friction, is read from the model with the effect, at its
+    value and at both ends of its interval. Other effects are listed by their parameters.
 
     Args:
-        nominal: The model as given.
-        effects: The effects named.
-        factors: Factors of the model's parameters, by name.
-        intervals: Of the effects' parameters, as far as they are known.
+        nominal: Given model.
+        effects: Named effects.
+        factors: Factors of base parameters, by name.
+        intervals: Known intervals of the effects' parameters.
     """
-    spec = nominal.edited(factors)
+    spec = nominal.make_spec(factors)
     found: list[Quantity] = []
     for joint in (*nominal.joints, None):
         own = [effect for effect in effects if effect.joint == joint]
@@ -78,14 +78,14 @@ def identify(
 
 
 def read_intervals(path: Path, effects: Sequence[Effect]) -> Intervals:
-    """Return the 95 % intervals of effects' parameters from the report that they are from; none where there is none.
+    """Return the 95 % intervals of effects' parameters from their report; empty without a report.
 
     Args:
-        path: A report's folder, or one of its files.
-        effects: The effects; a report about other ones tells nothing of them.
+        path: Folder of a report, or one of its files.
+        effects: Effects; intervals of other values are ignored.
 
     Raises:
-        OptionError: the report is none.
+        OptionError: the report is malformed.
     """
     report = (path if path.is_dir() else path.parent) / REPORT
     if path.suffix == ".json" and path.name != EFFECTS:
@@ -105,7 +105,7 @@ def read_intervals(path: Path, effects: Sequence[Effect]) -> Intervals:
     values = {
         (effect.name(), effect.joint, parameter.name): float(getattr(effect, parameter.name))
         for effect in effects
-        for parameter in effect.sought
+        for parameter in effect.free_parameters
     }
     return {
         key: (low, high)
@@ -115,7 +115,7 @@ def read_intervals(path: Path, effects: Sequence[Effect]) -> Intervals:
 
 
 def _numbers(spec: mujoco.MjSpec, joint: str, effects: Sequence[Effect]) -> dict[str, float]:
-    """Return what a joint has with some effects in it."""
+    """Return the quantities of a joint with some effects."""
     edited = spec.copy()
     add_effects(edited, effects)
     element = edited.joint(joint)
@@ -132,11 +132,11 @@ def _numbers(spec: mujoco.MjSpec, joint: str, effects: Sequence[Effect]) -> dict
 def _of_joint(
     spec: mujoco.MjSpec, joint: str, effects: Sequence[Effect], intervals: Intervals, slide: bool
 ) -> list[Quantity]:
-    """Return what a joint has of `UNITS`; what is zero or infinite is left out."""
+    """Return the quantities `UNITS` of a joint, without zero and infinite ones."""
     value = _numbers(spec, joint, effects)
     low, high, known = dict(value), dict(value), set()
     for place, effect in enumerate(effects):
-        for parameter in effect.sought:
+        for parameter in effect.free_parameters:
             ends = intervals.get((effect.name(), joint, parameter.name))
             if ends is None:
                 continue
@@ -155,8 +155,8 @@ def _of_joint(
 
 
 def _of_effect(spec: mujoco.MjSpec, effect: Effect, intervals: Intervals, slide: bool) -> list[Quantity]:
-    """Return an effect's own numbers; nothing for an effect of one number that can be read in its joint."""
-    several = len(effect.sought) > 1
+    """Return an effect's parameters; empty for a single parameter that a quantity of the joint includes."""
+    several = len(effect.free_parameters) > 1
     if effect.joint is not None and not several:
         before, after = (_numbers(spec, effect.joint, effects).values() for effects in ([], [effect]))
         if not all(math.isclose(*pair, rel_tol=ROUNDING) for pair in zip(before, after, strict=True)):
@@ -169,12 +169,12 @@ def _of_effect(spec: mujoco.MjSpec, effect: Effect, intervals: Intervals, slide:
             float(getattr(effect, parameter.name)),
             intervals.get((effect.name(), effect.joint, parameter.name)),
         )
-        for parameter in effect.sought
+        for parameter in effect.free_parameters
     ]
 
 
 def _with(effects: Sequence[Effect], place: int, parameter: Parameter, value: float) -> list[Effect]:
-    """Return effects of which one has another number, within what it may be."""
+    """Return effects with one parameter changed, clipped to its bounds."""
     lowest, highest = min(parameter.neutral, parameter.low), max(parameter.neutral, parameter.high)
     effect = effects[place]
     numbers = {each.name: getattr(effect, each.name) for each in effect.parameters}

@@ -1,1 +1,1 @@
-"""Where model and recording disagree."""
+"""Location of the gap: comparison of model and recording by joint and condition."""

@@ -1,4 +1,4 @@
-"""Under what condition each row was recorded: speed, reversal, direction, load, command, saturation, time, limits."""
+"""Conditions by which rows are divided: speed, reversal, direction, load, command, saturation, time, limits."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,20 +10,20 @@ from nas_data.gap.finding.recorded import RecordedRows
 from nas_data.gap.nominal import Nominal
 from nas_data.simulators.layout import joint_index
 
-AFTER = 0.2  # [s] that count as after a reversal
-NEAR = 0.05  # share of a joint's range that counts as near its limits
-SMALLEST_LOAD = 1e-4  # [N·m] between light and heavy postures; less is a joint that gravity does not load
+AFTER = 0.2  # [s] after a reversal
+NEAR = 0.05  # share of a joint's range near each limit
+SMALLEST_LOAD = 1e-4  # [N·m] smallest difference between light and heavy postures
 
 
 @dataclass(frozen=True)
 class ConditionInputs:
-    """What conditions are read from.
+    """Input of conditions.
 
     Attributes:
         recorded: Rows of E episodes, T rows, n joints.
-        loads: What the model says of them.
-        nominal: The model.
-        floor: Noise floor [rad], shape (n,).
+        loads: The model's torques in these rows.
+        nominal: Model.
+        floor: Noise floor [rad; m], shape (n,).
     """
 
     recorded: RecordedRows
@@ -37,10 +37,10 @@ class Condition:
     """A division of the rows into bins.
 
     Attributes:
-        name: What divides them.
+        name: Name of the condition.
         bins: Names of the bins.
-        labels: Number of each row's bin, −1 for none, shape (E, T, n).
-        whole_episodes: Whether an episode lies in one bin as a whole.
+        labels: Index of each row's bin, −1 for none, shape (E, T, n).
+        whole_episodes: Whether all rows of an episode are in one bin.
     """
 
     name: str
@@ -49,25 +49,25 @@ class Condition:
     whole_episodes: bool = False
 
 
-def conditions(setting: ConditionInputs) -> tuple[Condition, ...]:
-    """Return every condition, rows that were not recorded in no bin."""
-    counts = setting.recorded.evidence.counts[..., None]
+def list_conditions(setting: ConditionInputs) -> tuple[Condition, ...]:
+    """Return every condition; rows that were not recorded are in no bin."""
+    counts = setting.recorded.evidence.mask[..., None]
     found = (make(setting) for make in CONDITIONS)
     return tuple(Condition(c.name, c.bins, np.where(counts, c.labels, -1), c.whole_episodes) for c in found)
 
 
 def speed(setting: ConditionInputs) -> Condition:
-    """Divide rows into those at rest and terciles of those in motion."""
+    """Divide rows into rest and terciles of speed."""
     moving = setting.recorded.moving(setting.floor)
-    thirds = terciles(np.abs(setting.recorded.motion), moving)
+    thirds = divide_into_thirds(np.abs(setting.recorded.motion), moving)
     return Condition(
         "speed", ("still", "slow", "medium", "fast"), np.where(moving, np.where(thirds < 0, -1, thirds + 1), 0)
     )
 
 
 def reversal(setting: ConditionInputs) -> Condition:
-    """Divide moved rows into those shortly after the motion turned round and the others."""
-    sign = last_direction(setting)
+    """Divide rows by whether the direction of motion changed shortly before."""
+    sign = find_last_direction(setting)
     turned = np.zeros(sign.shape, bool)
     turned[:, 1:] = sign[:, 1:] * sign[:, :-1] < 0
     rows = max(1, round(AFTER / setting.nominal.period))
@@ -77,34 +77,34 @@ def reversal(setting: ConditionInputs) -> Condition:
 
 
 def direction(setting: ConditionInputs) -> Condition:
-    """Divide rows in motion by its sign."""
+    """Divide rows in motion by sign."""
     moving = setting.recorded.moving(setting.floor)
     return Condition("direction", ("negative", "positive"), np.where(moving, setting.recorded.motion > 0, -1))
 
 
 def load(setting: ConditionInputs) -> Condition:
-    """Divide rows by the torque that holds the posture; a joint that gravity never loads is in no bin."""
+    """Divide rows by the torque of the posture; joints without gravity loads are in no bin."""
     size = np.abs(setting.loads.posture)
-    labels = terciles(size, setting.recorded.evidence.counts[..., None], SMALLEST_LOAD)
+    labels = divide_into_thirds(size, setting.recorded.evidence.mask[..., None], SMALLEST_LOAD)
     return Condition("load", ("light", "medium", "heavy"), labels)
 
 
 def command_size(setting: ConditionInputs) -> Condition:
-    """Divide rows by the distance to the commanded position, or by the size of another command."""
+    """Divide rows by position error of the servo, or by the size of other commands."""
     evidence = setting.recorded.evidence
     positional = setting.nominal.simulator().layout.inputs.positional
     size = np.abs(evidence.commands - np.where(positional, setting.recorded.positions, 0.0))
-    return Condition("command size", ("small", "medium", "large"), terciles(size, evidence.counts[..., None]))
+    return Condition("command size", ("small", "medium", "large"), divide_into_thirds(size, evidence.mask[..., None]))
 
 
 def saturation(setting: ConditionInputs) -> Condition:
-    """Divide rows by whether the model's servo gives all it has."""
+    """Divide rows by whether the model's servo is at its torque limit."""
     labels = np.where(setting.loads.limited, setting.loads.saturated, -1)
     return Condition("saturation", ("below the limit", "at the limit"), labels)
 
 
 def recording_time(setting: ConditionInputs) -> Condition:
-    """Divide whole episodes by when they were recorded, to show what drifts."""
+    """Divide episodes by their order in the recording, to show drift."""
     episodes, steps, n = setting.recorded.positions.shape
     third = np.arange(episodes) * 3 // max(episodes, 3)
     labels = np.broadcast_to(third[:, None, None], (episodes, steps, n))
@@ -112,7 +112,7 @@ def recording_time(setting: ConditionInputs) -> Condition:
 
 
 def joint_limits(setting: ConditionInputs) -> Condition:
-    """Divide rows by whether the joint was near the end of its range."""
+    """Divide rows by whether the joint is near the end of its range."""
     model = setting.nominal.simulator().model
     labels = np.full(setting.recorded.positions.shape, -1)
     for column, name in enumerate(setting.nominal.joints):
@@ -131,13 +131,13 @@ CONDITIONS: tuple[Callable[[ConditionInputs], Condition], ...] = (
 )  # fmt: skip
 
 
-def terciles(sizes: np.ndarray, chosen: np.ndarray, apart: float = 1e-9) -> np.ndarray:
-    """Return 0, 1 or 2 by thirds of the chosen rows of each joint, −1 elsewhere and where the thirds are not apart.
+def divide_into_thirds(sizes: np.ndarray, chosen: np.ndarray, apart: float = 1e-9) -> np.ndarray:
+    """Return terciles 0, 1, 2 of the chosen rows of each joint, −1 for other rows and for terciles that coincide.
 
     Args:
-        sizes: Shape (E, T, n).
+        sizes: Values, shape (E, T, n).
         chosen: Rows that are divided, shape (E, T, n) or (E, T, 1).
-        apart: Smallest distance between the bounds of the middle third.
+        apart: Smallest width of the middle tercile.
     """
     chosen = np.broadcast_to(chosen, sizes.shape)
     labels = np.full(sizes.shape, -1)
@@ -151,7 +151,7 @@ def terciles(sizes: np.ndarray, chosen: np.ndarray, apart: float = 1e-9) -> np.n
     return labels
 
 
-def last_direction(setting: ConditionInputs) -> np.ndarray:
+def find_last_direction(setting: ConditionInputs) -> np.ndarray:
     """Return the sign of each joint's last motion up to each row, 0 before the first; shape (E, T, n)."""
     moving = setting.recorded.moving(setting.floor)
     rows = np.arange(moving.shape[1])[None, :, None]

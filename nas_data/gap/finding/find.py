@@ -1,4 +1,4 @@
-"""Find where model and recording disagree: by joint, by regime, beside the noise, after an audit of the recording."""
+"""Comparison of model and recording by joint and condition, with an audit of the recording."""
 
 from collections.abc import Sequence
 
@@ -7,15 +7,15 @@ import numpy as np
 from nas_data.dataset.audits import audit_dataset
 from nas_data.dataset.dataset import Dataset
 from nas_data.gap.episode_batch import EpisodeBatch
-from nas_data.gap.finding.audits import audit
+from nas_data.gap.finding.audits import run_audits
 from nas_data.gap.finding.audits.base import Examined
-from nas_data.gap.finding.conditions import ConditionInputs, conditions
+from nas_data.gap.finding.conditions import ConditionInputs, list_conditions
 from nas_data.gap.finding.joint_gaps import find_joint_gaps
 from nas_data.gap.finding.loads import find_loads
 from nas_data.gap.finding.recorded import RecordedRows
 from nas_data.gap.finding.regimes import find_regimes
-from nas_data.gap.finding.torque_off import while_driven
-from nas_data.gap.finding.undecidable import undecidable
+from nas_data.gap.finding.torque_off import keep_torque_on
+from nas_data.gap.finding.undecidable import list_undecidable
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.overlaps import Overlap
 from nas_data.gap.report_parts import GapFindings
@@ -32,31 +32,36 @@ def find(
 
     Args:
         dataset: Transitions with 2n-states, as recorded.
-        evidence: Its episodes, or some of them; rows with the torque off are left out here, whether or not they are
-            left out there.
-        nominal: The model.
-        floor: Noise floor of each joint [rad], shape (n,).
+        evidence: All or some of its episodes; rows with the torque off are removed here.
+        nominal: Model.
+        floor: Noise floor of each joint [rad; m], shape (n,).
         overlaps: Contacts of the model that the recording contradicts.
 
     Raises:
         DatasetInvalid: the torque is off throughout.
         ModelFileError: the model diverges.
     """
-    driven = while_driven(dataset)
-    if driven is not dataset:
-        evidence = select_episodes(EpisodeBatch.of(driven).with_objects(driven, nominal.simulator()), evidence.numbers)
-    recorded = RecordedRows.of(driven, evidence)
+    powered = keep_torque_on(dataset)
+    if powered is not dataset:
+        evidence = select_episodes(
+            EpisodeBatch.of(powered).with_objects(powered, nominal.simulator()), evidence.numbers
+        )
+    recorded = RecordedRows.of(powered, evidence)
     predicted = nominal.predict(evidence)
     loads = find_loads(nominal, recorded)
-    regimes = find_regimes(evidence, predicted, conditions(ConditionInputs(recorded, loads, nominal, floor)), floor)
+    regimes = find_regimes(
+        evidence, predicted, list_conditions(ConditionInputs(recorded, loads, nominal, floor)), floor
+    )
     return GapFindings(
         joints=find_joint_gaps(recorded, nominal, floor, predicted),
         regimes=regimes,
-        audit=audit(Examined(dataset, audit_dataset(dataset), recorded, nominal, floor, predicted, loads, overlaps)),
-        undecidable=undecidable(recorded, floor, regimes),
+        audit=run_audits(
+            Examined(dataset, audit_dataset(dataset), recorded, nominal, floor, predicted, loads, overlaps)
+        ),
+        undecidable=list_undecidable(recorded, floor, regimes),
     )
 
 
 def select_episodes(evidence: EpisodeBatch, numbers: np.ndarray) -> EpisodeBatch:
-    """Return the episodes with some numbers, as far as there are such."""
+    """Return the episodes with given numbers, if they exist."""
     return evidence.select(np.flatnonzero(np.isin(evidence.numbers, numbers)))

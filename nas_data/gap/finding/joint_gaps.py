@@ -1,10 +1,10 @@
-"""The gap of each joint, in one step and in open loop, beside repeating the pose and beside repeating the command."""
+"""One-step and open-loop gap of each joint, beside the baselines hold and command."""
 
 import numpy as np
 
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.finding.recorded import RecordedRows
-from nas_data.gap.finding.repeatability import repeatability
+from nas_data.gap.finding.repeatability import measure_repeatability
 from nas_data.gap.nominal import Nominal
 from nas_data.gap.report_parts import JointGap
 from nas_data.joint_units import joint_unit
@@ -16,19 +16,19 @@ def find_joint_gaps(
     """Return the gap of each joint.
 
     Args:
-        recorded: What was measured, E episodes of up to T rows of n joints.
-        nominal: The model.
-        floor: Noise floor [rad], shape (n,).
-        predicted: The model's open-loop positions [rad], shape (E, T, n).
+        recorded: Measured rows, E episodes of up to T rows of n joints.
+        nominal: Model.
+        floor: Noise floor [rad; m], shape (n,).
+        predicted: The model's open-loop positions [rad; m], shape (E, T, n).
     """
     evidence = recorded.evidence
     stepped = nominal.step(evidence, np.concatenate([recorded.positions, recorded.velocities, evidence.objects], -1))
     open_loop = rmse(evidence, predicted)
     commands = None if not nominal.simulator().layout.inputs.positional.all() else rmse(evidence, evidence.commands)
-    repeats = repeatability(evidence, floor)
+    repeats = measure_repeatability(evidence, floor)
     one_step = rmse(evidence, stepped)
     one_step_hold = rmse(evidence, recorded.positions)
-    open_loop_hold = rmse(evidence, np.broadcast_to(evidence.starts[:, None], predicted.shape))
+    open_loop_hold = rmse(evidence, np.broadcast_to(evidence.initial_positions[:, None], predicted.shape))
     return {
         joint: JointGap(
             floor=float(floor[place]),
@@ -46,5 +46,5 @@ def find_joint_gaps(
 
 
 def rmse(evidence: EpisodeBatch, predicted: np.ndarray) -> np.ndarray:
-    """Return the root mean squared error of each joint over all recorded rows [rad], shape (n,)."""
-    return np.asarray(np.sqrt((evidence.errors(predicted) ** 2).sum((0, 1)) / evidence.counts.sum()))
+    """Return the root mean squared error of each joint over all recorded rows [rad; m], shape (n,)."""
+    return np.asarray(np.sqrt((evidence.errors(predicted) ** 2).sum((0, 1)) / evidence.mask.sum()))

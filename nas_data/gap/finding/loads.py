@@ -1,4 +1,4 @@
-"""What the model says of each measured state: the torque of the posture, and whether the servo is at its limit."""
+"""The model's torques in measured states: load of the posture, and saturation of the servo."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from nas_data.gap.nominal import Nominal
 from nas_data.simulators.layout import FULLPHYSICS, actuator_index, joint_index
 from nas_data.simulators.mujoco import MujocoSimulator
 
-AT_LIMIT = 1 - 1e-6  # share of the limit from which a servo gives all it has
+AT_LIMIT = 1 - 1e-6  # share of the limit above which a servo is saturated
 
 
 @dataclass(frozen=True)
@@ -18,9 +18,9 @@ class Loads:
     """Torques of n joints in E episodes of up to T rows.
 
     Attributes:
-        posture: Torque of gravity and of the motion on each joint [N·m], shape (E, T, n).
+        posture: Gravity and Coriolis torque of each joint [N·m; N], shape (E, T, n).
         saturated: Whether the model's actuator is at its limit, shape (E, T, n).
-        limited: Which joints' actuators have a limit, shape (n,).
+        limited: Whether a joint's actuator has a limit, shape (n,).
     """
 
     posture: np.ndarray
@@ -29,26 +29,28 @@ class Loads:
 
 
 def find_loads(nominal: Nominal, recorded: RecordedRows) -> Loads:
-    """Put the model into every measured state, with the command given there."""
+    """Evaluate the model in every measured state, with the command given there."""
     simulator = nominal.simulator()
     simulator.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-    counts = recorded.evidence.counts
+    counts = recorded.evidence.mask
     states = np.concatenate([recorded.positions, recorded.motion], axis=-1)[counts]
-    posture, force = torques(simulator, states, recorded.evidence.commands[counts])
-    low, high = torque_limits(simulator)
+    posture, force = compute_torques(simulator, states, recorded.evidence.commands[counts])
+    low, high = read_torque_limits(simulator)
     saturated = (force <= low * AT_LIMIT) | (force >= high * AT_LIMIT)
     return Loads(scatter_rows(posture, counts), scatter_rows(saturated, counts), np.isfinite(high))
 
 
 def scatter_rows(rows: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Return the values of counted rows (N, n) in their places (E, T, n), zero elsewhere."""
+    """Return values of recorded rows (N, n) at their places (E, T, n), 0 elsewhere."""
     result = np.zeros((*counts.shape, rows.shape[1]), rows.dtype)
     result[counts] = rows
     return result
 
 
-def torques(simulator: MujocoSimulator, states: np.ndarray, commands: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the load of the posture and the force of the actuator [N·m] for states and commands, shape (N, n) each."""
+def compute_torques(
+    simulator: MujocoSimulator, states: np.ndarray, commands: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return load of the posture and actuator torque [N·m; N] for states and commands, shape (N, n) each."""
     model, layout = simulator.model, simulator.layout
     data = mujoco.MjData(model)
     full, controls = simulator.rest(states), layout.controls(commands)
@@ -64,8 +66,8 @@ def torques(simulator: MujocoSimulator, states: np.ndarray, commands: np.ndarray
     return load, force
 
 
-def torque_limits(simulator: MujocoSimulator) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and highest torque that the actuators can give their joints [N·m], shape (n,) each."""
+def read_torque_limits(simulator: MujocoSimulator) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lowest and highest actuator torques at the joints [N·m; N], shape (n,) each."""
     model = simulator.model
     low, high = np.full(len(simulator.joints), -np.inf), np.full(len(simulator.joints), np.inf)
     for row, name in enumerate(simulator.joints):

@@ -1,4 +1,4 @@
-"""Recorded rows laid out like the evidence, with how the arm was moving around each."""
+"""Recorded rows in the layout of an episode batch, with the motion around each."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,10 +7,10 @@ import numpy as np
 
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.features import TIME
-from nas_data.gap.episode_batch import EpisodeBatch, lengthen
+from nas_data.gap.episode_batch import EpisodeBatch, pad_rows
 
-AROUND = 0.05  # [s] on either side of a reading over which its speed is averaged: one quantum is not a motion
-STILL = 4.0  # noise floors; a quantum is √12 of them, and a reading that flickers by one has not moved
+AROUND = 0.05  # [s] on either side of a reading over which its velocity is averaged
+STILL = 4.0  # noise floors; a joint that moves less is at rest; one quantum is √12 floors
 
 
 @dataclass(frozen=True)
@@ -18,10 +18,10 @@ class RecordedRows:
     """E episodes of up to T rows of n joints.
 
     Attributes:
-        evidence: The same episodes as commands and what followed them.
-        positions: Measured before each command [rad], shape (E, T, n).
-        velocities: Recorded before each command [rad/s], shape (E, T, n).
-        times: By the recorder's clock [s], shape (E, T); None where it was not kept.
+        evidence: The same episodes as a batch.
+        positions: Positions before each command [rad; m], shape (E, T, n).
+        velocities: Velocities before each command [rad/s; m/s], shape (E, T, n).
+        times: Recorder's clock [s], shape (E, T); None without one.
     """
 
     evidence: EpisodeBatch
@@ -31,32 +31,32 @@ class RecordedRows:
 
     @classmethod
     def of(cls, dataset: Dataset, evidence: EpisodeBatch) -> "RecordedRows":
-        """Take the evidence's episodes out of the dataset that it was made of."""
+        """Read the batch's episodes from its dataset."""
         n, longest = len(dataset.joints), evidence.commands.shape[1]
         rows = [dataset.episode(int(number)) for number in evidence.numbers]
-        states = np.stack([lengthen(dataset.states[part], longest) for part in rows])
+        states = np.stack([pad_rows(dataset.states[part], longest) for part in rows])
         times = None
         if TIME in dataset.columns:
-            times = np.stack([lengthen(dataset.columns[TIME][part], longest)[:, 0] for part in rows])
+            times = np.stack([pad_rows(dataset.columns[TIME][part], longest)[:, 0] for part in rows])
         return cls(evidence, states[..., :n], states[..., n:], times)
 
     @cached_property
     def motion(self) -> np.ndarray:
-        """Mean velocity around each reading after a command [rad/s], shape (E, T, n)."""
+        """Mean velocity around each reading after a command [rad/s; m/s], shape (E, T, n)."""
         return self.moved / (2 * self.reach * self.evidence.period)
 
     @cached_property
     def moved(self) -> np.ndarray:
-        """How far a joint came in the time around each reading [rad], shape (E, T, n)."""
+        """Change of position around each reading [rad; m], shape (E, T, n)."""
         reach = self.reach
         padded = np.pad(self.evidence.measured, ((0, 0), (reach, reach), (0, 0)), mode="edge")
         return padded[:, 2 * reach :] - padded[:, : -2 * reach]
 
     @property
     def reach(self) -> int:
-        """Rows on either side of a reading over which its speed is averaged."""
+        """Number of rows on either side over which a velocity is averaged."""
         return max(1, round(AROUND / self.evidence.period))
 
     def moving(self, floor: np.ndarray) -> np.ndarray:
-        """Return in which rows a joint surely moved, for noise floors [rad] (n,); shape (E, T, n)."""
-        return np.asarray((np.abs(self.moved) > STILL * floor) & self.evidence.counts[..., None])
+        """Return the rows in which a joint moved, for noise floors [rad; m] (n,); shape (E, T, n)."""
+        return np.asarray((np.abs(self.moved) > STILL * floor) & self.evidence.mask[..., None])

@@ -1,4 +1,4 @@
-"""Where a joint's error is: its size in each bin of each condition, beside the rest of that joint's rows."""
+"""Error of each joint in each bin of each condition, compared with its other rows."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,25 +7,25 @@ import numpy as np
 
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.finding.conditions import Condition
-from nas_data.gap.finding.significance import grouped_chance, holm, paired_chance
+from nas_data.gap.finding.significance import compute_grouped_chance, compute_paired_chance, correct_holm
 from nas_data.gap.report_parts import Bin
 
-FEWEST = 20  # rows below which a bin or its rest says nothing
-VISIBLE = 1.2  # noise floors that a joint's error must exceed for its bins to be tested: less has no place
-PRESENT = 5  # rows that an episode needs on either side to be compared within
+FEWEST = 20  # fewest rows inside and outside a bin
+VISIBLE = 1.2  # noise floors above which a joint's bins are tested
+PRESENT = 5  # fewest rows inside and outside a bin in an episode
 SEED = 0
 
 
 def find_regimes(
     evidence: EpisodeBatch, predicted: np.ndarray, conditions: Sequence[Condition], floor: np.ndarray
 ) -> tuple[Bin, ...]:
-    """Compare every bin with the other bins of its condition, joint by joint.
+    """Compare every bin with the other bins of its condition, for each joint.
 
     Args:
-        evidence: What was measured.
-        predicted: Open-loop positions [rad], shape (E, T, n).
+        evidence: Measured episodes.
+        predicted: Open-loop positions [rad; m], shape (E, T, n).
         conditions: Divisions of the rows.
-        floor: Noise floor [rad], shape (n,).
+        floor: Noise floor [rad; m], shape (n,).
     """
     errors = evidence.errors(predicted)
     rng = np.random.default_rng(SEED)
@@ -34,20 +34,20 @@ def find_regimes(
         for joint in range(len(evidence.joints))
         for condition in conditions
         for number in range(len(condition.bins))
-        if (measured := measure(evidence, errors[..., joint], condition, joint, number, float(floor[joint]), rng))
+        if (measured := measure_bin(evidence, errors[..., joint], condition, joint, number, float(floor[joint]), rng))
     ]
     return correct_for_multiple_tests(found)
 
 
 def correct_for_multiple_tests(found: Sequence[Bin]) -> tuple[Bin, ...]:
-    """Decide which bins differ, all that were tested considered."""
+    """Return the bins with their significance, corrected for the number of tests."""
     tested = np.array([measured.chance < 1 for measured in found], bool)
     significant = np.zeros(len(found), bool)
-    significant[tested] = holm(np.array([measured.chance for measured in found])[tested])
+    significant[tested] = correct_holm(np.array([measured.chance for measured in found])[tested])
     return tuple(replace(measured, significant=bool(real)) for measured, real in zip(found, significant, strict=True))
 
 
-def measure(
+def measure_bin(
     evidence: EpisodeBatch,
     errors: np.ndarray,
     condition: Condition,
@@ -56,14 +56,14 @@ def measure(
     floor: float,
     rng: np.random.Generator,
 ) -> Bin | None:
-    """Measure one bin of one joint with errors (E, T), not corrected for other bins; None where too few rows are."""
+    """Return one bin of one joint with errors (E, T), uncorrected; None with too few rows."""
     labels, squared = condition.labels[..., joint], errors**2
     here, there = labels == number, (labels >= 0) & (labels != number)
     if min(here.sum(), there.sum()) < FEWEST:
         return None
     rmse, rest = (float(np.sqrt(squared[rows].mean())) for rows in (here, there))
-    compare = chance_between if condition.whole_episodes else chance_within
-    visible = squared[evidence.counts].mean() > (VISIBLE * floor) ** 2
+    compare = compare_between if condition.whole_episodes else compare_within
+    visible = squared[evidence.mask].mean() > (VISIBLE * floor) ** 2
     return Bin(
         joint=evidence.joints[joint],
         regime=condition.name,
@@ -79,25 +79,25 @@ def measure(
     )
 
 
-def chance_within(
+def compare_within(
     squared: np.ndarray, here: np.ndarray, there: np.ndarray, floor: float, rng: np.random.Generator
 ) -> float:
-    """Compare two sets of rows (E, T) within each episode that has enough of both."""
+    """Return the p-value of a difference between two sets of rows (E, T) within episodes."""
     both = (here.sum(1) >= PRESENT) & (there.sum(1) >= PRESENT)
     logs = [log_mean(squared[both], rows[both], floor) for rows in (here, there)]
-    return paired_chance(logs[0] - logs[1], rng)
+    return compute_paired_chance(logs[0] - logs[1], rng)
 
 
-def chance_between(
+def compare_between(
     squared: np.ndarray, here: np.ndarray, there: np.ndarray, floor: float, rng: np.random.Generator
 ) -> float:
-    """Compare two sets of whole episodes."""
-    return grouped_chance(log_mean(squared, here | there, floor), np.asarray(here.any(1)), rng)
+    """Return the p-value of a difference between two sets of whole episodes."""
+    return compute_grouped_chance(log_mean(squared, here | there, floor), np.asarray(here.any(1)), rng)
 
 
 def log_mean(squared: np.ndarray, rows: np.ndarray, floor: float) -> np.ndarray:
-    """Return the logarithm of each episode's mean squared error over some rows, the floor beneath it; shape (E,).
+    """Return the log of each episode's mean squared error over some rows plus the squared floor, shape (E,).
 
-    The logarithm keeps one episode that went astray from ruling the others; differences below the floor vanish.
+    The logarithm limits the influence of a diverging episode; the floor hides differences below it.
     """
     return np.asarray(np.log(floor**2 + (squared * rows).sum(1) / np.maximum(rows.sum(1), 1)))

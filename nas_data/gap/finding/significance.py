@@ -1,9 +1,9 @@
-"""Whether a difference between bins is more than chance: permutation tests over episodes, Holm's correction over bins.
+"""Permutation tests over episodes for differences between bins, with Holm's correction.
 
-An episode is what is independent; rows within one are not. A bin and the rest of its joint are compared within each
-episode, and the signs of the differences are what chance could have dealt otherwise (sign-flip test); where whole
-episodes lie in a bin, their labels are. Both are exact where all permutations can be counted, else drawn.
-Holm, Scandinavian Journal of Statistics 6, 1979, bounds the chance of a single false alarm among all bins.
+Episodes are independent, rows are not. A bin is compared with other rows within each episode, and the signs of the
+differences are permuted (sign-flip test). For bins of whole episodes, the labels are permuted. Tests are exact if all
+permutations can be enumerated, else sampled. Holm's correction (Scandinavian Journal of Statistics 6, 1979) bounds the
+probability of one false alarm among all bins.
 """
 
 from itertools import combinations
@@ -11,18 +11,18 @@ from math import comb
 
 import numpy as np
 
-LEVEL = 0.05  # chance of one false alarm among all bins of an arm
-COUNTED = 2**14  # permutations up to which all are counted
-DRAWN = 20_000  # permutations drawn where there are more
-SLACK = 1e-9  # relative; equal sums added in another order are equal
+LEVEL = 0.05  # probability of one false alarm among all bins of an arm
+COUNTED = 2**14  # most permutations that are enumerated
+DRAWN = 20_000  # permutations sampled otherwise
+SLACK = 1e-9  # relative rounding error of equal sums
 
 
-def paired_chance(differences: np.ndarray, rng: np.random.Generator) -> float:
-    """Return the chance of a mean difference as large in size if each sign were a coin toss.
+def compute_paired_chance(differences: np.ndarray, rng: np.random.Generator) -> float:
+    """Return the two-sided p-value of a mean difference under random signs.
 
     Args:
-        differences: One an episode, shape (E,).
-        rng: Draws the tosses where they are too many to count.
+        differences: One per episode, shape (E,).
+        rng: Samples signs if they cannot be enumerated.
     """
     count = len(differences)
     if not count:
@@ -35,13 +35,13 @@ def paired_chance(differences: np.ndarray, rng: np.random.Generator) -> float:
     return _chance(signs @ differences, float(differences.sum()), exact)
 
 
-def grouped_chance(values: np.ndarray, chosen: np.ndarray, rng: np.random.Generator) -> float:
-    """Return the chance of a difference of means as large in size if the episodes of a bin were drawn at random.
+def compute_grouped_chance(values: np.ndarray, chosen: np.ndarray, rng: np.random.Generator) -> float:
+    """Return the two-sided p-value of a difference of means under random labels.
 
     Args:
-        values: One an episode, shape (E,).
-        chosen: Which episodes lie in the bin, shape (E,).
-        rng: Draws bins where there are too many to count.
+        values: One per episode, shape (E,).
+        chosen: Whether an episode is in the bin, shape (E,).
+        rng: Samples labels if they cannot be enumerated.
     """
     count, size = len(values), int(chosen.sum())
     if not 0 < size < count:
@@ -57,17 +57,17 @@ def grouped_chance(values: np.ndarray, chosen: np.ndarray, rng: np.random.Genera
 
 
 def _chance(sums: np.ndarray, found: float, exact: bool) -> float:
-    """Return the share of permutations whose sum is as large in size; what was found is one of them."""
+    """Return the share of permutations with a sum at least as large in size, including the observed one."""
     as_large = int((np.abs(sums) >= abs(found) * (1 - SLACK)).sum())
     return as_large / len(sums) if exact else (1 + as_large) / (1 + len(sums))
 
 
-def holm(chances: np.ndarray, level: float = LEVEL) -> np.ndarray:
-    """Return which of m tests are significant, shape (m,).
+def correct_holm(chances: np.ndarray, level: float = LEVEL) -> np.ndarray:
+    """Return which of m tests are significant by Holm's correction, shape (m,).
 
     Args:
-        chances: Chance of each by itself, shape (m,).
-        level: Chance of a single false alarm among all.
+        chances: p-value of each test, shape (m,).
+        level: Probability of a single false alarm among all.
     """
     order = np.argsort(chances, kind="stable")
     passed = chances[order] <= level / np.arange(len(chances), 0, -1)
@@ -76,6 +76,6 @@ def holm(chances: np.ndarray, level: float = LEVEL) -> np.ndarray:
     return result
 
 
-def episodes_needed(tests: int, level: float = LEVEL) -> int:
-    """Return from how many episodes on the smallest chance that signs can show survives the correction."""
+def count_episodes_needed(tests: int, level: float = LEVEL) -> int:
+    """Return the number of episodes from which a sign-flip test can be significant after correction."""
     return int(np.ceil(np.log2(2 * max(tests, 1) / level)))

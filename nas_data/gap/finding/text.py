@@ -1,14 +1,14 @@
-"""What was found, as a short text in degrees, for slides in millimetres."""
+"""Text summary of the findings, in degrees and millimetres."""
 
 from collections.abc import Mapping, Sequence
 
 from nas_data.gap.report_parts import Bin, Check, JointGap
 from nas_data.joint_units import SLIDE, JointUnit, display_unit, table_unit
 
-SHOWN = 3  # regimes a joint
-LARGER = 1.2  # error in a bin over that in the rest from which it is worth naming
-VISIBLE = 1.5  # noise floors that a joint's gap must exceed for its regimes to be named
-TURNING = 0.3  # mean error over its root mean square from which a sign is worth a word
+SHOWN = 3  # most regimes per joint
+LARGER = 1.2  # ratio of errors inside over outside a bin above which it is shown
+VISIBLE = 1.5  # noise floors above which a joint's regimes are shown
+TURNING = 0.3  # ratio of mean over RMS error above which its sign is shown
 COLUMNS = {
     "noise": "floor",
     "one step": "one_step",
@@ -23,19 +23,19 @@ COLUMNS = {
 def describe_findings(
     joints: Mapping[str, JointGap], regimes: Sequence[Bin], audit: Sequence[Check], undecidable: Sequence[str]
 ) -> str:
-    """Return all of it, the recording first."""
+    """Return audits, gaps, regimes and open questions."""
     parts = [
         "Recording\n"
         + "\n".join(f"  {'ok   ' if check.ok else 'LOOK '}{check.check}: {check.finding}" for check in audit),
-        joint_table(joints),
-        "Where the error is (open loop; larger beyond chance)\n" + regime_lines(joints, regimes),
+        format_joint_table(joints),
+        "Where the error is (open loop; larger beyond chance)\n" + format_regimes(joints, regimes),
     ]
     if undecidable:
         parts.append("What cannot be decided\n" + "\n".join(f"  {sentence}" for sentence in undecidable))
     return "\n\n".join(parts)
 
 
-def joint_table(joints: Mapping[str, JointGap]) -> str:
+def format_joint_table(joints: Mapping[str, JointGap]) -> str:
     """Return the gap of each joint, a row each."""
     width = max(len(joint) for joint in joints)
     slides = [joint for joint, gap in joints.items() if gap.unit == SLIDE.si]
@@ -45,38 +45,38 @@ def joint_table(joints: Mapping[str, JointGap]) -> str:
         f"  {'':<{width}}" + "".join(f"{head:>11}" for head in used) + "  open loop / noise",
     ]
     for joint, gap in joints.items():
-        cells = "".join(f"{cell(getattr(gap, key), gap.unit):>11}" for key in used.values())
+        cells = "".join(f"{format_cell(getattr(gap, key), gap.unit):>11}" for key in used.values())
         lines.append(f"  {joint:<{width}}{cells}{gap.ratio_to_noise:19.1f}")
     return "\n".join(lines)
 
 
-def cell(value: float | None, unit: str) -> str:
-    """Return a position in the unit that is shown, a dash where there is none."""
+def format_cell(value: float | None, unit: str) -> str:
+    """Return a position in display units, a dash without a value."""
     return "–" if value is None else f"{display_unit(unit).factor * value:.3f}"
 
 
-def regime_lines(joints: Mapping[str, JointGap], regimes: Sequence[Bin]) -> str:
-    """Return each joint's significant bins with the largest errors, and an error that turns with the motion."""
+def format_regimes(joints: Mapping[str, JointGap], regimes: Sequence[Bin]) -> str:
+    """Return each joint's significant bins with the largest errors, and errors that depend on direction."""
     lines = []
     for joint, gap in joints.items():
         bins = [measured for measured in regimes if measured.joint == joint]
         worst = [b for b in bins if b.significant and b.rmse > LARGER * b.rest]
         worst = sorted(worst, key=lambda measured: -measured.rmse / max(measured.rest, 1e-9))[:SHOWN]
         unit = display_unit(gap.unit)
-        said = [place(measured, unit) for measured in worst] + turning(bins, gap.floor, unit)
+        said = [describe_bin(measured, unit) for measured in worst] + describe_direction_errors(bins, gap.floor, unit)
         if said and gap.ratio_to_noise > VISIBLE:
             lines.append(f"  {joint}  " + "; ".join(said))
     return "\n".join(lines) if lines else "  nowhere in particular"
 
 
-def place(measured: Bin, unit: JointUnit) -> str:
-    """Return where a joint's error is larger, and by how much."""
+def describe_bin(measured: Bin, unit: JointUnit) -> str:
+    """Return a bin with its error and that of the other rows."""
     here, rest = unit.text(measured.rmse), unit.text(measured.rest)
     return f"{measured.regime}: {measured.bin} {here} (else {rest}, {100 * measured.share:.0f} % of all)"
 
 
-def turning(bins: Sequence[Bin], floor: float, unit: JointUnit) -> list[str]:
-    """Return a joint's mean errors in both directions of motion where they are opposite and no noise."""
+def describe_direction_errors(bins: Sequence[Bin], floor: float, unit: JointUnit) -> list[str]:
+    """Return a joint's mean errors in both directions if they have opposite signs and exceed the noise."""
     ways = {measured.bin: measured for measured in bins if measured.regime == "direction"}
     if len(ways) < 2:
         return []

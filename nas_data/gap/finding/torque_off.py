@@ -1,4 +1,4 @@
-"""Rows in which the servos were powered: where the torque was off, a command explains nothing."""
+"""Selection of rows with servo torque; commands have no effect on rows without."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,45 +11,45 @@ from nas_data.errors import DatasetInvalid
 TORQUE = "nas.torque_enable"
 
 
-def torque_on(dataset: Dataset) -> np.ndarray:
-    """Return in which rows every servo was powered, shape (N,); everywhere where the log does not say."""
+def find_torque_on(dataset: Dataset) -> np.ndarray:
+    """Return the rows in which every servo has torque, shape (N,); all rows without a record."""
     if TORQUE not in dataset.columns:
         return np.ones(dataset.n_frames, bool)
     return np.asarray((dataset.columns[TORQUE] >= 1).all(axis=1))
 
 
-def while_driven(dataset: Dataset) -> Dataset:
-    """Cut each episode to its longest stretch with the torque on.
+def keep_torque_on(dataset: Dataset) -> Dataset:
+    """Cut each episode to its longest run of rows with torque.
 
-    An arm whose torque is off falls, and what it does afterwards starts from a posture that no command led to: such
-    rows belong to no prediction from commands. Episodes keep their numbers; one that was never driven becomes empty.
-
-    Raises:
-        DatasetInvalid: no row was driven.
-    """
-    return select_rows(dataset, longest_run)
-
-
-def until_driven_again(dataset: Dataset) -> Dataset:
-    """Cut each episode to its longest stretch with the torque on and what follows it with the torque off.
-
-    How an arm falls is told by its model alone, from wherever it was when it was let go.
+    Later rows start from a posture that no command determines, so predictions from commands do not apply. Episodes keep
+    their numbers; one without torque becomes empty.
 
     Raises:
-        DatasetInvalid: no row was driven.
+        DatasetInvalid: no row has torque.
     """
-    return select_rows(dataset, run_and_fall)
+    return select_rows(dataset, find_longest_run)
+
+
+def keep_torque_on_and_fall(dataset: Dataset) -> Dataset:
+    """Cut each episode to its longest run of rows with torque and the following rows without.
+
+    The model predicts the fall of the arm from the state in which the torque is switched off.
+
+    Raises:
+        DatasetInvalid: no row has torque.
+    """
+    return select_rows(dataset, find_run_and_fall)
 
 
 def count_rows_with_torque(dataset: Dataset) -> np.ndarray:
-    """Return how many rows of each episode come before its torque is first switched off, shape (E,)."""
-    on = torque_on(dataset)
+    """Return the number of rows of each episode before its torque is first switched off, shape (E,)."""
+    on = find_torque_on(dataset)
     return np.array([np.append(on[rows], False).argmin() for rows in dataset.episodes()])
 
 
 def select_rows(dataset: Dataset, keep: Callable[[np.ndarray], np.ndarray]) -> Dataset:
-    """Keep some rows of each episode, chosen by where its torque is on, shape (T,)."""
-    on = torque_on(dataset)
+    """Keep the rows of each episode that `keep` selects from its torque mask, shape (T,)."""
+    on = find_torque_on(dataset)
     if on.all():
         return dataset
     if not on.any():
@@ -63,8 +63,8 @@ def select_rows(dataset: Dataset, keep: Callable[[np.ndarray], np.ndarray]) -> D
     )
 
 
-def longest_run(chosen: np.ndarray) -> np.ndarray:
-    """Return the longest run of true values as a mask, the first of several; shape (T,)."""
+def find_longest_run(chosen: np.ndarray) -> np.ndarray:
+    """Return a mask of the first longest run of true values, shape (T,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], chosen.astype(int), [0]])))
     first, after = edges[::2], edges[1::2]
     kept = np.zeros(len(chosen), bool)
@@ -74,9 +74,9 @@ def longest_run(chosen: np.ndarray) -> np.ndarray:
     return kept
 
 
-def run_and_fall(on: np.ndarray) -> np.ndarray:
-    """Return the longest run of true values and the false ones right behind it as a mask, shape (T,)."""
-    kept = longest_run(on)
+def find_run_and_fall(on: np.ndarray) -> np.ndarray:
+    """Return a mask of the longest run of true values and the false ones right after it, shape (T,)."""
+    kept = find_longest_run(on)
     if kept.any():
         end = int(np.flatnonzero(kept)[-1]) + 1
         kept[end : end + int(np.append(on[end:], True).argmax())] = True

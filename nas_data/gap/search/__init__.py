@@ -1,1 +1,1 @@
-"""The search for effects: guesses, fits, choices."""
+"""Search for missing effects; docs/search.md has the algorithm with its formulas."""

@@ -1,4 +1,4 @@
-"""The search: up from the model as it is and down from the plain fit, by the same moves; the better score is kept."""
+"""Strategy of the search: search up from the model and down from the plain fit, and keep the better score."""
 
 from collections.abc import Container
 
@@ -6,147 +6,152 @@ from nas_data.gap.search.fit import fit
 from nas_data.gap.search.hypothesis import Hypothesis
 from nas_data.gap.search.moves import add, drop, line_scan, restart
 from nas_data.gap.search.moves.base import find_move
-from nas_data.gap.search.plain_fit import as_effects, columns_as_effects
+from nas_data.gap.search.plain_fit import convert_columns, convert_to_effects
 from nas_data.gap.search.search import LITTLE, Round, Search
 
-ROUND = ("swap", "merge_joints", "shift_delay", "optional_parameters")  # after each addition
+MOVES_AFTER_ADDITION = ("swap", "merge_joints", "shift_delay", "optional_parameters")  # after each addition
 # when nothing is added any more
-REVIEW = ("share_value", "simplify", "drop", "replace_by_rival", "shift_delay", "drop")
-EXPLAINED = 1.5  # noise floors of rest up to which a joint counts as explained
-MANY = 2  # parts of the pruned plain fit for each joint from which nearly everything is missing
-FEW = 3  # parts of the pruned plain fit that are believed where they bring every joint to the floor
-FEW_JOINTS = 2  # above the floor, from which the search climbs at once where the plain fit leaves much
-MOST = 4  # effects for each joint of an arm
+MOVES_OF_REVIEW = ("share_value", "simplify", "drop", "replace_by_rival", "shift_delay", "drop")
+EXPLAINED = 1.5  # noise floors; a joint with a smaller held-out error is explained
+MANY_PARTS = 2  # parts per joint of the pruned plain fit above which nearly everything is missing
+FEW_PARTS = 3  # most parts of a pruned plain fit that is kept if it explains every joint
+FEW_JOINTS = 2  # most joints above the floor with which the search starts upwards if the plain fit fails
+MAX_EFFECTS = 4  # effects per excited joint
 
 
 def choose(search: Search, plain: Hypothesis, without: Container[str] = ()) -> Hypothesis:
-    """Search from both ends and return the hypothesis that is kept.
+    """Search in both directions and return the best hypothesis.
 
-    What is left of the plain fit when all that is not worth its price is dropped decides where to begin. Where it
-    holds many parts, nearly everything is missing everywhere: adding one thing at a time to the model goes astray,
-    and the search goes on from there alone, unless the first addition to the model is better already. Where it
-    brings every joint to the floor with few parts, or with parts of one kind, it is only reviewed.
+    The pruned plain fit decides the order. If it has many parts, nearly everything is missing; adding effects one at a
+    time would then fail, so only the downward result is extended. The exception is a first addition that already scores
+    better. If a few parts, or parts of one kind, explain every joint, they are only reviewed. Otherwise both directions
+    are searched.
 
     Args:
         search: Search.
-        plain: The plain fit.
-        without: Names of moves that are left out.
+        plain: Plain fit.
+        without: Names of moves to leave out.
+
+    Returns:
+        The hypothesis with the best score.
     """
-    if not search.above_floor(search.null):
+    if not search.find_joints_above_floor(search.null):
         return search.null
-    first, early = search.round, None
-    if not is_explained(search, plain) and len(search.above_floor(search.null)) <= FEW_JOINTS:
-        early = climb(search, search.null, without)
+    first, early = search.current_round, None
+    if not is_explained(search, plain) and len(search.find_joints_above_floor(search.null)) <= FEW_JOINTS:
+        early = search_up(search, search.null, without)
         free = search.rescore(plain)
         if is_explained(search, early) and early.score < free.fit.loss + free.heldout_misfit:
             return early
         search.return_to(first)
-    down = descend(search, plain, without)
-    begun = None
-    if is_large := len(drop.parts(down)) > MANY * len(search.excited):
-        there = search.round
+    down = search_down(search, plain, without)
+    first_addition = None
+    if is_large := len(drop.list_parts(down)) > MANY_PARTS * len(search.excited):
+        there = search.current_round
         search.return_to(first)
-        begun = add.add_first(search)
-        if not (begun.score < search.rescore(down).score and is_ahead(search, begun, down, there)):
+        first_addition = add.add_first(search)
+        if not (
+            first_addition.score < search.rescore(down).score and is_better_in(search, first_addition, down, there)
+        ):
             search.return_to(there)
-            return climb(search, search.relinearise(down), without)
-    elif not search.above_floor(down) and is_simple(down):
+            return search_up(search, search.relinearise(down), without)
+    elif not search.find_joints_above_floor(down) and is_simple(down):
         return review(search, apply_moves(search, down, ("merge_joints", "one_for_several"), without), without)
     up = early
     if up is None:
         search.return_to(first)
-        up = climb(search, search.null, without, down if is_explained(search, down) else None, begun)
+        up = search_up(search, search.null, without, down if is_explained(search, down) else None, first_addition)
     up = search.rescore(up)
     if (is_large or is_explained(search, up)) and up.score <= search.rescore(down).score:
         return search.relinearise(up) if early else up
-    down = climb(search, search.relinearise(down), without)
+    down = search_up(search, search.relinearise(down), without)
     up = search.rescore(up)
     search.report("up from the model", up)
     search.report("down from the plain fit", down)
     return min(up, down, key=lambda h: h.score)
 
 
-def is_ahead(search: Search, h: Hypothesis, other: Hypothesis, round_: Round) -> bool:
-    """Whether one hypothesis is better than another by the objective of a round, to which the search then goes."""
+def is_better_in(search: Search, h: Hypothesis, other: Hypothesis, round_: Round) -> bool:
+    """Return to a round's objective, and whether one hypothesis has the better score there."""
     search.return_to(round_)
     return search.rescore(h).score < search.rescore(other).score
 
 
-def climb(
+def search_up(
     search: Search,
     h: Hypothesis,
     without: Container[str] = (),
     rival: Hypothesis | None = None,
-    begun: Hypothesis | None = None,
+    first_addition: Hypothesis | None = None,
 ) -> Hypothesis:
-    """Add effects one after the other, with the moves of a round after each; then review what there is.
+    """Add effects one at a time, apply the moves of a round after each, then review the result.
 
     Args:
         search: Search.
-        h: Where to begin.
-        without: Names of moves that are left out.
-        rival: What there is already; the climb ends when a round does not come near it.
-        begun: The first addition, where it is known.
+        h: Initial hypothesis.
+        without: Names of moves to leave out.
+        rival: Hypothesis that must be reached; the search ends when a round scores worse.
+        first_addition: Result of the first addition, if it is known.
     """
-    while len(h.effects) < MOST * len(search.excited) and search.above_floor(h):
-        larger, begun = begun or add.apply(search, h), None
+    while len(h.effects) < MAX_EFFECTS * len(search.excited) and search.find_joints_above_floor(h):
+        larger, first_addition = first_addition or add.apply(search, h), None
         if larger is h:
             break
         gained = search.null.score.over(h.score)
-        h = apply_moves(search, search.relinearise(line_scan.apply(search, larger)), ROUND, without)
+        h = apply_moves(search, search.relinearise(line_scan.apply(search, larger)), MOVES_AFTER_ADDITION, without)
         search.report("added", h)
-        if is_lost(search, h, gained) or (rival and h.score > search.rescore(rival).score):
+        if is_stuck(search, h, gained) or (rival and h.score > search.rescore(rival).score):
             break
     return review(search, h, without)
 
 
 def review(search: Search, h: Hypothesis, without: Container[str] = ()) -> Hypothesis:
-    """Doubt everything once more when nothing is added any more."""
-    return persist(search, apply_moves(search, h, REVIEW, without), without)
+    """Apply the moves of the review, then refine the result."""
+    return refine(search, apply_moves(search, h, MOVES_OF_REVIEW, without), without)
 
 
-def descend(search: Search, plain: Hypothesis, without: Container[str] = ()) -> Hypothesis:
-    """Name what the plain fit does, and drop what is not worth its price."""
+def search_down(search: Search, plain: Hypothesis, without: Container[str] = ()) -> Hypothesis:
+    """Write the plain fit as effects, and drop parts that are not worth their price."""
     search.say("  writing the plain fit as effects")
-    description = as_effects(search, plain)
+    description = convert_to_effects(search, plain)
     parameters = description.parameters(search.train.nominal.base)
-    known = columns_as_effects(plain.fit, parameters)
-    found = fit(search.sub, parameters, parameters.start(plain.fit.factors), known, jacobian_refreshes=0)
+    known = convert_columns(plain.fit, parameters)
+    found = fit(search.task, parameters, parameters.initial_theta(plain.fit.factors), known, jacobian_refreshes=0)
     if found is None:
         return search.rescore(plain)
-    named = search.relinearise(search.judge(description, found))
+    named = search.relinearise(search.evaluate(description, found))
     search.report("  as effects", named)
     return apply_moves(search, named, ("share_value", "drop"), without)
 
 
 def is_simple(h: Hypothesis) -> bool:
-    """Whether a hypothesis has few parts, or one effect in several joints."""
-    kinds = {part if isinstance(part, str) else part.name() for part in drop.parts(h)}
-    return len(drop.parts(h)) <= FEW or len(kinds) == 1
+    """Whether a hypothesis has few parts, or parts of one kind only."""
+    kinds = {part if isinstance(part, str) else part.name() for part in drop.list_parts(h)}
+    return len(drop.list_parts(h)) <= FEW_PARTS or len(kinds) == 1
 
 
 def is_explained(search: Search, h: Hypothesis) -> bool:
-    """Whether every joint that moved is near the noise floor."""
-    return bool(search.ratio(h)[excited_indices(search)].max() <= EXPLAINED)
+    """Whether the held-out error of every excited joint is near its noise floor."""
+    return bool(search.floor_ratios(h)[find_excited_indices(search)].max() <= EXPLAINED)
 
 
 def apply_moves(search: Search, h: Hypothesis, names: tuple[str, ...], without: Container[str]) -> Hypothesis:
-    """Apply moves one after the other; one that found nothing better is not applied again to the same hypothesis."""
-    idle: dict[str, Hypothesis] = {}
+    """Apply moves in order; a move without result is not repeated on the same hypothesis."""
+    unchanged: dict[str, Hypothesis] = {}
     for name in names:
-        if name not in without and idle.get(name) is not h:
+        if name not in without and unchanged.get(name) is not h:
             before, h = h, find_move(name)(search, h)
-            if h is before or name == "drop":  # which ends where it finds nothing more
-                idle[name] = h
+            if h is before or name == "drop":  # drop repeats itself until it finds nothing
+                unchanged[name] = h
     return h
 
 
-def persist(search: Search, h: Hypothesis, without: Container[str]) -> Hypothesis:
-    """Fit on, scan and begin anew, as long as that brings much and a joint that moved is far from explained.
+def refine(search: Search, h: Hypothesis, without: Container[str]) -> Hypothesis:
+    """Fit, scan and restart while this improves the score much and an excited joint is far from explained.
 
-    Wide play and strong friction bend each other's best value: a fit goes along a narrow valley in more steps than any
-    of those that compared names were given, and stand-ins that helped half-way fall off at its end. Where there
-    are many effects, fits of each of them would take minutes.
+    Wide play and strong friction are correlated, so that a fit needs more steps along their narrow valley than a
+    comparison allows. Effects that compensated half-way are dropped at its end. This is skipped for many effects, where
+    each fit takes minutes.
     """
     while 0 < len(h.effects) <= drop.MANY and line_scan.unexplained_joints(search, h):
         before = search.null.score.over(h.score)
@@ -159,22 +164,21 @@ def persist(search: Search, h: Hypothesis, without: Container[str]) -> Hypothesi
         gained = search.null.score.over(h.score)
         if gained - before < LITTLE * gained:
             break
-        h = apply_moves(search, h, REVIEW, without)
+        h = apply_moves(search, h, MOVES_OF_REVIEW, without)
         search.report("fitted on", h)
     return h
 
 
-def is_lost(search: Search, h: Hypothesis, gained_before: float) -> bool:
-    """Whether a step brought little while every joint that moved is far from explained.
+def is_stuck(search: Search, h: Hypothesis, gained_before: float) -> bool:
+    """Whether a round gained little while every excited joint is far from explained.
 
-    What is missing then is not in the catalogue, or a description that names it was passed by; either way further names
-    would only be bent to these motions.
+    The missing effect is then not in the catalogue, or the search has passed it. More effects would only overfit.
     """
     gained = search.null.score.over(h.score)
     lost = set(line_scan.unexplained_joints(search, h)) == search.excited
     return lost and gained - gained_before < LITTLE * gained
 
 
-def excited_indices(search: Search) -> list[int]:
-    """Return the indices of the joints that moved."""
+def find_excited_indices(search: Search) -> list[int]:
+    """Return the indices of the excited joints."""
     return [place for place, joint in enumerate(search.train.nominal.joints) if joint in search.excited]

@@ -1,4 +1,4 @@
-"""The last fit, on all training episodes, and how sure it makes of every number."""
+"""Final fit to all training episodes, with confidence intervals and diagnostics."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -7,33 +7,32 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nas_data.effects.base import Effect, Parameter
-from nas_data.gap.nominal_parameters import TOLERANCE, own_size
+from nas_data.gap.nominal_parameters import TOLERANCE, read_own_amount
 from nas_data.gap.search.fit import Fit, fit, measure_jacobian, normal_equations
 from nas_data.gap.search.hypothesis import Description, reuse_jacobian
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters
 from nas_data.joint_units import unit_at
 
-ROUNDS = 2  # fits, each with the correction for finer steps computed where the last one ended
-LIKENESS = 0.01  # standard deviation of a parameter between two descriptions of one effect, as a part of it
-SAME_SIZE = 1.3  # factor within which two halves must agree on a parameter
-ON_BOUND = 1e-6  # of a logarithm
-NORMAL95 = 1.96  # standard deviations on each side that hold 95 % of a normal distribution
+ROUNDS = 2  # fits, each with the timestep correction computed at the result of the last
+FORM_DEVIATION = 0.01  # relative standard deviation between two formulations of one effect
+MAX_RATIO = 1.3  # largest ratio of a parameter between two halves of the episodes that agree
+BOUND_MARGIN = 1e-6  # distance of log(factor) from a bound that counts as on it
+NORMAL95 = 1.96  # 97.5 % quantile of the standard normal distribution
 
 
 @dataclass(frozen=True)
-class Final:
+class FinalFit:
     """A hypothesis fitted to all training episodes.
 
     Attributes:
         effects: Effects with fitted parameters.
         factors: Factors of the model's parameters, by name.
-        intervals: For each effect, lowest and highest value of each parameter in 95 % of repetitions.
-        fine: Whether they stand for finer physics steps than the model's own; as the last fit has it.
-        at_bound: Names of the factors that ended on a bound.
-        conditioning: Condition number of the fit's normal equations, scaled to a unit diagonal; 1 where nothing was
-            fitted.
-        stable: Of which joints with effects two halves of the episodes agree on the parameters.
+        intervals: 95 % confidence interval of each parameter, for each effect.
+        fine: Whether the fit assumes finer physics steps than the model's own.
+        at_bound: Names of the factors on a bound.
+        conditioning: Condition number of the normal equations, scaled to a unit diagonal; 1 if nothing was fitted.
+        stable: Whether two halves of the episodes agree on a joint's parameters, by joint with effects.
     """
 
     effects: tuple[Effect, ...]
@@ -45,17 +44,17 @@ class Final:
     stable: Mapping[str, bool] = field(default_factory=dict)
 
 
-def finish(task: FitTask, description: Description, factors: dict[str, float], rounds: int = ROUNDS) -> Final:
-    """Fit a chosen hypothesis to all training episodes.
+def fit_final(task: FitTask, description: Description, factors: dict[str, float], rounds: int = ROUNDS) -> FinalFit:
+    """Fit a hypothesis to all training episodes.
 
     Args:
         task: Model and all training episodes.
-        description: What is assumed, its effects where the search left them.
-        factors: Factors of the model's parameters likewise.
-        rounds: How often.
+        description: Hypothesis; its effects are the initial values.
+        factors: Initial factors of the model's parameters, by name.
+        rounds: Number of fits, each relinearised at the last.
     """
     parameters = description.parameters(task.nominal.base)
-    theta = parameters.start(factors)
+    theta = parameters.initial_theta(factors)
     found: Fit | None = None
     for _ in range(rounds):
         task = task.relinearise(parameters, theta)
@@ -66,24 +65,28 @@ def finish(task: FitTask, description: Description, factors: dict[str, float], r
             break
         found, theta = better, better.theta
     if found is None:
-        return Final(description.effects, factors, tuple({} for _ in description.effects))
-    return Final(
+        return FinalFit(description.effects, factors, tuple({} for _ in description.effects))
+    return FinalFit(
         effects=found.effects,
         factors=found.factors,
-        intervals=intervals(task, found),
+        intervals=compute_intervals(task, found),
         fine=task.fine,
-        at_bound=at_bound(found),
-        conditioning=conditioning(task, found),
-        stable=stability(task, found),
+        at_bound=find_at_bound(found),
+        conditioning=compute_conditioning(task, found),
+        stable=compare_halves(task, found),
     )
 
 
 def measure_columns(
     task: FitTask, parameters: FreeParameters, theta: np.ndarray, columns: Sequence[int]
 ) -> dict[int, np.ndarray]:
-    """Return columns of the Jacobian at some numbers, by index; none where the model diverges there.
+    """Return columns of the Jacobian by index; empty if the model diverges.
 
-    The search ended near, so that the steps from there need no columns of their own.
+    Args:
+        task: Model and episodes.
+        parameters: Free parameters.
+        theta: Values at which to measure, shape (size,).
+        columns: Indices of the columns.
     """
     predicted = task.predict(parameters, theta)
     if predicted is None:
@@ -91,94 +94,99 @@ def measure_columns(
     return dict(zip(columns, measure_jacobian(task, parameters, theta, predicted, columns), strict=True))
 
 
-def stability(task: FitTask, found: Fit) -> dict[str, bool]:
-    """Return of which joints with effects every other episode and the rest agree on all parameters of the effects.
+def compare_halves(task: FitTask, found: Fit) -> dict[str, bool]:
+    """Return for each joint with effects whether even and odd episodes agree on the effects' parameters.
 
-    Around the fit, each half moves the numbers by Δθ = −H⁻¹ g, with its own H = Jᵀ W J + prior and g; no rollout is
-    needed. They agree where the difference is within 1.96 of its standard deviations, and within a factor of 1.3.
+    Each half takes one Gauss-Newton step from the common fit, Δθ = −H⁻¹ g with its own H = Jᵀ W J + prior and gradient
+    g. No rollout is needed. They agree if the difference is within 1.96 of its standard deviations and within a factor
+    of 1.3.
     """
     episodes = np.arange(len(task.evidence))
     if len(episodes) < 2 or not found.effects:
         return {}
     moved, spread = [], []
-    prior = found.parameters.prior(found.theta) ** 2
+    prior = found.parameters.prior_weights(found.theta) ** 2
     for half in (episodes[::2], episodes[1::2]):
         part = task.select(half)
-        square, pull = normal_equations(part, found.predicted[half], found.jacobian[:, half])
-        inverse = np.linalg.pinv(square + np.diag(prior) + 1e-9 * np.eye(len(prior)))
-        moved.append(-inverse @ (pull + prior * found.theta))
+        hessian, gradient = normal_equations(part, found.predicted[half], found.jacobian[:, half])
+        inverse = np.linalg.pinv(hessian + np.diag(prior) + 1e-9 * np.eye(len(prior)))
+        moved.append(-inverse @ (gradient + prior * found.theta))
         spread.append(np.clip(np.diag(inverse), 0, None))
     apart = np.abs(moved[0] - moved[1])
-    allowed = np.minimum(NORMAL95 * np.sqrt(spread[0] + spread[1]) + LIKENESS, math.log(SAME_SIZE))
+    allowed = np.minimum(NORMAL95 * np.sqrt(spread[0] + spread[1]) + FORM_DEVIATION, math.log(MAX_RATIO))
     agreed: dict[str, bool] = {}
-    for column in range(len(found.parameters.of_effects)):
-        for effect in found.parameters.parameters_of(column):
+    for column in range(len(found.parameters.effect_parameters)):
+        for effect in found.parameters.effects_of(column):
             if effect.joint is not None:
                 agreed[effect.joint] = agreed.get(effect.joint, True) and bool(apart[column] <= allowed[column])
     return agreed
 
 
-def at_bound(found: Fit) -> frozenset[str]:
+def find_at_bound(found: Fit) -> frozenset[str]:
     """Return the names of the model's parameters that a fit left on a bound."""
     factors = found.factors
     ends = {p.name: p.bounds for p in found.parameters.base}
     return frozenset(
-        name for name, (low, high) in ends.items() if not low + ON_BOUND < math.log(factors[name]) < high - ON_BOUND
+        name
+        for name, (low, high) in ends.items()
+        if not low + BOUND_MARGIN < math.log(factors[name]) < high - BOUND_MARGIN
     )
 
 
-def conditioning(task: FitTask, found: Fit) -> float:
-    """Return the condition number of the normal equations, prior included, scaled to a unit diagonal."""
-    square, _ = normal_equations(task, found.predicted, found.jacobian)
-    square = square + np.diag(found.parameters.prior(found.theta) ** 2)
-    scale = 1 / np.sqrt(np.maximum(np.diag(square), 1e-300))
-    return float(np.linalg.cond(square * scale[:, None] * scale[None])) if len(square) else 1.0
+def compute_conditioning(task: FitTask, found: Fit) -> float:
+    """Return the condition number of the normal equations with prior, scaled to a unit diagonal."""
+    hessian, _ = normal_equations(task, found.predicted, found.jacobian)
+    hessian = hessian + np.diag(found.parameters.prior_weights(found.theta) ** 2)
+    scale = 1 / np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+    return float(np.linalg.cond(hessian * scale[:, None] * scale[None])) if len(hessian) else 1.0
 
 
-def intervals(task: FitTask, found: Fit) -> tuple[Mapping[str, tuple[float, float]], ...]:
-    """Return the 95 % intervals of the effects' parameters.
+def compute_intervals(task: FitTask, found: Fit) -> tuple[Mapping[str, tuple[float, float]], ...]:
+    """Return the 95 % confidence intervals of the effects' parameters, by name for each effect.
 
-    Three doubts are added: the curvature of the loss, with the base free; how differently single episodes pull, which
-    holds whatever the errors look like (White, 1982); and how much two descriptions of one effect differ. What an
-    effect adds to something that the model has (damping, say) is known no better than the model's own part of it.
+    Three variances are added: the curvature of the loss with the base parameters free, the variance between episodes
+    (sandwich estimator; White, 1982), and the difference between two formulations of an effect. An effect that adds to
+    a quantity of the model, such as damping, is uncertain by at least the tolerance of that quantity.
     """
-    spread = np.hypot(*deviations(task, found))
+    spread = np.hypot(*compute_deviations(task, found))
     result: list[dict[str, tuple[float, float]]] = [{} for _ in found.effects]
-    for free, number, width in zip(found.parameters.of_effects, found.theta, spread, strict=False):
-        likeness = LIKENESS * abs(float(number) if free.signed else 1.0)
-        reach = NORMAL95 * float(np.hypot(width, likeness))
-        for place in free.places:
-            doubt = NORMAL95 * TOLERANCE * in_common(task, found.effects[place], free.parameter)
-            ends = [free.value(float(number) + sign * reach) + sign * doubt for sign in (-1, 1)]
+    for free, number, width in zip(found.parameters.effect_parameters, found.theta, spread, strict=False):
+        form_deviation = FORM_DEVIATION * abs(float(number) if free.signed else 1.0)
+        half_width = NORMAL95 * float(np.hypot(width, form_deviation))
+        for place in free.effect_indices:
+            shared_half_width = NORMAL95 * TOLERANCE * shared_amount(task, found.effects[place], free.parameter)
+            ends = [free.value(float(number) + sign * half_width) + sign * shared_half_width for sign in (-1, 1)]
             result[place][free.parameter.name] = (min(ends), max(ends))
     return tuple(result)
 
 
-def deviations(task: FitTask, found: Fit) -> tuple[np.ndarray, np.ndarray]:
-    """Return the standard deviations of the numbers by the loss's curvature and by the episodes' pulls, (size,) each.
+def compute_deviations(task: FitTask, found: Fit) -> tuple[np.ndarray, np.ndarray]:
+    """Return the standard deviations of θ from the curvature and from the variance between episodes, (size,) each.
 
-    Errors of a rollout are alike for a while (`CORRELATION`); in the curvature, so many rows count as one.
+    In the curvature, rows within `CORRELATION` count as one, because errors of a rollout are correlated.
     """
     size, episodes = len(found.jacobian), len(task.evidence)
-    weights = task.weights(found.predicted) * task.evidence.counts[..., None]
+    weights = task.weights(found.predicted) * task.evidence.mask[..., None]
     rows = (found.jacobian * weights).reshape(size, episodes, -1)
     flat = rows.reshape(size, -1)
-    inverse = np.linalg.inv(flat @ flat.T + np.diag(found.parameters.prior(found.theta) ** 2) + 1e-9 * np.eye(size))
+    inverse = np.linalg.inv(
+        flat @ flat.T + np.diag(found.parameters.prior_weights(found.theta) ** 2) + 1e-9 * np.eye(size)
+    )
     errors = (task.evidence.errors(found.predicted) * weights).reshape(episodes, -1)
-    pulls = inverse @ np.einsum("pet,et->pe", rows, errors)
-    by_episode = np.sqrt((pulls**2).sum(1) * episodes / max(1, episodes - 1))
+    episode_steps = inverse @ np.einsum("pet,et->pe", rows, errors)
+    by_episode = np.sqrt((episode_steps**2).sum(1) * episodes / max(1, episodes - 1))
     return np.sqrt(np.clip(np.diag(inverse), 0.0, None)), by_episode
 
 
-def in_common(task: FitTask, effect: Effect, parameter: Parameter) -> float:
-    """Return how much of what an effect's first parameter adds to the model has already, in its unit."""
+def shared_amount(task: FitTask, effect: Effect, parameter: Parameter) -> float:
+    """Return what the model already has of the quantity that an effect's first parameter adds to [its unit]."""
     if not effect.replaces or effect.joint is None or parameter is not effect.parameters[0]:
         return 0.0
-    return own_size(task.nominal.spec, effect.joint, effect.replaces)
+    return read_own_amount(task.nominal.spec, effect.joint, effect.replaces)
 
 
-def list_retuned(final: Final, smallest: float = 0.005) -> list[dict[str, object]]:
-    """Return the parameters of the model that were changed by half a percent or more, as the report lists them."""
+def list_retuned(final: FinalFit, smallest: float = 0.005) -> list[dict[str, object]]:
+    """Return the model's parameters that changed by at least half a percent, as the report lists them."""
     return [
         {"parameter": name, "factor": round(factor, 4), "at_bound": name in final.at_bound}
         for name, factor in final.factors.items()
@@ -186,14 +194,20 @@ def list_retuned(final: Final, smallest: float = 0.005) -> list[dict[str, object
     ]
 
 
-def values(
+def list_parameters(
     effect: Effect, interval: Mapping[str, tuple[float, float]], slides: Collection[str] = ()
 ) -> dict[str, object]:
-    """Return an effect's parameters with units and intervals, as the report lists them; `slides` decides the units."""
+    """Return an effect's parameters with units and intervals, as the report lists them.
+
+    Args:
+        effect: Fitted effect.
+        interval: 95 % intervals by parameter.
+        slides: Names of the slides, which have other units.
+    """
 
     def entry(parameter: Parameter) -> dict[str, object]:
         value = float(getattr(effect, parameter.name))
         low, high = interval.get(parameter.name, (value, value))
         return {"value": value, "unit": unit_at(parameter.unit, effect.joint in slides), "interval95": [low, high]}
 
-    return {parameter.name: entry(parameter) for parameter in effect.sought}
+    return {parameter.name: entry(parameter) for parameter in effect.free_parameters}

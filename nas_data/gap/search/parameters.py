@@ -1,4 +1,4 @@
-"""The numbers that a fit may move: parameters of effects and of the model, as one vector θ without units."""
+"""Free parameters of a fit, of effects and of the model, as one dimensionless vector θ."""
 
 import math
 from collections.abc import Sequence
@@ -10,61 +10,61 @@ import numpy as np
 from nas_data.effects.base import Effect, Parameter, make_effect
 from nas_data.gap.nominal_parameters import NominalParameter
 
-STEP = 0.02  # finite difference in a logarithm: well above what contacts and friction make rough
-SIGNED_SCALE = 0.05  # [rad] offsets and tilts are in units of this
-FREED_ONLY = ("limit",)  # kinds that do not move unless freed: what models say of them is a rating, not a measurement
-DECADES = math.log(1000.0)  # how far a positive parameter may wander from its first guess, within its bounds
+STEP = 0.02  # finite difference of θ, above the roughness that contacts and friction cause
+SIGNED_SCALE = 0.05  # [rad] per unit of θ of a parameter with either sign
+FREED_ONLY = ("limit",)  # kinds of base parameters that are fixed unless freed, because models state ratings
+MAX_LOG_RANGE = math.log(1000.0)  # largest change of a positive parameter from its initial guess
 
 Label = tuple[str | None, ...]
 
 
 @dataclass(frozen=True)
 class FreeParameter:
-    """One parameter of one effect, or of the same effect in several joints, as a number around zero.
+    """One parameter of an effect, or of the same effect in several joints, as one entry of θ.
 
     Attributes:
-        places: Which effects of the hypothesis have it.
-        parameter: Which of their parameters.
-        start: Value at number 0: the first guess, or the neutral value where the prior is centred there.
+        effect_indices: Indices of the effects that have it.
+        parameter: Parameter of these effects.
+        v0: Value at θ = 0: the initial guess, or the neutral value if the parameter has a prior.
     """
 
-    places: tuple[int, ...]
+    effect_indices: tuple[int, ...]
     parameter: Parameter
-    start: float
+    v0: float
 
     @property
     def signed(self) -> bool:
-        """Whether the parameter can have either sign; others are fitted as logarithms."""
+        """Whether the parameter has either sign; others are fitted as logarithms."""
         return self.parameter.low < 0
 
     @property
-    def weight(self) -> float:
-        """One over the standard deviation of what is plausible, 0 where nothing is known."""
+    def prior_weight(self) -> float:
+        """Inverse standard deviation of the prior; 0 for a uniform prior."""
         return SIGNED_SCALE / self.parameter.spread if self.parameter.spread else 0.0
 
     def value(self, number: float) -> float:
-        """Return the parameter's value for the fitted number."""
-        factor = math.exp(min(max(number, -DECADES), DECADES))
-        value = self.start + SIGNED_SCALE * number if self.signed else self.start * factor
+        """Return the parameter's value v₀ exp(θ), or v₀ + 0.05 θ if it is signed, within its bounds."""
+        factor = math.exp(min(max(number, -MAX_LOG_RANGE), MAX_LOG_RANGE))
+        value = self.v0 + SIGNED_SCALE * number if self.signed else self.v0 * factor
         return float(np.clip(value, self.parameter.low, self.parameter.high))
 
     def bounds(self) -> tuple[float, float]:
-        """Return between which numbers the parameter stays within its bounds."""
+        """Return the bounds of θ."""
         low, high = self.parameter.low, self.parameter.high
         if self.signed:
-            return (low - self.start) / SIGNED_SCALE, (high - self.start) / SIGNED_SCALE
-        lowest = math.log(low / self.start) if low > 0 else -DECADES
-        return max(lowest, -DECADES), min(math.log(high / self.start), DECADES)
+            return (low - self.v0) / SIGNED_SCALE, (high - self.v0) / SIGNED_SCALE
+        lowest = math.log(low / self.v0) if low > 0 else -MAX_LOG_RANGE
+        return max(lowest, -MAX_LOG_RANGE), min(math.log(high / self.v0), MAX_LOG_RANGE)
 
 
 @dataclass(frozen=True)
 class FreeParameters:
-    """What a fit moves: parameters of effects, then those of the model.
+    """Free parameters of a fit: those of effects, then those of the model.
 
     Attributes:
-        effects: Effects at their first guesses.
-        base: Parameters of the model that may move.
-        shared: Names of effects whose parameters all joints have alike.
+        effects: Effects at initial guesses.
+        base: Free base parameters of the model.
+        shared: Names of effects whose parameters are equal in all joints.
     """
 
     effects: tuple[Effect, ...]
@@ -72,87 +72,89 @@ class FreeParameters:
     shared: frozenset[str] = frozenset()
 
     @cached_property
-    def of_effects(self) -> tuple[FreeParameter, ...]:
-        """The effects' parameters, in order; details where any is not neutral."""
+    def effect_parameters(self) -> tuple[FreeParameter, ...]:
+        """Free parameters of the effects in order; optional ones only if one of them is not neutral."""
         found = []
         for place, effect in enumerate(self.effects):
-            alike = self._alike(effect) if effect.name() in self.shared else (place,)
+            alike = self._indices_of(effect) if effect.name() in self.shared else (place,)
             if alike[0] != place:
                 continue
-            for parameter in effect.sought:
+            for parameter in effect.free_parameters:
                 own = float(getattr(effect, parameter.name))
                 found.append(FreeParameter(alike, parameter, parameter.neutral if parameter.spread else own))
         return tuple(found)
 
-    def _alike(self, effect: Effect) -> tuple[int, ...]:
+    def _indices_of(self, effect: Effect) -> tuple[int, ...]:
         return tuple(place for place, other in enumerate(self.effects) if other.name() == effect.name())
 
     @property
     def size(self) -> int:
-        """How many numbers are fitted."""
-        return len(self.of_effects) + len(self.base)
+        """Length of θ."""
+        return len(self.effect_parameters) + len(self.base)
 
     @cached_property
     def labels(self) -> list[Label]:
-        """What each number stands for: effect, joint and parameter; or a parameter of the model."""
+        """Meaning of each entry of θ: (effect, joint, parameter), or (base parameter,)."""
         found: list[Label] = []
-        for free in self.of_effects:
-            effect = self.effects[free.places[0]]
+        for free in self.effect_parameters:
+            effect = self.effects[free.effect_indices[0]]
             joint = "*" if effect.name() in self.shared else effect.joint
             found.append((effect.name(), joint, free.parameter.name))
         return [*found, *((parameter.name,) for parameter in self.base)]
 
     def effects_at(self, theta: np.ndarray) -> tuple[Effect, ...]:
-        """Return the effects for fitted numbers, shape (size,)."""
+        """Return the effects at θ, shape (size,)."""
         values: list[dict[str, float]] = [{} for _ in self.effects]
-        for free, number in zip(self.of_effects, theta, strict=False):
-            for place in free.places:
+        for free, number in zip(self.effect_parameters, theta, strict=False):
+            for place in free.effect_indices:
                 values[place][free.parameter.name] = free.value(float(number))
         return tuple(
             make_effect(effect.name(), effect.joint, found) for effect, found in zip(self.effects, values, strict=True)
         )
 
     def factors_at(self, theta: np.ndarray) -> dict[str, float]:
-        """Return the factors of the model's parameters for fitted numbers, by name."""
-        logs = theta[len(self.of_effects) :]
+        """Return the factors of the model's parameters at θ, by name."""
+        logs = theta[len(self.effect_parameters) :]
         return {parameter.name: math.exp(float(log)) for parameter, log in zip(self.base, logs, strict=True)}
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the lowest and highest numbers, shape (size,)."""
-        pairs = [free.bounds() for free in self.of_effects] + [parameter.bounds for parameter in self.base]
+        """Return lower and upper bounds of θ, shape (size,) each."""
+        pairs = [free.bounds() for free in self.effect_parameters] + [parameter.bounds for parameter in self.base]
         low, high = np.array(pairs).reshape(-1, 2).T
         return low, high
 
-    def prior(self, theta: np.ndarray) -> np.ndarray:
-        """Return each number's weight in the prior, one over its standard deviation, shape (size,)."""
-        logs = theta[len(self.of_effects) :]
+    def prior_weights(self, theta: np.ndarray) -> np.ndarray:
+        """Return the inverse standard deviations 1/σ of the prior at θ, shape (size,)."""
+        logs = theta[len(self.effect_parameters) :]
         base = [1 / parameter.deviation(float(log)) for parameter, log in zip(self.base, logs, strict=True)]
-        return np.array([free.weight for free in self.of_effects] + base)
+        return np.array([free.prior_weight for free in self.effect_parameters] + base)
 
-    def start(self, factors: dict[str, float] | None = None) -> np.ndarray:
-        """Return the numbers of the first guess, with factors of the model where given, shape (size,)."""
-        guesses = [(float(getattr(self.effects[f.places[0]], f.parameter.name)), f) for f in self.of_effects]
-        first = [(value - f.start) / SIGNED_SCALE if f.parameter.spread else 0.0 for value, f in guesses]
+    def initial_theta(self, factors: dict[str, float] | None = None) -> np.ndarray:
+        """Return θ at the initial guesses, with given factors of the model, shape (size,)."""
+        guesses = [
+            (float(getattr(self.effects[f.effect_indices[0]], f.parameter.name)), f) for f in self.effect_parameters
+        ]
+        first = [(value - f.v0) / SIGNED_SCALE if f.parameter.spread else 0.0 for value, f in guesses]
         logs = [math.log((factors or {}).get(parameter.name, 1.0)) for parameter in self.base]
         return np.array(first + logs)
 
-    def parameters_of(self, column: int) -> tuple[Effect, ...]:
-        """Return the effects to which a number belongs; none for one of the model's."""
-        if column >= len(self.of_effects):
+    def effects_of(self, column: int) -> tuple[Effect, ...]:
+        """Return the effects of a column; empty for a base parameter."""
+        if column >= len(self.effect_parameters):
             return ()
-        return tuple(self.effects[place] for place in self.of_effects[column].places)
+        return tuple(self.effects[place] for place in self.effect_parameters[column].effect_indices)
 
 
-def free_base(
+def select_free_base(
     base: Sequence[NominalParameter], effects: Sequence[Effect], freed: frozenset[str] = frozenset()
 ) -> tuple[NominalParameter, ...]:
-    """Return the model's parameters that stay free beside effects: not those that an effect replaces.
+    """Return the base parameters that stay free beside effects, without those that an effect replaces.
 
     Args:
-        base: All of them.
-        effects: What is beside them.
-        freed: Names of those that may be anything, not just a few percent off.
+        base: Base parameters of the model.
+        effects: Effects of the hypothesis.
+        freed: Names of freed parameters.
     """
     taken = {f"{effect.joint}.{effect.replaces}" for effect in effects if effect.replaces}
     known = [p for p in base if p.name not in taken and (p.name in freed or p.kind not in FREED_ONLY)]
-    return tuple(p.freely() if p.name in freed else p for p in known)
+    return tuple(p.with_free_prior() if p.name in freed else p for p in known)

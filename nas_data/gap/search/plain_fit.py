@@ -1,4 +1,4 @@
-"""The plain fit: every smooth parameter of every joint at once, with no name given, as anyone would fit them."""
+"""Plain fit: every smooth parameter of every joint above the floor, without names."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -10,9 +10,9 @@ import numpy as np
 from nas_data.effects.base import Effect, Scales, find_effect, make_effect
 from nas_data.effects.edits.servo import stiffness
 from nas_data.effects.joint_offset import JointOffset
-from nas_data.gap.episode_batch import windows
-from nas_data.gap.nominal_parameters import MAX_LOG_CHANGE, own_value
-from nas_data.gap.search.fit import Fit, fit, is_loose, joint_of_label, reach_of_joints
+from nas_data.gap.episode_batch import cut_windows
+from nas_data.gap.nominal_parameters import MAX_LOG_CHANGE, read_own_value
+from nas_data.gap.search.fit import Fit, fit, group_moved_joints, is_effect_or_freed, joint_of_label
 from nas_data.gap.search.hypothesis import PRICE, Description, Hypothesis, reuse_jacobian
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.parameters import FreeParameters, Label
@@ -20,14 +20,14 @@ from nas_data.gap.search.screen import screen
 from nas_data.gap.search.search import AT_FLOOR, TRIED, Search
 from nas_data.gap.side_by_side import side_by_side
 
-SHORT = 1.0  # [s] of the windows on which the fit begins: in open loop a wrong model soon is nowhere
-SHORT_STEPS = 8_000  # physics steps that one rollout of them may take
-FACTORS = (1.0, 0.3, 0.1, 0.03)  # of all gains, from which the fit may begin; of all filters the first and the last
-CLEARLY = 0.1  # nats an observation (10 % of the errors) by which a start must do better than the model as it is
-NEARLY = 0.3  # nats an observation by which a start may do worse than the best and still be followed
-SMALL = 0.1  # of a joint's natural size, from which what the model lacks begins
+SHORT_WINDOW = 1.0  # [s] of the first fit; open-loop errors of a wrong model grow fast
+SHORT_STEPS = 8_000  # most physics steps of one rollout of short windows
+FACTORS = (1.0, 0.3, 0.1, 0.03)  # initial factors of all gains; filters take the first and the last
+CLEARLY = 0.1  # [nats per observation] (10 % of the errors) by which a start must beat the model
+NEARLY = 0.3  # [nats per observation] by which a start may be worse than the best and still be fitted
+INITIAL_SHARE = 0.1  # of a joint's scale: initial value of an effect that the model lacks
 FACTOR, ADDED, LOWERED = "factor", "added", "lowered"
-NAMED = {  # effects that say what a freed parameter does: its kind, and what their value is
+EFFECT_OF_PARAMETER = {  # effect: the equivalent freed parameter, and how its value is converted
     "servo_stiffness": ("gain", FACTOR),
     "servo_damping": ("servo_damping", FACTOR),
     "torque_limit": ("limit", LOWERED),
@@ -35,55 +35,59 @@ NAMED = {  # effects that say what a freed parameter does: its kind, and what th
     "rotor_inertia": ("armature", ADDED),
     "coulomb_friction": ("frictionloss", ADDED),
 }
-LIMITS = ("torque_limit", "command_delay")  # which an ordinary fit has besides
+LIMIT_EFFECTS = ("torque_limit", "command_delay")  # effects that a plain fit includes as well
 
 
 def fit_plain(search: Search) -> Hypothesis:
-    """Fit gain, damping, rotor inertia, dry and viscous friction, offset and filters of every joint above the floor.
+    """Fit gain, damping, rotor inertia, dry and viscous friction, offset and filters of joints above the floor.
 
-    A joint that is at the noise floor with its parameters a few percent off stays so: more freedom would fit noise.
-    The fit begins on short windows and from several gains, and ends on the episodes of the search. Torque limits and a
-    delay of the arm are tried last. The search goes on with the objective of the fit.
+    Joints at the floor are not freed, because more freedom would fit noise. The fit begins on short windows from
+    several gains, and ends on the episodes of the search. Torque limits and a delay of the arm are tried last. The
+    search continues with the objective of the fit.
     """
-    joints = search.above_floor(search.null)
+    joints = search.find_joints_above_floor(search.null)
     if not joints:
         return search.null
-    description = describe(search, joints)
+    description = describe_plain_fit(search, joints)
     parameters = description.parameters(search.train.nominal.base)
     count = f"{parameters.size} numbers of {len(joints)} joints"
-    search.say(f"plain fit: {count}, on windows of {SHORT:g} s")
-    found = begin_on_short_windows(search, description)
+    search.say(f"plain fit: {count}, on windows of {SHORT_WINDOW:g} s")
+    found = fit_short_windows(search, description)
     search.say(f"plain fit: {count}, on the episodes of the search")
-    if not found:  # the model is near, and what moves which joint stays as it is there
+    if not found:  # the model is near, so that parameters move the same joints as there
         base = Description().parameters(search.train.nominal.base)
-        search.sub = replace(search.sub, reach_of_joints=reach_of_joints(search.sub, base))
-    start = found.theta if found else parameters.start(search.null.fit.factors)
+        search.task = replace(search.task, moved_by_joint=group_moved_joints(search.task, base))
+    start = found.theta if found else parameters.initial_theta(search.null.fit.factors)
     known = {} if found else reuse_jacobian(search.null.fit, parameters, len(description.effects))
-    known = {column: rows for column, rows in known.items() if not is_loose(parameters, column)}
-    whole = fit(search.sub, parameters, start, known, steps=8, jacobian_refreshes=2)
+    known = {column: rows for column, rows in known.items() if not is_effect_or_freed(parameters, column)}
+    whole = fit(search.task, parameters, start, known, steps=8, jacobian_refreshes=2)
     if whole is None:
         return search.null
-    plain = search.judge(description, whole)
-    if search.ratio(plain).max() > AT_FLOOR:
+    plain = search.evaluate(description, whole)
+    if search.floor_ratios(plain).max() > AT_FLOOR:
         plain = search.relinearise(plain)
     search.report("plain fit", plain)
-    better = add_limits(search, plain) if search.ratio(plain).max() > AT_FLOOR else plain
+    better = add_limits(search, plain) if search.floor_ratios(plain).max() > AT_FLOOR else plain
     if better is not plain:
         search.report("plain fit with limits", better)
     return better
 
 
-def describe(search: Search, joints: Collection[str]) -> Description:
-    """Return the plain fit's description: what the model has in some joints is freed, what it lacks is added."""
+def describe_plain_fit(search: Search, joints: Collection[str]) -> Description:
+    """Return the plain fit's description: freed base parameters of some joints, and effects that the model lacks."""
     nominal, spec = search.train.nominal, search.train.nominal.spec
     freed = frozenset(p.name for p in nominal.base if p.kind != "mass" and p.joint in joints)
     effects: list[Effect] = []
     for joint in filter(joints.__contains__, nominal.joints):
-        sizes = search.sizes[nominal.joints.index(joint)]
+        sizes = search.scales[nominal.joints.index(joint)]
         lacking = {
-            "coulomb_friction": ("torque", SMALL * sizes.torque, float(spec.joint(joint).frictionloss)),
-            "viscous_friction": ("coefficient", SMALL * natural_damping(sizes), float(spec.joint(joint).damping[0])),
-            "rotor_inertia": ("inertia", SMALL * sizes.inertia, float(spec.joint(joint).armature)),
+            "coulomb_friction": ("torque", INITIAL_SHARE * sizes.torque, float(spec.joint(joint).frictionloss)),
+            "viscous_friction": (
+                "coefficient",
+                INITIAL_SHARE * natural_damping(sizes),
+                float(spec.joint(joint).damping[0]),
+            ),
+            "rotor_inertia": ("inertia", INITIAL_SHARE * sizes.inertia, float(spec.joint(joint).armature)),
         }
         effects += [make_effect(name, joint, {key: size}) for name, (key, size, own) in lacking.items() if own == 0]
         if stiffness(spec, joint) > 0:
@@ -92,18 +96,18 @@ def describe(search: Search, joints: Collection[str]) -> Description:
 
 
 def natural_damping(sizes: Scales) -> float:
-    """Return a joint's large torque over its large speed [N·m·s/rad], or its damping where that is more."""
+    """Return a joint's large torque over its large speed [N·m·s/rad], or its damping if that is larger."""
     return max(sizes.damping, sizes.torque / sizes.speed)
 
 
-def begin_on_short_windows(search: Search, description: Description) -> Fit | None:
-    """Return the fit to short windows from the best of several starts; None where none clearly beats the model."""
+def fit_short_windows(search: Search, description: Description) -> Fit | None:
+    """Fit short windows from the best of several initial values; None if none clearly beats the model."""
     nominal = search.train.nominal
     rows = SHORT_STEPS // nominal.simulator().substeps
-    evidence = windows(search.train.evidence, rows, SHORT)
+    evidence = cut_windows(search.train.evidence, rows, SHORT_WINDOW)
     parameters = description.parameters(nominal.base)
     task = FitTask(nominal, evidence, search.train.floor, fine=False)
-    starts = [parameters.start(factors) for factors in starting_factors(description.freed)]
+    starts = [parameters.initial_theta(factors) for factors in list_starting_factors(description.freed)]
     predicted = [task.predict(parameters, start) for start in starts]
     starts.append(mix_starts(task, parameters, starts, predicted))
     predicted.append(task.predict(parameters, starts[-1]))
@@ -123,7 +127,7 @@ def begin_on_short_windows(search: Search, description: Description) -> Fit | No
 def mix_starts(
     task: FitTask, parameters: FreeParameters, starts: Sequence[np.ndarray], predicted: Sequence[np.ndarray | None]
 ) -> np.ndarray:
-    """Return numbers that each joint takes from the start that suits it best."""
+    """Return θ that takes the best of several initial values for each joint."""
     far = np.full(len(task.floor), np.inf)
     errors = [far if rows is None else task.misfits(rows).sum(0) for rows in predicted]
     best = dict(zip(task.nominal.joints, np.argmin(errors, axis=0), strict=True))
@@ -131,10 +135,12 @@ def mix_starts(
     return np.array([starts[best.get(joint or "", 0)][column] for column, joint in enumerate(joints)])
 
 
-def starting_factors(freed: frozenset[str]) -> Sequence[dict[str, float]]:
-    """Return factors of gains, of the servos' damping and of filters from which the fit may begin."""
+def list_starting_factors(freed: frozenset[str]) -> Sequence[dict[str, float]]:
+    """Return initial factors of gains, servo damping and filters."""
     gains = FACTORS if any(name.endswith(".gain") for name in freed) else (1.0,)
-    dampings = (0.0, 0.5, 1.0) if any(name.endswith(".servo_damping") for name in freed) else (0.0,)  # as powers of it
+    dampings = (
+        (0.0, 0.5, 1.0) if any(name.endswith(".servo_damping") for name in freed) else (0.0,)
+    )  # powers of the gain
     filters = (FACTORS[0], FACTORS[-1]) if any(name.endswith(".filter") for name in freed) else (1.0,)
     made = []
     for gain, power, filtered in product(gains, dampings, filters):
@@ -146,41 +152,41 @@ def starting_factors(freed: frozenset[str]) -> Sequence[dict[str, float]]:
 
 
 def add_limits(search: Search, plain: Hypothesis) -> Hypothesis:
-    """Return the fit with torque limits and a delay of the arm where they are worth their price."""
-    half = np.arange(0, len(search.sub.evidence), 2)
-    task = search.sub.select(half)
+    """Add torque limits and a delay of the arm if they are worth their price."""
+    half = np.arange(0, len(search.task.evidence), 2)
+    task = search.task.select(half)
     search.say("  screening torque limits and delays beside the plain fit")
-    above = search.above_floor(plain)
-    found = screen(task, plain.fit.select(task, half), search.sizes, above, search.changes, LIMITS)
-    reach = plain.fit.select(task, half).loss
-    for name in LIMITS:
-        alike = [c.effect for c in found if c.effect.name() == name and c.loss + 0.5 * PRICE < reach]
+    above = search.find_joints_above_floor(plain)
+    found = screen(task, plain.fit.select(task, half), search.scales, above, search.known_changes, LIMIT_EFFECTS)
+    kept_loss = plain.fit.select(task, half).loss
+    for name in LIMIT_EFFECTS:
+        alike = [c.effect for c in found if c.effect.name() == name and c.loss + 0.5 * PRICE < kept_loss]
         whole = [effect for effect in alike if effect.joint is None]
         chosen = whole or alike
         if chosen:
-            more = search.fitted(plain.description.adding(*chosen), plain.fit.factors, plain.fit, 6, 1)
+            more = search.fit_description(plain.description.add_effects(*chosen), plain.fit.factors, plain.fit, 6, 1)
             if more is not None and more.score < plain.score:
                 plain = more
     return plain
 
 
-def as_effects(search: Search, plain: Hypothesis) -> Description:
-    """Return the same description with effects in the place of freed parameters, where they can be named.
+def convert_to_effects(search: Search, plain: Hypothesis) -> Description:
+    """Return the plain fit's description with effects in place of freed parameters, where an effect is equivalent.
 
-    Friction, inertia and damping above the model's are added to it; a gain is multiplied; a limit below the model's is
-    set. What the model has too much of otherwise, or a limit that is too low, has no name and stays freed. What ended
-    within what a real arm is off by is bound again, and an offset that the readings do not show is left out.
+    Friction, inertia and damping above the model's become added amounts, gains become factors, and lower limits become
+    limits. Parameters below the model's that have no equivalent stay freed. Parameters within ±25 % are bound again,
+    and offsets below the noise floor are left out.
     """
     spec, factors = search.train.nominal.spec, plain.fit.factors
     freed = {name for name in plain.description.freed if abs(math.log(factors[name])) > MAX_LOG_CHANGE}
     floor = dict(zip(search.train.nominal.joints, search.train.floor, strict=True))
-    effects = [effect for effect in plain.effects if not is_unseen(effect, floor)]
+    effects = [effect for effect in plain.effects if not is_below_floor(effect, floor)]
     present = {(effect.name(), effect.joint) for effect in effects}
-    kinds = {kind: (effect, way) for effect, (kind, way) in NAMED.items()}
+    kinds = {kind: (effect, way) for effect, (kind, way) in EFFECT_OF_PARAMETER.items()}
     for name in sorted(freed):
         joint, kind = name.rsplit(".", 1)
         effect, way = kinds.get(kind, ("", FACTOR))
-        factor, own = factors[name], own_value(spec, joint, kind)
+        factor, own = factors[name], read_own_value(spec, joint, kind)
         value = {FACTOR: factor, ADDED: (factor - 1) * own, LOWERED: factor * own if factor < 1 else 0.0}[way]
         if effect and value > 0:
             freed.discard(name)
@@ -189,27 +195,27 @@ def as_effects(search: Search, plain: Hypothesis) -> Description:
     return replace(plain.description, effects=tuple(effects), freed=frozenset(freed))
 
 
-def columns_as_effects(plain: Fit, parameters: FreeParameters) -> dict[int, np.ndarray]:
-    """Return the plain fit's columns for the numbers of the description that `as_effects` makes of it, by index.
+def convert_columns(plain: Fit, parameters: FreeParameters) -> dict[int, np.ndarray]:
+    """Return the plain fit's columns for the description of `convert_to_effects`, by index.
 
-    An effect added to the model's own value v multiplies it by f, so that d log f / d log(added) = (f − 1) / f.
+    An amount added to the model's value v gives the factor f, with d log f / d log(amount) = (f − 1) / f.
     """
     columns: dict[Label, np.ndarray] = dict(zip(plain.parameters.labels, plain.jacobian, strict=True))
     known = reuse_jacobian(plain, parameters)
-    for index, (effect, joint, *_) in enumerate(parameters.labels[: len(parameters.of_effects)]):
-        kind, way = NAMED.get(effect or "", ("", FACTOR))
+    for index, (effect, joint, *_) in enumerate(parameters.labels[: len(parameters.effect_parameters)]):
+        kind, way = EFFECT_OF_PARAMETER.get(effect or "", ("", FACTOR))
         if (column := columns.get((f"{joint}.{kind}",))) is not None:
             factor = plain.factors[f"{joint}.{kind}"]
             known[index] = column * ((factor - 1) / factor if way == ADDED else 1.0)
     return known
 
 
-def is_unseen(effect: Effect, floor: Mapping[str, float]) -> bool:
-    """Whether an effect is an offset of less than a noise floor [rad]."""
+def is_below_floor(effect: Effect, floor: Mapping[str, float]) -> bool:
+    """Whether an effect is an offset below its joint's noise floor [rad]."""
     return isinstance(effect, JointOffset) and abs(effect.offset) < floor[effect.joint or ""]
 
 
 def make_clipped_effect(name: str, joint: str, value: float) -> Effect:
-    """Return an effect with its first parameter within its bounds."""
+    """Return an effect with its first parameter clipped to its bounds."""
     first = find_effect(name).parameters[0]
     return make_effect(name, joint, {first.name: float(np.clip(value, first.low, first.high))})

@@ -1,4 +1,4 @@
-"""Natural sizes at a joint, from which the first guesses of an effect's parameters are made."""
+"""Scales of joints, from which initial guesses of an effect's parameters are made."""
 
 import mujoco
 import numpy as np
@@ -13,34 +13,36 @@ from nas_data.robots.base import deepest_joint
 from nas_data.simulators.controls import find_command, length_feedback
 
 
-def scales(nominal: Nominal, evidence: EpisodeBatch, predicted: np.ndarray) -> tuple[Scales, ...]:
+def estimate_scales(nominal: Nominal, evidence: EpisodeBatch, predicted: np.ndarray) -> tuple[Scales, ...]:
     """Return the scales of every joint.
 
     Args:
-        nominal: The model.
-        evidence: What was measured.
-        predicted: The model's positions for it, shape (E, T, n).
+        nominal: Model.
+        evidence: Measured episodes.
+        predicted: The model's positions [rad; m], shape (E, T, n).
     """
     model = nominal.simulator().model
     moved = {p.joint: p.bodies for p in nominal.base if p.kind == "mass"}
     outermost = moved[deepest_joint(nominal.spec, tuple(moved))] if moved else ()
     last = sum(float(nominal.spec.body(name).mass) for name in outermost) or 0.01
-    return tuple(joint_scales(nominal, model, evidence, predicted, index, last) for index in range(len(nominal.joints)))
+    return tuple(
+        estimate_joint_scales(nominal, model, evidence, predicted, index, last) for index in range(len(nominal.joints))
+    )
 
 
-def joint_scales(
+def estimate_joint_scales(
     nominal: Nominal, model: mujoco.MjModel, evidence: EpisodeBatch, predicted: np.ndarray, index: int, mass: float
 ) -> Scales:
-    """Return the scales of one joint."""
+    """Return the scales of the joint of an index; `mass` is that moved by the last joint [kg]."""
     joint = nominal.joints[index]
     actuator = joint_actuator(nominal.spec, joint)
     element = nominal.spec.joint(joint)
     gain = stiffness(nominal.spec, joint)
     losses = float(element.damping[0]) + max(damping(nominal.spec, joint), 0.0)
     inertia = float(model.dof_M0[model.joint(joint).dofadr[0]])
-    speed = large_speed(evidence, index)
-    radian = radian_of(nominal, model, evidence, index)
-    pulls = np.abs(servo_torques(nominal, evidence, predicted, index))[evidence.counts]
+    speed = measure_large_speed(evidence, index)
+    radian = find_radian(nominal, model, evidence, index)
+    pulls = np.abs(compute_servo_torques(nominal, evidence, predicted, index))[evidence.mask]
     ranges = (actuator.forcerange * float(actuator.gear[0]), element.actfrcrange)
     limit = min(float(np.abs(each).max()) or np.inf for each in ranges)
     torque = min(limit, float(np.percentile(pulls, 98)))
@@ -48,41 +50,43 @@ def joint_scales(
     return Scales(stiffest, losses, inertia, mass, max(torque, 1e-4), max(speed, 1e-2 * radian), radian)
 
 
-def radian_of(nominal: Nominal, model: mujoco.MjModel, evidence: EpisodeBatch, index: int) -> float:
-    """Return what stands for a radian at a joint: 1, or of a slide its range over π, its travel where it has none."""
+def find_radian(nominal: Nominal, model: mujoco.MjModel, evidence: EpisodeBatch, index: int) -> float:
+    """Return the equivalent of a radian: 1 for a hinge; for a slide its range (or else its travel) over π [m]."""
     joint = nominal.joints[index]
     place = model.joint(joint).id
-    travel = np.ptp(evidence.measured[..., index][evidence.counts])
+    travel = np.ptp(evidence.measured[..., index][evidence.mask])
     reach = np.ptp(model.jnt_range[place]) if model.jnt_limited[place] else travel
     return float(radians_at([joint], nominal.slides, np.array([reach]))[0])
 
 
-def servo_torques(nominal: Nominal, evidence: EpisodeBatch, predicted: np.ndarray, index: int) -> np.ndarray:
-    """Return what a joint's actuator gives where the model predicts it to be [N·m; N], shape (E, T), limits aside.
+def compute_servo_torques(nominal: Nominal, evidence: EpisodeBatch, predicted: np.ndarray, index: int) -> np.ndarray:
+    """Return the unlimited torque of a joint's actuator at the predicted positions [N·m; N], shape (E, T).
 
-    A motor gives its command, a servo its gain times its error of position, or of speed.
+    A motor gives its command; a servo gives its gain times its error of position or velocity.
     """
     simulator, joint = nominal.simulator(), nominal.joints[index]
-    commands, positions, starts = (rows[..., index] for rows in (evidence.commands, predicted, evidence.starts))
+    commands, positions, starts = (
+        rows[..., index] for rows in (evidence.commands, predicted, evidence.initial_positions)
+    )
     kind, gain = simulator.kinds[index], stiffness(nominal.spec, joint)
     if kind == EFFORT:
         return commands
     if kind == POSITION:
-        return (gain or controller_stiffness(simulator.model, joint)) * (commands - positions)
-    if gain:  # the command is the speed of what the servo follows
+        return (gain or read_controller_stiffness(simulator.model, joint)) * (commands - positions)
+    if gain:  # an integrated-velocity servo
         return gain * (starts[:, None] + np.cumsum(commands, axis=1) * evidence.period - positions)
     speeds = np.diff(positions, axis=1, prepend=starts[:, None]) / evidence.period
     return np.asarray(max(damping(nominal.spec, joint), 0.0) * (commands - speeds))
 
 
-def controller_stiffness(model: mujoco.MjModel, joint: str) -> float:
-    """Return the torque per position error that a `dcmotor` with a controller gives [N·m/rad; N/m]."""
+def read_controller_stiffness(model: mujoco.MjModel, joint: str) -> float:
+    """Return the torque per position error of a `dcmotor` with a controller [N·m/rad; N/m]."""
     actuator, _ = find_command(model, int(model.joint(joint).id), "the model")
     return length_feedback(model, actuator) * float(model.actuator_gear[actuator, 0]) ** 2
 
 
-def large_speed(evidence: EpisodeBatch, index: int) -> float:
-    """Return the 98th percentile of a joint's measured speed over 50 ms [rad/s]."""
+def measure_large_speed(evidence: EpisodeBatch, index: int) -> float:
+    """Return the 98th percentile of a joint's measured speed over 50 ms [rad/s; m/s]."""
     gap = max(1, round(0.05 / evidence.period))
     moved = np.abs(evidence.measured[:, gap:, index] - evidence.measured[:, :-gap, index])
-    return float(np.percentile(moved[evidence.counts[:, gap:]], 98)) / (gap * evidence.period)
+    return float(np.percentile(moved[evidence.mask[:, gap:]], 98)) / (gap * evidence.period)

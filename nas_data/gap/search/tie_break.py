@@ -1,45 +1,44 @@
-"""Decide between hypotheses that are nearly as good, on all training episodes."""
+"""Tie-break between hypotheses with similar scores, on all training episodes."""
 
 from nas_data.gap.search.final import measure_columns
 from nas_data.gap.search.fit import Fit, fit
 from nas_data.gap.search.hypothesis import Hypothesis, reuse_jacobian
-from nas_data.gap.search.moves.replace_by_rival import doubted, fitted_rivals
+from nas_data.gap.search.moves.replace_by_rival import fit_rivals, select_doubted
 from nas_data.gap.search.objective import FitTask
 from nas_data.gap.search.search import Search
 
-NEAR = 8.0  # nats on the episodes of the search within which a rival may still be the better one on all
+NEAR = 8.0  # [nats] difference on the episodes of the search up to which all training episodes decide
 
 
-def decide(search: Search, train: FitTask, kept: Hypothesis) -> Hypothesis:
-    """Return what is kept, or the first near rival that does better on all training episodes at the same tolerance.
+def break_tie(search: Search, train: FitTask, kept: Hypothesis) -> Hypothesis:
+    """Return the hypothesis, or the first near rival with a lower loss and price on all training episodes.
 
-    Of many effects, those face rivals that are needed least. The search worked on some of the episodes, which mostly
-    tells causes apart. Where it does not, the others may.
+    If there are many effects, only those of lowest saliency have rivals. Both are compared at the same tolerance.
     """
     near = [
         rival
-        for number in doubted(search, kept)
-        for rival in fitted_rivals(search, kept, number)
+        for number in select_doubted(search, kept)
+        for rival in fit_rivals(search, kept, number)
         if rival.score.over(kept.score) < NEAR
     ]
     if not near:
         return kept
     parameters, theta = kept.fit.parameters, kept.fit.theta
     task = train.relinearise(parameters, theta)
-    own = refit(task, kept)
+    own = refit_on_task(task, kept)
     if own is None:
         return kept
     for rival in near:
-        restarted = train.restart(rival.fit.parameters, rival.fit.theta).at_tolerance_of(task)
-        other = refit(restarted, rival, own)
-        if other is not None and other.loss + rival.description.cost < own.loss + kept.description.cost:
+        restarted = train.reestimate(rival.fit.parameters, rival.fit.theta).with_tolerance_of(task)
+        other = refit_on_task(restarted, rival, own)
+        if other is not None and other.loss + rival.description.price < own.loss + kept.description.price:
             search.report("on all episodes it yields to", rival)
             return rival
     return kept
 
 
-def refit(task: FitTask, h: Hypothesis, near: Fit | None = None) -> Fit | None:
-    """Fit a hypothesis to other episodes, from where it is; `near` lends columns of its Jacobian."""
+def refit_on_task(task: FitTask, h: Hypothesis, near: Fit | None = None) -> Fit | None:
+    """Fit a hypothesis to other episodes from its present values, reusing columns of `near`."""
     parameters, theta = h.fit.parameters, h.fit.theta
     known = reuse_jacobian(near, parameters)
     known |= measure_columns(task, parameters, theta, [c for c in range(parameters.size) if c not in known])

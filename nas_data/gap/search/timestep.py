@@ -1,22 +1,22 @@
-"""Whether a recording obeys the model's own physics steps, or finer ones."""
+"""Choice between the model's own physics steps and finer ones for a recording."""
 
-from nas_data.gap.nominal import fine_timestep
+from nas_data.gap.nominal import find_fine_timestep
 from nas_data.gap.search.fit import Fit, fit
 from nas_data.gap.search.objective import FitTask
 
-MARGIN = 10.0  # nats by which the model's own steps must be ahead of finer ones, which are nature's
+MARGIN = 10.0  # [nats] by which the model's own steps must be better; reality has no steps
 
 
 def choose_timestep(task: FitTask, found: Fit) -> tuple[FitTask, Fit]:
-    """Return the task with the physics steps that leave less once a hypothesis is fitted to them, and that fit.
+    """Return the task with the physics steps of the lower loss, and the fit to it.
 
-    A real arm knows no steps; a simulated one was simulated with some. What was fitted to either speaks for it, so
-    that both are fitted before they are compared.
+    A real arm has no timestep; a simulated one has. A hypothesis fitted to one timestep is biased towards it, so both
+    are fitted before they are compared.
     """
-    if fine_timestep(task.nominal) == float(task.nominal.spec.option.timestep):
+    if find_fine_timestep(task.nominal) == float(task.nominal.spec.option.timestep):
         return task, found
     parameters, known = found.parameters, dict(enumerate(found.jacobian))
-    other = task.at_timestep(not task.fine, found.effects, found.factors)
+    other = task.switch_timestep(not task.fine, found.effects, found.factors)
     here, there = (fit(each, parameters, found.theta, known, steps=3, jacobian_refreshes=0) for each in (task, other))
     if here is None or there is None:
         return task, found

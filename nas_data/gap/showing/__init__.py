@@ -1,1 +1,1 @@
-"""Pictures and page of a gap report, from its files alone."""
+"""Figures and HTML page of a gap report, from its files alone."""

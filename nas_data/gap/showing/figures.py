@@ -1,4 +1,4 @@
-"""Figures of a gap for files and notebooks: the errors of all joints, and one joint as it moved."""
+"""Figures of a gap report for files and notebooks."""
 
 from collections.abc import Mapping, Sequence
 from typing import Literal
@@ -35,54 +35,54 @@ LOOKS = {
 }
 MARKERS = {BEFORE: "o", RETUNED: "s", PLAIN: "v", AFTER: "D", PLACEBO: "^"}
 FLOOR = "noise floor"
-NOTHING = 1 / 3  # of a joint's floor, below which its errors are drawn no lower
-MARGIN = 0.04  # of what a logarithmic axis spans, above and below it, where that is much
-MANY = 8  # names along an axis, or long ones, are turned
+NOTHING = 1 / 3  # noise floors; smaller errors are drawn at this value
+MARGIN = 0.04  # margin of a wide logarithmic axis, as a share of its logarithmic span
+MANY = 8  # names along an axis above which they are rotated
 
-ABOVE = 1.25  # noise floors from which a joint's gap is worth a picture of its own
+ABOVE = 1.25  # noise floors above which a joint has a figure
 
 Models = Mapping[str, np.ndarray]
 
 
-def models(report: GapReport, series: Series) -> dict[str, np.ndarray]:
-    """Return the predictions that are drawn; without a named effect, the written model is the retuned one."""
+def select_models(report: GapReport, series: Series) -> dict[str, np.ndarray]:
+    """Return the predictions to draw; without named effects, the written model is the retuned one."""
     plain = {} if series.plain is None else {PLAIN: series.plain}
     if not report.effects:
         return {BEFORE: series.before, **plain, RETUNED: series.after}
     return {BEFORE: series.before, RETUNED: series.retuned, **plain, AFTER: series.after}
 
 
-def models_of_joint(report: GapReport, series: Series) -> dict[str, np.ndarray]:
-    """Return the predictions that are drawn of one joint: the placebo's, too, and no retuned one beside names."""
+def select_joint_models(report: GapReport, series: Series) -> dict[str, np.ndarray]:
+    """Return the predictions to draw for one joint: with the placebo, and without the retuned model beside names."""
     placebo = {} if series.placebo is None else {PLACEBO: series.placebo}
-    shown = {**models(report, series), **placebo}
+    shown = {**select_models(report, series), **placebo}
     return {name: values for name, values in shown.items() if name != RETUNED or not report.effects}
 
 
-def joints_above(series: Series) -> list[int]:
-    """Return the joints with a gap above the floor, the largest first; the worst joint where none has one."""
+def find_joints_above(series: Series) -> list[int]:
+    """Return the joints above the floor, largest gap first; the worst joint if there is none."""
     ratios = series.by_joint(series.before) / series.floor
     return [int(place) for place in np.argsort(-ratios) if ratios[place] > ABOVE] or [int(np.argmax(ratios))]
 
 
-def commands_torques(report: GapReport) -> bool:
-    """Whether commands are torques: then there is no error of repeating them."""
+def has_torque_commands(report: GapReport) -> bool:
+    """Whether commands are torques, so that the command is no prediction of the position."""
     joints = report.find.joints if report.find else {}
     return bool(joints) and all(gap.open_loop_command is None for gap in joints.values())
 
 
 def draw_all_joints(report: GapReport, series: Series) -> Figure:
-    """Draw the held-out error of each joint by each model, beside the noise floor."""
-    return per_joint(series, models(report, series))
+    """Draw the held-out error of each joint and model, and the noise floor."""
+    return draw_error_per_joint(series, select_models(report, series))
 
 
 def draw_joint(report: GapReport, series: Series, joint: int) -> Figure:
-    """Draw one joint's worst held-out episode."""
-    return joint_motion(series, models_of_joint(report, series), joint, commands_torques(report))
+    """Draw one joint in its worst held-out episode."""
+    return draw_joint_motion(series, select_joint_models(report, series), joint, has_torque_commands(report))
 
 
-def per_joint(series: Series, models: Models) -> Figure:
-    """Draw the held-out RMSE of each joint by each model, and the floor; hinges and slides have axes of their own."""
+def draw_error_per_joint(series: Series, models: Models) -> Figure:
+    """Draw the held-out RMSE of each joint and model, and the floor; hinges and slides have separate axes."""
     with house_style():
         figure = Figure(figsize=(WIDTH, 3.6))
         widths = [len(chosen) + 1 for _, chosen in series.kinds]
@@ -94,10 +94,10 @@ def per_joint(series: Series, models: Models) -> Figure:
 
 
 def draw_joints(axes: Axes, series: Series, models: Models, unit: JointUnit, chosen: np.ndarray) -> None:
-    """Draw the errors of the joints of one kind."""
+    """Draw the errors of joints of one kind."""
     places, names = np.arange(len(chosen)), [series.joints[joint] for joint in chosen]
     floor = unit.factor * series.floor[chosen]
-    lowest = NOTHING * floor  # of a joint that never moved, which would stretch the axis down to rounding errors
+    lowest = NOTHING * floor  # errors of a joint that never moved are rounding errors
     rows = {name: np.maximum(unit.factor * series.by_joint(made)[chosen], lowest) for name, made in models.items()}
     stacked = np.stack([*rows.values()])
     axes.vlines(places, stacked.min(0), stacked.max(0), color=LIGHT, linewidth=1.0, zorder=2)
@@ -107,7 +107,7 @@ def draw_joints(axes: Axes, series: Series, models: Models, unit: JointUnit, cho
     axes.set_xticks(places, names, rotation=label_angle(series.joints), ha=label_anchor(series.joints, "right"))
     axes.set_xlim(-0.6, len(places) - 0.4)
     axes.grid(visible=False, axis="x")
-    logarithmic(axes, f"RMSE on held-out episodes [{unit.mark.strip()}]", [stacked.min(), stacked.max(), *floor])
+    set_log_scale(axes, f"RMSE on held-out episodes [{unit.mark.strip()}]", [stacked.min(), stacked.max(), *floor])
 
 
 def draw_dots(axes: Axes, name: str, places: np.ndarray, values: np.ndarray) -> None:
@@ -117,7 +117,7 @@ def draw_dots(axes: Axes, name: str, places: np.ndarray, values: np.ndarray) -> 
         values,
         marker=MARKERS[name],
         markersize=9 if name == RETUNED else 6,
-        markerfacecolor="none" if name == RETUNED else None,  # it often lies about another
+        markerfacecolor="none" if name == RETUNED else None,  # it often overlaps another
         linestyle="none",
         color=LOOKS[name].colour,
         label=name,
@@ -125,8 +125,8 @@ def draw_dots(axes: Axes, name: str, places: np.ndarray, values: np.ndarray) -> 
     )
 
 
-def logarithmic(axes: Axes, label: str, values: Sequence[float]) -> None:
-    """Make the vertical axis logarithmic, with plain numbers in it and a margin about the values."""
+def set_log_scale(axes: Axes, label: str, values: Sequence[float]) -> None:
+    """Set a logarithmic vertical axis with plain numbers and a margin."""
     positive = [value for value in values if np.isfinite(value) and value > 0] or [1.0]
     axes.set_yscale("log")
     span = max(positive) / min(positive)
@@ -141,22 +141,22 @@ def logarithmic(axes: Axes, label: str, values: Sequence[float]) -> None:
 
 
 def label_angle(names: Sequence[str]) -> int:
-    """Return by how many degrees the names along an axis are turned so that they don't overlap."""
+    """Return the rotation of names along an axis [°] so that they don't overlap."""
     return 30 if sum(len(name) for name in names) > 45 or len(names) > MANY + 4 else 0
 
 
 def label_anchor(names: Sequence[str], side: Literal["left", "right"]) -> Literal["left", "center", "right"]:
-    """Return by which end names hang on their ticks: by one side where they are turned."""
+    """Return the horizontal alignment of names: one side if they are rotated."""
     return side if label_angle(names) else "center"
 
 
-def joint_motion(series: Series, models: Models, joint: int, torques: bool) -> Figure:
-    """Draw one joint in the episode that the model as handed over predicts worst.
+def draw_joint_motion(series: Series, models: Models, joint: int, torques: bool) -> Figure:
+    """Draw one joint in the episode with the largest error of the given model.
 
     Args:
         series: Held-out episodes.
-        models: Predictions of each model, shape (E, T, n).
-        joint: Its place.
+        models: Predictions of each model [rad; m], shape (E, T, n).
+        joint: Index of the joint.
         torques: Whether commands are torques, which are not drawn.
     """
     episode = series.worst_episode(joint)
@@ -168,12 +168,12 @@ def joint_motion(series: Series, models: Models, joint: int, torques: bool) -> F
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.4, 1.0))
         if not torques:
             command = unit.factor * series.command[episode, rows, joint]
-            draw(above, time, command, "command", steps=True)
-        draw(above, time, measured, "measured")
+            draw_curve(above, time, command, "command", steps=True)
+        draw_curve(above, time, measured, "measured")
         for name, predicted in models.items():
             values = unit.factor * predicted[episode, rows, joint]
-            draw(above, time, values, name)
-            draw(below, time, values - measured, name)
+            draw_curve(above, time, values, name)
+            draw_curve(below, time, values - measured, name)
         floor = unit.factor * float(series.floor[joint])
         below.axhspan(-floor, floor, color=LIGHT, alpha=0.45, linewidth=0, zorder=0)
         below.axhline(0.0, color=BLACK, linewidth=0.8, zorder=1)
@@ -181,14 +181,14 @@ def joint_motion(series: Series, models: Models, joint: int, torques: bool) -> F
         below.set_ylabel(f"error [{unit.mark.strip()}]")
         below.set_xlabel("time since the start of the episode [s]")
         below.set_xlim(0.0, time[-1])
-        # the legend is made of the upper axes' curves; the band has no curve there
+        # an empty band adds the floor to the legend, which lists the upper axes
         above.fill_between([], [], color=LIGHT, alpha=0.45, linewidth=0, label=FLOOR)
         legend_above(figure, above)
     return figure
 
 
-def draw(axes: Axes, time: np.ndarray, values: np.ndarray, name: str, steps: bool = False) -> None:
-    """Draw one curve in its own look."""
+def draw_curve(axes: Axes, time: np.ndarray, values: np.ndarray, name: str, steps: bool = False) -> None:
+    """Draw one curve in its style."""
     look = LOOKS.get(name) or STROKES[name]
     axes.plot(
         time,

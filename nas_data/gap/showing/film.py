@@ -1,4 +1,4 @@
-"""The short film of a gap page: the measured arm and the models before and after, as ghosts in one scene."""
+"""Film of a gap page: measured arm and models before and after in one scene."""
 
 import tempfile
 from pathlib import Path
@@ -13,29 +13,29 @@ from nas_data.gap.write_model import MODEL
 from nas_data.joint_units import joint_unit
 from nas_data.reports.page import Block, ShortFilm, Text
 
-SECONDS = 4.0  # of the episode
-RATE = 12  # [Hz] pictures a second
-SIZE = (360, 440)  # [px] height and width
+SECONDS = 4.0  # [s] of the episode
+RATE = 12  # [Hz] frames per second
+SIZE = (360, 440)  # [px] height, width
 
 
-def film_blocks(folder: Path, report: GapReport, series: Series) -> list[Block]:
-    """Return the film, a sentence where this machine cannot draw it, nothing where the folder has no model."""
+def make_film_blocks(folder: Path, report: GapReport, series: Series) -> list[Block]:
+    """Return the film, or a sentence if it cannot be rendered; empty without a model."""
     if not (folder / MODEL).is_file():
         return []
     try:
-        return [draw(folder / MODEL, report, series)]
+        return [draw_film(folder / MODEL, report, series)]
     except MissingPackage as error:
         return [Text(f"There is no film here. {error} Then run: nas gap show {folder.name}")]
     except ModelFileError as error:
         return [Text(f"There is no film here. {error}")]
 
 
-def draw(model: Path, report: GapReport, series: Series) -> ShortFilm:
-    """Draw the stretch of the held-out episodes in which the model as handed over is farthest off.
+def draw_film(model: Path, report: GapReport, series: Series) -> ShortFilm:
+    """Render the part of the held-out episodes with the largest error of the given model.
 
     Raises:
-        MissingPackage: this machine has nothing that draws pictures; names a package.
-        ModelFileError: the model cannot be drawn.
+        MissingPackage: this machine cannot render; names a package.
+        ModelFileError: the model cannot be rendered.
     """
     from nas_data.dataset.dataset import Dataset
     from nas_data.dataset.features import POSITION, STATE, Feature
@@ -44,12 +44,12 @@ def draw(model: Path, report: GapReport, series: Series) -> ShortFilm:
     from nas_data.robots.base import find_robot
     from nas_data.simulators.mujoco import MujocoSimulator
 
-    episode, rows = worst_stretch(series)
+    episode, rows = find_worst_stretch(series)
     rate, places = 1 / series.period, [places for _, places in series.kinds]
     body = MujocoSimulator(find_robot(model), series.period, series.joints, threads=1)
     last = AFTER if report.effects else RETUNED
     ghosts = []
-    # in this order their colours are those of the charts
+    # this order gives the colours of the charts
     for name, positions in ((MEASURED, series.measured), (last, series.after), (BEFORE, series.before)):
         errors = np.square(positions[episode, rows] - series.measured[episode, rows])
         states = np.concatenate([positions[episode, rows], np.zeros_like(positions[episode, rows])], axis=1)
@@ -74,8 +74,8 @@ def draw(model: Path, report: GapReport, series: Series) -> ShortFilm:
     return ShortFilm(mp4, caption)
 
 
-def worst_stretch(series: Series) -> tuple[int, slice]:
-    """Return the held-out episode, as its place, and the rows in which the model as handed over errs most."""
+def find_worst_stretch(series: Series) -> tuple[int, slice]:
+    """Return index and rows of the held-out episode with the largest error of the given model."""
     errors = np.square(series.before - series.measured)[..., series.kinds[0][1]].sum(-1) * series.counts
     length = max(2, min(series.counts.shape[1], round(SECONDS / series.period)))
     sums = np.concatenate([np.zeros((len(errors), 1)), np.cumsum(errors, axis=1)], axis=1)

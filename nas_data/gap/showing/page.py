@@ -1,11 +1,11 @@
-"""The page of a gap report: verdict first, what to change, how much that brings, what to record next."""
+"""HTML page of a gap report."""
 
 from pathlib import Path
 
 from nas_data.gap.report import REPORT, GapReport
 from nas_data.gap.report_parts import NamedEffect
-from nas_data.gap.showing.figures import models
-from nas_data.gap.showing.film import film_blocks
+from nas_data.gap.showing.figures import select_models
+from nas_data.gap.showing.film import make_film_blocks
 from nas_data.gap.showing.page_charts import (
     error_bars,
     joint_charts,
@@ -24,8 +24,23 @@ from nas_data.gap.showing.page_tables import (
     regimes_table,
     retuned_table,
 )
-from nas_data.gap.showing.page_verdict import error, lead, model, of_slides, rest, score_basis
-from nas_data.gap.showing.page_words import beside, capital, effect_title, friendly, join_items, remarks, spoken
+from nas_data.gap.showing.page_verdict import (
+    describe_model,
+    describe_rest,
+    describe_slides,
+    describe_verdict,
+    format_error,
+    score_basis,
+)
+from nas_data.gap.showing.page_words import (
+    as_words,
+    capitalise,
+    effect_title,
+    format_value,
+    format_with_si,
+    join_items,
+    list_remarks,
+)
 from nas_data.gap.showing.series import Series
 from nas_data.gap.write_model import DIFFERENCE
 from nas_data.reports.page import Block, HtmlPage, ModelDifference, PageSection, Text
@@ -53,17 +68,17 @@ def page_of_folder(folder: Path) -> HtmlPage:
     """Return the page of a report's folder.
 
     Raises:
-        OptionError: it lacks `report.json` or `series.npz`, or one of them lacks a part.
+        OptionError: `report.json` or `series.npz` is missing or incomplete.
     """
-    return build(GapReport.read(folder / REPORT), Series.read(folder), folder)
+    return build_page(GapReport.read(folder / REPORT), Series.read(folder), folder)
 
 
-def build(report: GapReport, series: Series, folder: Path) -> HtmlPage:
-    """Return the page; difference and film are made from the files of the folder, as far as they are there."""
+def build_page(report: GapReport, series: Series, folder: Path) -> HtmlPage:
+    """Return the page; model difference and film are included if their files exist."""
     sections = [
         PageSection("", opening(report)),
         PageSection("What to change", change_blocks(report, folder)),
-        PageSection("How the gap shrinks", shrinking(report, series)),
+        PageSection("How the gap shrinks", make_error_blocks(report, series)),
         PageSection("Where the gap is", [*regimes_chart(report), *joints_table(report), *regimes_table(report)]),
         PageSection("The names", effects_blocks(report)),
         PageSection("Measured, before and after", motion_blocks(report, series, folder)),
@@ -74,43 +89,43 @@ def build(report: GapReport, series: Series, folder: Path) -> HtmlPage:
         PageSection("Commands, hashes and versions", [made_from(report)]),
         PageSection("How to read this page", [Text(line) for line in (*READING, score_basis(report))]),
     ]
-    return HtmlPage(f"Gap report of {model(report)}", [section for section in sections if section.blocks])
+    return HtmlPage(f"Gap report of {describe_model(report)}", [section for section in sections if section.blocks])
 
 
 def opening(report: GapReport) -> list[Block]:
     """Return the verdict."""
-    slides = of_slides(report)
-    return [Text(lead(report), lead=True), *([Text(slides)] if slides else [])]
+    slides = describe_slides(report)
+    return [Text(describe_verdict(report), lead=True), *([Text(slides)] if slides else [])]
 
 
 def change_blocks(report: GapReport, folder: Path) -> list[Block]:
-    """Return what to change in the model: the difference, what is added, and the retuned numbers as factors."""
+    """Return the changes of the model: difference, added effects, and retuned parameters."""
     file = folder / DIFFERENCE
     text = file.read_text(encoding="utf-8") if file.is_file() else ""
     missing = [effect_title(effect) for effect in report.effects if not effect.in_model_xml]
     blocks: list[Block] = [ModelDifference(text, SIDES)] if text else []
     if report.effects:
-        blocks.append(Text(f"Added: {join_items([with_values(effect) for effect in report.effects])}."))
+        blocks.append(Text(f"Added: {join_items([describe_values(effect) for effect in report.effects])}."))
     blocks += [Text(NOT_WRITTEN.format(join_items(missing)))] if missing else []
     if report.retuned:
         blocks.append(retuned_table(report))
     return blocks or [Text("Nothing: the model is kept as it was handed over.")]
 
 
-def with_values(effect: NamedEffect) -> str:
-    """Return an effect with its place and the values of its parameters."""
-    values = [f"{spoken(name)} {beside(one.value, one.unit)}" for name, one in effect.parameters.items()]
+def describe_values(effect: NamedEffect) -> str:
+    """Return an effect with its joint and parameters."""
+    values = [f"{as_words(name)} {format_with_si(one.value, one.unit)}" for name, one in effect.parameters.items()]
     return f"{effect_title(effect)} ({', '.join(values)})"
 
 
-def shrinking(report: GapReport, series: Series) -> list[Block]:
-    """Return how much each model errs, in all and joint by joint."""
+def make_error_blocks(report: GapReport, series: Series) -> list[Block]:
+    """Return the errors of all models, overall and per joint."""
     charts = [error_bars(report, series), *joint_errors(report, series)]
-    return [*charts, *shares_text(report), gap_table(series, models(report, series))]
+    return [*charts, *describe_shares(report), gap_table(series, select_models(report, series))]
 
 
-def shares_text(report: GapReport) -> list[Text]:
-    """Say what explains how much, nothing where there was no gap to share."""
+def describe_shares(report: GapReport) -> list[Text]:
+    """Describe the explained shares of the gap; empty without a gap."""
     shares = report.shares
     if report.verdict == "none" or not shares or shares.names is None:
         return []
@@ -121,25 +136,25 @@ def shares_text(report: GapReport) -> list[Text]:
 
 
 def effects_blocks(report: GapReport) -> list[Block]:
-    """Return the table of named effects, and what gives each away."""
+    """Return the table of named effects, with remarks on each."""
     if not report.effects:
         return [Text("No effect was named.")]
-    more = [(effect_title(effect), remarks(effect)) for effect in report.effects]
-    return [effects_table(report), *[Text(f"{capital(name)}. {' '.join(told)}") for name, told in more if told]]
+    more = [(effect_title(effect), list_remarks(effect)) for effect in report.effects]
+    return [effects_table(report), *[Text(f"{capitalise(name)}. {' '.join(told)}") for name, told in more if told]]
 
 
 def motion_blocks(report: GapReport, series: Series, folder: Path) -> list[Block]:
-    """Return every joint as it moved and as the models predict, in a film and in curves."""
-    film = film_blocks(folder, report, series)
+    """Return measured and predicted motion of every joint, as film and charts."""
+    film = make_film_blocks(folder, report, series)
     return [*film, over_time(report, series), *joint_charts(report, series)]
 
 
 def rest_blocks(report: GapReport) -> list[Block]:
-    """Return what is left, in a sentence where that is nothing."""
+    """Return the remaining errors."""
     found = report.find
     open_questions = [Text(sentence) for sentence in (found.undecidable if found else ())]
     if report.unexplained:
-        return [*[Text(rest(entry)) for entry in report.unexplained], *open_questions]
+        return [*[Text(describe_rest(entry)) for entry in report.unexplained], *open_questions]
     return [
         Text("Nothing that stands out: no joint's error on the held-out episodes stays clearly above the noise."),
         *open_questions,
@@ -147,24 +162,24 @@ def rest_blocks(report: GapReport) -> list[Block]:
 
 
 def placebo_blocks(report: GapReport, series: Series) -> list[Block]:
-    """Return how much less the runner-up shrinks the gap."""
+    """Return the error of the runner-up in place of a name."""
     placebo, gap = report.placebo, report.gap
     if not placebo:
         return []
-    told = spoken(placebo.text).rstrip(".") or join_items([effect_title(effect) for effect in placebo.effects])
+    told = as_words(placebo.text).rstrip(".") or join_items([effect_title(effect) for effect in placebo.effects])
     return [
         Text(
-            f"{capital(told)}: with the same freedom to fit, this placebo leaves "
-            f"{friendly(placebo.after, gap.unit)} of the {error(gap, 'before')} before. "
-            f"What is named leaves {error(gap, 'after')}. If the placebo does as well, do not believe the name."
+            f"{capitalise(told)}: with the same freedom to fit, this placebo leaves "
+            f"{format_value(placebo.after, gap.unit)} of the {format_error(gap, 'before')} before. "
+            f"What is named leaves {format_error(gap, 'after')}. If the placebo does as well, do not believe the name."
         ),
         *placebo_bars(series),
     ]
 
 
 def next_blocks(report: GapReport) -> list[Block]:
-    """Return the experiment that would say more."""
+    """Return the proposed experiment."""
     text = report.next_experiment
     if not text:
         return [Text("Nothing in particular: no rival explanation is close enough to be worth an experiment.")]
-    return [Text(f"{capital(text.rstrip('.'))}."), *experiments_table(report)]
+    return [Text(f"{capitalise(text.rstrip('.'))}."), *experiments_table(report)]

@@ -1,4 +1,4 @@
-"""The charts of a gap report, each with a caption that says what it shows."""
+"""Charts of a gap report with captions."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -15,11 +15,11 @@ from nas_data.gap.showing.figures import (
     PLACEBO,
     PLAIN,
     RETUNED,
-    commands_torques,
-    models,
-    models_of_joint,
+    has_torque_commands,
+    select_joint_models,
+    select_models,
 )
-from nas_data.gap.showing.page_words import friendly, join_items
+from nas_data.gap.showing.page_words import format_value, join_items
 from nas_data.gap.showing.series import Series
 from nas_data.joint_units import JointUnit, joint_unit
 from nas_data.reports.charts import Trace, axis, dots, level, logarithmic, motion, spread
@@ -32,14 +32,14 @@ SYMBOLS = {BEFORE: "circle", RETUNED: "square-open", PLAIN: "triangle-down", AFT
 TITLES = {BEFORE: "before (stock model)", RETUNED: "retuned (no name)"}
 DELIVERED = {"names": "names", "names and plain": "names and plain fit", "plain": "plain fit", "given": "as given"}
 HEAT = [[0.0, "#ffffd9"], [0.3, "#fecc5c"], [0.65, "#f03b20"], [1.0, "#800026"]]
-LEAST = 3.0  # noise floors at the dark end of the scale, at least: a small gap must not look like a large one
+LEAST = 3.0  # smallest maximum of the colour scale [noise floors], so that small gaps do not look large
 WINDOW = 0.1  # [s] over which errors are averaged when drawn over time
 QUARTILES = (0.25, 0.5, 0.75)
 
 
 def error_bars(report: GapReport, series: Series) -> Chart:
-    """Return the held-out error of the stock model, the plain fit, the names, φ on top, and the floor."""
-    shown = models(report, series)
+    """Return the held-out errors of all models, φ, and the floor."""
+    shown = select_models(report, series)
     titles = {**TITLES, AFTER: f"after ({DELIVERED.get(report.gap.delivered or 'names', 'names')})"}
     made = {titles.get(name, name): (series.by_episode(values), LOOKS[name]) for name, values in shown.items()}
     traces = [bar(series, name, values, look) for name, (values, look) in made.items()]
@@ -59,7 +59,7 @@ def error_bars(report: GapReport, series: Series) -> Chart:
 
 
 def placebo_bars(series: Series) -> list[Chart]:
-    """Return the error of a wrong name beside that before and after; nothing where there is none."""
+    """Return the error of the placebo beside before and after; empty without one."""
     if series.placebo is None:
         return []
     made = {BEFORE: series.before, PLACEBO: series.placebo, AFTER: series.after}
@@ -76,13 +76,13 @@ def placebo_bars(series: Series) -> list[Chart]:
 
 
 def bar(series: Series, name: str, errors: np.ndarray, look: Stroke) -> Trace:
-    """Return the bar of a model: its RMSE, and a line from its best to its worst episode.
+    """Return the bar of a model: its RMSE, with a line from its best to its worst episode.
 
     Args:
         series: Decides the unit.
-        name: The model's.
-        errors: Of each episode, shape (E,).
-        look: Its colour.
+        name: Name of the model.
+        errors: Error of each episode, shape (E,).
+        look: Style.
     """
     shown = series.shown(errors)
     whole = float(np.sqrt(np.mean(shown**2)))
@@ -111,20 +111,20 @@ def bars(name: str, caption: str, traces: Sequence[Trace], title: str) -> Chart:
 
 
 def legend(report: GapReport) -> str:
-    """Return what the names in the legends mean."""
+    """Explain the names in the legends."""
     parts = ["Before: the model as handed over", "retuned: its own numbers fitted, nothing added"]
     parts += ["plain fit: every smooth parameter of every joint fitted, no name given"]
     return "; ".join(parts + (["after: with what is named added"] if report.effects else []))
 
 
 def joint_errors(report: GapReport, series: Series) -> list[Chart]:
-    """Return the held-out error of each joint by each model; hinges and slides have charts of their own."""
-    shown = models(report, series)
+    """Return the held-out error of each joint and model; hinges and slides have separate charts."""
+    shown = select_models(report, series)
     return [errors_of_kind(series, shown, unit, chosen) for unit, chosen in series.kinds]
 
 
 def errors_of_kind(series: Series, shown: Mapping[str, np.ndarray], unit: JointUnit, chosen: np.ndarray) -> Chart:
-    """Return the errors of the joints of one kind."""
+    """Return the errors of joints of one kind."""
     names = [series.joints[joint] for joint in chosen]
     rows = {name: unit.factor * series.by_joint(made)[chosen] for name, made in shown.items()}
     traces = [
@@ -142,8 +142,10 @@ def errors_of_kind(series: Series, shown: Mapping[str, np.ndarray], unit: JointU
 
 
 def over_time(report: GapReport, series: Series) -> Chart:
-    """Return how errors go on from the start of an episode."""
-    shown = {name: series.shown(series.in_time(made, WINDOW)) for name, made in models_of_joint(report, series).items()}
+    """Return errors over the time since the start of an episode."""
+    shown = {
+        name: series.shown(series.in_time(made, WINDOW)) for name, made in select_joint_models(report, series).items()
+    }
     quartiles = {name: np.nanquantile(rows, QUARTILES, axis=0) for name, rows in shown.items()}
     layout = {
         "xaxis": axis("time since the start of an episode [s]"),
@@ -158,17 +160,17 @@ def over_time(report: GapReport, series: Series) -> Chart:
 
 
 def joint_charts(report: GapReport, series: Series) -> list[Chart]:
-    """Return a chart of every joint as it moved, the one with the largest gap first."""
+    """Return the motion of every joint, largest gap first."""
     ratios = series.by_joint(series.before) / series.floor
     return [joint_chart(report, series, int(place)) for place in np.argsort(-ratios)]
 
 
 def joint_chart(report: GapReport, series: Series, joint: int) -> Chart:
-    """Return the chart of one joint's worst held-out episode."""
-    shown, name, episode = models_of_joint(report, series), series.joints[joint], series.worst_episode(joint)
+    """Return the motion of one joint in its worst held-out episode."""
+    shown, name, episode = select_joint_models(report, series), series.joints[joint], series.worst_episode(joint)
     unit, rows = joint_unit(name, series.slides), series.counts[episode]
     curves = {label: unit.factor * values[episode, rows, joint] for label, values in shown.items()}
-    command = None if commands_torques(report) else unit.factor * series.command[episode, rows, joint]
+    command = None if has_torque_commands(report) else unit.factor * series.command[episode, rows, joint]
     traces, layout = motion(
         series.time[rows],
         unit.factor * series.measured[episode, rows, joint],
@@ -179,7 +181,7 @@ def joint_chart(report: GapReport, series: Series, joint: int) -> Chart:
         unit.factor * float(series.floor[joint]),
     )
     aside = [{**trace, "visible": "legendonly"} if trace["name"] == PLACEBO else trace for trace in traces]
-    errors = [f"{label} {friendly(series.by_joint(values)[joint], unit.si)}" for label, values in shown.items()]
+    errors = [f"{label} {format_value(series.by_joint(values)[joint], unit.si)}" for label, values in shown.items()]
     caption = (
         f"{name} in episode {series.episodes[episode]}, which the model as handed over predicts worst of the held-out "
         f"ones. The grey band is the noise floor. Error over all held-out episodes: {join_items(errors)}."
@@ -188,7 +190,7 @@ def joint_chart(report: GapReport, series: Series, joint: int) -> Chart:
 
 
 def regimes_chart(report: GapReport) -> list[Chart]:
-    """Return the heat map of joints and conditions, where there is one."""
+    """Return the heat map of errors by joint and condition; empty without data."""
     bins: Sequence[Bin] = report.find.regimes if report.find else ()
     if not bins:
         return []

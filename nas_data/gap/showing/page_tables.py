@@ -1,30 +1,30 @@
-"""The tables of a gap report."""
+"""Tables of a gap report."""
 
 from collections.abc import Mapping, Sequence
 
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_parts import Bin, EffectName, JointGap
 from nas_data.gap.showing.figures import Models
-from nas_data.gap.showing.page_verdict import by_size, change
+from nas_data.gap.showing.page_verdict import get_sort_key, make_retuned_row
 from nas_data.gap.showing.page_words import (
     ANGLE,
     ENDS,
-    beside,
-    confidence,
+    as_words,
     effect_title,
-    figures,
-    friendly,
-    interval,
+    format_confidence,
+    format_figures,
+    format_interval,
+    format_value,
+    format_with_si,
     join_items,
-    spoken,
 )
 from nas_data.gap.showing.series import Series
 from nas_data.joint_units import joint_unit
 from nas_data.reports.page import Facts, HtmlTable
 
-SHOWN = 3  # conditions of a joint that are listed
-LARGER = 1.2  # error under a condition over that under the others from which it is listed
-MANY = 12  # episodes whose numbers are all listed
+SHOWN = 3  # most listed conditions per joint
+LARGER = 1.2  # ratio of errors inside over outside a condition above which it is listed
+MANY = 12  # most episodes whose numbers are listed
 NONE = "–"
 
 
@@ -33,11 +33,11 @@ def effects_table(report: GapReport) -> HtmlTable:
     rows = []
     for effect in report.effects:
         errors = effect.evidence
-        shrink = " → ".join(friendly(getattr(errors, end), errors.unit) for end in ENDS)
+        shrink = " → ".join(format_value(getattr(errors, end), errors.unit) for end in ENDS)
         equals = join_items([effect_title(other) for other in effect.equals]) or NONE
         for name, value in effect.parameters.items():
-            values = spoken(name), beside(value.value, value.unit), interval(value) or NONE
-            told = confidence(effect.confidence), is_stable(report, effect), equals, shrink
+            values = as_words(name), format_with_si(value.value, value.unit), format_interval(value) or NONE
+            told = format_confidence(effect.confidence), is_stable(report, effect), equals, shrink
             rows.append((effect_title(effect), *values, *told))
     headers = ("", "parameter", "value", "95 % interval", "confidence", "stable", "equals", "error without → with")
     return HtmlTable(
@@ -46,27 +46,27 @@ def effects_table(report: GapReport) -> HtmlTable:
 
 
 def is_stable(report: GapReport, effect: EffectName) -> str:
-    """Say whether two halves of the recording agree on an effect's joint; on all joints for one of the whole arm."""
+    """Return whether two halves of the recording agree on an effect's joint, or on all joints for the whole arm."""
     told = [joint.stable for name, joint in report.joints.items() if effect.joint in (None, name)]
     return ("yes" if all(told) else "no") if told else NONE
 
 
 def retuned_table(report: GapReport) -> HtmlTable:
-    """Return the changed numbers, the largest change first."""
-    rows = [change(entry) for entry in sorted(report.retuned, key=by_size)]
+    """Return the retuned parameters, largest change first."""
+    rows = [make_retuned_row(entry) for entry in sorted(report.retuned, key=get_sort_key)]
     return HtmlTable(("", "factor", "change"), rows, "Of the value in the model as handed over.")
 
 
 def gap_table(series: Series, models: Models) -> HtmlTable:
-    """Return the held-out error of each joint by each model."""
+    """Return the held-out error of each joint and model."""
     errors = {name: series.by_joint(predicted) for name, predicted in models.items()}
     last = list(errors.values())[-1]
     rows = [
         (
             joint,
-            *(friendly(float(values[place]), joint_unit(joint, series.slides).si) for values in errors.values()),
-            friendly(float(series.floor[place]), joint_unit(joint, series.slides).si),
-            figures(float(last[place] / series.floor[place])),
+            *(format_value(float(values[place]), joint_unit(joint, series.slides).si) for values in errors.values()),
+            format_value(float(series.floor[place]), joint_unit(joint, series.slides).si),
+            format_figures(float(last[place] / series.floor[place])),
         )
         for place, joint in enumerate(series.joints)
     ]
@@ -75,11 +75,11 @@ def gap_table(series: Series, models: Models) -> HtmlTable:
 
 
 def joints_table(report: GapReport) -> list[HtmlTable]:
-    """Return the gap of the model as handed over beside trivial predictions."""
+    """Return the gap of the given model beside trivial baselines."""
     found = report.find
     if not found or not found.joints:
         return []
-    rows = [joint_row(joint, gap) for joint, gap in found.joints.items()]
+    rows = [make_joint_row(joint, gap) for joint, gap in found.joints.items()]
     headers = ("", "noise", "one step", "(hold)", "open loop", "(hold)", "(command)", "open loop / noise")
     note = (
         "RMSE over the whole recording, model as handed over. One step: set to every measured state anew. Hold "
@@ -88,43 +88,43 @@ def joints_table(report: GapReport) -> list[HtmlTable]:
     return [HtmlTable(headers, rows, note)]
 
 
-def joint_row(joint: str, gap: JointGap) -> tuple[str, ...]:
-    """Return the row of a joint's errors."""
+def make_joint_row(joint: str, gap: JointGap) -> tuple[str, ...]:
+    """Return the errors of a joint as a row."""
     values = [
         gap.floor, gap.one_step, gap.one_step_hold,
         gap.open_loop, gap.open_loop_hold, gap.open_loop_command,
     ]  # fmt: skip
-    told = [NONE if value is None else friendly(value, gap.unit) for value in values]
-    return (joint, *told, figures(gap.ratio_to_noise))
+    told = [NONE if value is None else format_value(value, gap.unit) for value in values]
+    return (joint, *told, format_figures(gap.ratio_to_noise))
 
 
 def regimes_table(report: GapReport) -> list[HtmlTable]:
-    """Return under which conditions a joint's error is larger than otherwise, beyond chance."""
+    """Return the conditions with significantly larger errors."""
     found = report.find
     units = {joint: gap.unit for joint, gap in found.joints.items()} if found else {}
-    rows = [row(entry, units) for entry in (largest(found.regimes) if found else [])]
+    rows = [make_condition_row(entry, units) for entry in (select_largest(found.regimes) if found else [])]
     headers = ("", "condition", "error", "otherwise", "share of squared error")
     return [HtmlTable(headers, rows, "Where the error is larger, beyond chance.")] if rows else []
 
 
-def largest(bins: Sequence[Bin]) -> list[Bin]:
-    """Return the conditions that stand out, some for each joint."""
+def select_largest(bins: Sequence[Bin]) -> list[Bin]:
+    """Return the significant conditions with the largest errors of each joint."""
     chosen = [b for b in bins if b.significant and b.rmse > LARGER * b.rest]
     joints = dict.fromkeys(b.joint for b in chosen)
     ranked = sorted(chosen, key=lambda b: -b.rmse / max(b.rest, 1e-9))
     return [b for joint in joints for b in [b for b in ranked if b.joint == joint][:SHOWN]]
 
 
-def row(entry: Bin, units: Mapping[str, str]) -> tuple[str, ...]:
-    """Return a row of the table of conditions; `units` are the joints'."""
+def make_condition_row(entry: Bin, units: Mapping[str, str]) -> tuple[str, ...]:
+    """Return a condition as a row; `units` are those of the joints."""
     condition = f"{entry.regime}: {entry.bin}"
     unit = units.get(entry.joint, ANGLE)
-    errors = friendly(entry.rmse, unit), friendly(entry.rest, unit)
+    errors = format_value(entry.rmse, unit), format_value(entry.rest, unit)
     return entry.joint, condition, *errors, f"{100 * entry.share:.0f} %"
 
 
 def audit_facts(report: GapReport) -> list[Facts]:
-    """Return what was looked at in the recording before physics."""
+    """Return the results of the audits."""
     found = report.find
     entries: dict[str, str] = {}
     for check in found.audit if found else []:
@@ -134,12 +134,12 @@ def audit_facts(report: GapReport) -> list[Facts]:
 
 
 def experiments_table(report: GapReport) -> list[HtmlTable]:
-    """Return all experiments that were weighed."""
+    """Return all experiments that were compared."""
     rows = [
         (
             entry.name,
             ", ".join(entry.on),
-            friendly(entry.seconds, "").strip() + " s",
+            format_value(entry.seconds, "").strip() + " s",
             f"{entry.separation:.1f} × noise at {entry.joint}",
         )
         for entry in report.experiments
@@ -149,7 +149,7 @@ def experiments_table(report: GapReport) -> list[HtmlTable]:
 
 
 def made_from(report: GapReport) -> Facts:
-    """Return what the page rests on, and how it is made again."""
+    """Return the input of a report, and the command that reproduces it."""
     episodes, source = report.episodes, report.made_from
     entries = {
         "Command": source.command if source else "",
@@ -169,6 +169,6 @@ def made_from(report: GapReport) -> Facts:
 
 
 def format_episodes(numbers: Sequence[int]) -> str:
-    """Return how many episodes, and which where they are few."""
+    """Return the number of episodes, and their indices if they are few."""
     which = f": {', '.join(map(str, numbers))}" if 0 < len(numbers) <= MANY else ""
     return f"{len(numbers)} episode{'' if len(numbers) == 1 else 's'}{which}"

@@ -1,4 +1,4 @@
-"""The verdict of a gap report in plain sentences: what is missing, how much it shrinks the gap, what stays."""
+"""Verdict of a gap report in sentences."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -6,150 +6,156 @@ from typing import Literal
 
 from nas_data.gap.report import GapReport
 from nas_data.gap.report_parts import GapErrors, Retuned, Unexplained
-from nas_data.gap.showing.page_words import LIKELY, effect_title, figures, friendly, join_items
+from nas_data.gap.showing.page_words import LIKELY, effect_title, format_figures, format_value, join_items
 
 
-def lead(report: GapReport) -> str:
+def describe_verdict(report: GapReport) -> str:
     """Return the verdict in one sentence."""
-    return VERDICTS.get(report.verdict, other)(report)
+    return VERDICTS.get(report.verdict, describe_other)(report)
 
 
-def of_slides(report: GapReport) -> str:
-    """Return the sentence about the slides of an arm that has hinges as well, else nothing: lengths are no angles."""
+def describe_slides(report: GapReport) -> str:
+    """Return a sentence about the slides of an arm with hinges as well; else an empty string."""
     gap = report.gap.slides
     if gap is None:
         return ""
     return (
-        f"These are errors of the hinges; that of the slides goes from {error(gap, 'before')} to "
-        f"{error(gap, 'after')}, beside a noise of {error(gap, 'noise_floor')}."
+        f"These are errors of the hinges; that of the slides goes from {format_error(gap, 'before')} to "
+        f"{format_error(gap, 'after')}, beside a noise of {format_error(gap, 'noise_floor')}."
     )
 
 
-def error(gap: GapErrors, name: Literal["before", "plain", "after", "noise_floor"]) -> str:
-    """Return one of the errors of a gap, a dash where it is not known."""
+def format_error(gap: GapErrors, name: Literal["before", "plain", "after", "noise_floor"]) -> str:
+    """Return one of the errors of a gap, a dash if it is not known."""
     value: float | None = getattr(gap, name)
-    return "–" if value is None else friendly(value, gap.unit)
+    return "–" if value is None else format_value(value, gap.unit)
 
 
-def none(report: GapReport) -> str:
-    """Say that there is no gap."""
+def describe_none(report: GapReport) -> str:
+    """Describe that there is no gap."""
     gap = report.gap
     return (
-        f"Nothing is missing: on held-out episodes {model(report)} errs by {error(gap, 'before')}, which is "
-        f"what the noise of the readings, {error(gap, 'noise_floor')}, lets one expect."
+        f"Nothing is missing: on held-out episodes {describe_model(report)} errs by {format_error(gap, 'before')}, "
+        "which is "
+        f"what the noise of the readings, {format_error(gap, 'noise_floor')}, lets one expect."
     )
 
 
-def retuned_sentence(report: GapReport) -> str:
-    """Say that numbers that the model has were off."""
+def describe_retuned(report: GapReport) -> str:
+    """Describe that parameters of the model were retuned."""
     count = len(report.retuned)
     numbers = "one number that it already has" if count == 1 else f"{count} numbers that it already has"
     return (
-        f"Nothing is missing: {model(report)} only needs {numbers} changed, by at most {widest(report):.0f} %, and the "
-        f"error on held-out episodes {falls(report)}, close to the noise of the readings, "
-        f"{error(report.gap, 'noise_floor')}."
+        f"Nothing is missing: {describe_model(report)} only needs {numbers} changed, by at most "
+        f"{find_largest_change(report):.0f} %, and the "
+        f"error on held-out episodes {describe_drop(report)}, close to the noise of the readings, "
+        f"{format_error(report.gap, 'noise_floor')}."
     )
 
 
-def explained_sentence(report: GapReport) -> str:
-    """Say what is missing, and that this is all."""
+def describe_explained(report: GapReport) -> str:
+    """Describe effects that explain the gap."""
     return (
-        f"{missing(report)} the error on held-out episodes {falls(report)}, and what is left is close to the noise of "
-        f"the readings, {error(report.gap, 'noise_floor')}."
+        f"{describe_missing(report)} the error on held-out episodes {describe_drop(report)}, and what is left is "
+        "close to the noise of "
+        f"the readings, {format_error(report.gap, 'noise_floor')}."
     )
 
 
-def partly_explained_sentence(report: GapReport) -> str:
-    """Say what is missing, and that something else is, too."""
+def describe_partly_explained(report: GapReport) -> str:
+    """Describe effects that explain a part of the gap."""
     return (
-        f"{missing(report)} the error on held-out episodes {falls(report)}, but the noise of the readings is "
-        f"{error(report.gap, 'noise_floor')}, so something else is missing, too{places(report)}."
+        f"{describe_missing(report)} the error on held-out episodes {describe_drop(report)}, but the noise of the "
+        "readings is "
+        f"{format_error(report.gap, 'noise_floor')}, so something else is missing, too{describe_places(report)}."
     )
 
 
-def unexplained_sentence(report: GapReport) -> str:
-    """Say that no name fits."""
+def describe_unexplained(report: GapReport) -> str:
+    """Describe a gap that no effect explains."""
     gap = report.gap
     how = "when all its smooth parameters are fitted" if gap.delivered == "plain" else "when its own are retuned"
     return (
-        f"Something is missing in {model(report)} that no effect in the catalogue explains{places(report)}: on "
-        f"held-out episodes it errs by {error(gap, 'before')}, by {error(gap, 'after')} {how}, and the noise of the "
-        f"readings is {error(gap, 'noise_floor')}."
+        f"Something is missing in {describe_model(report)} that no effect in the catalogue "
+        f"explains{describe_places(report)}: on "
+        f"held-out episodes it errs by {format_error(gap, 'before')}, by {format_error(gap, 'after')} {how}, and the "
+        "noise of the "
+        f"readings is {format_error(gap, 'noise_floor')}."
     )
 
 
-def other(report: GapReport) -> str:
-    """Say what there is to say of a verdict that this page does not know."""
-    return f"Verdict {report.verdict}: the error on held-out episodes {falls(report)}."
+def describe_other(report: GapReport) -> str:
+    """Describe an unknown verdict."""
+    return f"Verdict {report.verdict}: the error on held-out episodes {describe_drop(report)}."
 
 
 VERDICTS: Mapping[str, Callable[[GapReport], str]] = {
-    "none": none,
-    "retuned": retuned_sentence,
-    "explained": explained_sentence,
-    "partly_explained": partly_explained_sentence,
-    "unexplained": unexplained_sentence,
+    "none": describe_none,
+    "retuned": describe_retuned,
+    "explained": describe_explained,
+    "partly_explained": describe_partly_explained,
+    "unexplained": describe_unexplained,
 }
 
 
-def model(report: GapReport) -> str:
-    """Return how the model is called."""
+def describe_model(report: GapReport) -> str:
+    """Return the name of the model in a sentence."""
     return f"the model {report.model}" if report.model else "the model"
 
 
-def missing(report: GapReport) -> str:
-    """Return the beginning of a sentence, which names what is missing."""
+def describe_missing(report: GapReport) -> str:
+    """Return the beginning of a sentence with the missing effects."""
     effects = [effect_title(effect) for effect in report.effects]
     doubt = "probably " if min(effect.confidence for effect in report.effects) < LIKELY else ""
     part = "in part " if report.verdict == "partly_explained" else ""
     added = "it" if len(effects) == 1 else "them"
-    gap = f"The gap between {model(report)} and the recording"
+    gap = f"The gap between {describe_model(report)} and the recording"
     return f"{gap} {doubt}comes {part}from {join_items(effects)}: with {added},"
 
 
-def falls(report: GapReport) -> str:
-    """Return how the gap shrinks."""
-    return f"falls from {error(report.gap, 'before')} to {error(report.gap, 'after')}"
+def describe_drop(report: GapReport) -> str:
+    """Return the errors before and after."""
+    return f"falls from {format_error(report.gap, 'before')} to {format_error(report.gap, 'after')}"
 
 
-def places(report: GapReport) -> str:
-    """Return where a rest is, to end a sentence with."""
+def describe_places(report: GapReport) -> str:
+    """Return the unexplained joints at the end of a sentence."""
     joints = [rest.joint for rest in report.unexplained]
     return f", at {join_items(joints)}" if joints else ""
 
 
-def widest(report: GapReport) -> float:
-    """Return the largest change among the retuned numbers [%]."""
+def find_largest_change(report: GapReport) -> float:
+    """Return the largest change of a retuned parameter [%]."""
     return max((abs(100 * (entry.factor - 1)) for entry in report.retuned), default=0.0)
 
 
-def rest(entry: Unexplained) -> str:
-    """Return what is left at a joint."""
-    ratio = figures(entry.ratio_to_noise, 2)
+def describe_rest(entry: Unexplained) -> str:
+    """Return the remaining error of a joint."""
+    ratio = format_figures(entry.ratio_to_noise, 2)
     return f"{entry.joint}: the error is still {ratio} times the noise; it goes with {entry.goes_with}."
 
 
-def change(factor: Retuned) -> tuple[str, str, str]:
-    """Return a row of the table of retuned numbers."""
+def make_retuned_row(factor: Retuned) -> tuple[str, str, str]:
+    """Return a retuned parameter as a row."""
     percent = 100 * (factor.factor - 1)
     joint, _, kind = factor.parameter.rpartition(".")
     sign = "+" if percent > 0 else "−"
     bound = ", on its bound" if factor.at_bound else ""
-    return f"{joint} {kind}".strip(), figures(factor.factor), f"{sign}{abs(percent):.1f} %{bound}"
+    return f"{joint} {kind}".strip(), format_figures(factor.factor), f"{sign}{abs(percent):.1f} %{bound}"
 
 
-def by_size(factor: Retuned) -> float:
-    """Return how large a change is, in either direction."""
+def get_sort_key(factor: Retuned) -> float:
+    """Return minus the size of a change, in either direction."""
     return -abs(math.log(factor.factor))
 
 
 def score_basis(report: GapReport) -> str:
-    """Return of what the errors called after are."""
+    """Return the model to which errors called after belong."""
     gap = report.gap
     alone = gap.after if gap.after_model_xml is None else gap.after_model_xml
-    if friendly(alone, gap.unit) == error(gap, "after"):
+    if format_value(alone, gap.unit) == format_error(gap, "after"):
         return "The errors called after were computed from model.xml, read back."
     return (
         f"The errors called after are those of the effects named, of which model.xml cannot hold all; it alone "
-        f"leaves {friendly(alone, gap.unit)}."
+        f"leaves {format_value(alone, gap.unit)}."
     )

@@ -1,4 +1,4 @@
-"""How numbers and names of a gap report are said in plain words."""
+"""Formatting of numbers and names on the page of a gap report."""
 
 import math
 from collections.abc import Sequence
@@ -22,12 +22,12 @@ ENDS: tuple[Literal["heldout_error_before"], Literal["heldout_error_after"]] = (
     "heldout_error_before",
     "heldout_error_after",
 )
-SURE, LIKELY = 0.9, 0.7  # confidences from which a name is called sure, and likely
-CERTAIN = 0.99  # confidence beyond which no digit means anything
+SURE, LIKELY = 0.9, 0.7  # confidences above which a name is called sure, and likely
+CERTAIN = 0.99  # confidence above which digits are not significant
 
 
-def figures(value: float, digits: int = 3) -> str:
-    """Return a number with some significant digits, never in powers of ten for what is met here."""
+def format_figures(value: float, digits: int = 3) -> str:
+    """Return a number with some significant digits, without exponent if possible."""
     if value == 0 or not math.isfinite(value):
         return f"{value:g}"
     places = max(0, digits - 1 - math.floor(math.log10(abs(value))))
@@ -35,67 +35,67 @@ def figures(value: float, digits: int = 3) -> str:
     return text if places <= 7 else f"{value:.{digits - 1}e}"
 
 
-def friendly(value: float, unit: str) -> str:
-    """Return a value [SI] in the unit that people think in."""
+def format_value(value: float, unit: str) -> str:
+    """Return a value [SI] in display units."""
     name, scale = FRIENDLY.get(unit, (f" {unit}" if unit else "", 1.0))
-    return figures(value * scale) + name
+    return format_figures(value * scale) + name
 
 
-def beside(value: float, unit: str) -> str:
-    """Return a value in the unit that people think in, with the SI value behind it where that is another."""
-    plain = f" ({figures(value)} {unit})" if unit in FRIENDLY else ""
-    return friendly(value, unit) + plain
+def format_with_si(value: float, unit: str) -> str:
+    """Return a value in display units, followed by the SI value if different."""
+    plain = f" ({format_figures(value)} {unit})" if unit in FRIENDLY else ""
+    return format_value(value, unit) + plain
 
 
-def interval(number: FittedParameter) -> str:
-    """Return the 95 % interval of a parameter, empty where there is none."""
+def format_interval(number: FittedParameter) -> str:
+    """Return the 95 % interval of a parameter, empty without one."""
     ends = number.interval95
     if not ends or ends[0] == ends[1]:
         return ""
-    return f"{friendly(ends[0], number.unit)} … {friendly(ends[1], number.unit)}"
+    return f"{format_value(ends[0], number.unit)} … {format_value(ends[1], number.unit)}"
 
 
-def spoken(name: str) -> str:
+def as_words(name: str) -> str:
     """Return an identifier as words."""
     return name.replace("_", " ")
 
 
 def effect_title(effect: EffectName) -> str:
-    """Return an effect with its place, for example `backlash in m3`."""
-    return f"{spoken(effect.name)} in {effect.joint}" if effect.joint else f"{spoken(effect.name)} (whole arm)"
+    """Return an effect with its joint, for example `backlash in m3`."""
+    return f"{as_words(effect.name)} in {effect.joint}" if effect.joint else f"{as_words(effect.name)} (whole arm)"
 
 
 def join_items(items: Sequence[str]) -> str:
-    """Return items as a sentence lists them."""
+    """Return items as a phrase."""
     return " and ".join([", ".join(items[:-1]), items[-1]] if len(items) > 1 else items)
 
 
-def capital(text: str) -> str:
-    """Return a sentence that begins with a capital, whatever it begins with."""
+def capitalise(text: str) -> str:
+    """Return a sentence with a capital first letter."""
     return text[:1].upper() + text[1:]
 
 
-def confidence(value: float) -> str:
-    """Return a confidence and how to take it."""
+def format_confidence(value: float) -> str:
+    """Return a confidence with its interpretation."""
     word = "sure" if value >= SURE else "likely" if value >= LIKELY else "a guess, not more"
     percent = f"{100 * value:.0f} %" if value < CERTAIN else f"over {100 * CERTAIN:.0f} %"
     return f"{percent} ({word})"
 
 
-def remarks(effect: NamedEffect) -> list[str]:
-    """Return what else is known of a named effect: its rivals and its mark, a sentence each."""
-    return [*rivals(effect), *signature(effect.name)]
+def list_remarks(effect: NamedEffect) -> list[str]:
+    """Return sentences about an effect's alternatives and its typical sign."""
+    return [*describe_alternatives(effect), *describe_signature(effect.name)]
 
 
-def rivals(effect: NamedEffect) -> list[str]:
-    """Return how far the alternatives are behind."""
+def describe_alternatives(effect: NamedEffect) -> list[str]:
+    """Return the errors of the alternatives."""
     unit = effect.evidence.unit
-    told = [f"{effect_title(other)} ({friendly(other.heldout_error_after, unit)})" for other in effect.alternatives]
+    told = [f"{effect_title(other)} ({format_value(other.heldout_error_after, unit)})" for other in effect.alternatives]
     return [f"In its place, this error would be left by {join_items(told)}."] if told else []
 
 
-def signature(name: str) -> list[str]:
-    """Return by what an effect is known, nothing where the catalogue no longer holds it."""
+def describe_signature(name: str) -> list[str]:
+    """Return the typical sign of an effect, empty if the catalogue lacks it."""
     try:
         known = find_effect(name).signature
     except UnknownName:

@@ -1,4 +1,4 @@
-"""The held-out episodes behind the pictures: what was measured, and what each model makes of the same commands."""
+"""Held-out episodes of a report: measured positions and predictions of each model."""
 
 import zipfile
 from dataclasses import dataclass
@@ -15,24 +15,25 @@ SERIES = "series.npz"
 
 @dataclass(frozen=True)
 class Series:
-    """E held-out episodes of up to T rows of n joints, positions in radians, those of slides in metres.
+    """E held-out episodes of up to T rows of n joints, positions [rad], those of slides [m].
 
-    Errors over joints are those of the first kind, hinges where there are any: radians and metres have no mean.
+    Errors over joints are those of the first kind, hinges if there are any, because radians and metres have no common
+    mean.
 
     Attributes:
-        time: Since the start of an episode [s], shape (T,).
+        time: Time since the start of an episode [s], shape (T,).
         joints: Names.
         episodes: Numbers in the dataset, shape (E,).
-        measured: Shape (E, T, n).
-        command: Positions [rad] or torques [N·m], shape (E, T, n).
-        before: The model as handed over.
-        retuned: With its own parameters fitted, nothing added.
-        after: As written.
-        plain: With every smooth parameter fitted, no name given; None in older reports.
-        placebo: With a wrong name in the right one's place, where there is one.
+        measured: Measured positions, shape (E, T, n).
+        command: Positions [rad; m] or torques [N·m; N], shape (E, T, n).
+        before: Given model.
+        retuned: Model's own parameters fitted, no effects.
+        after: Written model.
+        plain: Plain fit; None in older reports.
+        placebo: Runner-up in place of the name; None without one.
         counts: Whether a row was recorded, shape (E, T).
         floor: Noise floor, shape (n,).
-        slides: Names of the joints that are slides.
+        slides: Names of the slides.
     """
 
     time: np.ndarray
@@ -56,17 +57,17 @@ class Series:
 
     @property
     def kinds(self) -> list[tuple[JointUnit, np.ndarray]]:
-        """The kinds of joints, each with their places; errors over joints are over those of the first."""
+        """Kinds of joints with their indices; pooled errors are those of the first."""
         return kinds_of(self.joints, self.slides)
 
     @property
     def over(self) -> str:
-        """Over what errors go, with their unit, for an axis."""
+        """Joints of pooled errors with their unit, for an axis."""
         (unit, _), *others = self.kinds
         return f"{unit.kind if others else 'joints'} [{unit.mark.strip()}]"
 
     def shown(self, values: np.ndarray) -> np.ndarray:
-        """Return errors over joints in the unit in which they are shown."""
+        """Return pooled errors in display units."""
         return np.asarray(self.kinds[0][0].factor * values)
 
     @classmethod
@@ -74,14 +75,14 @@ class Series:
         """Read the series of a folder.
 
         Raises:
-            OptionError: there are none, or a part is missing.
+            OptionError: it is missing or incomplete.
         """
         path = folder / SERIES
         return cls.read_file(path, str(path))
 
     @classmethod
     def read_file(cls, file: Path | BinaryIO, name: str) -> "Series":
-        """Read the series from a file, called by a name in errors; see `read`."""
+        """Read the series from a file, with its name in errors; see `read`."""
         try:
             with np.load(file, allow_pickle=False) as stored:
                 parts = {name: stored[name] for name in stored.files if name in cls.__dataclass_fields__}
@@ -104,15 +105,15 @@ class Series:
         return np.asarray(np.sqrt(self.squares(predicted)[:, self.kinds[0][1]].mean(1)))
 
     def worst_episode(self, joint: int) -> int:
-        """Return which held-out episode the model as handed over predicts worst at a joint, as its place."""
+        """Return the index of the held-out episode with the largest error of the given model at a joint."""
         return int(self.squares(self.before)[:, joint].argmax())
 
     def in_time(self, predicted: np.ndarray, window: float) -> np.ndarray:
-        """Return the RMS error over joints of the first kind and a sliding window, shape (E, T); NaN beyond the rows.
+        """Return the RMS error over joints of the first kind and a sliding window, shape (E, T); NaN after the end.
 
         Args:
-            predicted: Shape (E, T, n).
-            window: Its length [s]; single readings would mostly show their rounding.
+            predicted: Positions [rad; m], shape (E, T, n).
+            window: Length of the window [s], which averages rounding errors.
         """
         errors = np.where(self.counts[..., None], predicted - self.measured, 0.0)
         width = max(1, min(len(self.time), round(window / self.period)))
@@ -123,5 +124,5 @@ class Series:
 
     @property
     def overall_floor(self) -> float:
-        """Noise floor over the joints of the first kind."""
+        """Noise floor over joints of the first kind."""
         return float(np.sqrt((self.floor[self.kinds[0][1]] ** 2).mean()))

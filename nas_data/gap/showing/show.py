@@ -1,11 +1,11 @@
-"""Show a gap report: figures and one page, from the files of its folder alone."""
+"""Output of figures and page of a gap report."""
 
 import re
 from pathlib import Path
 
 from nas_data.gap.report import REPORT, GapReport
-from nas_data.gap.showing.figures import draw_all_joints, draw_joint, joints_above
-from nas_data.gap.showing.page import build
+from nas_data.gap.showing.figures import draw_all_joints, draw_joint, find_joints_above
+from nas_data.gap.showing.page import build_page
 from nas_data.gap.showing.series import Series
 from nas_data.reports.style import to_png
 from nas_data.whole_file import write_whole
@@ -14,20 +14,20 @@ PAGE, FIGURES = "report.html", "figures"
 
 
 def show(folder: Path) -> Path:
-    """Write the figures and the page.
+    """Write figures and page.
 
     Args:
-        folder: Holds `report.json` and `series.npz`, and usually `model.xml` and `model.diff`.
+        folder: Folder with `report.json` and `series.npz`, and usually `model.xml` and `model.diff`.
 
     Returns:
-        The page.
+        Path of the page.
 
     Raises:
-        OptionError: one of the first two files is missing or lacks a part.
+        OptionError: one of the first two files is missing or incomplete.
     """
     report, series = GapReport.read(folder / REPORT), Series.read(folder)
     figures = {"gap_per_joint.png": draw_all_joints(report, series)}
-    for joint in joints_above(series):
+    for joint in find_joints_above(series):
         name = re.sub(r"[^\w.-]", "_", series.joints[joint])
         figures[f"joint_{name}.png"] = draw_joint(report, series, joint)
     for stale in (folder / FIGURES).glob("*.png"):
@@ -36,5 +36,5 @@ def show(folder: Path) -> Path:
     for name, figure in figures.items():
         write_whole(folder / FIGURES / name, to_png(figure))
     path = folder / PAGE
-    write_whole(path, build(report, series, folder).to_html().encode())
+    write_whole(path, build_page(report, series, folder).to_html().encode())
     return path

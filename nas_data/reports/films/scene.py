@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from nas_data.errors import ModelFileError
-from nas_data.mjcf.bake_inertia import explicit
+from nas_data.mjcf.bake_inertia import bake_inertia
 from nas_data.mjcf.engine_warnings import collect_warnings
 from nas_data.mjcf.export import find_file, find_references
 from nas_data.reports.films.motion import Ghost, Motion
@@ -130,7 +130,7 @@ def bare(ghost: Ghost, with_world: bool) -> mujoco.MjSpec:
         ghost: Whose model.
         with_world: Whether the shapes that are fixed to the world stay.
     """
-    spec = explicit(ghost.spec())
+    spec = bake_inertia(ghost.spec())
     for reference in find_references(spec):  # relative names would be looked for beside the scene, which is no file
         file = find_file(spec, reference, ghost.simulator.robot.mjcf)
         if file is not None:

@@ -11,7 +11,7 @@ from nas_data.dataset.read import read
 from nas_data.envs.loop.dynamics_spec import DynamicsSpec
 from nas_data.gap.named import Named
 from nas_data.gap.showing.page_words import effect_title, join_items
-from nas_data.gap.summary import shrinking, summary
+from nas_data.gap.summary import describe_errors, summarise
 from nas_data.gap.workflow import investigate
 from nas_data.gap.write_model import EFFECTS
 from nas_data.runs.progress import Calm
@@ -36,11 +36,11 @@ def name_effects(demo: Demo) -> StageResult:
     effects = [effect_title(effect) for effect in report.effects]
     content = report.to_json()
     return StageResult(
-        summary(report, folder).splitlines(),
+        summarise(report, folder).splitlines(),
         {key: content[key] for key in ("verdict", "effects", "retuned", "gap")},
         [
             f"nas gap names: {join_items(effects) if effects else 'nothing'}",
-            f"Open-loop error on its own held-out episodes: {shrinking(report.gap)}",
+            f"Open-loop error on its own held-out episodes: {describe_errors(report.gap)}",
         ],
     )
 

@@ -9,8 +9,8 @@ from nas_data.dataset.provenance import now, read_provenance
 from nas_data.gap.report import GapReport
 from nas_data.gap.showing.page_charts import joint_errors as errors_by_joint
 from nas_data.gap.showing.page_tables import NONE, joints_table
-from nas_data.gap.showing.page_verdict import lead
-from nas_data.gap.showing.page_words import confidence, friendly, interval, join_items, spoken
+from nas_data.gap.showing.page_verdict import describe_verdict
+from nas_data.gap.showing.page_words import as_words, format_confidence, format_interval, format_value, join_items
 from nas_data.gap.showing.series import Series
 from nas_data.joint_units import HINGE
 from nas_data.reports.charts import axis, logarithmic, motion, spread
@@ -102,7 +102,8 @@ def names_blocks(demo: Demo) -> list[Block]:
         Text("Name: which effects of the catalogue does it lack, and how large are they?"),
         names_table(demo.plan, report),
         Text(
-            f"Add: {GAP}/model.xml is the source with what was named and retuned. {lead(report)} All that nas gap has "
+            f"Add: {GAP}/model.xml is the source with what was named and retuned. {describe_verdict(report)} All "
+            "that nas gap has "
             f"to say is on its own page, {GAP}/report.html."
         ),
         *errors_by_joint(report, series),
@@ -117,14 +118,14 @@ def names_table(plan: DemoPlan, report: GapReport) -> HtmlTable:
     for name, joint in {**hidden, **named}:
         there, found = hidden.get((name, joint)), named.get((name, joint))
         numbers = list(found.parameters.values()) if found else []
-        truth = [friendly(getattr(there, one.name), one.unit) for one in there.sought] if there else []
+        truth = [format_value(getattr(there, one.name), one.unit) for one in there.free_parameters] if there else []
         rows.append(
             (
-                f"{spoken(name)} in {joint or 'the whole arm'}",
+                f"{as_words(name)} in {joint or 'the whole arm'}",
                 "; ".join(truth) or NONE,
-                "; ".join(friendly(number.value, number.unit) for number in numbers) or NONE,
-                "; ".join(interval(number) for number in numbers) or NONE,
-                confidence(found.confidence) if found else NONE,
+                "; ".join(format_value(number.value, number.unit) for number in numbers) or NONE,
+                "; ".join(format_interval(number) for number in numbers) or NONE,
+                format_confidence(found.confidence) if found else NONE,
             )
         )
     note = (

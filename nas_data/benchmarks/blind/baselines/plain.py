@@ -17,11 +17,11 @@ def answer(dataset: Path, model: Path) -> Claim:
     problem = Problem.load(dataset, str(model))
     search = Search.begin(problem.train, problem.held)
     plain = fit_plain(search)
-    nominal = with_timestep(problem.train.nominal, search.sub.timestep)
+    nominal = with_timestep(problem.train.nominal, search.task.timestep)
     simulator = nominal.simulator(plain.effects, plain.fit.factors)
 
     def predict(commands: np.ndarray, first: np.ndarray) -> np.ndarray:
-        holds = np.full((len(commands), commands.shape[2]), InitialLoad.WEIGHT)
+        holds = np.full((len(commands), commands.shape[2]), InitialLoad.GRAVITY)
         return simulator.rollout(first, commands, holds)[..., : commands.shape[2]]
 
     return Claim((), predict)

@@ -1,6 +1,6 @@
-"""What is looked at before physics: each file of the folder is one thing that would otherwise pass for an effect.
+"""Audits of a recording before the search; each file checks one error that may look like an effect.
 
-Where no model is needed to see it, the file sums up what the audits of every recording (`dataset/audits/`) found.
+Files that need no model summarise the audits of every recording (`dataset/audits/`).
 """
 
 from typing import Protocol, cast
@@ -9,14 +9,14 @@ from nas_data import registry
 from nas_data.gap.finding.audits.base import Examined
 from nas_data.gap.report_parts import Check
 
-FIRST = ("timing", "repeated_samples", "command_shift", "velocities", "readings")  # time before everything else
+FIRST = ("timing", "repeated_samples", "command_shift", "velocities", "readings")  # run first, in this order
 
 
 class GapAudit(Protocol):
-    """What a file of this folder defines."""
+    """Interface of a file in this folder."""
 
     def check(self, examined: Examined) -> Check:
-        """Look at one recording."""
+        """Check one recording."""
 
 
 def find_audit(name: str) -> GapAudit:
@@ -24,7 +24,7 @@ def find_audit(name: str) -> GapAudit:
     return cast(GapAudit, registry.module("gap.finding.audits", name, "audit"))
 
 
-def audit(examined: Examined) -> tuple[Check, ...]:
-    """Run every audit, those of time first."""
+def run_audits(examined: Examined) -> tuple[Check, ...]:
+    """Run every audit, those of `FIRST` first."""
     names = [*FIRST, *(name for name in registry.names("gap.finding.audits") if name not in FIRST)]
     return tuple(find_audit(name).check(examined) for name in names)

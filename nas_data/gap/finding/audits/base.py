@@ -1,4 +1,4 @@
-"""What an audit looks at, and what it says."""
+"""Input and result of audits."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,16 +16,16 @@ from nas_data.gap.report_parts import Check
 
 @dataclass(frozen=True)
 class Examined:
-    """A recording with what the model says of it.
+    """A recording with predictions of the model.
 
     Attributes:
-        dataset: As recorded, rows with the torque off and all.
-        findings: What the audits of every recording say of it.
-        recorded: Its rows with the torque on.
-        nominal: The model.
-        floor: Noise floor [rad], shape (n,).
-        predicted: The model's open-loop positions [rad], shape (E, T, n).
-        loads: What the model says of the measured states.
+        dataset: Dataset as recorded, including rows with the torque off.
+        findings: Findings of the audits of every recording.
+        recorded: Rows with the torque on.
+        nominal: Model.
+        floor: Noise floor [rad; m], shape (n,).
+        predicted: The model's open-loop positions [rad; m], shape (E, T, n).
+        loads: The model's torques in measured states.
         overlaps: Contacts of the model that the recording contradicts.
     """
 
@@ -40,14 +40,14 @@ class Examined:
 
 
 def summarise_audits(name: str, examined: Examined, checks: Sequence[str], sound: str, advice: str = "") -> Check:
-    """Return what some audits of every recording say, one sentence for each kind of finding.
+    """Summarise audits of every recording, one sentence for each kind of finding.
 
     Args:
-        name: What is looked at.
-        examined: The recording with its findings.
-        checks: Which findings belong to it.
-        sound: What is said where there are none.
-        advice: What to do where a finding is more than minor.
+        name: Name of the check.
+        examined: Recording with findings.
+        checks: Kinds of findings to include.
+        sound: Text without findings.
+        advice: Remedy for findings that are not minor.
     """
     kinds: dict[str, list[AuditFinding]] = {}
     for finding in examined.findings:
@@ -56,14 +56,14 @@ def summarise_audits(name: str, examined: Examined, checks: Sequence[str], sound
     if not kinds:
         return Check(name, sound)
     ok = all(finding.minor for members in kinds.values() for finding in members)
-    said = [sentence_of(members, examined.dataset.n_episodes) for members in kinds.values()]
+    said = [describe_audit_findings(members, examined.dataset.n_episodes) for members in kinds.values()]
     if advice and not ok:
         said.append(f"{advice[0].upper()}{advice[1:]}.")
     return Check(name, " ".join(said), ok)
 
 
-def sentence_of(members: Sequence[AuditFinding], episodes: int) -> str:
-    """Return the first finding of a kind that is more than minor, and in how many episodes there is such a one."""
+def describe_audit_findings(members: Sequence[AuditFinding], episodes: int) -> str:
+    """Return the first serious finding of a kind, and the number of episodes with one."""
     grave = [finding for finding in members if not finding.minor] or list(members)
     places = len({finding.file for finding in grave})
     first = grave[0]
@@ -72,10 +72,10 @@ def sentence_of(members: Sequence[AuditFinding], episodes: int) -> str:
 
 
 def join_names(items: list[str]) -> str:
-    """Return names as people write them: `a`, `a and b`, `a, b and c`."""
+    """Return names as a phrase: `a`, `a and b`, `a, b and c`."""
     return " and ".join([", ".join(items[:-1]), items[-1]] if len(items) > 1 else items)
 
 
-def percent(share: float) -> str:
+def format_percent(share: float) -> str:
     """Return a share in percent, small ones with more digits."""
     return f"{100 * share:.2g} %" if share < 0.1 else f"{100 * share:.0f} %"

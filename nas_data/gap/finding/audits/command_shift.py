@@ -1,4 +1,4 @@
-"""Command shift: whether the arm follows its commands some rows later or earlier than the model says."""
+"""Command shift: whether the arm follows its commands some rows later or earlier than the model."""
 
 from dataclasses import replace
 
@@ -10,26 +10,26 @@ from nas_data.gap.finding.audits.base import Examined, join_names
 from nas_data.gap.report_parts import Check
 
 NAME = "command shift"
-SHIFTS = (-3, -2, -1, 0, 1, 2, 3)  # [rows] by which commands are moved; positive acts later
-SLIPS = 2  # rows by which a log's order may slip; what fits better still is no slip
-WINDOW = 0.1  # [s] over which motions are compared: a static error is none of the timing's
-BETTER = 0.9  # error with over without the shift that is clearly better
-MOST = 0.75  # share of the episodes in which it must be
-EPISODES = 16  # episodes that are compared
+SHIFTS = (-3, -2, -1, 0, 1, 2, 3)  # [rows] by which commands are shifted; positive is later
+SLIPS = 2  # [rows] largest shift that an error of the log explains
+WINDOW = 0.1  # [s] over which motions are compared, so that static errors cancel
+BETTER = 0.9  # largest ratio of errors with over without a shift that is clearly better
+MOST = 0.75  # smallest share of the episodes in which it is
+EPISODES = 16  # most episodes that are compared
 SECONDS = 20.0  # [s] of each
-VISIBLE = 2.0  # noise of a difference of two readings that an error must exceed to be worth a shift
+VISIBLE = 2.0  # smallest error, in standard deviations of a difference of two readings
 
 
 def check(examined: Examined) -> Check:
-    """Say which joints' motion fits clearly better with shifted commands."""
-    best, visible = best_shifts(examined)
+    """Report joints whose motion fits clearly better with shifted commands."""
+    best, visible = find_best_shifts(examined)
     if not best.any():
         return Check(NAME, "No joint follows its commands clearly better when they are moved by one or two rows.")
     said, ok = [], True
     for shift in np.unique(best[best != 0]).tolist():
         alike = (np.sign(best) == np.sign(shift)) & (best <= SLIPS)
         slip = shift <= SLIPS and 2 * alike.sum() > visible.sum()
-        said.append(sentence(select_names(examined, best == shift), shift, slip, examined.nominal.period))
+        said.append(describe_shift(select_names(examined, best == shift), shift, slip, examined.nominal.period))
         ok &= not slip
     return Check(NAME, " ".join(said), ok)
 
@@ -41,8 +41,8 @@ def select_names(examined: Examined, chosen: np.ndarray) -> str:
     return join_names([joint for joint, is_chosen in zip(examined.nominal.joints, chosen, strict=True) if is_chosen])
 
 
-def sentence(joints: str, shift: int, slip: bool, period: float) -> str:
-    """Say what a shift of some joints may be; a slip of the log is one where most joints agree."""
+def describe_shift(joints: str, shift: int, slip: bool, period: float) -> str:
+    """Describe a shift of some joints; `slip` marks an error of the log, on which most joints agree."""
     amount = f"{abs(shift)} row{'s' * (abs(shift) > 1)} ({abs(shift) * period * 1e3:.3g} ms)"
     if shift > SLIPS:
         return (
@@ -66,12 +66,9 @@ def sentence(joints: str, shift: int, slip: bool, period: float) -> str:
     )
 
 
-def best_shifts(examined: Examined) -> tuple[np.ndarray, np.ndarray]:
-    """Return the shift [rows] that clearly fits each joint best, 0 where none does, and which joints have a gap at all.
-
-    Both have the shape (n,).
-    """
-    errors = np.stack([shift_errors(examined, shift) for shift in SHIFTS])
+def find_best_shifts(examined: Examined) -> tuple[np.ndarray, np.ndarray]:
+    """Return the best clear shift of each joint [rows], 0 without one, and which joints have a gap, shape (n,) each."""
+    errors = np.stack([measure_shift_errors(examined, shift) for shift in SHIFTS])
     usual = errors[SHIFTS.index(0)]
     ratios = errors / usual
     visible = np.median(usual, axis=0) > VISIBLE * np.sqrt(2) * examined.floor
@@ -80,35 +77,36 @@ def best_shifts(examined: Examined) -> tuple[np.ndarray, np.ndarray]:
     return np.where(clear.any(axis=0), np.array(SHIFTS)[best], 0), visible
 
 
-def shift_errors(examined: Examined, shift: int) -> np.ndarray:
-    """Return the error of the motion over a short window with shifted commands [rad], shape (E, n)."""
+def measure_shift_errors(examined: Examined, shift: int) -> np.ndarray:
+    """Return the error of motions over a short window with shifted commands [rad; m], shape (E, n)."""
     evidence = shorten_episodes(examined.recorded.evidence)
     positional = examined.nominal.simulator().layout.inputs.positional
     try:
         predicted = examined.nominal.predict(shift_commands(evidence, shift, positional))
     except ModelFileError:
-        return np.full(evidence.starts.shape, np.inf)
+        return np.full(evidence.initial_positions.shape, np.inf)
     rows = max(1, round(WINDOW / evidence.period))
     error = predicted - evidence.measured
-    moves = np.where(evidence.counts[:, rows:, None], error[:, rows:] - error[:, :-rows], 0.0)
-    seen = np.maximum(evidence.counts[:, rows:].sum(1), 1)[:, None]
+    moves = np.where(evidence.mask[:, rows:, None], error[:, rows:] - error[:, :-rows], 0.0)
+    seen = np.maximum(evidence.mask[:, rows:].sum(1), 1)[:, None]
     return np.sqrt((moves**2).sum(1) / seen) + np.finfo(float).eps
 
 
 def shorten_episodes(evidence: EpisodeBatch) -> EpisodeBatch:
-    """Return the beginnings of some episodes, enough to tell a shift."""
+    """Return the beginnings of some episodes."""
     chosen = np.unique(np.linspace(0, len(evidence) - 1, min(len(evidence), EPISODES)).round().astype(int))
     part, rows = evidence.select(chosen), slice(0, round(SECONDS / evidence.period))
-    return replace(part, commands=part.commands[:, rows], measured=part.measured[:, rows], counts=part.counts[:, rows])
+    return replace(part, commands=part.commands[:, rows], measured=part.measured[:, rows], mask=part.mask[:, rows])
 
 
 def shift_commands(evidence: EpisodeBatch, shift: int, positional: np.ndarray) -> EpisodeBatch:
-    """Return episodes whose commands act some rows later; before the first, the first pose was commanded.
+    """Return episodes with commands shifted by some rows.
 
-    Joints that are not commanded positions, `positional` (n,), had their first command.
+    Position commands before the first row are the initial pose; others, where `positional` (n,) is false, repeat the
+    first.
     """
     commands, steps = evidence.commands, evidence.commands.shape[1]
-    before = np.where(positional, evidence.starts[:, None], commands[:, :1])
+    before = np.where(positional, evidence.initial_positions[:, None], commands[:, :1])
     if shift >= 0:
         moved = np.concatenate([np.repeat(before, shift, axis=1), commands[:, : steps - shift]], axis=1)
     else:

@@ -1,6 +1,6 @@
-"""Contacts: whether the model touches something where the measured arm did not."""
+"""Contacts: shapes of the model that penetrate in measured poses."""
 
-from nas_data.gap.finding.audits.base import Examined, join_names, percent
+from nas_data.gap.finding.audits.base import Examined, format_percent, join_names
 from nas_data.gap.report_parts import Check
 
 NAME = "contacts"
@@ -8,11 +8,13 @@ SHOWN = 3  # pairs of bodies that are named
 
 
 def check(examined: Examined) -> Check:
-    """Look for bodies of the model that lie in each other in measured poses."""
+    """Report bodies of the model that penetrate in measured poses."""
     found = sorted(examined.overlaps, key=lambda overlap: (-overlap.share, -overlap.depth))
     if not found:
         return Check(NAME, "Nowhere does the measured arm go through what the model touches.")
-    each = [f"{one.text} by up to {1000 * one.depth:.0f} mm in {percent(one.share)} of the rows" for one in found]
+    each = [
+        f"{one.text} by up to {1000 * one.depth:.0f} mm in {format_percent(one.share)} of the rows" for one in found
+    ]
     more = [f"{len(each) - SHOWN} more pairs"] if len(each) > SHOWN else []
     return Check(
         NAME,

@@ -1,4 +1,4 @@
-"""Excitation: commands that never change, and joints that never move."""
+"""Excitation: constant commands, and joints that do not move."""
 
 import numpy as np
 
@@ -12,27 +12,27 @@ STEADY = 1e-6  # [rad or N·m] within which a command is constant
 
 
 def check(examined: Examined) -> Check:
-    """Name the joints about which the recording says nothing or little."""
+    """Name the joints without enough excitation."""
     evidence = examined.recorded.evidence
-    steady, still = constant(evidence), find_unmoved_joints(evidence, examined.floor)
+    steady, still = find_constant_commands(evidence), find_unmoved_joints(evidence, examined.floor)
     found = [(steady, "the command never changes"), (still & ~steady, "the joint never moves although commanded to")]
-    said = [f"{names(evidence, chosen)}: {text}" for chosen, text in found if chosen.any()]
+    said = [f"{join_chosen(evidence, chosen)}: {text}" for chosen, text in found if chosen.any()]
     if said:
         return Check(NAME, "; ".join(said) + ".", False)
     return Check(NAME, "Every joint is commanded to move, and moves.")
 
 
-def names(evidence: EpisodeBatch, chosen: np.ndarray) -> str:
+def join_chosen(evidence: EpisodeBatch, chosen: np.ndarray) -> str:
     """Return the names of chosen joints (n,)."""
     return join_names([joint for joint, is_chosen in zip(evidence.joints, chosen, strict=True) if is_chosen])
 
 
-def constant(evidence: EpisodeBatch) -> np.ndarray:
-    """Return which joints were given one command all the time, shape (n,)."""
-    return np.asarray(np.ptp(evidence.commands[evidence.counts], axis=0) <= STEADY)
+def find_constant_commands(evidence: EpisodeBatch) -> np.ndarray:
+    """Return which joints have constant commands, shape (n,)."""
+    return np.asarray(np.ptp(evidence.commands[evidence.mask], axis=0) <= STEADY)
 
 
 def find_unmoved_joints(evidence: EpisodeBatch, floor: np.ndarray) -> np.ndarray:
-    """Return which joints stay where they are in every episode, shape (n,)."""
-    span = np.ptp(np.concatenate([evidence.starts[:, None], evidence.measured], axis=1), axis=1)
+    """Return which joints do not move in any episode, shape (n,)."""
+    span = np.ptp(np.concatenate([evidence.initial_positions[:, None], evidence.measured], axis=1), axis=1)
     return np.asarray(span.max(axis=0) <= STILL * floor)

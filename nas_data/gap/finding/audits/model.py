@@ -1,4 +1,4 @@
-"""Model: what of it is simulated otherwise than it was handed over."""
+"""Model: deviations of the simulation from the given model."""
 
 from nas_data.gap.finding.audits.base import Examined
 from nas_data.gap.report_parts import Check
@@ -7,6 +7,6 @@ NAME = "model"
 
 
 def check(examined: Examined) -> Check:
-    """Repeat what was said when the model was loaded."""
+    """Repeat the notes from loading the model."""
     notes = examined.nominal.notes
     return Check(NAME, " ".join(notes) or "It is simulated as it was handed over.", ok=not notes)

@@ -1,4 +1,4 @@
-"""Readings: jumps and wraps, units, signs, and joints that follow another joint's command."""
+"""Readings: jumps, wraps, units, signs, and joints with another joint's commands."""
 
 from nas_data.gap.finding.audits.base import Examined, summarise_audits
 from nas_data.gap.report_parts import Check
@@ -8,5 +8,5 @@ CHECKS = ("jump", "unit_slip", "command_scale", "command_sign", "command_is_posi
 
 
 def check(examined: Examined) -> Check:
-    """Say which readings and commands cannot be what they are called."""
+    """Report readings and commands that contradict their name or unit."""
     return summarise_audits(NAME, examined, CHECKS, "No reading jumps, and positions and commands belong together.")

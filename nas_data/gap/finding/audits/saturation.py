@@ -1,30 +1,30 @@
-"""Saturation: how often the model's servos are at their limits, and commands that its control range cuts off."""
+"""Saturation: servos of the model at their torque limits, and commands outside its control range."""
 
 import numpy as np
 
-from nas_data.gap.finding.audits.base import Examined, join_names, percent
+from nas_data.gap.finding.audits.base import Examined, format_percent, join_names
 from nas_data.gap.report_parts import Check
 from nas_data.simulators.limits import command_limits
 
 NAME = "saturation"
-NOTED = 0.01  # share of the rows that is worth a word
-MOSTLY = 0.5  # share of the rows from which the model is hardly a servo any more
+NOTED = 0.01  # share of the rows above which a joint is reported
+MOSTLY = 0.5  # share of the rows at the limit above which the gain is too high
 ROUNDING = 1e-5  # [the commands' unit]; commands are stored as float32
 
 
 def check(examined: Examined) -> Check:
-    """Name the joints at their limits."""
-    counts = examined.recorded.evidence.counts
+    """Report the joints at their limits."""
+    counts = examined.recorded.evidence.mask
     saturated = examined.loads.saturated[counts].mean(axis=0)
-    beyond = beyond_range(examined)[counts].mean(axis=0)
+    beyond = find_out_of_range(examined)[counts].mean(axis=0)
     said = []
     if (saturated > NOTED).any():
-        said.append(f"the model's servo is at its torque limit in {shares(examined, saturated)}")
+        said.append(f"the model's servo is at its torque limit in {describe_shares(examined, saturated)}")
     if (saturated > MOSTLY).any():
         said.append("most of the time at the limit is a gain (kp) too high for its torque: look at the model")
     if (beyond > NOTED).any():
         said.append(
-            f"commands leave the model's range in {shares(examined, beyond)}: the model cuts them off, "
+            f"commands leave the model's range in {describe_shares(examined, beyond)}: the model cuts them off, "
             "the robot may have done otherwise"
         )
     if not said:
@@ -33,14 +33,14 @@ def check(examined: Examined) -> Check:
     return Check(NAME, text[0].upper() + text[1:] + ".", not ((saturated > MOSTLY) | (beyond > NOTED)).any())
 
 
-def shares(examined: Examined, values: np.ndarray) -> str:
-    """Return joints with their shares of the rows, those worth a word."""
+def describe_shares(examined: Examined, values: np.ndarray) -> str:
+    """Return joints with their shares of the rows, above `NOTED`."""
     pairs = zip(examined.nominal.joints, values, strict=True)
-    return join_names([f"{percent(value)} of the rows of {joint}" for joint, value in pairs if value > NOTED])
+    return join_names([f"{format_percent(value)} of the rows of {joint}" for joint, value in pairs if value > NOTED])
 
 
-def beyond_range(examined: Examined) -> np.ndarray:
-    """Return which commands lie outside what the model accepts, shape (E, T, n)."""
+def find_out_of_range(examined: Examined) -> np.ndarray:
+    """Return which commands lie outside the model's range, shape (E, T, n)."""
     simulator = examined.nominal.simulator()
     low, high = command_limits(simulator.model, simulator.joints, str(simulator.robot.mjcf))
     commands = examined.recorded.evidence.commands

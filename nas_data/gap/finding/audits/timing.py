@@ -1,4 +1,4 @@
-"""Timing: rows that came late, and a clock that runs at another rate than the dataset says."""
+"""Timing: late rows, and a clock with another rate than the dataset."""
 
 from nas_data.dataset.features import TIME
 from nas_data.gap.finding.audits.base import Examined, summarise_audits
@@ -9,7 +9,7 @@ CHECKS = ("time_backwards", "repeated_time", "rate", "irregular_time", "time_gap
 
 
 def check(examined: Examined) -> Check:
-    """Say what the recorder's clock denies of evenly spaced rows."""
+    """Report where the recorder's clock contradicts evenly spaced rows."""
     if TIME not in examined.dataset.columns:
         return Check(NAME, "The recorder's clock was not kept (nas.time): rows are taken as evenly spaced.")
     advice = "import the recording again with [resample] in its map"

@@ -1,4 +1,4 @@
-"""Velocities: whether the recorded ones belong to the recorded positions, in size and in time."""
+"""Velocities: consistency of recorded velocities with positions, in size and time."""
 
 from nas_data.dataset.recording import are_derived
 from nas_data.gap.finding.audits.base import Examined, summarise_audits
@@ -9,7 +9,7 @@ CHECKS = ("velocity_scale", "velocity_lag", "position_contradicts_velocity")
 
 
 def check(examined: Examined) -> Check:
-    """Say which joints' velocities are not those of their positions."""
+    """Report joints whose velocities do not match their positions."""
     if are_derived(examined.dataset):
         return Check(NAME, "Velocities were derived from the positions; one-step errors carry their noise.")
     advice = "one-step predictions start where the arm never was: import again with velocity = 'derive'"

@@ -1,1 +1,1 @@
-"""The moves of the search: each file is one kind of step from one hypothesis to a better one."""
+"""Moves of the search; each file is one kind of step from a hypothesis to a better one."""

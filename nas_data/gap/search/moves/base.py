@@ -1,4 +1,4 @@
-"""What a move is: one kind of step from a hypothesis to a better one."""
+"""Interface of moves."""
 
 from typing import Protocol
 
@@ -8,17 +8,17 @@ from nas_data.gap.search.search import Search
 
 
 class Move(Protocol):
-    """A step of the search; the file `moves/NAME.py` holds the move NAME as its function `apply`."""
+    """A step of the search; the file `moves/NAME.py` implements the move NAME as `apply`."""
 
     def __call__(self, search: Search, h: Hypothesis) -> Hypothesis:
-        """Return a hypothesis of a better score by the present objective, or the one given."""
+        """Return a hypothesis with a better score by the present objective, or the given one."""
 
 
 def find_move(name: str) -> Move:
     """Return a move by its name.
 
     Raises:
-        UnknownName: there is no such move; lists those there are.
+        UnknownName: there is no such move; the message lists the known ones.
     """
     move: Move = registry.module("gap.search.moves", name, "move").apply
     return move

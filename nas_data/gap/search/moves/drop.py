@@ -1,24 +1,24 @@
-"""Drop what the data do not need: effects and freed parameters of the model that are not worth their price."""
+"""Drop effects and freed parameters that are not worth their price."""
 
 import numpy as np
 
 from nas_data.effects.base import Effect
-from nas_data.gap.search.fit import LONGEST_STEP, normal_equations
-from nas_data.gap.search.hypothesis import PRICE, Description, Hypothesis, effect_cost, key
+from nas_data.gap.search.fit import MAX_STEP, normal_equations
+from nas_data.gap.search.hypothesis import PRICE, Description, Hypothesis, effect_key, effect_price
 from nas_data.gap.search.parameters import SIGNED_SCALE, FreeParameters
 from nas_data.gap.search.search import FAR_BEHIND, Search
 from nas_data.gap.side_by_side import side_by_side
 
-TRIED = 6  # without which the rest is fitted, of what seems to be worth least
-MANY = 8  # effects beyond which several are dropped at a time
+MAX_REFITTED = 6  # parts of lowest saliency without which the rest is fitted
+MANY = 8  # parts above which several are dropped at a time
 
 Part = Effect | str
 
 
 def apply(search: Search, h: Hypothesis) -> Hypothesis:
-    """Drop what seems to be worth least as long as the score falls; several at a time where there are many."""
-    while parts(h):
-        better = drop_several(search, h) if len(parts(h)) > MANY else h
+    """Drop parts of low saliency while the score falls; several at a time if there are many."""
+    while list_parts(h):
+        better = drop_several(search, h) if len(list_parts(h)) > MANY else h
         better = drop_one(search, h) if better is h else better
         if better is h:
             return h
@@ -28,88 +28,88 @@ def apply(search: Search, h: Hypothesis) -> Hypothesis:
 
 
 def drop_one(search: Search, h: Hypothesis) -> Hypothesis:
-    """Drop one effect or freed parameter, the one without which the score is lowest, if it falls.
+    """Drop the effect or freed parameter without which the score is lowest, if it falls.
 
-    Short fits tell which. All without which alone the score falls are dropped together where that is better yet; where
-    it falls without none, the best is fitted to its end before it is given up, and where episodes begin in motion it is
-    given initial velocities of its own.
+    Short fits compare the parts. If the score falls without several parts, dropping them together is tried. If it falls
+    without none, the best is fitted to convergence first. If episodes begin in motion, it is also fitted with its own
+    initial velocities.
     """
-    search.say(f"  dropping one of {len(parts(h))} parts, if one is not worth its price")
+    search.say(f"  dropping one of {len(list_parts(h))} parts, if one is not worth its price")
     losses = estimate_losses(search, h)
-    order = sorted(losses, key=lambda part: losses[part])[:TRIED]
-    doubted = [order[0], *(part for part in order[1:] if losses[part] < FAR_BEHIND)]  # an estimate may be far off
+    order = sorted(losses, key=lambda part: losses[part])[:MAX_REFITTED]
+    doubted = [order[0], *(part for part in order[1:] if losses[part] < FAR_BEHIND)]  # estimates are inaccurate
     found = side_by_side(lambda part: fit_without(search, h, [part]), doubted)
-    sound = {part: one for part, one in zip(doubted, found, strict=True) if one is not None and one.is_sound}
+    sound = {part: one for part, one in zip(doubted, found, strict=True) if one is not None and one.is_finite}
     if not sound:
         return h
     spare = [part for part, one in sound.items() if one.score < h.score]
     best = min(sound.values(), key=lambda one: one.score)
     if len(spare) > 1:
         together = fit_without(search, h, spare)
-        if together is not None and together.is_sound and together.score < best.score:
+        if together is not None and together.is_finite and together.score < best.score:
             return together
-    if not spare and best.description != Description():  # the model alone was fitted to its end
-        best = search.continued(best)
+    if not spare and best.description != Description():  # the model alone has converged already
+        best = search.fit_further(best)
     if best.score < h.score:
         return best
     near = best.score.over(h.score) < FAR_BEHIND and search.begins_in_motion
-    return search.relinearise(best) if near and search.with_own_start(best).score < h.score else h
+    return search.relinearise(best) if near and search.fit_with_own_start(best).score < h.score else h
 
 
 def drop_several(search: Search, h: Hypothesis) -> Hypothesis:
-    """Drop all parts that seem to be worth less than their price, or half of them, or a quarter."""
+    """Drop all parts with a saliency below their price, or else half or a quarter of them."""
     losses = estimate_losses(search, h)
-    spare = [part for part in sorted(losses, key=lambda p: losses[p]) if losses[part] < price(part)]
+    spare = [part for part in sorted(losses, key=lambda p: losses[p]) if losses[part] < part_price(part)]
     while len(spare) > 1:
         found = fit_without(search, h, spare)
-        if found is not None and found.is_sound and found.score < h.score:
+        if found is not None and found.is_finite and found.score < h.score:
             return found
         spare = spare[: len(spare) // 2]
     return h
 
 
-def parts(h: Hypothesis) -> list[Part]:
+def list_parts(h: Hypothesis) -> list[Part]:
     """Return the effects and the names of the freed parameters."""
     return [*h.effects, *sorted(h.description.freed)]
 
 
-def joint_of(part: Part) -> str | None:
-    """Return the joint of an effect or of a freed parameter; None for an effect of the arm."""
+def part_joint(part: Part) -> str | None:
+    """Return the joint of an effect or freed parameter; None for an effect of the whole arm."""
     return part.rsplit(".", 1)[0] if isinstance(part, str) else part.joint
 
 
-def price(part: Part) -> float:
-    """Return what an effect or a freed parameter must bring [nats]."""
-    return PRICE if isinstance(part, str) else effect_cost(part)
+def part_price(part: Part) -> float:
+    """Return the price of an effect or freed parameter [nats]."""
+    return PRICE if isinstance(part, str) else effect_price(part)
 
 
 def fit_without(search: Search, h: Hypothesis, gone: list[Part]) -> Hypothesis | None:
-    """Return the hypothesis without some of its parts, fitted anew."""
+    """Fit a hypothesis without some of its parts; None if the model diverges."""
     effects = tuple(effect for effect in h.effects if effect not in gone)
     left = {effect.name() for effect in effects}
     freed = h.description.freed - {part for part in gone if isinstance(part, str)}
     description = Description(effects, freed, h.description.shared & left)
     if description == Description():
         return search.null
-    kept = {key(effect) for effect in effects}
+    kept = {effect_key(effect) for effect in effects}
     followed, factors = compensate(search, h, gone)
-    nearer = description.with_effects([effect for effect in followed if key(effect) in kept])
+    nearer = description.with_effects([effect for effect in followed if effect_key(effect) in kept])
     starts = [(description, h.fit.factors), (nearer, factors)]
-    best = min(starts, key=lambda start: search.loss_at(*start).nats)
-    return search.fitted(*best, h.fit, steps=4)
+    best = min(starts, key=lambda start: search.evaluate_loss(*start).nats)
+    return search.fit_description(*best, h.fit, steps=4)
 
 
 def compensate(search: Search, h: Hypothesis, gone: list[Part]) -> tuple[tuple[Effect, ...], dict[str, float]]:
-    """Return all effects and factors when some parts go and the other numbers follow, to first order.
+    """Return effects and factors without some parts, the other parameters compensating to first order.
 
-    The numbers of the parts change by δ, all by H⁻¹ₐₖ [(H⁻¹)ₖₖ]⁻¹ δ (Hassibi and Stork, 1993).
+    If the removed parameters change by δ, all change by H⁻¹ₐₖ [(H⁻¹)ₖₖ]⁻¹ δ (Hassibi and Stork, 1993).
     """
     parameters, theta = h.fit.parameters, h.fit.theta
     inverse = inverse_hessian(search, h)
-    changes = {c: change for part in gone for c, change in removal_of(h, part).items()}
+    changes = {c: change for part in gone for c, change in removal_steps(h, part).items()}
     columns = list(changes)
-    pull = np.linalg.pinv(inverse[np.ix_(columns, columns)]) @ np.array(list(changes.values()))
-    moved = theta + np.clip(inverse[:, columns] @ pull, -LONGEST_STEP, LONGEST_STEP)
+    multipliers = np.linalg.pinv(inverse[np.ix_(columns, columns)]) @ np.array(list(changes.values()))
+    moved = theta + np.clip(inverse[:, columns] @ multipliers, -MAX_STEP, MAX_STEP)
     moved = np.clip(moved, *parameters.bounds())
     return parameters.effects_at(moved), parameters.factors_at(moved)
 
@@ -117,42 +117,44 @@ def compensate(search: Search, h: Hypothesis, gone: list[Part]) -> tuple[tuple[E
 def inverse_hessian(search: Search, h: Hypothesis) -> np.ndarray:
     """Return (JᵀWJ + prior)⁻¹ of a hypothesis, shape (size, size)."""
     parameters, theta = h.fit.parameters, h.fit.theta
-    square, _ = normal_equations(search.sub, h.fit.predicted, h.fit.jacobian)
-    return np.asarray(np.linalg.pinv(square + np.diag(parameters.prior(theta) ** 2) + 1e-9 * np.eye(len(theta))))
+    hessian, _ = normal_equations(search.task, h.fit.predicted, h.fit.jacobian)
+    return np.asarray(
+        np.linalg.pinv(hessian + np.diag(parameters.prior_weights(theta) ** 2) + 1e-9 * np.eye(len(theta)))
+    )
 
 
-def removal_of(h: Hypothesis, part: Part) -> dict[int, float]:
-    """Return by how much the numbers of a part change when it goes, by index."""
+def removal_steps(h: Hypothesis, part: Part) -> dict[int, float]:
+    """Return the changes of θ that remove a part, by index."""
     parameters, theta = h.fit.parameters, h.fit.theta
     if isinstance(part, str):
         return {c: -float(theta[c]) for c, label in enumerate(parameters.labels) if label == (part,)}
     number = h.effects.index(part)
-    columns = [c for c, free in enumerate(parameters.of_effects) if number in free.places]
-    return {column: removal(parameters, theta, column) for column in columns}
+    columns = [c for c, free in enumerate(parameters.effect_parameters) if number in free.effect_indices]
+    return {column: removal_step(parameters, theta, column) for column in columns}
 
 
 def estimate_losses(search: Search, h: Hypothesis) -> dict[Part, float]:
-    """Return by how many nats the loss rises without each part, to second order (Hassibi and Stork, 1993).
+    """Return the saliency of each part: the second-order increase of the loss without it [nats].
 
-    Without it a number changes by δ, and the others follow: ½ δᵀ [(H⁻¹)ₖₖ]⁻¹ δ, with H = Jᵀ W J + prior.
+    With δ as in `compensate`, it is ½ δᵀ [(H⁻¹)ₖₖ]⁻¹ δ, H = JᵀWJ + prior (Hassibi and Stork, 1993).
     """
     inverse = inverse_hessian(search, h)
 
     def loss(part: Part) -> float:
-        changes = removal_of(h, part)
+        changes = removal_steps(h, part)
         columns, change = list(changes), np.array(list(changes.values()))
         return float(0.5 * change @ np.linalg.pinv(inverse[np.ix_(columns, columns)]) @ change) if columns else 0.0
 
-    return {part: loss(part) for part in parts(h)}
+    return {part: loss(part) for part in list_parts(h)}
 
 
-def removal(parameters: FreeParameters, theta: np.ndarray, column: int) -> float:
-    """Return the change of a number that takes its effect away, to first order in the effect's size.
+def removal_step(parameters: FreeParameters, theta: np.ndarray, column: int) -> float:
+    """Return the change of a parameter that removes its effect, to first order in the effect's size.
 
-    What is proportional to a value v = v₀ exp(θ) goes with Δθ = −1; a factor f returns to 1 with Δθ = −log f; a limit
-    that is lifted stays a limit to first order, so that its derivative is taken as that of its inverse.
+    An amount v = v₀ exp(θ) vanishes with Δθ = −1; a factor f returns to 1 with Δθ = −log f. A limit has an infinite
+    neutral value; its derivative is that of its inverse, so Δθ = 1.
     """
-    free = parameters.of_effects[column]
+    free = parameters.effect_parameters[column]
     value, neutral = free.value(float(theta[column])), free.parameter.neutral
     if free.signed:
         return (neutral - value) / SIGNED_SCALE

@@ -1,37 +1,37 @@
-"""Replace effects by rivals that do better beside all the others: they were beaten when less was known."""
+"""Compare effects with rivals again, with all other effects known."""
 
 from collections.abc import Sequence
 
 from nas_data import registry
 from nas_data.effects.base import Effect, find_effect
-from nas_data.gap.search.hypothesis import Hypothesis, key
+from nas_data.gap.search.hypothesis import Hypothesis, effect_key
 from nas_data.gap.search.moves.drop import MANY, estimate_losses
 from nas_data.gap.search.search import FAR_BEHIND, ROUNDS, TRIED, Search
 from nas_data.gap.side_by_side import side_by_side
 
-FACED = 2  # effects that one must face, of those that it is easily confused with and that a hook tells apart from it
+HOOK_RIVALS = 2  # rivals of the other form (model file or hook) among those of an effect
 
 
 def apply(search: Search, h: Hypothesis) -> Hypothesis:
-    """Let effects face their rivals, those of a model file also those that only a hook can express.
+    """Replace effects by rivals with a better score, including those that only a hook can express.
 
-    A single effect that left every other candidate far behind has faced them: nothing else is known since.
+    A single effect that was far ahead of every other candidate needs no comparison.
     """
-    if len(h.effects) == 1 and frozenset(map(key, h.effects)) in search.clear:
+    if len(h.effects) == 1 and frozenset(map(effect_key, h.effects)) in search.clear_winners:
         return h
-    numbers = doubted(search, h)
+    numbers = select_doubted(search, h)
     search.say(f"  letting {len(numbers)} of {len(h.effects)} effects face rivals")
     add_rivals(search, h, numbers)
     for _ in range(ROUNDS):
-        found = find_better_rival(search, h, doubted(search, h))
+        found = find_better_rival(search, h, select_doubted(search, h))
         if found is None:
             return h
-        h = search.continued(found)
+        h = search.fit_further(found)
     return h
 
 
-def doubted(search: Search, h: Hypothesis) -> list[int]:
-    """Return the numbers of the effects that face rivals: all, or where there are many, those that are needed least."""
+def select_doubted(search: Search, h: Hypothesis) -> list[int]:
+    """Return the indices of the effects to compare: all, or the ones of lowest saliency if there are many."""
     if len(h.effects) <= MANY:
         return list(range(len(h.effects)))
     losses = estimate_losses(search, h)
@@ -39,69 +39,69 @@ def doubted(search: Search, h: Hypothesis) -> list[int]:
 
 
 def find_better_rival(search: Search, h: Hypothesis, numbers: Sequence[int]) -> Hypothesis | None:
-    """Return the first hypothesis with a rival in the place of an effect that has a better score; None without one."""
+    """Return the first hypothesis with a better score in which a rival replaces an effect; None without one."""
     for number in numbers:
         effect = h.effects[number]
-        for found in fitted_rivals(search, h, number):
+        for found in fit_rivals(search, h, number):
             if found.score < h.score:
                 search.report(f"{effect.name()} replaced", found)
                 others = [other for other in h.effects if other is not effect]
-                search.rivals[key(found.effects[-1])] = [effect, *contenders(search, effect, others)]
+                search.rivals[effect_key(found.effects[-1])] = [effect, *list_rivals(search, effect, others)]
                 return found
     return None
 
 
 def add_rivals(search: Search, h: Hypothesis, numbers: Sequence[int]) -> None:
-    """Let effects face rivals: those that promise most in its place, and those that it is easily confused with.
+    """Screen for rivals: the most promising effects in place of each, and similar ones of the other form.
 
-    An effect of a model file faces those that only a hook can express, and the other way round. Which of them was tried
-    first depends on what else had been named by then.
+    An effect of the model file is compared with similar ones that need a hook, and the other way round, because the
+    order in which they were tried depends on the effects known at that time.
     """
     for number in numbers:
         effect = h.effects[number]
         if effect.joint is None or effect.name() in h.description.shared:
             continue
-        known = search.rivals.setdefault(key(effect), [])
-        faces_hook = any(confusable(effect, other) for other in hooked_kinds(effect))
+        known = search.rivals.setdefault(effect_key(effect), [])
+        faces_hook = any(is_confusable(effect, other) for other in find_other_forms(effect))
         if len(known) >= TRIED and not faces_hook:
             continue
-        without = search.without(h, number) or search.null
-        found, reach = search.screened(without.fit, h, {effect.joint})
-        met = {key(effect), *map(key, known)}
-        near = [c for c in found if c.effect.joint and c.loss.over(reach) < FAR_BEHIND]
-        others = [c.effect for c in near if key(c.effect) not in met]
+        without = search.without_effect(h, number) or search.null
+        found, kept_loss = search.screen_candidates(without.fit, h, {effect.joint})
+        met = {effect_key(effect), *map(effect_key, known)}
+        near = [c for c in found if c.effect.joint and c.loss.over(kept_loss) < FAR_BEHIND]
+        others = [c.effect for c in near if effect_key(c.effect) not in met]
         known.extend(others[: TRIED - len(known)])
-        hooked = [other for other in others if other.in_model != effect.in_model and confusable(effect, other)]
-        known[:0] = [other for other in hooked if other not in known][:FACED]
+        hooked = [other for other in others if other.in_model != effect.in_model and is_confusable(effect, other)]
+        known[:0] = [other for other in hooked if other not in known][:HOOK_RIVALS]
 
 
-def hooked_kinds(effect: Effect) -> list[type[Effect]]:
-    """Return the kinds of effects that need a hook where one does not, and the other way round."""
+def find_other_forms(effect: Effect) -> list[type[Effect]]:
+    """Return the kinds of effects that need a hook if this one does not, and the other way round."""
     kinds = [find_effect(name) for name in registry.names("effects")]
     return [kind for kind in kinds if kind.in_model != effect.in_model]
 
 
-def confusable(effect: Effect, other: Effect | type[Effect]) -> bool:
-    """Return whether either of two effects is said to be easily confused with the other."""
+def is_confusable(effect: Effect, other: Effect | type[Effect]) -> bool:
+    """Whether one of two effects lists the other as similar."""
     return other.name() in effect.confused_with or effect.name() in other.confused_with
 
 
-def fitted_rivals(search: Search, h: Hypothesis, number: int) -> list[Hypothesis]:
-    """Return what is kept with each rival of one effect in its place, fitted, the best first."""
-    rest = h.description.without(number)
-    rivals = contenders(search, h.effects[number], rest.effects)
-    fitted = side_by_side(lambda rival: search.rival(rest.adding(rival), h), rivals)
-    return sorted((one for one in fitted if one and one.is_sound), key=lambda one: one.score)
+def fit_rivals(search: Search, h: Hypothesis, number: int) -> list[Hypothesis]:
+    """Fit a hypothesis with each rival in place of one effect; return the results sorted by score."""
+    rest = h.description.without_effect(number)
+    rivals = list_rivals(search, h.effects[number], rest.effects)
+    fitted = side_by_side(lambda rival: search.fit_rival(rest.add_effects(rival), h), rivals)
+    return sorted((one for one in fitted if one and one.is_finite), key=lambda one: one.score)
 
 
-def contenders(search: Search, effect: Effect, others: Sequence[Effect]) -> list[Effect]:
-    """Return what competed with an effect when it was added, the best first, each place once; of many effects one."""
-    taken = {key(effect), *map(key, others)}
+def list_rivals(search: Search, effect: Effect, others: Sequence[Effect]) -> list[Effect]:
+    """Return the effects that competed with an effect, best first; only one if there are many effects."""
+    taken = {effect_key(effect), *map(effect_key, others)}
     result = []
-    for rival in search.rivals.get(key(effect), []):
-        if key(rival) not in taken:
-            taken.add(key(rival))
+    for rival in search.rivals.get(effect_key(effect), []):
+        if effect_key(rival) not in taken:
+            taken.add(effect_key(rival))
             result.append(rival)
     if len(others) >= MANY:
         return result[:1]
-    return result[: TRIED if effect.in_model else TRIED + FACED]
+    return result[: TRIED if effect.in_model else TRIED + HOOK_RIVALS]

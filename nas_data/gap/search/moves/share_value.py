@@ -1,4 +1,4 @@
-"""Let the servos of one make share a value: the same parameters for an effect in all joints that have it."""
+"""Share an effect's parameters between joints, because servos of one make are alike."""
 
 from dataclasses import replace
 
@@ -8,27 +8,27 @@ from nas_data.effects.base import Effect, make_effect
 from nas_data.gap.search.hypothesis import Hypothesis
 from nas_data.gap.search.search import Search
 
-FEWEST = 3  # joints with an effect, or all of a smaller robot's, from which it may be a matter of the make
+MIN_JOINTS = 3  # joints with an effect, or all of a smaller robot, above which sharing is tried
 
 
 def apply(search: Search, h: Hypothesis) -> Hypothesis:
-    """Share the values of an effect, or give each joint its own again, where that is worth more."""
-    fewest = min(FEWEST, max(2, len(search.excited)))
+    """Share the parameters of an effect, or separate them again, if the score falls."""
+    fewest = min(MIN_JOINTS, max(2, len(search.excited)))
     for name in dict.fromkeys(effect.name() for effect in h.effects if effect.joint):
         if sum(effect.name() == name and effect.joint is not None for effect in h.effects) < fewest:
             continue
         changed = h.description.shared ^ {name}
-        effects = h.effects if name in h.description.shared else with_mean(h.effects, name)
+        effects = h.effects if name in h.description.shared else average_parameters(h.effects, name)
         description = replace(h.description, effects=tuple(effects), shared=changed)
-        found = search.fitted(description, h.fit.factors, h.fit, steps=6, jacobian_refreshes=1)
-        if found is not None and found.is_sound and found.score < h.score:
+        found = search.fit_description(description, h.fit.factors, h.fit, steps=6, jacobian_refreshes=1)
+        if found is not None and found.is_finite and found.score < h.score:
             search.report(f"  {name} {'shared' if name in changed else 'of each joint'}", found)
             h = found
     return h
 
 
-def with_mean(effects: tuple[Effect, ...], name: str) -> list[Effect]:
-    """Return effects of which those of one name have the geometric mean of their parameters; the mean where signed."""
+def average_parameters(effects: tuple[Effect, ...], name: str) -> list[Effect]:
+    """Replace parameters of one kind of effect by their geometric mean, or their mean if signs differ."""
     alike = [effect for effect in effects if effect.name() == name and effect.joint is not None]
     values = {}
     for parameter in alike[0].parameters:

@@ -1,4 +1,4 @@
-"""Shift a delay by whole physics steps: it fits best where it is a whole number of them, and a fit stays there."""
+"""Shift delays by whole physics steps, because their loss has a local minimum at each."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -16,40 +16,40 @@ SHIFTS = (-3, -2, -1, 1, 2, 3)  # of the model's own physics steps, either way
 
 
 def apply(search: Search, h: Hypothesis) -> Hypothesis:
-    """Return a hypothesis with its delays some physics steps longer or shorter, where that explains more.
+    """Return a hypothesis with delays shifted by physics steps, if the score falls.
 
-    What a simulated arm is told takes effect at one of its physics steps. A delay between two of them mixes what is
-    told before and after, which no such recording does, so that the loss has a dip at every step, and no slope leads
-    from one to the next. All else bends to the wrong one, so that it is fitted anew after each shift.
+    A simulated arm applies a command at one of its physics steps. A delay between two steps mixes two commands, which
+    no such recording does. The loss therefore has a local minimum at every step, and gradients do not lead to the next.
+    All parameters are fitted again after each shift, because they depend on the delay.
 
     Args:
-        search: Search; goes on with the model's own physics steps where a shift helps.
-        h: Hypothesis; as it is where it has no delay, or every joint is explained.
+        search: Search; it continues with the model's own physics steps if a shift helps.
+        h: Hypothesis; returned unchanged if it has no delay or every joint is explained.
     """
     timestep = float(search.train.nominal.spec.option.timestep)
-    if search.ratio(h).max() <= AT_FLOOR or not list(shifts(h.effects, timestep)):
+    if search.floor_ratios(h).max() <= AT_FLOOR or not list(generate_shifts(h.effects, timestep)):
         return h
-    now = search.sub.restart(h.fit.parameters, h.fit.theta)
-    own = replace(now, fine=False).restart(h.fit.parameters, h.fit.theta).at_own_steps().at_tolerance_of(now)
-    found = walk(own, h.fit, timestep)
+    now = search.task.reestimate(h.fit.parameters, h.fit.theta)
+    own = replace(now, fine=False).reestimate(h.fit.parameters, h.fit.theta).with_own_timestep().with_tolerance_of(now)
+    found = shift_repeatedly(own, h.fit, timestep)
     reached = fit(now, h.fit.parameters, h.fit.theta, dict(enumerate(h.fit.jacobian)), steps=0)
     if found is None or reached is None or found.loss > reached.loss + -PRICE:
         return h
-    search.sub = own
-    there = search.settle(h.description, found)
+    search.task = own
+    there = search.update_objective(h.description, found)
     search.report("  delay shifted", there)
     return there
 
 
-def walk(task: FitTask, near: Fit, timestep: float) -> Fit | None:
-    """Return the best fit that shifts lead to, one after the other; None where none helps, or the model diverges."""
+def shift_repeatedly(task: FitTask, near: Fit, timestep: float) -> Fit | None:
+    """Return the best fit over repeated shifts; None if none helps or the model diverges."""
     best = before = fit_briefly(task, near, near.effects)
     for _ in range(ROUNDS):
         if best is None:
             return None
-        tried = side_by_side(partial(fit_briefly, task, best), list(shifts(best.effects, timestep)))
+        tried = side_by_side(partial(fit_briefly, task, best), list(generate_shifts(best.effects, timestep)))
         found = min(filter(None, tried), key=lambda one: one.loss, default=best)
-        if found.loss < best.loss:  # what bent to the other delay takes more than a short fit to straighten
+        if found.loss < best.loss:  # parameters fitted to the other delay need more steps
             found = fit(task, found.parameters, found.theta, steps=5, jacobian_refreshes=1) or found
         if found.loss > best.loss + -PRICE:
             break
@@ -58,19 +58,19 @@ def walk(task: FitTask, near: Fit, timestep: float) -> Fit | None:
 
 
 def fit_briefly(task: FitTask, near: Fit, effects: tuple[Effect, ...]) -> Fit | None:
-    """Return a short fit of effects from where another fit ended, with its Jacobian but for what is shifted."""
+    """Fit effects for a few steps from another fit, with its Jacobian except for the columns of delays."""
     parameters = FreeParameters(effects, near.parameters.base, near.parameters.shared)
     known = reuse_jacobian(near, parameters)
-    for index, free in enumerate(parameters.of_effects):
-        if free.parameter.name in effects[free.places[0]].stepwise:
+    for index, free in enumerate(parameters.effect_parameters):
+        if free.parameter.name in effects[free.effect_indices[0]].stepwise:
             known.pop(index, None)
-    return fit(task, parameters, parameters.start(near.factors), known, steps=3, jacobian_refreshes=0)
+    return fit(task, parameters, parameters.initial_theta(near.factors), known, steps=3, jacobian_refreshes=0)
 
 
-def shifts(effects: tuple[Effect, ...], timestep: float) -> Iterator[tuple[Effect, ...]]:
-    """Yield effects of which one has one parameter another number of physics steps [s] away."""
+def generate_shifts(effects: tuple[Effect, ...], timestep: float) -> Iterator[tuple[Effect, ...]]:
+    """Yield the effects with one stepwise parameter shifted by some physics steps of `timestep` [s]."""
     for place, effect in enumerate(effects):
-        for parameter in effect.sought:
+        for parameter in effect.free_parameters:
             if parameter.name not in effect.stepwise:
                 continue
             own = {each.name: float(getattr(effect, each.name)) for each in effect.parameters}

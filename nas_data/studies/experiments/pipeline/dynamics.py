@@ -42,7 +42,7 @@ def list_effects(task: Task, dynamics: str) -> str:
 
 def effect_words(effect: Effect) -> str:
     """Return an effect's name and its parameters with their units."""
-    values = ", ".join(f"{p.name} {getattr(effect, p.name):g} {p.unit}".rstrip() for p in effect.sought)
+    values = ", ".join(f"{p.name} {getattr(effect, p.name):g} {p.unit}".rstrip() for p in effect.free_parameters)
     return f"{effect.name()} ({values})"
 
 
