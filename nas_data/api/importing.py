@@ -25,8 +25,8 @@ from nas_data.importing.map_file import load_map, parse_map
 from nas_data.importing.section import MapSection
 from nas_data.recorders.logs import Import
 from nas_data.recorders.logs import import_logs as import_by_map
-from nas_data.robots.against_model import check as check_against_model
 from nas_data.runs.progress import silence
+from nas_data.simulators.against_model import check as check_against_model
 
 LEROBOT = "lerobot"
 

@@ -75,10 +75,10 @@ class Problem:
         kept = keep_torque_on_and_fall(transitions)
         evidence = EpisodeBatch.of(kept)
         if len(evidence) < 2:
-            half = evidence.counts.sum() // 2 * evidence.period
+            part = min(3.0, evidence.mask.sum() // 2 * evidence.period)
             raise DatasetInvalid(
                 f"{root} has {len(evidence)} episode; at least two are needed, one to fit and one to judge by: "
-                f"record more, or cut it in time: nas split {root} --seconds {half:.4g}."
+                f"record more, or cut it in time: nas split {root} --seconds {part:.4g}."
             )
         as_given = Nominal.load(model, evidence)
         check_fits(transitions, as_given.simulator())

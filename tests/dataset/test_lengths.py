@@ -21,8 +21,8 @@ from nas_data.pairing import pair
 from nas_data.recorders.logs import import_logs
 from nas_data.reports.run_sections import models_section
 from nas_data.reports.runs import ModelRun
-from nas_data.robots.against_model import check
 from nas_data.robots.base import find_robot
+from nas_data.simulators.against_model import check
 from nas_data.simulators.mujoco import MujocoSimulator
 
 ARM = """<mujoco><compiler angle="radian" autolimits="true"/><option timestep="0.002" integrator="implicitfast"/>

@@ -29,7 +29,7 @@ from nas_data.dataset.provenance import read_provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.verify import verify
 from nas_data.importing.map_file import MAPS, load_map
-from nas_data.robots.against_model import check
+from nas_data.simulators.against_model import check
 
 pytest.importorskip("lerobot")
 SERVO = 4096  # [ticks a turn]

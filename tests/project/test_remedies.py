@@ -237,12 +237,14 @@ def refused(capsys, *arguments: str) -> str:
     return (captured.err + captured.out).strip()
 
 
-def test_one_episode_is_cut_by_the_command_that_the_gap_names(here, capsys):
-    simulated(here / "one", (400,))
+@pytest.mark.parametrize(("rows", "seconds"), [(400, "3"), (200, "1.98"), (151, "1.5")])
+def test_one_episode_is_cut_by_the_command_that_the_gap_names(here, capsys, rows, seconds):
+    simulated(here / "one", (rows,))
     said = refused(capsys, "gap", "find", "one", "--model", "arm.xml")
     (command,) = commands_in(said)
-    assert command == ["split", "one", "--seconds", "3"]
+    assert command == ["split", "one", "--seconds", seconds]
     assert main(command) == 0
+    assert main(["split", "one", "--seconds", "10"]) == 2, "nothing would be cut"
     assert main(["gap", "find", "datasets/one_cut", "--model", "arm.xml"]) == 0
 
 
@@ -251,6 +253,24 @@ def test_one_log_is_cut_while_it_is_imported(here):
     write_map(here)
     assert main(["import", "log.npz", "--map", "map.toml", "--cut", "3", "--out", "done"]) == 0
     assert main(["split", "done", "--seconds", "0.01"]) == 2
+
+
+def test_takes_that_follow_each_other_in_one_log_are_told_apart_by_the_column_that_the_message_asks_for(here, capsys):
+    takes = columns_of(motion())
+    twice = {key: np.concatenate([values, values]) for key, values in takes.items()}
+    twice["take"] = np.repeat([0, 1], len(takes["t"]))
+    write_log(here / "log.npz", twice)
+    write_map(here)
+    said = refused(capsys, "import", "log.npz", "--map", "map.toml", "--out", "done")
+    assert "name the column that numbers them in [read.episode]" in said
+    (here / "map.toml").write_text((here / "map.toml").read_text() + '\n[read.episode]\ncolumn = "take"\n')
+    assert main(["import", "log.npz", "--map", "map.toml", "--out", "done"]) == 0
+    assert read(here / "done").n_episodes == 2
+
+
+def test_a_log_that_is_given_for_a_dataset_is_to_be_imported(here, capsys):
+    write_log(here / "log.npz", columns_of(motion()))
+    assert "nas import log.npz --map MAP.toml" in refused(capsys, "gap", "find", "log.npz", "--model", "arm.xml")
 
 
 def test_an_unpaired_dataset_is_paired_by_the_command_that_training_names(here, capsys):

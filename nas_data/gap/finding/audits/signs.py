@@ -1,9 +1,9 @@
 """Signs: whether a resting joint is held against the model's gravity, or hangs upwards."""
 
 from nas_data.gap.finding.audits.base import Examined, join_names
-from nas_data.gap.finding.torque_off import while_driven
+from nas_data.gap.finding.torque_off import keep_torque_on
 from nas_data.gap.report_parts import Check
-from nas_data.robots.against_model import check_signs
+from nas_data.simulators.against_model import check_signs
 
 NAME = "signs"
 
@@ -13,9 +13,9 @@ def check(examined: Examined) -> Check:
     dataset = examined.dataset
     if not dataset.commands_positions:
         return Check(NAME, "Not compared with gravity: the commands are no positions.")
-    found = check_signs(while_driven(dataset), examined.nominal.spec.copy().compile())
+    found = check_signs(keep_torque_on(dataset), examined.nominal.spec.copy().compile())
     if not found:
-        return Check(NAME, "No joint that rests contradicts the model's gravity.")
+        return Check(NAME, "Servos at rest hold the loads that the model's gravity makes.")
     what = join_names([finding.what for finding in found])
     remedy = "Check sign and zero of these joints in the map, or their axis in the model, before you look for effects."
-    return Check(NAME, f"{what[0].upper()}{what[1:]}. {remedy}", ok=False)
+    return Check(NAME, f"{what}. {remedy}", ok=False)

@@ -1,4 +1,4 @@
-"""A recording that contradicts gravity is reported, at import and by `nas gap find`, also in a joint that bears little."""
+"""A joint whose sign contradicts gravity is reported by import and `nas gap find`, even if it bears little load."""
 
 import mujoco
 import numpy as np
@@ -6,7 +6,7 @@ import pytest
 
 from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.dataset import Dataset
-from nas_data.robots.against_model import check, check_signs
+from nas_data.simulators.against_model import check, check_signs
 
 # The shoulder holds 3 N·m at most, the elbow 0.3 N·m.
 ARM = """<mujoco><option timestep="0.002" integrator="implicitfast"/><compiler angle="radian"/><worldbody><body>
