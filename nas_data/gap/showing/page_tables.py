@@ -41,7 +41,9 @@ def effects_table(report: GapReport) -> HtmlTable:
             rows.append((effect_title(effect), *values, *told))
     headers = ("", "parameter", "value", "95 % interval", "confidence", "stable", "equals", "error without → with")
     return HtmlTable(
-        headers, rows, "Errors on held-out episodes: of the effect's joint, or of all joints of the arm's first kind."
+        headers,
+        rows,
+        "Errors on held-out episodes, of the joint that has the effect; of all joints for an effect of the whole arm.",
     )
 
 
