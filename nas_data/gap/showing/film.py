@@ -69,7 +69,7 @@ def draw_film(model: Path, report: GapReport, series: Series) -> ShortFilm:
         mp4 = Path(place, "film.mp4").read_bytes()
     first, end = series.time[rows.start], series.time[rows.stop - 1]
     caption = (
-        f"Episode {series.episodes[episode]}, {first:.1f} to {end:.1f} s: the stretch in which the model as handed over "
+        f"Episode {series.episodes[episode]}, {first:.1f} to {end:.1f} s: the stretch where the model as handed over "
         f"is farthest off. Grey: measured. Blue: {BEFORE}. Orange: {last}. Both models follow the commands alone."
     )
     return ShortFilm(mp4, caption)
