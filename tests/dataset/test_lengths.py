@@ -76,7 +76,7 @@ def test_metres_of_a_hinge_are_refused(simulator):
 @pytest.mark.parametrize(("unit", "metres"), [("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)])
 def test_a_map_takes_lengths(tmp_path, unit, metres):
     wave = motion()
-    wave = wave.make_spec(position=wave.position / [1, 100 * metres], command=wave.command / [1, 100 * metres])
+    wave = wave.edited(position=wave.position / [1, 100 * metres], command=wave.command / [1, 100 * metres])
     log = write_log(tmp_path / "log.npz", columns_of(wave))
     extra = f'[read.position.joints.elbow]\nunit = "{unit}"\n[read.command.joints.elbow]\nunit = "{unit}"\n'
     register = f'column = "dq"\nunit = "rad/s"\n[read.velocity.joints.elbow]\nunit = "{unit}/s"'

@@ -56,7 +56,7 @@ def test_a_model_without_memory_has_one_start():
     nominal, evidence = played(effect, InitialLoad.UNLOADED)
     task = FitTask(nominal, evidence, FLOOR)
     assert not nominal.simulator([effect]).remembers
-    assert (task.estimate_initial_loads([effect], {}).evidence.holds == InitialLoad.GRAVITY).all()
+    assert (task.estimate_initial_loads([effect], {}).evidence.initial_loads == InitialLoad.GRAVITY).all()
     positions = [nominal.predict(evidence.with_initial_loads(hold), [effect]) for hold in InitialLoad]
     assert all(np.array_equal(positions[0], other) for other in positions)
 
