@@ -70,7 +70,10 @@ def check(
     found += [finding for joint in joints for finding in _middle(dataset, compiled, joint, (middles or {}).get(joint))]
     if (not dataset.commands_positions) or len(joints) < len(dataset.joints):
         return found
-    return found + _gravity(dataset, compiled)
+    resting = _RestingRows.of(dataset, compiled)
+    if resting is not None:
+        found += resting.check_signs(dataset.joints) or resting.check_zeros(dataset.joints)
+    return found
 
 
 def radian_at(dataset: Dataset, model: mujoco.MjModel, joint: str) -> float:
@@ -125,12 +128,6 @@ def _middle(dataset: Dataset, model: mujoco.MjModel, joint: str, middle: float |
     )
     remedy = f"check 'offset' of {joint} in the map ({wanted:.3g} where the arm reaches as far as the model)"
     return [AuditFinding("model_zero", "the dataset", what, remedy)]
-
-
-def _gravity(dataset: Dataset, model: mujoco.MjModel) -> list[AuditFinding]:
-    """Report joints whose position errors contradict the model's gravity, or agree with it only at another zero."""
-    resting = _RestingRows.of(dataset, model)
-    return [] if resting is None else resting.check_signs(dataset.joints) or resting.check_zeros(dataset.joints)
 
 
 def check_signs(dataset: Dataset, model: mujoco.MjModel) -> list[AuditFinding]:

@@ -7,7 +7,7 @@ from nas_data.gap.search.hypothesis import Hypothesis
 from nas_data.gap.search.moves import add, drop, line_scan, restart
 from nas_data.gap.search.moves.base import find_move
 from nas_data.gap.search.plain_fit import convert_columns, convert_to_effects
-from nas_data.gap.search.search import LITTLE, Round, Search
+from nas_data.gap.search.search import LITTLE, Search
 
 MOVES_AFTER_ADDITION = ("swap", "merge_joints", "shift_delay", "optional_parameters")  # after each addition
 # when nothing is added any more
@@ -50,10 +50,9 @@ def choose(search: Search, plain: Hypothesis, without: Container[str] = ()) -> H
         there = search.current_round
         search.return_to(first)
         first_addition = add.add_first(search)
-        if not (
-            first_addition.score < search.rescore(down).score and is_better_in(search, first_addition, down, there)
-        ):
-            search.return_to(there)
+        is_ahead = first_addition.score < search.rescore(down).score
+        search.return_to(there)
+        if not is_ahead or search.rescore(down).score <= search.rescore(first_addition).score:
             return search_up(search, search.relinearise(down), without)
     elif not search.find_joints_above_floor(down) and is_simple(down):
         return review(search, apply_moves(search, down, ("merge_joints", "one_for_several"), without), without)
@@ -69,12 +68,6 @@ def choose(search: Search, plain: Hypothesis, without: Container[str] = ()) -> H
     search.report("up from the model", up)
     search.report("down from the plain fit", down)
     return min(up, down, key=lambda h: h.score)
-
-
-def is_better_in(search: Search, h: Hypothesis, other: Hypothesis, round_: Round) -> bool:
-    """Return to a round's objective, and whether one hypothesis has the better score there."""
-    search.return_to(round_)
-    return search.rescore(h).score < search.rescore(other).score
 
 
 def search_up(
