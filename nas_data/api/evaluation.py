@@ -22,6 +22,7 @@ from nas_data.simulators.base import Simulator
 from nas_data.sources import SourceModel, locate_source
 
 MUJOCO = "mujoco"
+MODEL = "model"  # row of a model file that is judged beside its source
 
 
 def evaluate(
@@ -42,9 +43,10 @@ def evaluate(
     the model was trained on where that is in memory, else to the very dataset that it is judged by.
 
     Args:
-        learned: φ or ψ, its folder, or a model that is judged by itself: an MJCF or URDF file, or a robot's name.
+        learned: φ or ψ, its folder, or a model: an MJCF or URDF file, or a robot's name.
         dataset: Any recording of the same joints and rate, or its folder; need not be paired.
-        model: The source; the one kept with the model or the dataset where None.
+        model: The source; the one kept with φ, ψ or the dataset where None. A model that is judged is its own source
+            where None, and else stands beside it as `model`.
         engine: `mujoco` or `bullet`; the source's own where None.
         episodes: Only these; all by default.
         plain_fit: Whether the plain fit is made; it takes seconds to minutes.
@@ -62,9 +64,8 @@ def evaluate(
     """
     say = progress or silence
     alone = is_model(learned)
-    if alone and model is not None:
-        raise OptionError(f"{learned} is a model by itself; leave out --model, or give a checkpoint that corrects it.")
-    given = as_optional_model(str(learned) if alone else model, actuators)
+    corrected = as_optional_model(str(learned), actuators) if alone else None
+    given = corrected if model is None and alone else as_optional_model(model, actuators)
     judged = None if alone else as_learned(learned)
     recorded = as_dataset(dataset, episodes)
     with checkpoint_folder(judged) as own, kept_folders(recorded) as folders:
@@ -75,6 +76,8 @@ def evaluate(
         if simulator is not None and given is not None:
             warn_of_ranges(recorded, find_robot(given).spec().compile())
         others, notes = ({}, ()) if not plain_fit or source is None else fit_plain(judged, recorded, source, say)
+        if corrected is not None and corrected != given:
+            others = {**others, MODEL: locate_source(corrected, (), (), engine).simulator(recorded)}
         network = None if judged is None else judged.network
         found = evaluate_predictors(recorded, simulator, network, count or count_aloud(say), others)
     return replace(found, notes=notes)

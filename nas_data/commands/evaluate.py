@@ -15,6 +15,10 @@ class Evaluate(TakesModel):
     """Print one-step and open-loop errors of a checkpoint or a model file on a dataset, beside the trivial baselines.
 
     Example: nas evaluate runs/phi/checkpoint datasets/arm_test --model arm.xml
+
+    A model file beside the model that it came from.
+
+    Example: nas evaluate runs/gap/model.xml datasets/arm_test --model arm.xml
     """
 
     checkpoint: tyro.conf.Positional[Path]
@@ -23,7 +27,8 @@ class Evaluate(TakesModel):
     dataset: tyro.conf.Positional[Path]
     """Dataset to evaluate on; need not be paired."""
     model: str | None = None
-    """Source that φ corrects: a model file or robot; the one kept with the checkpoint or dataset otherwise."""
+    """Source: the model that φ corrects, or that a model file is compared with; the one kept with the checkpoint or
+    dataset otherwise."""
     engine: str | None = None
     """Engine of the source: mujoco or bullet; the one it was paired in where it is kept, else mujoco."""
     episodes: tuple[int, ...] = ()
@@ -31,12 +36,11 @@ class Evaluate(TakesModel):
 
     def run(self) -> CommandResult:
         """Evaluate and return the tables."""
-        from nas_data.api.evaluation import evaluate, is_model
-        from nas_data.api.learned import LearnedModel
+        from nas_data.api.evaluation import as_learned, evaluate, is_model
         from nas_data.dataset import versions
         from nas_data.dataset.dataset import Dataset
 
-        learned = None if is_model(self.checkpoint) else LearnedModel.load(self.checkpoint)
+        learned = None if is_model(self.checkpoint) else as_learned(self.checkpoint)
         root = versions.resolve(self.dataset)
         dataset = Dataset.load(root, self.episodes)
         evaluation = evaluate(

@@ -133,8 +133,8 @@ def evaluate(
     one_step, rollouts = predict_baselines(dataset, simulator)
     for name, other in others.items():
         predicted = pair(dataset, other).sim_states
-        one_step[name] = [predicted[rows] for rows in dataset.episodes()]
-        rollouts[name] = open_loop_source(dataset, other)
+        one_step = {name: [predicted[rows] for rows in dataset.episodes()]} | one_step
+        rollouts = {name: open_loop_source(dataset, other)} | rollouts
     if model is not None:
         name = MODEL[model.kind]
         one_step = {name: predict_one_step(dataset, model, simulator)} | one_step

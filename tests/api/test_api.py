@@ -410,6 +410,15 @@ def test_models_say_how_they_were_trained_and_are_saved(page, ds, arm):
     assert set(nas.evaluate(psi, ds, plain_fit=False).open_loop) == {"ψ", "hold", "command"}
 
 
+def test_a_corrected_model_stands_beside_the_one_that_it_came_from(page, ds, arm):
+    corrected = page["place"] / "runs/gap/model.xml"
+    both = nas.evaluate(corrected, ds, model=arm, plain_fit=False)
+    assert list(both.open_loop) == ["model", "source", "hold", "command"]
+    for name, alone in (("model", corrected), ("source", arm)):
+        assert both.open_loop[name].overall == nas.evaluate(alone, ds, plain_fit=False).open_loop["source"].overall
+    assert both.open_loop["model"].overall < both.open_loop["source"].overall
+
+
 def test_phi_needs_pairs(ds):
     with pytest.raises(DatasetInvalid, match="pair it first"):
         nas.train_delta(ds)
