@@ -8,7 +8,7 @@ import tyro
 
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
-from nas_data.runs.progress import say
+from nas_data.runs.progress import never_silent, say
 
 if TYPE_CHECKING:
     from nas_data.gap.named import Named
@@ -45,12 +45,13 @@ class GapAdd(TakesModel):
         from nas_data.joint_units import display_unit
 
         check_model(self.out, self.model)
-        problem = Problem.load(self.dataset, self.actuated(self.model))
-        named = Named.read(self.effects)
-        final = FinalFit(named.effects, named.retuned, ())
-        self.out.mkdir(parents=True, exist_ok=True)
-        outcome = score_model(problem, final, FinalFit((), {}, ()), FinalFit((), {}, ()), self.out)
-        found = measure_gap(problem.held, outcome)
+        with never_silent("writing and judging the model"):
+            problem = Problem.load(self.dataset, self.actuated(self.model))
+            named = Named.read(self.effects)
+            final = FinalFit(named.effects, named.retuned, ())
+            self.out.mkdir(parents=True, exist_ok=True)
+            outcome = score_model(problem, final, FinalFit((), {}, ()), FinalFit((), {}, ()), self.out)
+            found = measure_gap(problem.held, outcome)
         told = " and ".join(
             f"{unit.text(errors.before, 3)} before, {unit.text(errors.after, 3)} after"
             for errors in (found, found.slides)

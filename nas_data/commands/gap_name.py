@@ -7,7 +7,7 @@ import tyro
 
 from nas_data.commands._actuators import TakesModel
 from nas_data.commands.base import CommandResult
-from nas_data.runs.progress import say
+from nas_data.runs.progress import never_silent
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,8 +33,9 @@ class GapName(TakesModel):
         from nas_data.gap.write_model import write_effects
         from nas_data.typed_json import to_json
 
-        problem = Problem.load(self.dataset, self.actuated(self.model))
-        naming = name(problem.train, problem.held, say)
+        with never_silent("reading the recording") as say:
+            problem = Problem.load(self.dataset, self.actuated(self.model))
+            naming = name(problem.train, problem.held, say)
         nominal = problem.train.nominal
         self.out.mkdir(parents=True, exist_ok=True)
         path = write_effects(self.out, naming.final.effects, naming.final.factors, slides=nominal.slides)

@@ -1,5 +1,6 @@
 """Text summary of a gap report."""
 
+import math
 from pathlib import Path
 
 from nas_data.gap.report import GapReport
@@ -14,7 +15,7 @@ VERDICTS = {
     "unexplained": "Unexplained: no effect in the catalogue accounts for the gap.",
 }
 
-
+MOST_RETUNED = 6  # most base parameters listed, those that changed most
 DELIVERED = {
     "names and plain": "model.xml holds the names and all that the plain fit changes: the names alone predict worse.",
     "plain": "model.xml is the plain fit, without names: it predicts held-out episodes better than any names.",
@@ -42,12 +43,14 @@ def list_findings(report: GapReport) -> list[str]:
         f"{entry.joint}: still {entry.ratio_to_noise:.1f} times the noise; goes with {entry.goes_with}"
         for entry in report.unexplained
     ]
+    by_change = sorted(report.retuned, key=lambda entry: (not entry.at_bound, -abs(math.log(entry.factor))))
     changed = [
         f"{entry.parameter} × {entry.factor:.3f}{' (on its bound)' if entry.at_bound else ''}"
-        for entry in report.retuned
+        for entry in by_change[:MOST_RETUNED]
     ]
     if changed:
-        lines.append("retuned: " + ", ".join(changed))
+        more = len(by_change) - len(changed)
+        lines.append("retuned: " + ", ".join(changed) + (f", and {more} more, in report.html" if more else ""))
     beside = f" of the hinges, {describe_errors(gap.slides)} of the slides" if gap.slides else ""
     lines.append(f"open-loop error on held-out episodes: {describe_errors(gap)}{beside}, in {report.seconds:.0f} s")
     if gap.delivered in DELIVERED:

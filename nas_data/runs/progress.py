@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 PAUSE = 2.0  # [s] between two lines
+SILENCE = 10.0  # [s] after which a step that says nothing is said to go on
+SHOWN = 60  # characters of the last line in the line that says that it goes on
 
 Report = Callable[[str], None]
 
@@ -104,3 +106,32 @@ def saying(what: str, pause: float = PAUSE) -> Iterator[None]:
     began = time.monotonic()
     with repeating(lambda: say(f"{what}, {time.monotonic() - began:.0f} s"), pause):
         yield
+
+
+@contextmanager
+def never_silent(first: str, report: Report = say, silence: float = SILENCE) -> Iterator[Report]:
+    """Yield a report of lines that adds, after each silence [s], how long ago its last line was.
+
+    Args:
+        first: What is being done until the first line.
+        report: Receives the lines.
+        silence: Longest time without a line [s].
+    """
+    last, since = first, time.monotonic()
+    spoken = since
+
+    def tell(line: str) -> None:
+        nonlocal last, since, spoken
+        last, since = line, time.monotonic()
+        spoken = since
+        report(line)
+
+    def go_on() -> None:
+        nonlocal spoken
+        now = time.monotonic()
+        if now - spoken >= silence:
+            spoken = now
+            report(f"    {now - since:.0f} s since: {last.strip()[:SHOWN]}")
+
+    with repeating(go_on, silence / 10):
+        yield tell

@@ -260,15 +260,15 @@ def test_evaluation_needs_no_model_where_a_source_is_kept(place, here, kind):
         assert same["open_loop"] == content["open_loop"]
 
 
-def test_a_model_file_is_evaluated_by_itself(place, here):
+def test_a_model_file_is_evaluated_by_itself_or_beside_its_source(place, here):
     model = find_robot("pendulum").mjcf
     content = done("evaluate", model, place.raw, "--json").json
     beside = done("evaluate", place.phi, place.raw, "--model", "pendulum", "--json").json
     for loop in ("one_step", "open_loop"):
         assert set(content[loop]) == {"source", "hold", "command"}
         assert content[loop]["source"] == beside[loop]["source"]
-    refused = nas("evaluate", model, place.raw, "--model", "pendulum")
-    assert refused.code and "leave out --model" in refused.err
+    both = done("evaluate", model, place.raw, "--model", "pendulum", "--json").json["open_loop"]
+    assert set(both) == {"model", "source", "hold", "command"} and both["model"] == both["source"]
     missing = nas("evaluate", here / "absent.xml", place.raw)
     assert missing.code and "absent.xml" in missing.err
 

@@ -103,6 +103,16 @@ def test_what_does_nothing_is_dropped(rubbing: Search):
     assert drop.apply(search, left) is left
 
 
+def test_what_the_model_has_by_itself_is_dropped():
+    """A limit as the model's own, and a gain within the bounds of the model's own gain."""
+    limited = arm().replace('kp="0.5"', 'kp="0.5" forcelimited="true" forcerange="-0.2 0.2"')
+    search = begun(limited, VISCOUS, factors={"j1.gain": 1.12})
+    spare = ("servo_stiffness:joint=j1,factor=1.12", "torque_limit:joint=j1,torque=0.199")
+    kept = fitted(search, VISCOUS, *spare)
+    assert min(drop.estimate_losses(search, kept)[effect] for effect in kept.effects[1:]) < 10
+    assert names(drop.apply(search, kept).effects) == names([parse(VISCOUS)])
+
+
 def test_a_stand_in_is_swapped_for_what_it_stands_for(rubbing: Search):
     search = afresh(rubbing)
     better = swap.apply(search, fitted(search, BAND, VISCOUS))

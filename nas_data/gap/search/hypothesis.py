@@ -111,14 +111,15 @@ class Hypothesis:
         """Whether no held-out rollout diverges."""
         return bool(np.isfinite(self.heldout).all())
 
-    def describe(self) -> str:
-        """Return effects and factors on one line."""
+    def describe(self, most: int | None = None) -> str:
+        """Return effects and factors on one line, at most some: effects that were added last come first."""
         parts = [
             f"{e.name()}({e.joint or 'arm'}: {', '.join(f'{getattr(e, p.name):.4g}' for p in e.free_parameters)})"
             for e in self.effects
         ]
-        parts += [f"{name} × {self.fit.factors[name]:.3g}" for name in sorted(self.description.freed)]
-        return ", ".join(parts) or "base only"
+        parts = parts[::-1] + [f"{name} × {self.fit.factors[name]:.3g}" for name in sorted(self.description.freed)]
+        more = [f"{len(parts) - most} more"] if most is not None and len(parts) > most else []
+        return ", ".join(parts[:most] + more) or "nothing added"
 
 
 def excited_joints(task: FitTask) -> set[str]:

@@ -11,11 +11,11 @@ from nas_data.effects.base import Effect, Scales, find_effect, make_effect
 from nas_data.effects.edits.servo import stiffness
 from nas_data.effects.joint_offset import JointOffset
 from nas_data.gap.episode_batch import cut_windows
-from nas_data.gap.nominal_parameters import MAX_LOG_CHANGE, read_own_value
+from nas_data.gap.nominal_parameters import MAX_LOG_CHANGE, NominalParameter, read_own_value
 from nas_data.gap.search.fit import Fit, fit, group_moved_joints, is_effect_or_freed, joint_of_label
 from nas_data.gap.search.hypothesis import PRICE, Description, Hypothesis, reuse_jacobian
 from nas_data.gap.search.objective import FitTask
-from nas_data.gap.search.parameters import FreeParameters, Label
+from nas_data.gap.search.parameters import FREED_ONLY, FreeParameters, Label
 from nas_data.gap.search.screen import screen
 from nas_data.gap.search.search import AT_FLOOR, TRIED, Search
 from nas_data.gap.side_by_side import side_by_side
@@ -193,6 +193,22 @@ def convert_to_effects(search: Search, plain: Hypothesis) -> Description:
             if (effect, joint) not in present:
                 effects.append(make_clipped_effect(effect, joint, value))
     return replace(plain.description, effects=tuple(effects), freed=frozenset(freed))
+
+
+def convert_to_factor(search: Search, effect: Effect) -> tuple[NominalParameter, float] | None:
+    """Return the bound base parameter that can stand for a small effect, and its factor; None if there is none.
+
+    Its factor has to be within the parameter's bounds. A torque limit has none: the model's own is fixed unless freed.
+    """
+    kind, way = EFFECT_OF_PARAMETER.get(effect.name(), ("", FACTOR))
+    parameter = next((p for p in search.train.nominal.base if (p.joint, p.kind) == (effect.joint, kind)), None)
+    if parameter is None or kind in FREED_ONLY:
+        return None
+    value = float(getattr(effect, effect.free_parameters[0].name))
+    own = read_own_value(search.train.nominal.spec, parameter.joint, kind)
+    factor = 1 + value / own if way == ADDED and own > 0 else value if way == FACTOR else math.inf
+    low, high = parameter.bounds
+    return (parameter, factor) if 0 < factor < math.inf and low <= math.log(factor) <= high else None
 
 
 def convert_columns(plain: Fit, parameters: FreeParameters) -> dict[int, np.ndarray]:

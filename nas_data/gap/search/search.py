@@ -30,6 +30,8 @@ FAR_BEHIND = 60.0  # [nats] difference that decides even between short fits or f
 LITTLE = 0.05  # share of the total gain below which a further gain does not count
 TRIED = 3  # most alternatives that are fitted further
 ROUNDS = 3  # most repetitions of a move or fit
+SHOWN_PARTS = 3  # most effects and base parameters in a progress message
+SHOWN_JOINTS = 6  # joints up to which a progress message lists the rest of each
 
 
 @dataclass(frozen=True)
@@ -279,8 +281,11 @@ class Search:
 
     def report(self, word: str, h: Hypothesis) -> None:
         """Write a hypothesis with its score to the progress messages."""
-        rest = " ".join(f"{ratio:.2f}" for ratio in self.floor_ratios(h))
-        self.say(f"{word}: {h.describe()}; score {h.score.nats:.1f}, rest/floor {rest}")
+        ratios = self.floor_ratios(h)
+        left = " ".join(f"{ratio:.1f}" for ratio in ratios)
+        if len(ratios) > SHOWN_JOINTS:
+            left = f"{ratios.min():.1f} to {ratios.max():.1f}"
+        self.say(f"{word}: {h.describe(SHOWN_PARTS)}; score {h.score.nats:.1f}, {left} noise floors left")
 
 
 def choose_episodes(task: FitTask) -> np.ndarray:

@@ -1,11 +1,15 @@
 """Drop effects and freed parameters that are not worth their price."""
 
+import math
+
 import numpy as np
 
 from nas_data.effects.base import Effect
+from nas_data.gap.nominal_parameters import NominalParameter, read_own_value
 from nas_data.gap.search.fit import MAX_STEP, normal_equations
 from nas_data.gap.search.hypothesis import PRICE, Description, Hypothesis, effect_key, effect_price
 from nas_data.gap.search.parameters import SIGNED_SCALE, FreeParameters
+from nas_data.gap.search.plain_fit import EFFECT_OF_PARAMETER, convert_to_factor
 from nas_data.gap.search.search import FAR_BEHIND, Search
 from nas_data.gap.side_by_side import side_by_side
 
@@ -94,9 +98,16 @@ def fit_without(search: Search, h: Hypothesis, gone: list[Part]) -> Hypothesis |
     kept = {effect_key(effect) for effect in effects}
     followed, factors = compensate(search, h, gone)
     nearer = description.with_effects([effect for effect in followed if effect_key(effect) in kept])
-    starts = [(description, h.fit.factors), (nearer, factors)]
+    replaced = {parameter.name: factor for part in gone for parameter, factor in replacements(search, h, part)}
+    starts = [(description, h.fit.factors), (nearer, factors), (description, {**h.fit.factors, **replaced})]
     best = min(starts, key=lambda start: search.evaluate_loss(*start).nats)
     return search.fit_description(*best, h.fit, steps=4)
+
+
+def replacements(search: Search, h: Hypothesis, part: Part) -> list[tuple[NominalParameter, float]]:
+    """Return the base parameter that is free without an effect and can stand for it, with its factor."""
+    found = None if isinstance(part, str) else convert_to_factor(search, part)
+    return [found] if found and found[0].name not in h.fit.factors else []
 
 
 def compensate(search: Search, h: Hypothesis, gone: list[Part]) -> tuple[tuple[Effect, ...], dict[str, float]]:
@@ -106,7 +117,7 @@ def compensate(search: Search, h: Hypothesis, gone: list[Part]) -> tuple[tuple[E
     """
     parameters, theta = h.fit.parameters, h.fit.theta
     inverse = inverse_hessian(search, h)
-    changes = {c: change for part in gone for c, change in removal_steps(h, part).items()}
+    changes = {c: change for part in gone for c, change in removal_steps(search, h, part).items()}
     columns = list(changes)
     multipliers = np.linalg.pinv(inverse[np.ix_(columns, columns)]) @ np.array(list(changes.values()))
     moved = theta + np.clip(inverse[:, columns] @ multipliers, -MAX_STEP, MAX_STEP)
@@ -123,39 +134,45 @@ def inverse_hessian(search: Search, h: Hypothesis) -> np.ndarray:
     )
 
 
-def removal_steps(h: Hypothesis, part: Part) -> dict[int, float]:
+def removal_steps(search: Search, h: Hypothesis, part: Part) -> dict[int, float]:
     """Return the changes of θ that remove a part, by index."""
     parameters, theta = h.fit.parameters, h.fit.theta
     if isinstance(part, str):
         return {c: -float(theta[c]) for c, label in enumerate(parameters.labels) if label == (part,)}
     number = h.effects.index(part)
     columns = [c for c, free in enumerate(parameters.effect_parameters) if number in free.effect_indices]
-    return {column: removal_step(parameters, theta, column) for column in columns}
+    return {column: removal_step(search, parameters, theta, column) for column in columns}
 
 
 def estimate_losses(search: Search, h: Hypothesis) -> dict[Part, float]:
     """Return the saliency of each part: the second-order increase of the loss without it [nats].
 
-    With δ as in `compensate`, it is ½ δᵀ [(H⁻¹)ₖₖ]⁻¹ δ, H = JᵀWJ + prior (Hassibi and Stork, 1993).
+    With δ as in `compensate`, it is ½ δᵀ [(H⁻¹)ₖₖ]⁻¹ δ, H = JᵀWJ + prior (Hassibi and Stork, 1993). If a base parameter
+    within its bounds can stand for the part, it is that parameter's prior.
     """
     inverse = inverse_hessian(search, h)
 
     def loss(part: Part) -> float:
-        changes = removal_steps(h, part)
+        for parameter, factor in replacements(search, h, part):
+            return 0.5 * (math.log(factor) / parameter.deviation(math.log(factor))) ** 2
+        changes = removal_steps(search, h, part)
         columns, change = list(changes), np.array(list(changes.values()))
         return float(0.5 * change @ np.linalg.pinv(inverse[np.ix_(columns, columns)]) @ change) if columns else 0.0
 
     return {part: loss(part) for part in list_parts(h)}
 
 
-def removal_step(parameters: FreeParameters, theta: np.ndarray, column: int) -> float:
+def removal_step(search: Search, parameters: FreeParameters, theta: np.ndarray, column: int) -> float:
     """Return the change of a parameter that removes its effect, to first order in the effect's size.
 
-    An amount v = v₀ exp(θ) vanishes with Δθ = −1; a factor f returns to 1 with Δθ = −log f. A limit has an infinite
-    neutral value; its derivative is that of its inverse, so Δθ = 1.
+    An amount v = v₀ exp(θ) vanishes with Δθ = −1; a factor f returns to 1 with Δθ = −log f. A limit returns to the
+    model's own. If that is infinite, its derivative is that of its inverse, so Δθ = 1.
     """
     free = parameters.effect_parameters[column]
     value, neutral = free.value(float(theta[column])), free.parameter.neutral
+    effect = parameters.effects[free.effect_indices[0]]
+    if np.isinf(neutral) and effect.joint is not None and effect.name() in EFFECT_OF_PARAMETER:
+        neutral = read_own_value(search.train.nominal.spec, effect.joint, EFFECT_OF_PARAMETER[effect.name()][0])
     if free.signed:
         return (neutral - value) / SIGNED_SCALE
     if np.isinf(neutral):
