@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from nas_data.dataset.rows import rows_text
+from nas_data.dataset.rows import TextLines, rows_text
 from nas_data.errors import LogError, MapError
 
 Column: TypeAlias = pa.Array | pa.ChunkedArray | np.ndarray
@@ -26,6 +26,8 @@ class LogTable:
         constants: Values that the file holds once.
         unreadable: Reason and remedy for each unreadable column, by name.
         names: Component names of columns, if the format has them.
+        lines: Lines of a text file by row of the file; None for other formats.
+        rows: Row of the file of each row, shape (N,); None where none was left out.
     """
 
     path: Path
@@ -33,6 +35,12 @@ class LogTable:
     constants: Mapping[str, object] = field(default_factory=dict)
     unreadable: Mapping[str, str] = field(default_factory=dict)
     names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    lines: TextLines | None = None
+    rows: np.ndarray | None = None
+
+    def name_rows(self, rows: Sequence[int] | np.ndarray) -> str:
+        """Return rows of the table as words for messages: as rows, and lines, of the file."""
+        return rows_text(rows if self.rows is None else self.rows[np.asarray(rows)], self.lines)
 
     def column(self, name: str) -> Column:
         """Return a column as stored.
@@ -161,7 +169,7 @@ class LogTable:
             row = next(row for row, cell in enumerate(cells) if cell is not None and not _is_number(cell))
             comma = "; write numbers with a decimal point" if _is_number(cells[row].replace(",", ".")) else ""
             raise LogError(
-                f"{self.path}: the column '{name}' holds {cells[row]!r} in row {row}, no number{comma}."
+                f"{self.path}: the column '{name}' holds {cells[row]!r} in {self.name_rows([row])}, no number{comma}."
             ) from None
 
     def _from_json_cells(self, name: str, cells: list[str]) -> np.ndarray:
@@ -171,7 +179,7 @@ class LogTable:
             width = len(_list_of(cells[0]))
             row = next((row for row, cell in enumerate(cells) if len(_list_of(cell)) != width or not width), 0)
             raise LogError(
-                f"{self.path}: the column '{name}' holds {cells[row][:60]!r} in row {row}; "
+                f"{self.path}: the column '{name}' holds {cells[row][:60]!r} in {self.name_rows([row])}; "
                 f"a JSON list of {width} numbers is needed in every row."
             ) from None
 
@@ -181,7 +189,8 @@ class LogTable:
         if len(set(lengths.tolist())) > 1:
             row = int(np.flatnonzero(lengths != lengths[0])[0])
             raise LogError(
-                f"{self.path}: the column '{name}' holds {lengths[0]} numbers in row 0 and {lengths[row]} in row {row}."
+                f"{self.path}: the column '{name}' holds {lengths[0]} numbers in the first row and {lengths[row]} in "
+                f"{self.name_rows([row])}."
             )
         try:
             flat = _plain(pc.list_flatten(column).cast(pa.float64()))
@@ -192,7 +201,7 @@ class LogTable:
     def _refuse_nulls(self, name: str, column: pa.ChunkedArray) -> None:
         if column.null_count:
             rows = np.flatnonzero(column.is_null().to_numpy(zero_copy_only=False))
-            raise LogError(f"{self.path}: the column '{name}' is empty in {rows_text(rows)}; take these rows out.")
+            raise LogError(f"{self.path}: the column '{name}' is empty in {self.name_rows(rows)}; take these rows out.")
 
 
 def refuse_twice(path: Path, names: Sequence[str]) -> None:

@@ -139,7 +139,7 @@ def test_late_rows_are_counted_in_a_note(tmp_path):
     times[90:] += 0.013
     found = _written(tmp_path, _clock(recorded(lengths=(200,)), times))
     assert found.problems == ()
-    assert "In episode 0 the step before row 90 is 33 ms instead of 20 ms" in found.notes[0]
+    assert "In episode 0 the step before row 90 (counted from 0) is 33 ms instead of 20 ms" in found.notes[0]
 
 
 @pytest.mark.parametrize(("delay", "late"), [(0.25, 0), (0.35, 1)])

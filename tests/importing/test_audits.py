@@ -315,13 +315,15 @@ def test_a_hole_in_the_time_divides_the_log(tmp_path):
     time[40:] += 3
     (finding,) = only(findings(tmp_path, recording.edited(time=time)), "time_gap")
     assert not finding.error and finding.rows == (40,)
-    assert finding.message.startswith("3.02 s are missing before row 40; the log is divided there")
+    assert finding.message.startswith("3.02 s are missing before row 40 (counted from 0); the log is divided there")
     log = write_log(tmp_path / "log.npz", columns_of(recording.edited(time=time)))
     for extra in ("", '[resample]\nrate = 50.0\nmethod = "linear"'):
         dataset = import_logs([log], load_map(write_map(tmp_path, map_text(extra=extra)))).dataset
         assert dataset.lengths.tolist() == [39, 79] and dataset.tasks == ("log:1", "log:2")
     time[119:] += 3
-    with pytest.raises(LogError, match=r"has 1 rows; at least 3 are needed; take out row 119, before which 3.02 s"):
+    with pytest.raises(
+        LogError, match=r"has 1 rows; at least 3 are needed; take out row 119 \(counted from 0\), before which 3.02 s"
+    ):
         findings(tmp_path, recording.edited(time=time))
 
 

@@ -228,7 +228,7 @@ def test_text_where_a_number_is_due_is_named_by_row(tmp_path):
     lines = log.read_text().splitlines()
     lines[18] = "soon" + lines[18][lines[18].index(",") :]
     log.write_text("\n".join(lines))
-    with pytest.raises(LogError, match="column 't' holds 'soon' in row 17"):
+    with pytest.raises(LogError, match=r"column 't' holds 'soon' in row 17 \(line 19 of log.csv\)"):
         import_logs([log], sample_map(tmp_path, ".csv"))
 
 
@@ -246,10 +246,10 @@ def test_numbers_that_turn_fractional_late_are_not_guessed_from_the_first_rows(t
 @pytest.mark.parametrize(
     ("cell", "message"),
     [
-        ('"[0.1]"', "in row 4; a JSON list of 2 numbers"),
-        ('"[0.1, two]"', "in row 4; a JSON list of 2"),
-        ('"[0.1, {}]"', "in row 4; a JSON list of 2"),
-        ("", "'q' is empty in row 4"),
+        ('"[0.1]"', r"in row 4 \(line 6 of log.csv\); a JSON list of 2 numbers"),
+        ('"[0.1, two]"', r"in row 4 \(line 6 of log.csv\); a JSON list of 2"),
+        ('"[0.1, {}]"', r"in row 4 \(line 6 of log.csv\); a JSON list of 2"),
+        ("", r"'q' is empty in row 4 \(line 6 of log.csv\)"),
     ],
 )
 def test_a_ragged_vector_cell_is_named_by_row(tmp_path, cell, message):
@@ -273,7 +273,7 @@ def test_ragged_lists_are_named_by_row(tmp_path, suffix):
         )
     else:
         pa.parquet.write_table(pa.table(columns), log)
-    with pytest.raises(LogError, match="'q' holds 2 numbers in row 0 and 3 in row 9"):
+    with pytest.raises(LogError, match=r"'q' holds 2 numbers in the first row and 3 in row 9 \(counted from 0\)"):
         import_logs([log], sample_map(tmp_path, suffix))
 
 
@@ -383,7 +383,9 @@ def test_another_delimiter_and_decimal_commas_are_named(tmp_path):
     with pytest.raises(LogError, match="say delimiter = ';'"):
         import_logs([log], sample_map(tmp_path, ".csv"))
     text = map_text(".csv", top='delimiter = ";"', time="uniform = true", position='columns=["q0", "q1"]\nunit="rad"')
-    with pytest.raises(LogError, match="in row 0, no number; write numbers with a decimal point"):
+    with pytest.raises(
+        LogError, match=r"in row 0 \(line 2 of log.csv\), no number; write numbers with a decimal point"
+    ):
         import_logs([log], load_map(write_map(tmp_path, text)))
 
 

@@ -209,7 +209,7 @@ def test_a_clock_that_only_jitters_is_a_warning_and_kept(here, capsys):
     stamp(write_lerobot(here / "d", motions()), lambda k: k * 0.02 + (k % 3) * 0.006)
     assert main(["pair", "d", "--model", "arm.xml", "--out", "p"]) == 0
     assert (
-        "warning: in episode 0 the step before rows 3, 6, 9, 12, 15 and 14 more places is 8 ms instead"
+        "warning: in episode 0 the step before rows 3, 6, 9, 12, 15 and 14 more places (counted from 0) is 8 ms instead"
         in capsys.readouterr().err
     )
     assert main(["info", "d"]) == 0

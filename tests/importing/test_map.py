@@ -284,7 +284,7 @@ def test_unsigned_registers_are_decoded_and_impossible_counts_refused(tmp_path):
     signal = '[signals.load]\ncolumn = "load"\nencoding = "int16"\nscale = 0.5\nunit = "duty"'
     dataset = import_load(tmp_path, counts, signal).dataset
     assert dataset.columns["nas.load"][:3].tolist() == [[0, 0.5], [442.5, -442.5], [16383.5, -16384]]
-    with pytest.raises(LogError, match="'load' in row 7 is not within 0 … 65535"):
+    with pytest.raises(LogError, match=r"'load' in row 7 \(counted from 0\) is not within 0 … 65535"):
         counts[7] = -3
         import_load(tmp_path, counts, signal)
 

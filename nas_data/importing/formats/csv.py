@@ -7,6 +7,7 @@ from pathlib import Path
 import pyarrow as pa
 from pyarrow import csv
 
+from nas_data.dataset.rows import TextLines
 from nas_data.errors import LogError
 from nas_data.importing.layout import LogLayout
 from nas_data.importing.table import LogTable, refuse_twice
@@ -32,7 +33,8 @@ def read(path: Path, layout: LogLayout) -> LogTable:
             raise LogError(f"{path} {NOT_UTF_8}") from None
         _refuse_ragged(path, layout.delimiter)
         raise
-    return LogTable(path, {name.strip(): table.column(i).combine_chunks() for i, name in enumerate(names)})
+    columns = {name.strip(): table.column(i).combine_chunks() for i, name in enumerate(names)}
+    return LogTable(path, columns, lines=TextLines(path, len(table)))
 
 
 def _check_start(path: Path, delimiter: str) -> None:
