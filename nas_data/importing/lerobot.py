@@ -225,8 +225,8 @@ def _report_gaps(dataset: Dataset, gaps: Sequence[tuple[int, float]]) -> list[Au
         episode = int(np.searchsorted(dataset.starts, frame, side="right")) - 1
         row = frame - int(dataset.starts[episode])
         what = (
-            f"{gap:.3g} s are missing before {rows_text([row])}; the episode is divided there into two, because nothing was "
-            "measured in between"
+            f"{gap:.3g} s are missing before {rows_text([row])}; the episode is divided there into two, because "
+            "nothing was measured in between"
         )
         found.append(AuditFinding("time_gap", f"episode {episode}", what, rows=(row,)))
     return found

@@ -14,6 +14,7 @@ from nas_data.dataset.rows import TextLines, rows_text
 from nas_data.errors import LogError, MapError
 
 Column: TypeAlias = pa.Array | pa.ChunkedArray | np.ndarray
+NO_DECIMAL = "'"  # what a point becomes where the decimal is a comma: no number holds it
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,7 @@ class LogTable:
         unreadable: Reason and remedy for each unreadable column, by name.
         names: Component names of columns, if the format has them.
         lines: Lines of a text file by row of the file; None for other formats.
+        decimal: What stands before the decimals of numbers in text cells; JSON lists always have a point.
         rows: Row of the file of each row, shape (N,); None where none was left out.
     """
 
@@ -36,6 +38,7 @@ class LogTable:
     unreadable: Mapping[str, str] = field(default_factory=dict)
     names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     lines: TextLines | None = None
+    decimal: str = "."
     rows: np.ndarray | None = None
 
     def name_rows(self, rows: Sequence[int] | np.ndarray) -> str:
@@ -117,7 +120,7 @@ class LogTable:
         values = whole[rows].tolist()
         if any(value != values[0] for value in values):
             raise LogError(f"{self.path}: '{name}' changes within the log, so it is no constant; give it as 'column'.")
-        return number_or_text(values[0]) if values else None
+        return number_or_text(values[0], self.decimal) if values else None
 
     def _numpy_ticks(self, name: str, column: np.ndarray, unit: str) -> np.ndarray | None:
         """Return an array of integers or dates as integers, shape (N,); None for others."""
@@ -131,6 +134,8 @@ class LogTable:
         """Return a column of integers or dates, also as text, as integers, shape (N,); None for others."""
         if pa.types.is_string(column.type):
             kinds = [pa.timestamp("ns"), pa.timestamp("ns", "UTC")] if unit == "datetime" else [pa.int64()]
+            column = pc.utf8_trim_whitespace(column)
+            column = pc.replace_substring(column, self.decimal, ".") if unit == "datetime" else column
             for kind in kinds:
                 try:
                     return None if column.null_count else _plain(column.cast(kind).cast(pa.int64()))
@@ -163,14 +168,23 @@ class LogTable:
             self._refuse_nulls(name, column)
             return self._from_json_cells(name, column.to_pylist())
         try:
-            return _plain(column.cast(pa.float64()))[:, None]
+            return _plain(self._with_point(column).cast(pa.float64()))[:, None]
         except pa.ArrowInvalid:
-            cells = column.to_pylist()
-            row = next(row for row, cell in enumerate(cells) if cell is not None and not _is_number(cell))
-            comma = "; write numbers with a decimal point" if _is_number(cells[row].replace(",", ".")) else ""
+            cells, points = column.to_pylist(), self._with_point(column).to_pylist()
+            row = next(row for row, cell in enumerate(points) if cell is not None and not _is_number(cell))
+            other = {".": ",", ",": "."}[self.decimal]
+            is_other = _is_number(cells[row].replace(other, "."))
+            remedy = f"; if it is one, say decimal = '{other}' at the top of the map" if is_other else ""
             raise LogError(
-                f"{self.path}: the column '{name}' holds {cells[row]!r} in {self.name_rows([row])}, no number{comma}."
+                f"{self.path}: the column '{name}' holds {cells[row]!r} in {self.name_rows([row])}, no number{remedy}."
             ) from None
+
+    def _with_point(self, column: pa.Array) -> pa.Array:
+        """Return text cells without space around and with a point before decimals; one between thousands is none."""
+        column = pc.utf8_trim_whitespace(column)
+        if self.decimal == ".":
+            return column
+        return pc.replace_substring(pc.replace_substring(column, ".", NO_DECIMAL), self.decimal, ".")
 
     def _from_json_cells(self, name: str, cells: list[str]) -> np.ndarray:
         try:
@@ -216,11 +230,14 @@ def refuse_twice(path: Path, names: Sequence[str]) -> None:
         raise LogError(f"{path} has the column '{twice}' twice, as columns {places}; give each its own name.")
 
 
-def number_or_text(value: object) -> object:
+def number_or_text(value: object, decimal: str = ".") -> object:
     """Convert text to a number if it is one: CSV cells and Parquet metadata are text."""
-    if not isinstance(value, str) or not _is_number(value):
+    if not isinstance(value, str):
         return value
-    return int(value) if value.strip().lstrip("+-").isdecimal() else float(value)
+    text = value if decimal == "." else value.replace(".", NO_DECIMAL).replace(decimal, ".")
+    if not _is_number(text):
+        return value
+    return int(text) if text.strip().lstrip("+-").isdecimal() else float(text)
 
 
 def _plain(column: pa.Array | pa.ChunkedArray) -> np.ndarray:
@@ -247,7 +264,7 @@ def _is_number(cell: str) -> bool:
         float(cell)
     except ValueError:
         return False
-    return True
+    return "_" not in cell  # Python's own way of grouping digits
 
 
 def _list_of(cell: str) -> list[float]:

@@ -96,6 +96,10 @@ def german(text: str) -> str:
     return text.replace(",", ";").replace(".", ",")
 
 
+def quoted(text: str) -> str:
+    return "\n".join(",".join(f'"{cell.replace(".", ",")}"' for cell in line.split(",")) for line in text.splitlines())
+
+
 def swapped_rows(values: np.ndarray) -> np.ndarray:
     return np.concatenate([values[:50], values[51:52], values[50:51], values[52:]])
 
@@ -119,6 +123,8 @@ TURNED = 'column = "dq"\nunit = "rad/s"\nsign = -1'
 IN_DEGREES = 'column = "dq"\nunit = "deg/s"'
 PICKED = 'column = "q"\nunit = "rad"\ncomponents = [0, 1]'
 SEMICOLON = 'delimiter = ";"'
+COMMA = 'decimal = ","'
+GERMAN = f"{SEMICOLON}\n{COMMA}"
 ALLOWED = '[audit]\nallow = ["unit_slip"]'
 FAST = "[audit]\nmax_speed = 1e3\n"
 FAULTS = {
@@ -147,8 +153,15 @@ FAULTS = {
     "delimiter": Fault(
         "say delimiter = ';'", text_log(lambda text: text.replace(",", ";")), csv_map(), csv_map(top=SEMICOLON)
     ),
-    "comma": Fault(
-        "write numbers with a decimal point", text_log(german), csv_map(top=SEMICOLON), csv_map(), text_log(str)
+    "comma": Fault("say decimal = ','", text_log(german), csv_map(top=SEMICOLON), csv_map(top=GERMAN)),
+    "quoted comma": Fault("say decimal = ','", text_log(quoted), csv_map(), csv_map(top=COMMA)),
+    "point": Fault("say decimal = '.'", text_log(str), csv_map(top=COMMA), csv_map()),
+    "unquoted comma": Fault(
+        "write numbers with a decimal point",
+        text_log(lambda text: text.replace(".", ",")),
+        csv_map(top=COMMA),
+        csv_map(),
+        text_log(str),
     ),
     "utf-16": Fault("save it in that encoding", text_log(str, "utf-16"), csv_map(), csv_map(), text_log(str)),
     "twice": Fault(

@@ -119,8 +119,8 @@ def _stuck(recording: Recording, expected: Expected, said: np.ndarray) -> list[A
         rows = row_numbers(recording.rows, stuck)
         if rows:
             what = (
-                f"the reading of {joint} stands still in {recording.name_rows(rows)} while its command moves: a servo that is "
-                "blocked or released, or readings that are not fresh"
+                f"the reading of {joint} stands still in {recording.name_rows(rows)} while its command moves: a "
+                "servo that is blocked or released, or readings that are not fresh"
             )
             found.append(AuditFinding("frozen_reading", recording.label, what, rows=rows))
     return found

@@ -51,8 +51,8 @@ def _divided(recording: Recording) -> list[AuditFinding]:
         return []
     row = (int(recording.rows[0]),)
     what = (
-        f"{recording.gap:.3g} s are missing before {recording.name_rows(row)}; the log is divided there into two episodes, "
-        "because nothing was measured in between"
+        f"{recording.gap:.3g} s are missing before {recording.name_rows(row)}; the log is divided there into two "
+        "episodes, because nothing was measured in between"
     )
     return [AuditFinding("time_gap", recording.label, what, rows=row)]
 

@@ -35,8 +35,8 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
         if wrong.any():
             rows = row_numbers(recording.rows, wrong)
             what = (
-                f"the position of {joint} contradicts its velocity in {recording.name_rows(rows)}: one of them is stale or "
-                "another joint's"
+                f"the position of {joint} contradicts its velocity in {recording.name_rows(rows)}: one of them is "
+                "stale or another joint's"
             )
             remedy = "check 'columns' in [read.position] and [read.velocity]"
             found.append(AuditFinding("position_contradicts_velocity", recording.label, what, remedy, rows))

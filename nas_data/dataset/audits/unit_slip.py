@@ -30,7 +30,10 @@ def _too_large(recording: Recording, expected: Expected, what: str, values: np.n
         rows = row_numbers(recording.rows, size > most)
         if rows:
             unit = joint_unit(joint, expected.slides).si
-            text = f"the {what} of {joint} reaches {size.max():.4g} {unit} in {recording.name_rows(rows)}, more than {told}"
+            text = (
+                f"the {what} of {joint} reaches {size.max():.4g} {unit} in {recording.name_rows(rows)}, "
+                f"more than {told}"
+            )
             remedy = (
                 f"if the log is in {units}, say so: unit in [read.{what}]; if the joint does go so far, "
                 "add allow = ['unit_slip'] to [audit]"

@@ -34,7 +34,7 @@ def read(path: Path, layout: LogLayout) -> LogTable:
         _refuse_ragged(path, layout.delimiter)
         raise
     columns = {name.strip(): table.column(i).combine_chunks() for i, name in enumerate(names)}
-    return LogTable(path, columns, lines=TextLines(path, len(table)))
+    return LogTable(path, columns, lines=TextLines(path, len(table)), decimal=layout.decimal)
 
 
 def _check_start(path: Path, delimiter: str) -> None:
@@ -56,7 +56,7 @@ def _check_start(path: Path, delimiter: str) -> None:
         raise LogError(
             f"{path} separates its columns by {DELIMITERS[other]}, "
             f"but the map by {DELIMITERS.get(delimiter, repr(delimiter))}; "
-            f"say delimiter = {DELIMITERS[other]} in the map."
+            f"say delimiter = {DELIMITERS[other]} at the top of the map."
         )
 
 
