@@ -14,6 +14,7 @@ import numpy as np
 
 from nas_data.dataset.audits.base import AuditFinding
 from nas_data.dataset.dataset import Dataset
+from nas_data.errors import JointMismatch
 from nas_data.joint_units import kinds_of, radians_at
 from nas_data.robots.base import find_robot
 
@@ -51,24 +52,23 @@ def check(
             not compared: they would suggest other causes.
 
     Raises:
+        JointMismatch: the model lacks a joint of the dataset.
         ModelFileError, UnknownName: the model cannot be used.
     """
-    compiled = find_robot(model).spec().compile()
+    compiled, joints = find_robot(model).spec().compile(), dataset.joints
     names = [compiled.joint(index).name for index in range(compiled.njnt)]
-    joints = [joint for joint in dataset.joints if joint in names]
-    found = [
-        AuditFinding(
-            "model_joint", "the dataset", f"its joint '{joint}' is not in {model}, which has: {', '.join(names)}"
+    missing = [joint for joint in joints if joint not in names]
+    if missing:
+        raise JointMismatch(
+            f"{model} has no joint '{missing[0]}'; it has: {', '.join(names)}. Name the joints in 'joints' of the map "
+            "as the model does, or give the model of this robot."
         )
-        for joint in dataset.joints
-        if joint not in names
-    ]
-    found += [finding for joint in joints for finding in _kind(dataset, compiled, joint)]
+    found = [finding for joint in joints for finding in _kind(dataset, compiled, joint)]
     if any(finding.check in MAP_ERRORS for finding in known):
         return found
     found += [finding for joint in joints for finding in _limits(dataset, compiled, joint)]
     found += [finding for joint in joints for finding in _middle(dataset, compiled, joint, (middles or {}).get(joint))]
-    if (not dataset.commands_positions) or len(joints) < len(dataset.joints):
+    if not dataset.commands_positions:
         return found
     resting = _RestingRows.of(dataset, compiled)
     if resting is not None:

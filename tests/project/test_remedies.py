@@ -220,6 +220,16 @@ def test_the_tolerance_and_the_method_of_a_join_can_be_changed_as_is_said(here, 
     assert joined("nearest", 0.05) == 0 and joined("previous", 0.07) == 0
 
 
+def test_a_joint_that_the_model_lacks_is_named_as_in_the_model(here, capsys):
+    write_log(here / "log.npz", columns_of(motion()))
+    write_map(here)
+    said = refused(capsys, "import", "log.npz", "--map", "map.toml", "--model", "arm.xml", "--out", "never")
+    assert "arm.xml has no joint 'shoulder'; it has: j1, j2. Name the joints in 'joints' of the map" in said
+    assert not (here / "never").exists()
+    write_map(here, map_text(joints='["j1", "j2"]'))
+    assert main(["import", "log.npz", "--map", "map.toml", "--model", "arm.xml", "--out", "done"]) == 0
+
+
 # Datasets
 
 
