@@ -121,10 +121,12 @@ def _find_slides(top: MapSection, parsed: Map) -> frozenset[str]:
         for joint, unit, kind in zip(parsed.joints, quantity.conversion.units, quantity.conversion.kinds, strict=True):
             slide = joint in slides
             if unit not in OF_EITHER and (unit in OF_SLIDES) != slide:
+                own = top.table("read").table(quantity.name).table("joints").table(joint)
+                where = own.name if own.has("unit") else f"read.{quantity.name}"
                 fitting = [one for one in FACTORS[kind] if one in OF_EITHER or (one in OF_SLIDES) == slide]
                 raise top.error(
                     f"'{joint}' is {'a slide' if slide else 'a hinge'} by 'slides' and the unit of its positions, but "
-                    f"its unit in [read.{quantity.name}] is '{unit}'; choose one of: {', '.join(fitting)}."
+                    f"its unit in [{where}] is '{unit}'; choose one of: {', '.join(fitting)}."
                 )
     return slides
 

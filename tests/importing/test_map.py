@@ -54,6 +54,8 @@ def test_a_file_that_is_no_toml_is_refused(tmp_path):
         load_map(tmp_path)
 
 
+POSITION = 'column = "q"\n'
+ELBOW = f'{POSITION}unit = "rad"\n[read.position.joints.elbow]\n'
 WRONG = {
     "unknown key": (
         map_text() + "[audit]\nspeed = 3",
@@ -123,9 +125,36 @@ WRONG = {
     ),
     "key of another unit": (
         map_text(position='column = "q"\nunit = "rad"\nlow = 0'),
-        r"\[read.position.joints.shoulder\]: there is no key 'low'",
+        r"\[read.position\]: there is no key 'low'",
     ),
     "offset of a velocity": (map_text(register='column = "dq"\nunit = "rad/s"\noffset = 1'), "no key 'offset'"),
+    "unit of all joints": (map_text(position=POSITION + 'unit = "inch"'), r"\[read.position\]: 'unit' is 'inch'"),
+    "unit of one joint": (map_text(position=ELBOW + 'unit = "inch"'), r"\[read.position.joints.elbow\]: 'unit' is"),
+    "units in a list": (
+        map_text(position=POSITION + 'unit = ["rad", "deg"]'),
+        r"\[read.position\]: 'unit' is a list, .* in \[read.position.joints.JOINT\]",
+    ),
+    "a sign of a list": (
+        map_text(position=POSITION + 'unit = "rad"\nsign = [1, 3]'),
+        r"\[read.position\]: 'sign' is 3",
+    ),
+    "a sign of one joint": (map_text(position=ELBOW + "sign = 3"), r"\[read.position.joints.elbow\]: 'sign' is 3"),
+    "scale for one joint": (
+        map_text(position=ELBOW + 'unit = "ticks"\nzero = 3'),
+        r"\[read.position.joints.elbow\]: the key 'scale' is missing",
+    ),
+    "scale for all joints": (
+        map_text(position='column = "q"\nunit = "ticks"\nzero = 3\n[read.position.joints.elbow]\nsign = -1'),
+        r"\[read.position\]: the key 'scale' is missing",
+    ),
+    "key of one joint": (
+        map_text(position=ELBOW + "skale = 3"),
+        r"\[read.position.joints.elbow\]: there is no key 'skale'",
+    ),
+    "one slide in rad": (
+        map_text(top='slides = ["elbow"]', position=ELBOW + 'unit = "deg"'),
+        r"its unit in \[read.position.joints.elbow\] is 'deg'",
+    ),
     "unknown joint": (
         map_text(position='column = "q"\nunit = "rad"\n[read.position.joints.wrist]\nsign = -1'),
         "there is no key 'wrist' here; the keys are: elbow, shoulder",
