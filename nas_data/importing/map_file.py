@@ -227,6 +227,8 @@ def _parse_clock(section: MapSection) -> TimeColumn:
     """Read the source of the time; evenly spaced rows without a clock must be declared."""
     given = section.has("column")
     if section.flag("uniform"):
+        if given:
+            raise section.error("uniform = true is for logs without a time: leave out 'column' and 'unit', or it.")
         clock = TimeColumn("", "s")
     elif given:
         others = section.table("columns")

@@ -95,6 +95,16 @@ def test_time_that_stands_still_is_reported_by_row(tmp_path):
     assert stopped.error and len(stopped.rows) == 119
 
 
+@pytest.mark.parametrize(("repeats", "error"), [(2, False), (3, True)])
+def test_a_clock_that_stands_still_in_most_rows_is_refused(tmp_path, repeats, error):
+    recording = motion(rows=121)
+    rough = recording.edited(time=recording.time[np.arange(121) // repeats * repeats])
+    found = [finding for finding in findings(tmp_path, rough) if finding.check == "repeated_time"]
+    assert [finding.error for finding in found] == [error] and len(found[0].rows) == 121 - -(-121 // repeats)
+    even = '[resample]\nrate = 10.0\nmethod = "previous"'
+    assert not any(finding.error for finding in findings(tmp_path, rough, even) if finding.check == "repeated_time")
+
+
 def test_uneven_steps_are_reported_by_row_with_the_remedy(tmp_path):
     recording = motion()
     time = recording.time.copy()

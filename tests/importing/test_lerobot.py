@@ -181,10 +181,11 @@ CLOCKS = {
     "slow": lambda k: k * 0.04,
     "hole": lambda k: k * 0.02 + (k >= 40) * 1.0,
     "back": lambda k: k * 0.02 - (k == 30) * 0.1,
+    "coarse": lambda k: k // 3 * 0.06,
 }
 
 
-@pytest.mark.parametrize(("clock", "command"), zip(CLOCKS, ("gap find", "pair", "train forward"), strict=True))
+@pytest.mark.parametrize(("clock", "command"), zip(CLOCKS, ("gap find", "pair", "train forward", "pair"), strict=True))
 def test_a_clock_that_denies_the_rate_is_refused_and_every_remedy_works(here, capsys, clock, command):
     stamp(write_lerobot(here / "d", motions()), CLOCKS[clock])
     model = [] if command == "train forward" else ["--model", "arm.xml"]

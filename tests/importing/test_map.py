@@ -93,6 +93,7 @@ WRONG = {
         r"'velocity' is 'measured' but there is no \[read.velocity\]",
     ),
     "time unit": (map_text(time='column = "t"\nunit = "min"'), "'unit' is 'min'; choose one of: s, ms, us, ns"),
+    "clock or none": (map_text(time='column = "t"\nuniform = true'), r"\[read.time\]: .*leave out 'column' and 'unit'"),
     "position unit": (
         map_text(position='column = "q"\nunit = "inch"'),
         "choose one of: rad, deg, turn, m, cm, mm, tic",

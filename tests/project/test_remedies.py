@@ -116,6 +116,7 @@ DEGREES = {
 }  # fmt: skip
 in_degrees = log(q=np.degrees, dq=np.degrees, goal=np.degrees)
 slow = log(t=lambda time: time * 2, dq=lambda values: values / 2)
+coarse = log(t=lambda time: np.floor(time * 20 + 1e-9) / 20)
 wide = log(q=lambda values: np.hstack([values, values[:, :1]]))
 encoded = {"register": 'column = "dq"\nunit = "rad/s"\nencoding = "int16"'}
 turns = log(q=forty, dq=forty, goal=forty)
@@ -131,6 +132,13 @@ FAULTS = {
     "rate": Fault("correct 'rate'", slow, map_text(), map_text(rate="25.0")),
     "resample": Fault(
         "or add [resample]", slow, map_text(), map_text(extra='[resample]\nrate = 25.0\nmethod = "linear"')
+    ),
+    "coarse clock": Fault("say uniform = true in [read.time]", coarse, map_text(), map_text(time="uniform = true")),
+    "readings written several times": Fault(
+        "written several times, add [resample]",
+        coarse,
+        map_text(),
+        map_text(extra='[resample]\nrate = 20.0\nmethod = "linear"'),
     ),
     "degrees": Fault("say so: unit in [read.position]", in_degrees, map_text(), map_text(**DEGREES)),
     "turns": Fault(

@@ -12,6 +12,7 @@ GAP = 2.0  # [periods] step that resampling cannot honestly fill
 MISSING = 10.0  # [periods] fewer missing rows may be jitter or a busy computer …
 SECONDS = 0.2  # … [s] and shorter holes too little motion to lose, also at high rates
 TOLERATED = 0.01  # share of uneven steps that no fit notices
+MOST_REPEATED = 0.5  # share of repeated times above which the clock does not tell when a row was measured
 STEP_ROUNDING = 1e-3  # share of a period that stamps with few digits round off
 
 
@@ -32,6 +33,13 @@ def check(recording: Recording, expected: Expected) -> list[AuditFinding]:
     repeated = row_numbers(recording.rows[1:], steps == 0)
     if len(repeated) == len(steps):
         what, remedy = "the time is the same in all rows", "name the time column in [read.time]"
+        return [AuditFinding("repeated_time", recording.label, what, remedy, repeated, error=True)]
+    if len(repeated) > MOST_REPEATED * len(steps) and not expected.resampled:
+        what = f"most rows repeat the time of the row before: {recording.name_rows(repeated)}"
+        remedy = (
+            f"if the rows are evenly spaced and the clock is too coarse, {expected.without_clock}; if each reading was "
+            "written several times, add [resample] with the rate of the readings"
+        )
         return [AuditFinding("repeated_time", recording.label, what, remedy, repeated, error=True)]
     if repeated:
         kept = "resampling takes the last of them" if expected.resampled else "they are kept as rows of their own"
