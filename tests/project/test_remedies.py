@@ -20,7 +20,7 @@ from support.bag_samples import MAP as BAG_MAP
 from support.bag_samples import write_json_mcap, write_rosbag
 from support.dataset_samples import recorded
 from support.import_samples import columns_of, map_text, motion, write_log, write_map
-from support.lerobot_samples import ARM
+from support.lerobot_samples import ARM, motions
 
 from nas_data.cli import main
 from nas_data.dataset import layout
@@ -236,6 +236,35 @@ def test_a_joint_that_the_model_lacks_is_named_as_in_the_model(here, capsys):
     assert not (here / "never").exists()
     write_map(here, map_text(joints='["j1", "j2"]'))
     assert main(["import", "log.npz", "--map", "map.toml", "--model", "arm.xml", "--out", "done"]) == 0
+
+
+ANSWERS = {"late": ("action_follows_state", 1, "state_follows_action"),
+           "early": ("state_follows_action", 0, "action_follows_state")}  # fmt: skip
+
+
+@pytest.mark.parametrize("look", ANSWERS)
+def test_commands_that_look_shifted_by_a_row_are_put_right_by_the_alignment_that_is_named(here, capsys, look):
+    wrong, later, right = ANSWERS[look]
+    rng = np.random.default_rng(0)
+    motions_of_arm = [(states[: len(states) - later], np.roll(commands, later, axis=0)[: len(states) - later])
+                      for states, commands in motions(6, 80)]  # fmt: skip
+    for number, (states, commands) in enumerate(motions_of_arm):
+        states = states + rng.normal(0, 1e-4, states.shape)
+        write_log(here / f"log{number}.npz", {"t": np.arange(len(states)) / 50, "q": states, "goal": commands})
+
+    def find_shift(alignment: str) -> dict[str, object]:
+        text = map_text(joints='["j1", "j2"]', alignment=f'"{alignment}"', velocity='"derive"')
+        write_map(here, text.replace('[read.velocity]\ncolumn = "dq"\nunit = "rad/s"\n', ""))
+        assert main(["import", *map(str, sorted(here.glob("*.npz"))), "--map", "map.toml", "--out", alignment]) == 0
+        capsys.readouterr()
+        assert main(["gap", "find", alignment, "--model", "arm.xml", "--json"]) == 0
+        audit = json.loads(capsys.readouterr().out)["audit"]
+        return next(entry for entry in audit if entry["check"] == "command shift")
+
+    found = find_shift(wrong)
+    assert not found["ok"] and f"Commands look 1 row (20 ms) {look}" in found["finding"], found
+    assert f"'{right}'" in found["finding"] and "alignment = " in found["finding"]
+    assert find_shift(right)["ok"]
 
 
 # Datasets

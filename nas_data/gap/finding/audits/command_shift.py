@@ -58,11 +58,14 @@ def describe_shift(joints: str, shift: int, slip: bool, period: float) -> str:
     if shift < 0:
         return (
             f"Commands look {amount} late: the motion of {joints} starts before the logged commands would make it. "
-            "No delay does that; check which command was in force when a row was measured, and the model's speed."
+            "No delay does that. If the state of a row is the answer to its command, import the log with alignment = "
+            "'state_follows_action' in the map, which moves commands up by one row; else check the model's speed."
         )
     return (
         f"Commands look {amount} early: the motion of {joints} starts later than in the model. The log may pair each "
-        "state with a command sent later, or it is real: a command_delay, or a servo slower than the model."
+        "state with a command sent later: if its map says alignment = 'state_follows_action', import it with "
+        "'action_follows_state', which moves commands down by one row. Or it is real: a command_delay, or a servo "
+        "slower than the model."
     )
 
 
