@@ -6,7 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from nas_data.api.arguments import Actuators, Count, Progress, as_dataset, as_optional_model, count_aloud, name_of
+from nas_data.api.arguments import (
+    Actuators,
+    Count,
+    Progress,
+    as_dataset,
+    as_optional_model,
+    count_aloud,
+    folder_of,
+    name_of,
+)
 from nas_data.api.learned import LearnedModel
 from nas_data.dataset import versions
 from nas_data.dataset.dataset import Dataset
@@ -181,9 +190,9 @@ def check_paired(dataset: Dataset) -> None:
     Raises:
         DatasetInvalid: says how to make one with them.
     """
-    origin = dataset.origin
-    if origin is not None and origin.root is not None:
-        versions.check_paired(origin.root, dataset, "A delta model")
+    folder = folder_of(dataset)
+    if folder is not None:
+        versions.check_paired(folder, dataset, "A delta model")
     if not dataset.paired:
         raise DatasetInvalid(
             "A delta model learns from the source's predictions, which the dataset does not hold: "

@@ -32,6 +32,7 @@ from nas_data.dataset.features import (
     time_feature,
 )
 from nas_data.dataset.foreign import take_in, warn, warnings_of
+from nas_data.dataset.joints import REMEDY
 from nas_data.dataset.layout import PROVENANCE
 from nas_data.dataset.provenance import Parent, Provenance, now, package_versions, read_provenance
 from nas_data.dataset.read import read
@@ -49,6 +50,7 @@ KINDS: Mapping[str, str] = {"position": POSITION, "velocity": VELOCITY, "torque"
 REMEDIES = {
     "unit_slip": "give radians and metres, numpy.radians(positions), or turns=True where a joint does go so far",
 }
+TO_SI = "convert the columns first, numpy.radians(states), and give the features the units of what they hold"
 EDITED = "edited in Python"
 
 
@@ -103,7 +105,10 @@ def with_origin(dataset: Dataset) -> Dataset:
     """
     if dataset.origin is not None:
         return dataset
-    complete, derived = as_transitions(dataset)
+    try:
+        complete, derived = as_transitions(dataset)
+    except DatasetInvalid as error:
+        raise DatasetInvalid(str(error).replace(REMEDY, TO_SI)) from None
     provenance = Provenance(how="edited", robot=dataset.robot_type, derived=derived, notes=EDITED)
     return replace(complete, origin=Origin(complete, provenance, derived))
 

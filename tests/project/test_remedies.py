@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +22,7 @@ from support.dataset_samples import recorded
 from support.import_samples import columns_of, map_text, motion, write_log, write_map
 from support.lerobot_samples import ARM, motions
 
+import nas_data as nas
 from nas_data.cli import main
 from nas_data.dataset import layout
 from nas_data.dataset.dataset import Dataset
@@ -29,6 +30,8 @@ from nas_data.dataset.features import ACTION, STATE, position_feature
 from nas_data.dataset.provenance import Provenance
 from nas_data.dataset.read import read
 from nas_data.dataset.write import write
+from nas_data.errors import DatasetInvalid
+from nas_data.gap.problem import Problem
 
 OFFLINE = {**os.environ, "HF_HUB_OFFLINE": "1"}
 
@@ -270,11 +273,14 @@ def test_commands_that_look_shifted_by_a_row_are_put_right_by_the_alignment_that
 # Datasets
 
 
+def simulated_positions(rows: int, fps: float = 50.0) -> np.ndarray:
+    """Sines of two joints [rad], shape (rows, 2)."""
+    return (0.5 * np.sin(np.arange(rows)[:, None] / fps * [2.0, 3.0])).astype(np.float32)
+
+
 def simulated(root: Path, lengths: tuple[int, ...] = (200,), fps: float = 50.0) -> Path:
     """A dataset of the two-joint arm in radians, positions only, as LeRobot's users have it."""
-    total = sum(lengths)
-    time = np.arange(total)[:, None] / fps
-    positions = (0.5 * np.sin(time * [2.0, 3.0])).astype(np.float32)
+    positions = simulated_positions(sum(lengths), fps)
     features = {key: position_feature(("j1", "j2")) for key in (STATE, ACTION)}
     dataset = Dataset(
         features, {STATE: positions, ACTION: positions + np.float32(0.01)}, np.array(lengths), fps, "arm2"
@@ -295,6 +301,35 @@ def refused(capsys, *arguments: str) -> str:
     assert main(list(arguments)) != 0
     captured = capsys.readouterr()
     return (captured.err + captured.out).strip()
+
+
+def test_a_dataset_in_memory_is_put_right_in_python(here):
+    """Its remedies name no folder, even where it was read from one and changed since."""
+    positions = simulated_positions(200)
+    one = nas.Dataset.from_arrays(positions, positions + 0.01, rate=50, joints=("j1", "j2"))
+    changed = nas.Dataset.load(simulated(here / "two", (100, 100))).select([0])
+    for dataset in (one, changed):
+        with pytest.raises(DatasetInvalid) as raised:
+            nas.identify(dataset, "arm.xml")
+        assert "nas split" not in str(raised.value) and str(raised.value).startswith("The dataset has 1 episode")
+        assert "a list of arrays, one an episode: numpy.array_split(positions, 2)" in str(raised.value)
+        with pytest.raises(DatasetInvalid, match=re.escape('nas_data.pair(dataset, model="MODEL.xml")')):
+            nas.train_delta(dataset)
+    parts = np.array_split(positions, 2)
+    two = nas.Dataset.from_arrays(parts, [part + 0.01 for part in parts], rate=50, joints=("j1", "j2"))
+    assert Problem.of(two, "arm.xml", None).names == ("dataset", "arm.xml")
+    assert nas.pair(two, model="arm.xml").paired
+
+
+def test_columns_in_degrees_are_converted_in_python(here):
+    degrees = np.degrees(simulated_positions(60)).astype(np.float32)
+    features = {key: replace(position_feature(("j1", "j2")), units=()) for key in (STATE, ACTION)}
+    dataset = Dataset(features, {STATE: degrees, ACTION: degrees}, np.array([60]), 50.0, "arm2")
+    with pytest.raises(DatasetInvalid, match=r"numpy.radians\(states\)") as raised:
+        nas.pair(dataset, model="arm.xml")
+    assert "--map" not in str(raised.value)
+    columns = {key: np.radians(column) for key, column in dataset.columns.items()}
+    assert nas.pair(replace(dataset, columns=columns), model="arm.xml").paired
 
 
 @pytest.mark.parametrize(("rows", "seconds"), [(400, "3"), (200, "1.98"), (151, "1.5")])
