@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.errors import JointMismatch, LogError, OptionError
 
 EPISODE = "episode"
@@ -98,7 +99,7 @@ def _check_columns(path: Path, header: Sequence[str], names: Sequence[str]) -> N
 
 def _numbers(path: Path, header: Sequence[str], line: int, row: Sequence[str]) -> list[float]:
     if len(row) != len(header):
-        raise LogError(f"{path}, line {line} has {len(row)} cells; the header has {len(header)}.")
+        raise LogError(f"{path}, line {line} has {count_of(len(row), 'cell')}; the header has {len(header)}.")
     values = []
     for name, cell in zip(header, row, strict=True):
         try:

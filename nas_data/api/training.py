@@ -17,6 +17,7 @@ from nas_data.api.arguments import (
     name_of,
 )
 from nas_data.api.learned import LearnedModel
+from nas_data.count_of import count_of
 from nas_data.dataset import versions
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.origin import identity_of, kept_folders
@@ -170,9 +171,12 @@ def train(dataset: Dataset, request: TrainingRequest) -> LearnedModel:
         training = ModelTraining(kind, dataset, request.options, simulator, provenance, request.device)
         run = TrainingRun(training, folder, say, kept)
         notes.append(
-            f"{dataset.n_episodes} episodes, {dataset.n_frames} transitions; held out: {training.split.description}"
+            f"{count_of(dataset.n_episodes, 'episode')}, {count_of(dataset.n_frames, 'transition')}; held out: "
+            f"{training.split.description}"
         )
-        notes.append(f"{training.phase.name}, {training.phase.updates} updates; validation is {training.criterion}")
+        notes.append(
+            f"{training.phase.name}, {count_of(training.phase.updates, 'update')}; validation is {training.criterion}"
+        )
         for note in notes:  # only now: bad input is one sentence and nothing else
             say(note)
         network = run.run()

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from nas_data.arrays import Array
+from nas_data.count_of import count_of
 from nas_data.dataset import versions
 from nas_data.dataset.audits import audit
 from nas_data.dataset.audits.base import Expected
@@ -266,7 +267,7 @@ def zip_alike(parts: list[Array], measured: list[Array], what: str) -> list[tupl
         DatasetInvalid: the numbers of episodes differ.
     """
     if len(parts) != len(measured):
-        raise DatasetInvalid(f"There are {len(measured)} episodes of positions and {len(parts)} of {what}.")
+        raise DatasetInvalid(f"The positions are of {count_of(len(measured), 'episode')}, the {what} of {len(parts)}.")
     return list(zip(parts, measured, strict=True))
 
 
@@ -277,7 +278,7 @@ def same(part: Array, rows: Array, what: str) -> bool:
         DatasetInvalid: the numbers of rows differ.
     """
     if len(part) != len(rows):
-        raise DatasetInvalid(f"An episode has {len(rows)} rows of positions and {len(part)} of {what}.")
+        raise DatasetInvalid(f"An episode has {count_of(len(rows), 'row')} of positions and {len(part)} of {what}.")
     return True
 
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from nas_data.count_of import count_of
 from nas_data.dataset.dataset import Dataset
 from nas_data.dataset.foreign import take_in, warn
 from nas_data.dataset.read import read
@@ -82,7 +83,8 @@ class Problem:
                 else "give Dataset.from_arrays a list of arrays, one an episode: numpy.array_split(positions, 2)"
             )
             raise DatasetInvalid(
-                f"{root or 'The dataset'} has {len(evidence)} episode; at least two are needed, one to fit and one to "
+                f"{root or 'The dataset'} has {count_of(len(evidence), 'episode')}; at least two are needed, one to "
+                "fit and one to "
                 f"judge by: record more, or {cut}."
             )
         as_given = Nominal.load(model, evidence)

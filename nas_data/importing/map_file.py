@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from nas_data.count_of import count_of
 from nas_data.errors import MapError, UnknownName
 from nas_data.importing.conversion import (
     FACTORS,
@@ -168,13 +169,13 @@ def _parse_source(section: MapSection, layout: LogLayout, width: int, may_be_con
         raise section.error(f"exactly one of {' or '.join(repr(key) for key in keys)} is needed.")
     columns = section.texts("columns") if given == ["columns"] else (section.text(given[0]),)
     if given == ["columns"] and len(columns) != width:
-        raise section.error(f"'columns' names {len(columns)} columns; {width} are needed, one a joint.")
+        raise section.error(f"'columns' names {count_of(len(columns), 'column')}; {width} are needed, one a joint.")
     # A signal may belong to several joints, a state or command to one.
     if not may_be_constant:
         _refuse_twice(section, "columns", columns)
     components = section.integers("components") if section.has("components") else ()
     if components and (given != ["column"] or len(components) != width):
-        raise section.error(f"'components' picks {width} components out of one 'column', one a joint.")
+        raise section.error(f"'components' picks {count_of(width, 'component')} out of one 'column', one a joint.")
     if not may_be_constant:
         _refuse_twice(section, "components", components)
     table = _parse_table_name(section, layout)

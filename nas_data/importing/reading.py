@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.dataset.audits.timing import find_holes
 from nas_data.dataset.features import EFFORT, POSITION, VELOCITY
 from nas_data.dataset.recording import Recording
@@ -113,7 +114,7 @@ def divide_at_gaps(recording: Recording, rate: float) -> list[Recording]:
 
 def _too_short(recording: Recording) -> LogError:
     """Return the error for an episode with too few rows."""
-    sentence = f"{recording.label} has {len(recording)} rows; at least {ENOUGH} are needed"
+    sentence = f"{recording.label} has {count_of(len(recording), 'row')}; at least {ENOUGH} are needed"
     if recording.gap:
         sentence += f"; take out {recording.name_rows(recording.rows)}, before which {recording.gap:.3g} s are missing"
     return LogError(sentence + ".")
@@ -198,7 +199,7 @@ def _read_quantity(table: LogTable, quantity: LogQuantity, count: int) -> np.nda
     raw = _read_source(table, quantity.source, width, count)
     if len(raw) != count:
         raise LogError(
-            f"{table.path}: '{quantity.source.columns[0]}' has {len(raw)} rows, but its times are {count}; "
+            f"{table.path}: '{quantity.source.columns[0]}' has {count_of(len(raw), 'row')}, but its times are {count}; "
             "they must be equally many."
         )
     if quantity.encoding:
@@ -224,13 +225,14 @@ def _read_source(table: LogTable, source: LogColumns, width: int, count: int) ->
     if source.components:
         if max(source.components) >= raw.shape[1]:
             raise MapError(
-                f"{table.path}: '{source.columns[0]}' has {raw.shape[1]} components, "
+                f"{table.path}: '{source.columns[0]}' has {count_of(raw.shape[1], 'component')}, "
                 f"but the map picks number {max(source.components)} (they count from 0)."
             )
         return raw[:, list(source.components)]
     if raw.shape[1] != width:
         raise LogError(
-            f"{table.path}: '{source.columns[0]}' has {raw.shape[1]} numbers a row, but the map has {width} joints; "
+            f"{table.path}: '{source.columns[0]}' has {count_of(raw.shape[1], 'number')} a row, but the map has "
+            f"{count_of(width, 'joint')}; "
             "correct 'joints', or pick with 'components'."
         )
     return raw

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 
+from nas_data.count_of import count_of
 from nas_data.errors import MapError
 
 
@@ -87,7 +88,7 @@ class MapSection:
         if not isinstance(value, list) or not all(_is_number(item) for item in value):
             raise self.error(f"'{key}' is {value!r}; it must be a number or a list of numbers.", key)
         if len(value) != count:
-            raise self.error(f"'{key}' has {len(value)} numbers; {count} are needed.", key)
+            raise self.error(f"'{key}' has {count_of(len(value), 'number')}; {count} are needed.", key)
         return tuple(float(item) for item in value)
 
     def integers(self, key: str) -> tuple[int, ...]:

@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from nas_data.count_of import count_of
 from nas_data.dataset.rows import TextLines, rows_text
 from nas_data.errors import LogError, MapError
 
@@ -156,7 +157,7 @@ class LogTable:
     def _from_numpy(self, name: str, column: np.ndarray) -> np.ndarray:
         if column.dtype.kind not in "biuf" or column.ndim not in (1, 2):
             raise LogError(
-                f"{self.path}: the array '{name}' has {column.ndim} dimensions of {column.dtype}; "
+                f"{self.path}: the array '{name}' has {count_of(column.ndim, 'dimension')} of {column.dtype}; "
                 "numbers in one or two dimensions are needed."
             )
         return (column if column.ndim == 2 else column[:, None]).astype(np.float64)
@@ -194,7 +195,7 @@ class LogTable:
             row = next((row for row, cell in enumerate(cells) if len(_list_of(cell)) != width or not width), 0)
             raise LogError(
                 f"{self.path}: the column '{name}' holds {cells[row][:60]!r} in {self.name_rows([row])}; "
-                f"a JSON list of {width} numbers is needed in every row."
+                f"a JSON list of {count_of(width, 'number')} is needed in every row."
             ) from None
 
     def _from_lists(self, name: str, column: pa.ChunkedArray) -> np.ndarray:
@@ -203,7 +204,8 @@ class LogTable:
         if len(set(lengths.tolist())) > 1:
             row = int(np.flatnonzero(lengths != lengths[0])[0])
             raise LogError(
-                f"{self.path}: the column '{name}' holds {lengths[0]} numbers in the first row and {lengths[row]} in "
+                f"{self.path}: the column '{name}' holds {count_of(lengths[0], 'number')} in the first row and "
+                f"{lengths[row]} in "
                 f"{self.name_rows([row])}."
             )
         try:

@@ -156,7 +156,7 @@ def test_torn_transitions_are_a_problem_only_where_a_chain_was_promised(tmp_path
     dataset = recorded(lengths=(20, 30))
     dataset.columns["next.observation.state"][3, 0] += 0.5
     found = _written(tmp_path, dataset, replace(RECORDED, contiguous=contiguous))
-    assert any("In 1 frames" in text for text in (found.problems if contiguous else found.notes))
+    assert any("In 1 frame " in text for text in (found.problems if contiguous else found.notes))
     assert bool(found.problems) == contiguous
 
 

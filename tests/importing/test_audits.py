@@ -332,7 +332,7 @@ def test_a_hole_in_the_time_divides_the_log(tmp_path):
         assert dataset.lengths.tolist() == [39, 79] and dataset.tasks == ("log:1", "log:2")
     time[119:] += 3
     with pytest.raises(
-        LogError, match=r"has 1 rows; at least 3 are needed; take out row 119 \(counted from 0\), before which 3.02 s"
+        LogError, match=r"has 1 row; at least 3 are needed; take out row 119 \(counted from 0\), before which 3.02 s"
     ):
         findings(tmp_path, recording.edited(time=time))
 

@@ -107,7 +107,7 @@ WRONG = {
     "sign": (map_text(position='column = "q"\nunit = "rad"\nsign = 2'), "'sign' is 2; it must be 1 or -1"),
     "list too short": (
         map_text(position='column = "q"\nunit = "rad"\noffset = [0.1]'),
-        "'offset' has 1 numbers; 2 are needed",
+        "'offset' has 1 number; 2 are needed",
     ),
     "list of texts": (
         map_text(position='column = "q"\nunit = "rad"\noffset = ["0.1", "0.2"]'),
@@ -161,7 +161,7 @@ WRONG = {
         "there is no key 'wrist' here; the keys are: elbow, shoulder",
     ),
     "two places": (map_text(position='column = "q"\ncolumns = ["a", "b"]\nunit = "rad"'), "exactly one of 'column' or"),
-    "too few columns": (map_text(position='columns = ["a"]\nunit = "rad"'), "names 1 columns; 2 are needed"),
+    "too few columns": (map_text(position='columns = ["a"]\nunit = "rad"'), "names 1 column; 2 are needed"),
     "components": (map_text(position='column = "q"\ncomponents = [0]\nunit = "rad"'), "'components' picks 2"),
     "negative component": (map_text(position='column = "q"\ncomponents = [0, -1]\nunit = "rad"'), "whole numbers"),
     "encoding": (map_text(position='column = "q"\nunit = "rad"\nencoding = "int12"'), "'encoding' is 'int12'"),

@@ -216,7 +216,7 @@ def test_resampling_to_the_recorded_times_changes_nothing(tmp_path):
 
 def test_resampling_a_log_of_a_moment_is_refused(tmp_path):
     log = write_log(tmp_path / "log.npz", {key: values[:4] for key, values in columns_of(motion()).items()})
-    with pytest.raises(LogError, match=r"log.npz has 1 rows after resampling"):
+    with pytest.raises(LogError, match=r"log.npz has 1 row after resampling"):
         import_logs([log], sample_map(tmp_path, ".npz", '[resample]\nrate = 10\nmethod = "linear"'))
 
 

@@ -131,7 +131,7 @@ def test_versions_of_a_name_follow_each_other(folder, capsys):
         assert main(["record", "sim", "--robot", "pendulum", "--episodes", "1", "--seconds", "1", "--seed", seed]) == 0
     versions = sorted(path.name for path in Path("datasets/pendulum_steps").iterdir() if path.name.startswith("v"))
     assert [version[:3] for version in versions] == ["v1-", "v2-"]
-    assert "Recorded 1 episodes of pendulum" in capsys.readouterr().out
+    assert "Recorded 1 episode of pendulum" in capsys.readouterr().out
 
 
 def test_a_command_file_is_played_as_it_is(folder):

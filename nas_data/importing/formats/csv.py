@@ -7,6 +7,7 @@ from pathlib import Path
 import pyarrow as pa
 from pyarrow import csv
 
+from nas_data.count_of import count_of
 from nas_data.dataset.rows import TextLines
 from nas_data.errors import LogError
 from nas_data.importing.layout import LogLayout
@@ -78,7 +79,7 @@ def _refuse_ragged(path: Path, delimiter: str) -> None:
         csv.read_csv(path, read_options=csv.ReadOptions(use_threads=False), parse_options=parsing)
     if bad:
         raise LogError(
-            f"{path}: line {bad[0].number} has {bad[0].actual_columns} cells, "
+            f"{path}: line {bad[0].number} has {count_of(bad[0].actual_columns, 'cell')}, "
             f"but the header {bad[0].expected_columns}; the line is damaged or cut off: "
             "repair it or take it out, and write numbers with a decimal point."
         )

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from nas_data.count_of import count_of
 from nas_data.errors import ModelFileError
 from nas_data.gap.episode_batch import EpisodeBatch
 from nas_data.gap.finding.audits.base import Examined, join_names
@@ -43,7 +44,7 @@ def select_names(examined: Examined, chosen: np.ndarray) -> str:
 
 def describe_shift(joints: str, shift: int, slip: bool, period: float) -> str:
     """Describe a shift of some joints; `slip` marks an error of the log, on which most joints agree."""
-    amount = f"{abs(shift)} row{'s' * (abs(shift) > 1)} ({abs(shift) * period * 1e3:.3g} ms)"
+    amount = f"{count_of(abs(shift), 'row')} ({abs(shift) * period * 1e3:.3g} ms)"
     if shift > SLIPS:
         return (
             f"The motion of {joints} is {amount} or more later than in the model, which is more than a log's order "
