@@ -241,6 +241,24 @@ def test_a_joint_that_the_model_lacks_is_named_as_in_the_model(here, capsys):
     assert main(["import", "log.npz", "--map", "map.toml", "--model", "arm.xml", "--out", "done"]) == 0
 
 
+def test_two_joints_that_the_map_takes_for_one_another_are_told_by_the_models_limits(here, capsys):
+    """Positions and commands are exchanged alike, so that they agree with each other."""
+    ends = ARM.replace('range="-2 2"', 'range="0.4 2"', 1).replace('range="-2 2"', 'range="-1 0.3"', 1)
+    Path("ends.xml").write_text(ends)
+    columns = columns_of(motion())
+    right = {"q": columns["q"] * [0.6, 0.5] + [1.2, -0.4], "goal": columns["goal"] * [0.6, 0.5] + [1.2, -0.4]}
+    picked = 'components = {}\nunit = "rad"'
+    for name, order in (("right", [0, 1]), ("exchanged", [1, 0])):
+        changes = {"position": f'column = "q"\n{picked}', "command": f'column = "goal"\n{picked}'}
+        text = map_text(joints='["j1", "j2"]', velocity='"derive"', **{k: v.format(order) for k, v in changes.items()})
+        write_map(here, text.replace('[read.velocity]\ncolumn = "dq"\nunit = "rad/s"\n', ""))
+        write_log(here / "log.npz", {"t": columns["t"], **right})
+        assert main(["import", "log.npz", "--map", "map.toml", "--model", "ends.xml", "--out", name]) == 0
+        said = capsys.readouterr().out
+        assert ("or whether the map takes j1 and j2 for one another" in said) is (name == "exchanged"), said
+        assert ("model_limits" in said) is (name == "exchanged"), said
+
+
 ANSWERS = {"late": ("action_follows_state", 1, "state_follows_action"),
            "early": ("state_follows_action", 0, "action_follows_state")}  # fmt: skip
 
